@@ -51,7 +51,14 @@ KITS = {"testing": "server", "validation": "recording"}
 imported by no layer but `cli`."""
 RANK = {part: rank for rank, line in enumerate(LAYERS) for part in line}
 
-CONTRACT = {"uwserver.adapter", "uwserver.ports", "uwserver.frames", "uwserver.table", "uwserver.units"}
+CONTRACT = {
+    "uwserver.adapter",
+    "uwserver.adapter.foxglove",
+    "uwserver.ports",
+    "uwserver.frames",
+    "uwserver.table",
+    "uwserver.units",
+}
 """All of uwserver that an adapter may import."""
 
 SHARED_BY_ADAPTERS = {"uwserver_adapters.native", "uwserver_adapters.sil"}
@@ -393,17 +400,22 @@ def _is_degree_factor(number: float) -> bool:
 
 
 def test_degrees_are_converted_only_at_the_border():
-    """Called by the loader and what it builds of tables (files), by codecs (wires), and by reports of validation (people)."""
+    """Called by the loader and what it builds of tables (files), by codecs (wires), and by reports (people)."""
     for module in modules("uwserver"):
         uses = {
             a.name for n in ast.walk(module.tree) if isinstance(n, ast.ImportFrom) and n.module == "uwserver.units" for a in n.names
         } & {"rad", "deg"}  # fmt: skip
         if uses:
-            # Missions are files too, though a client sends them; so are logs.
-            exceptions = ("uwserver.autopilot.route", "uwserver.autopilot.services", "uwserver.logfiles.si")
-            assert module.part in ("scenario", "sensors", "modifiers", "validation") or module.name in exceptions, (
-                f"{module.name} uses {uses}"
+            # Missions are files too, though a client sends them; so are logs. Foxglove's messages are a wire.
+            exceptions = (
+                "uwserver.autopilot.route",
+                "uwserver.autopilot.services",
+                "uwserver.adapter.foxglove.messages",
+                "uwserver.logfiles.si",
             )
+            is_report = module.name.startswith("uwserver.recording.report.")  # for people
+            is_file = module.part in ("scenario", "sensors", "modifiers", "validation") or module.name in exceptions
+            assert is_file or is_report, f"{module.name} uses {uses}"
     for module in modules("uwserver_adapters"):
         if any(i.target == "uwserver.units" for i in imports(module)):
             assert module.name.rsplit(".", 1)[-1] == "codec", f"{module.name}: units are converted in codec.py"
@@ -488,6 +500,7 @@ TABLES_ALONE = {
 """Modules without behaviour of their own, each with the reason why nothing could be tested of it alone."""
 
 TESTED_WITH = {
+    "adapter": {f"foxglove.{name}": "adapter/foxglove/test_messages" for name in ("protobuf", "schemas", "shapes")},
     "actuators": {
         "ballast": "actuators/test_servos", "base": "actuators/test_policy", "fin": "actuators/test_servos",
         "moving_mass": "actuators/test_servos", "propeller": "actuators/test_servos", "servo": "actuators/test_servos",
@@ -513,6 +526,8 @@ TESTED_WITH = {
         "player_deck": "recording/test_player", "player_items": "recording/test_player_track",
         "player_messages": "recording/test_player_track", "player_services": "recording/test_player",
         "player_world": "recording/test_player",
+        "report.contents": "recording/report/test_summary", "report.drawing": "recording/report/test_writing",
+        "looker": "recording/test_states",
     },
     "logfiles": {
         "decoding": "logfiles/test_mcap_file", "foreign": "logfiles/test_opening", "indexed": "logfiles/test_tlog",

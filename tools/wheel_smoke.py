@@ -78,10 +78,12 @@ def run(*command: str | Path, cwd: Path, environment: dict[str, str] | None = No
 
 
 def expected_files(project: Path, folders: tuple[str, ...]) -> set[str]:
-    """Paths that the wheel must hold: every file of the packages in the checkout but byte code, and of the page where the server is."""
+    """Paths that the wheel must hold: every file of the packages in the checkout but byte code, and of the page and of what reports
+    plot with, where the server is."""
     places = {project / folder: (project / folder).name for folder in folders}
     if project == ROOT:
         places[ROOT / "clients" / "web"] = "uwserver_adapters/web/page"
+        places[ROOT / "clients" / "web" / "vendor" / "uplot-1.6.32"] = "uwserver/recording/report/uplot"
     return {
         f"{place}/{path.relative_to(folder)}"
         for folder, place in places.items()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import importlib
+import json
 import socket
 import struct
 import sys
@@ -61,6 +62,29 @@ async def _morse_stream(context: FakeContext) -> TcpPeer:
 def _web(text: str) -> bytes:
     """A text message of a page."""
     return Frame(Opcode.TEXT, text.encode()).serialize(mask=True)
+
+
+async def _foxglove_client(context: FakeContext) -> TcpPeer:
+    """A client of Foxglove, after its handshake."""
+    address = context.stats.address.removeprefix("ws://")
+    peer = await TcpPeer.connect(replace(context, stats=AdapterStats(address=address)))
+    await peer.send(
+        b"GET / HTTP/1.1\r\nHost: %s\r\nConnection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n"
+        b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n"
+        % address.encode()
+    )
+    assert (await peer.reader.readuntil(b"\r\n\r\n")).startswith(b"HTTP/1.1 101 ")
+    return peer
+
+
+def _foxglove_call(service: int) -> bytes:
+    """A call of a service by its number, counted from one in the order of the context."""
+    body = struct.pack("<BIII", 2, service, 1, 4) + b'json{"t_s":9}'
+    return Frame(Opcode.BINARY, body).serialize(mask=True)
+
+
+_FOXGLOVE_ALL = json.dumps({"op": "subscribe", "subscriptions": [{"id": n, "channelId": n} for n in range(1, 30)]})
+_FOXGLOVE_RUN = _foxglove_call(1 + [service.path for service in SERVICES].index("world/run_until"))
 
 
 def _warm_zenoh() -> None:
@@ -248,6 +272,7 @@ SERVO_FRAME = struct.pack("<HHI16H", 18458, 250, 0, *[1500] * 16)
 # How a peer asks each adapter for samples. An adapter without a row here fails below: it has to be added.
 KITS: dict[str, tuple[dict[str, Any], Connect, bytes]] = {
     "mavlink": ({"links": ("tcpin:127.0.0.1:0",)}, _mavlink_station, b""),
+    "foxglove": ({"port": 0}, _foxglove_client, _web(_FOXGLOVE_ALL)),
     # Each community is one connection, and so can have one peer.
     "ardupilot_json": ({"port": 0, "truth": True, "silence_s": 1.0}, UdpPeer.connect, SERVO_FRAME),
     "moos": ({"communities": {name: CommunityTable(port=MOOS_PORT) for name in "abcd"}}, _moos_database, MOOS_WELCOME),
@@ -279,6 +304,7 @@ REQUESTS = {
     "mavlink": Requests(MAVLINK_ARM, many=MAVLINK_ARM, service=ARM.path, outlives=True),
     "ardupilot_json": Requests(many=SERVO_FRAME, speak=ServoPeer.connect),
     "px4_hil": Requests(many=PX4_CONTROLS),
+    "foxglove": Requests(_FOXGLOVE_RUN, many=_FOXGLOVE_RUN),
     "sockets": Requests(
         b'{"id":1,"method":"call","params":{"service":"world/run_until","args":{"t_s":9}}}\n',
         cancel=b'{"id":2,"method":"cancel","params":{"id":1}}\n',
@@ -321,6 +347,7 @@ UNSAID = {
     "mavlink": {_CANCEL, _TIME_OUT, _NAMES},
     "ardupilot_json": {_LEAVES, _CANCEL, _TIME_OUT, _NAMES},
     "px4_hil": {_LEAVES, _CANCEL, _TIME_OUT, _NAMES},
+    "foxglove": {_CANCEL, _TIME_OUT, _NAMES},  # services go by numbers, and nobody can take a call back
     "sockets": {_TIME_OUT},
     "web": {_TIME_OUT},
     "moos": {_CANCEL},

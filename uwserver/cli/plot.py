@@ -1,11 +1,10 @@
-"""`uwserver plot`: a picture of what a sensor told, from a recording or from a scenario that is run for it; or of a vehicle."""
+"""`uwserver plot`: a report of a recording; a picture of what a sensor told, from a recording or from a scenario that is run for it; or of a
+vehicle."""
 
 from __future__ import annotations
 
 import importlib.util
 import math
-import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +12,9 @@ import click
 import msgspec
 
 import uwserver
-from uwserver.ports import Field, Port, Refused, Sample
+from uwserver.ports import Port, Refused, Sample
 from uwserver.ports.checks import suggestion
+from uwserver.recording.report.reading import fields_of
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.vehicle.body import body_params
 from uwserver.scenario.water.tables import Environment
@@ -27,12 +27,63 @@ _PATIENCE_S = 1.0
 """What was measured before the end is waited for so long."""
 _END = f"the end of a recording, {_RUN_S:g} s of a scenario"
 _FILE = click.Path(path_type=Path)
-_TYPES = {"number": "float", "integer": "int", "boolean": "bool", "string": "str", "object": "bytes"}
 
 
-@click.group(short_help="Draw what a sensor told, or a vehicle.")
+class _Plot(click.Group):
+    """A group whose first word may be a recording instead of a command."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """`plot run.mcap` is short for `plot report run.mcap`."""
+        if args and args[0] not in (*self.commands, "-h", "--help"):
+            args = ["report", *args]
+        return super().parse_args(ctx, args)
+
+
+@click.group(cls=_Plot, short_help="Report on a recording; draw a sensor, or a vehicle.")
 def plot() -> None:
-    """Draw pictures (needs the extra `plot`: pip install 'uwserver[plot]')."""
+    """Write a report of a recording (`uwserver plot run.mcap`), or draw what a sensor told, or a vehicle.
+
+    Pictures need the extra `plot`: pip install 'uwserver[plot]'. The page of a report needs nothing.
+    """
+
+
+@plot.command()
+@click.argument("recording", type=_FILE)
+@click.option("-o", "--output", type=_FILE, help="HTML page; default: the recording's name as .html.")
+@click.option("--vehicle", "vehicles", multiple=True, help="Only this one; may be given several times.")
+@click.option("--png", is_flag=True, help="Draw a PNG beside the page, too.")
+@click.option("--pdf", is_flag=True, help="Draw a PDF beside the page, too.")
+def report(recording: Path, output: Path | None, vehicles: tuple[str, ...], png: bool, pdf: bool) -> None:
+    """Write what happened in RECORDING (.mcap) as one HTML page: tracks, depth, attitude, actuators, sensor errors against the truth, events.
+
+    Example: uwserver plot run.mcap -o report.html --png
+    """
+    from uwserver.recording.report.writing import report_of, write_page, write_picture
+
+    if (png or pdf) and importlib.util.find_spec("matplotlib") is None:
+        raise click.ClickException(_MISSING)
+    file = output or recording.with_suffix(".html")
+    pictures = [file.with_suffix(suffix) for suffix, asked in ((".png", png), (".pdf", pdf)) if asked]
+    if recording in (file, *pictures):
+        raise click.ClickException(f"{recording} would be overwritten: give -o another name")
+    try:
+        contents = report_of(recording, vehicles)
+        write_page(contents, file)
+        left_out = [write_picture(contents, picture) for picture in pictures]
+    except ValueError as error:
+        raise click.ClickException(str(error)) from error
+    except OSError as error:
+        raise click.ClickException(f"{error.filename or recording}: {error.strerror or error}") from error
+    for remark in contents.remarks:
+        click.echo(remark, err=True)
+    click.echo(
+        f"wrote {file}: {len(contents.panels)} plots, {len(contents.events)} events, {file.stat().st_size} bytes"
+    )
+    for picture, count in zip(pictures, left_out, strict=True):
+        click.echo(
+            f"wrote {picture}"
+            + (f": without the last {count} plots, which are in the page and in a PDF" if count else "")
+        )
 
 
 @plot.command()
@@ -124,17 +175,7 @@ def _check(port: str, sensors: list[str]) -> None:
 
 def _port(path: str, kind: str, schema: dict[str, Any]) -> Port:
     """The port again, as far as the schema of its channel tells it."""
-    fields = tuple(_fields(schema["properties"]["value"]["properties"]))
-    return Port(path, "sensor", kind, fields, schema["description"])
-
-
-def _fields(properties: dict[str, Any]) -> Iterator[Field]:
-    for name, told in properties.items():
-        text = told["description"]
-        unit, frame = re.search(r"; unit ([^;]*)", text), re.search(r"; frame (\w+)", text)
-        shape = (int(told["maxItems"]),) if "items" in told else ()
-        type_: Any = _TYPES[told.get("items", told)["type"][0]]
-        yield Field(name, unit[1] if unit else "1", text, frame[1] if frame else "", shape, type_)
+    return Port(path, "sensor", kind, tuple(fields_of(schema).values()), schema["description"])
 
 
 def _sample(port: Port, message: dict[str, Any]) -> Sample:

@@ -15,7 +15,7 @@ import msgspec
 from uwserver.ports import Event, Port, Sample
 
 if TYPE_CHECKING:
-    from uwserver.recording.format import RecordingWriter
+    from uwserver.recording.writer import RecordingWriter
 
 log = logging.getLogger(__name__)
 
@@ -201,9 +201,10 @@ class Attached:
             self._write(params)
 
     def _begin(self, told: dict[str, Any], ports: dict[str, Port]) -> None:
-        from uwserver.recording.format import FORMAT, RecordingWriter, versions_here
+        from uwserver.recording.format import FORMAT, versions_here
         from uwserver.recording.opening import new_file
         from uwserver.recording.parts import SERVED
+        from uwserver.recording.writer import RecordingWriter
 
         head = {
             "format": FORMAT,

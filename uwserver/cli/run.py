@@ -70,6 +70,9 @@ _SAVE_AT = "Save the state at this simulation time; may be given several times."
 @click.option("--until", "until_s", type=_SECONDS, metavar="SECONDS", help="End at this simulation time.")
 @click.option("--record", type=_FILE, help="Write an MCAP file (see `uwserver replay`).")
 @rotated
+@click.option(
+    "--no-foxglove", is_flag=True, help="Record no channels for Foxglove, Lichtblick and rerun beside our own."
+)
 @click.option("--from", "begin", type=_FILE, help="Begin at a saved state of this scenario.")
 @click.option("--save-at", type=(_SECONDS, _FILE), multiple=True, metavar="SECONDS FILE", help=_SAVE_AT)
 @click.option("--profile", type=_Number(0.01, 3600.0), metavar="SECONDS", help=_PROFILE)
@@ -89,6 +92,7 @@ def run(
     until_s: float | None,
     record: Path | None,
     rotation: Rotation,
+    no_foxglove: bool,
     begin: Path | None,
     save_at: tuple[tuple[float, Path], ...],
     profile: float | None,
@@ -100,7 +104,7 @@ def run(
     from uwserver.logs import set_up_logging
     from uwserver.scenario.files.errors import ScenarioError
     from uwserver.scenario.load.scenario import load
-    from uwserver.server.life_cycle import Options, StartFailed
+    from uwserver.server.life_cycle import Options, StartFailed, timing_of
     from uwserver.server.signals import end_undisturbed
     from uwserver.server.state_files import read_state
 
@@ -120,12 +124,23 @@ def run(
     resolved, token = (resolved, "") if log_json else _with_new_token(resolved)  # the adapter logs one of its own
     resolved, view = with_web_view(resolved, adapters, port)
     resolved, shown = with_view_token(resolved, view, makes=not log_json)
-    timing = _timing(resolved, mode, speed, paused)
+    timing = _timing(timing_of(resolved), mode, speed, paused)
     try:
         state = None if begin is None else read_state(begin)
         announce = partial(_announce, resolved, log_json, token, view=view, shown=shown, opens=opens)
         options = Options(
-            seed, timing, record, until_s, state, save_at, profile, view, announce, click.echo, rotation=rotation
+            seed,
+            timing,
+            record,
+            until_s,
+            state,
+            save_at,
+            profile,
+            view,
+            announce,
+            click.echo,
+            rotation=rotation,
+            foxglove=not no_foxglove,
         )
         with ExitStack() as ending:
             options = replace(options, announce=_then_compile_the_rest(options.announce, ending))
@@ -137,11 +152,9 @@ def run(
     sys.exit(status)
 
 
-def _timing(resolved: Resolved, mode: str | None, speed: float | None, paused: bool) -> Timing:
-    from uwserver.server.life_cycle import timing_of
-
-    timing = timing_of(resolved)
-    timing = replace(timing, mode=mode or timing.mode, speed=speed or timing.speed, paused=paused or timing.paused)  # type: ignore[arg-type]
+def _timing(given: Timing, mode: str | None, speed: float | None, paused: bool) -> Timing:
+    """The scenario's, with what the command line says of it."""
+    timing = replace(given, mode=mode or given.mode, speed=speed or given.speed, paused=paused or given.paused)  # type: ignore[arg-type]
     if timing.mode == "lockstep" and not timing.lockstep_clients:
         raise click.UsageError("lockstep needs names: set lockstep_clients in [world.clock] of the scenario")
     return timing

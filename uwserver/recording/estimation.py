@@ -21,10 +21,11 @@ from uwserver.ports import Call, Event, Field, Port, Refused, Sample
 from uwserver.recording.changes import BadChange, Setting, changed_record
 from uwserver.recording.channels import Column
 from uwserver.recording.differences import Distance, Pairing
-from uwserver.recording.format import EVENTS, FORMAT, REQUESTS, RecordingWriter, Request, head_of, versions_here
+from uwserver.recording.format import EVENTS, FORMAT, REQUESTS, Request, head_of, versions_here
 from uwserver.recording.opening import new_file
 from uwserver.recording.parts import ESTIMATED
 from uwserver.recording.reading import NotReplayable, Reading
+from uwserver.recording.writer import RecordingWriter
 from uwserver.scenario.build.world import build
 from uwserver.scenario.files.convert import More
 from uwserver.scenario.files.errors import suggestion

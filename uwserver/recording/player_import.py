@@ -24,9 +24,10 @@ from uwserver.logfiles.poses import pose_tracks
 from uwserver.logfiles.rules import mapping_of
 from uwserver.logfiles.samples import port_samples
 from uwserver.ports import Cast, Field, Port, Present, Sample, SceneState, WaterView
-from uwserver.recording.format import RecordingWriter, metadata
+from uwserver.recording.format import metadata
 from uwserver.recording.player_file import NotPlayable
 from uwserver.recording.states import STATES_HZ, Presence, Seen
+from uwserver.recording.writer import RecordingWriter
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario

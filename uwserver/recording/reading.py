@@ -19,7 +19,7 @@ _MAGIC = b"\x89MCAP0\r\n"
 MOST_RECORD_BYTES = 1 << 30
 """Of a record of a file: the scenario, whose seabed may be large."""
 MOST_CHUNK_BYTES = 1 << 28
-"""Of a chunk when it is unpacked; the recorder begins a new one after `format.CHUNK_BYTES`."""
+"""Of a chunk when it is unpacked; the recorder begins a new one after `writer.CHUNK_BYTES`."""
 
 
 class NotReplayable(Exception):

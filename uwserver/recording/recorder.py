@@ -22,11 +22,13 @@ from typing import IO
 from msgspec import structs
 
 from uwserver.ports import Call, Command, Event, Json, Port, Refused, Sample
-from uwserver.recording.format import RecordingWriter, Request, StateHash, TooManyChannels, metadata
+from uwserver.recording.format import Request, StateHash, metadata
+from uwserver.recording.foxglove import FoxgloveChannels
 from uwserver.recording.looker import Looker
 from uwserver.recording.opening import new_file, there_already, unwritable
 from uwserver.recording.parts import FIRST_PART, ONE_FILE, PART, RUN, Rotation, later_parts, part_path
 from uwserver.recording.states import Presence, Seen
+from uwserver.recording.writer import RecordingWriter, TooManyChannels
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import SystemTime, Timing
@@ -84,12 +86,15 @@ class Recorder:
         world: as built, before its first tick.
         resolved: what it was built from.
         rotation: when it goes on in another file.
+        foxglove: whether channels for Foxglove, Lichtblick and rerun are written beside our own.
     """
 
-    def __init__(self, path: Path, world: World, resolved: Resolved, rotation: Rotation = ONE_FILE) -> None:
+    def __init__(
+        self, path: Path, world: World, resolved: Resolved, rotation: Rotation = ONE_FILE, *, foxglove: bool = True
+    ) -> None:
         self._path, self._rotation = path, rotation
-        self._world = world
-        self._resolved = resolved
+        self._foxglove = FoxgloveChannels(world, resolved) if foxglove else None
+        self._world, self._resolved = world, resolved
         self._simulation: Simulation | None = None
         self._queue: deque[_Item] = deque()
         self._open = self._finished = False
@@ -97,8 +102,7 @@ class Recorder:
         self._error = ""
         self._looker = Looker(world, resolved)
         self._second = max(1, round(world.rate_hz))
-        self._seen = world.ports
-        self._known = dict(world.ports)
+        self._seen, self._known = world.ports, dict(world.ports)
         # Each counter has one thread that writes it: loop, simulation, recorder.
         self._samples_put = self._dropped = 0
         self._index = self._requests_put = 0
@@ -312,7 +316,7 @@ class Recorder:
         data = snapshot.to_bytes(self._world, state.snapshot)
         file = path.open("xb")
         try:
-            writer = RecordingWriter(file, {**self._head, PART: str(self._part + 1)}, self._known)
+            writer = RecordingWriter(file, {**self._head, PART: str(self._part + 1)}, self._known, self._foxglove)
             writer.begin_at(data)
             writer.know(self._writer.known)  # late samples of what is gone may still come
             if self._writer.told is not None:
@@ -370,7 +374,7 @@ class Recorder:
                 raise unwritable(self._path, error) from error
         file = new_file(self._path)
         try:
-            self._file, self._writer = file, RecordingWriter(file, self._head, self._world.ports)
+            self._file, self._writer = file, RecordingWriter(file, self._head, self._world.ports, self._foxglove)
         except OSError as error:
             with contextlib.suppress(OSError):
                 file.close()

@@ -72,6 +72,7 @@ class Options:
         announce: called once peers can connect, with the addresses by adapter name.
         tell: takes the tables of `profile_s`.
         rotation: when the recording goes on in another file.
+        foxglove: whether a recording holds channels for Foxglove, Lichtblick and rerun, too.
     """
 
     seed: int | None = None
@@ -85,6 +86,7 @@ class Options:
     announce: Callable[[dict[str, str]], None] = field(default=lambda addresses: None)
     tell: Callable[[str], None] = print
     rotation: Rotation = ONE_FILE
+    foxglove: bool = True
 
 
 class StartFailed(Exception):
@@ -127,12 +129,12 @@ class Server:
             self._simulation = player
             return
         world = build(resolved, options.seed)
-        self.live = Simulation(world, options.timing or timing_of(resolved), time, bus, mailbox)
-        self._simulation = self.live
+        self._simulation = self.live = Simulation(world, options.timing or timing_of(resolved), time, bus, mailbox)
         files = StateFiles(_state_folder(resolved), self.live, mailbox, self._call_soon)
         profiling = Profiling(self.live, time.now_ns, self._call_soon, self._loop.call_later)
         self._hub = Hub(name, self.live, bus, mailbox, *tell, files, profiling, Scenery(resolved, world))
-        self._recorder = Recorder(options.record, world, resolved, options.rotation) if options.record else None
+        if options.record:
+            self._recorder = Recorder(options.record, world, resolved, options.rotation, foxglove=options.foxglove)
 
     @property
     def hub(self) -> Hub:

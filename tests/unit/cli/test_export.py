@@ -13,7 +13,7 @@ from uwserver.cli import main
 from uwserver.cli.export import export
 from uwserver.logfiles import open_log
 from uwserver.ports import Field, Port, Sample
-from uwserver.recording.format import RecordingWriter
+from uwserver.recording.writer import RecordingWriter
 
 PAGE = Path(__file__).parents[3] / "docs" / "how-to" / "logs.md"
 

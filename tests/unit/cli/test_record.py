@@ -16,9 +16,10 @@ from mcap.reader import make_reader
 from uwserver.cli import record as record_module
 from uwserver.cli.record import Attached, Failed, record
 from uwserver.ports import Field, Port
-from uwserver.recording.format import EVENTS, RecordingWriter
+from uwserver.recording.format import EVENTS
 from uwserver.recording.reading import NotReplayable, Reading, head_record
 from uwserver.recording.replay import replay
+from uwserver.recording.writer import RecordingWriter
 
 DEPTH = Port(
     "rov/depth",

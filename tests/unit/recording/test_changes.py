@@ -287,7 +287,7 @@ def test_the_command_line_says_what_was_done(run: Path, tmp_path: Path):
 
 
 def test_a_disk_that_fills_leaves_no_half_a_file(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    from uwserver.recording.format import RecordingWriter
+    from uwserver.recording.writer import RecordingWriter
 
     def full(self: RecordingWriter, *_: object) -> None:
         raise OSError(28, "No space left on device")

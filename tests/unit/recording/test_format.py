@@ -20,7 +20,6 @@ from uwserver.recording.format import (
     FORMAT,
     HASHES,
     REQUESTS,
-    RecordingWriter,
     Request,
     StateHash,
     head_of,
@@ -28,6 +27,7 @@ from uwserver.recording.format import (
     versions_here,
 )
 from uwserver.recording.states import JUMPS
+from uwserver.recording.writer import RecordingWriter
 from uwserver.simulation.clock import Timing
 
 SENSOR = Port(

@@ -18,19 +18,12 @@ from uwserver.adapter import AdapterTable
 from uwserver.ports import Call, Command, Event, Field, Port, Sample
 from uwserver.recording import format as format_module
 from uwserver.recording import recorder as recorder_module
-from uwserver.recording.format import (
-    EVENTS,
-    HASHES,
-    METADATA,
-    REQUESTS,
-    RecordingWriter,
-    head_of,
-    metadata,
-)
+from uwserver.recording.format import EVENTS, HASHES, METADATA, REQUESTS, head_of, metadata
 from uwserver.recording.parts import Rotation
 from uwserver.recording.reading import NotReplayable, Reading, head_record, parts_of
 from uwserver.recording.recorder import Recorder
 from uwserver.recording.replay import replay
+from uwserver.recording.writer import RecordingWriter
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.export import engine_named
 from uwserver.scenario.load.resolved import Resolved

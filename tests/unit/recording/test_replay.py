@@ -15,8 +15,9 @@ import zstandard
 from uwserver.physics.collision.engine import chosen_engine
 from uwserver.ports import Call, Command
 from uwserver.recording import replay as replay_module
-from uwserver.recording.format import RecordingWriter, Request, StateHash, metadata, versions_here
+from uwserver.recording.format import Request, StateHash, metadata, versions_here
 from uwserver.recording.replay import NotReplayable, Replayed, replay
+from uwserver.recording.writer import RecordingWriter
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 from uwserver.simulation.clock import Timing

@@ -1,0 +1,371 @@
+"""The `foxglove` adapter: listens, tells clients what there is, and sends them what they have subscribed."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import os
+import secrets
+from collections.abc import Callable, Collection, Sequence
+from http import HTTPStatus
+
+from websockets.asyncio.server import Server, ServerConnection, serve
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+from websockets.typing import Subprotocol
+
+from uwserver.adapter import (
+    MESSAGE_LIMIT,
+    AdapterContext,
+    Refusals,
+    SampleForm,
+    address_text,
+    cannot_listen,
+    host_of,
+    is_host_known,
+    is_loopback,
+    serving,
+    tls_context,
+)
+from uwserver.adapter.foxglove import SceneChannels
+from uwserver.ports import Event, Json, Port, Progress, Refused, Reply, Sample, SceneState
+from uwserver_adapters.foxglove import codec
+from uwserver_adapters.foxglove.catalogue import FRAMES, LOG, SCENE, Catalogue
+from uwserver_adapters.foxglove.client import Client
+from uwserver_adapters.foxglove.config import FoxgloveConfig
+from uwserver_adapters.foxglove.outbox import Outbox
+from uwserver_adapters.native.limits import Lockout
+
+log = logging.getLogger(__name__)
+
+TOKEN_VARIABLE = "UWSERVER_TOKEN"
+_CLOSE_S = 1.0
+_PING_S = 20.0
+_TOO_SLOW = 1013
+# The library tells of every connection at level info.
+_quiet = logging.getLogger(f"{__name__}.frames")
+_quiet.setLevel(logging.CRITICAL)
+
+
+class FoxgloveAdapter:
+    """Serves foxglove.sdk.v1 on one TCP port; it is its own `Subscriber`, and all of it runs on the loop.
+
+    Attributes:
+        catalogue: what is offered.
+        clients: who is there.
+    """
+
+    Config = FoxgloveConfig
+
+    def __init__(self, config: FoxgloveConfig, context: AdapterContext) -> None:
+        self.config, self.context = config, context
+        is_open = not is_loopback(config.bind)
+        self._token = config.token or (os.environ.get(TOKEN_VARIABLE) if is_open else None) or None
+        self._token_is_new = self._token is None and is_open
+        if self._token_is_new:
+            self._token = secrets.token_hex(24)
+        self._loop = asyncio.get_running_loop()
+        self.refusals = Refusals(context.name, context.stats, self._loop.time)
+        self.catalogue = Catalogue(context, config.shows_poses)
+        self.clients: dict[Client, ServerConnection] = {}
+        self._channels = SceneChannels(_found(context.mesh), _found(context.looks))
+        self._scene: tuple[int, bytes] | None = None
+        self._revision: int | None = None
+        self._forms: dict[str, tuple[Port, SampleForm]] = {}
+        self._timer: asyncio.TimerHandle | None = None
+        self._is_asked = False
+        self._told_t_ns = -1
+        self._session = 0
+        self._lockout = Lockout()
+        self._watched: frozenset[int] = frozenset()
+
+    async def run(self, ready: asyncio.Event) -> None:
+        """Serve until cancelled. CannotListen: see there."""
+        config = self.config
+        try:
+            server = await serve(
+                self._converse, config.bind, config.port, ssl=tls_context(config.tls_cert, config.tls_key, config.tls_client_ca),
+                subprotocols=[Subprotocol(name) for name in codec.SUBPROTOCOLS], process_request=self._objection,
+                open_timeout=config.hello_timeout_s, close_timeout=_CLOSE_S, ping_interval=_PING_S, ping_timeout=_PING_S,
+                max_size=MESSAGE_LIMIT, max_queue=4, compression=None, logger=_quiet, server_header=None,
+            )  # fmt: skip
+        except OSError as error:
+            raise cannot_listen(error, config.bind, config.port) from error
+        try:
+            with serving(self.context, self, self._address(server), ready):
+                if self._token_is_new:
+                    text = "%s can be reached from elsewhere, and no token was set (token, or %s): one was made for this run. Open\n    %s/%s"
+                    log.warning(text, self.context.name, TOKEN_VARIABLE, self._address(server), self._token)
+                await self._loop.create_future()  # until cancelled
+        finally:
+            if self._timer is not None:
+                self._timer.cancel()
+            server.close()
+            for connection in list(self.clients.values()):
+                connection.transport.abort()
+            await server.wait_closed()
+
+    def _address(self, server: Server) -> str:
+        scheme = "ws" if self.config.tls_cert is None else "wss"
+        port = next(iter(server.sockets)).getsockname()[1]
+        host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(self.config.bind, self.config.bind)
+        return f"{scheme}://{address_text(host, port)}"
+
+    # -- connections ------------------------------------------------------------------------------------------------------------------
+
+    def _objection(self, connection: ServerConnection, request: Request) -> Response | None:
+        """Why somebody may not connect."""
+
+        def refuse(status: HTTPStatus, cause: str, text: str) -> Response:
+            self.refusals.note(cause, text)
+            return connection.respond(status, text + "\n")
+
+        origins = request.headers.get_all("Origin")
+        for origin in origins:
+            if not _allows(self.config.allowed_origins, origin):
+                text = f"pages of {origin[:200]} may not connect: name that origin in allowed_origins of the adapter"
+                return refuse(HTTPStatus.FORBIDDEN, "origin", text)
+        for host in request.headers.get_all("Host"):
+            if not is_host_known(host, self.config.allowed_hosts):
+                text = (
+                    f"{host[:200]} is no name of this server that it knows: add it to allowed_hosts, or use the address"
+                )
+                return refuse(HTTPStatus.FORBIDDEN, "host", text)
+        if self._token is not None:
+            host, now = host_of(connection.remote_address), self._loop.time()
+            if self._lockout.is_out(host, now):
+                return refuse(HTTPStatus.TOO_MANY_REQUESTS, "lockout", self._lockout.fault.text)
+            given = request.path.partition("?")[0].strip("/")
+            if not secrets.compare_digest(given.encode(), self._token.encode()):
+                self._lockout.wrong(host, now)
+                return refuse(HTTPStatus.UNAUTHORIZED, "denied", "this server wants a token: ws://HOST:PORT/TOKEN")
+        if len(self.clients) >= self.config.max_clients:
+            text = f"{len(self.clients)} clients are connected already (max_clients)"
+            return refuse(HTTPStatus.SERVICE_UNAVAILABLE, "max_clients", text)
+        if "Upgrade" not in request.headers:
+            text = "This is uwserver: open this address in Foxglove or Lichtblick as a Foxglove WebSocket connection."
+            return connection.respond(HTTPStatus.UPGRADE_REQUIRED, text + "\n")
+        return None
+
+    async def _converse(self, connection: ServerConnection) -> None:
+        """One client from its greeting to its end."""
+        outbox = Outbox(
+            connection.send,
+            self.config.queue_messages,
+            self.config.queue_bytes,
+            self.context.stats,
+            lambda: self._send_away(connection),
+        )
+        host, port = connection.remote_address[:2]
+        client = Client(self, f"{self.context.name}:{address_text(host, port)}", outbox)
+        sending = self._loop.create_task(outbox.run())
+        self.clients[client] = connection
+        self.context.stats.peers = len(self.clients)
+        self._greet(client)
+        self.follow()
+        try:
+            async for message in connection:
+                client.hear(message)
+                await asyncio.sleep(0)  # a client that sends without end leaves the others their turn
+        except ConnectionClosed:
+            pass
+        finally:
+            del self.clients[client]
+            self.context.stats.peers = len(self.clients)
+            client.close()
+            sending.cancel()
+            with contextlib.suppress(asyncio.CancelledError, ConnectionClosed):
+                await sending
+            self.follow()
+
+    def _send_away(self, connection: ServerConnection) -> None:
+        self.refusals.note("slow reader", "a client reads too slowly (queue_messages, queue_bytes)")
+        connection.transport.abort()
+
+    def _greet(self, client: Client) -> None:
+        capabilities = ["clientPublish", "parameters", "services", "time"]
+        span = self._span_ns()
+        if span is not None:
+            capabilities.append("playbackControl")
+        world = self.context.world
+        metadata = {"server": str(self.context.hello().get("server", "uwserver")), "scenario": world.scenario}
+        name = f"{world.server}: {world.scenario}"
+        session = f"{id(self):x}-{self._session}"
+        client.outbox.put(codec.server_info(name, capabilities, session, span, metadata), is_text=True)
+        self._advertise(client, self.catalogue.channels, self.catalogue.services)
+
+    def _advertise(self, client: Client, channels: Collection[int], services: Collection[int]) -> None:
+        known, offered = self.catalogue.channels, self.catalogue.services
+        if channels:
+            client.tell(op="advertise", channels=[codec.told_channel(n, known[n]) for n in channels])
+        if services:
+            client.tell(op="advertiseServices", services=[codec.told_service(n, offered[n]) for n in services])
+
+    # -- playback ---------------------------------------------------------------------------------------------------------------------
+
+    def _playback(self) -> dict[str, Json] | None:
+        """What ``playback/state`` says; None of a world that lives."""
+        answers: list[Reply | Progress] = []
+        if "playback/state" in self.context.services:
+            with contextlib.suppress(Refused):
+                self.context.call("playback/state", {}, self.context.name, answers.append)
+        result = answers[0].result if answers and isinstance(answers[0], Reply) else None
+        return result if isinstance(result, dict) else None
+
+    def _span_ns(self) -> tuple[int, int] | None:
+        state = self._playback() or {}
+        begin, end = state.get("from_s"), state.get("to_s")
+        if not isinstance(begin, int | float) or not isinstance(end, int | float):
+            return None
+        return codec.nanoseconds(begin), codec.nanoseconds(end)
+
+    def told_playback(self, has_sought: bool, request: str) -> bytes | None:
+        """The state of a playback as a message; None of a world that lives."""
+        state = self._playback()
+        if state is None:
+            return None
+        t_s, speed = state.get("t_s"), state.get("speed")
+        return codec.playback_state(
+            codec.PAUSED if state.get("paused") else codec.PLAYING,
+            float(t_s) if isinstance(t_s, int | float) else 0.0,
+            float(speed) if isinstance(speed, int | float) else 1.0,
+            has_sought,
+            request,
+        )
+
+    # -- states -----------------------------------------------------------------------------------------------------------------------
+
+    def follow(self) -> None:
+        """What clients have subscribed has changed."""
+        self._watched = frozenset(number for client in self.clients for number in client.subscriptions)
+        self.context.follow_wants()
+        if self.clients and self._timer is None:
+            self._turn()
+        elif not self.clients and self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def newest_scene(self) -> tuple[int, bytes] | None:
+        """Time and bytes of the newest scene."""
+        return self._scene
+
+    def _turn(self) -> None:
+        self._timer = self._loop.call_later(1.0 / self.config.frames_hz, self._turn)
+        if not self._is_asked:
+            with contextlib.suppress(Refused):
+                self.context.look(self._show_state, self.context.name)
+                self._is_asked = True
+
+    def _show_state(self, state: SceneState) -> None:
+        self._is_asked = False
+        if not self.clients:
+            return
+        if state.cast.revision != self._revision:
+            self._revision = state.cast.revision
+            scene = self._channels.scene(self.context.scene(state.cast), state.t_ns)
+            self._scene = scene.t_ns, scene.data
+            if self.config.shows_poses:
+                self._show(SCENE, scene.t_ns, scene.data)
+        if state.t_ns == self._told_t_ns:
+            return
+        self._told_t_ns = state.t_ns
+        for client in self.clients:
+            client.outbox.put(codec.time(state.t_ns), is_sample=True)
+        if self.config.shows_poses and self._is_watched(
+            FRAMES, *(f"/{body.name}/pose" for body in state.cast.vehicles)
+        ):
+            for message in self._channels.state(state):
+                self._show(message.topic, message.t_ns, message.data)
+
+    def _is_watched(self, *topics: str) -> bool:
+        return any(self.catalogue.numbers.get(topic) in self._watched for topic in topics)
+
+    def _show(self, topic: str, t_ns: int, payload: bytes) -> None:
+        number = self.catalogue.numbers.get(topic)
+        if number is not None:
+            for client in self.clients:
+                client.show(number, t_ns, payload)
+
+    # -- what the world says ----------------------------------------------------------------------------------------------------------
+
+    @property
+    def wanted(self) -> Collection[str]:
+        """Ports whose samples somebody has subscribed."""
+        known = self.catalogue.channels
+        topics = (known[number].topic for number in self._watched if number in known)
+        return {path for topic in topics if (path := self.catalogue.port_of(topic)) is not None}
+
+    def put_samples(self, samples: Sequence[Sample]) -> None:
+        """Samples of one tick: each is encoded once for all clients."""
+        for sample in samples if self._watched else ():
+            port = self.context.ports.get(sample.port)
+            if port is None:
+                continue
+            if self._is_watched(sample.port):
+                self._show(sample.port, sample.t_sent_ns, self._encoded(port, sample))
+            if self._is_watched(f"/{sample.port}"):
+                message = self._channels.sample(port, sample)
+                if message is not None:
+                    self._show(message.topic, message.t_ns, message.data)
+
+    def _encoded(self, port: Port, sample: Sample) -> bytes:
+        known = self._forms.get(port.path)
+        if known is None or known[0] is not port:
+            known = self._forms[port.path] = (port, SampleForm(port))
+        self.context.stats.encoded += 1
+        told = {"seq": sample.seq, "t_ns": sample.t_ns, "t_sent_ns": sample.t_sent_ns, "valid": sample.valid}
+        return codec.encode({**told, "value": known[1].value(sample)})
+
+    def put_event(self, event: Event) -> None:
+        """Clients are told; after a jump of time they begin anew."""
+        if event.event == "ports_changed":
+            self._offer_anew()
+        if event.event == "reset":
+            # A client drops what it has of a session that is another: else it would show nothing until time is where it was.
+            self._session += 1
+            self._told_t_ns = -1
+            for client in self.clients:
+                self._greet(client)
+                if self._scene is not None and self.config.shows_poses:
+                    client.show(self.catalogue.numbers[SCENE], event.t_ns, self._scene[1])
+        if event.event in ("paused", "resumed", "reset"):
+            state = self.told_playback(event.event == "reset", "") if self.clients else None
+            if state is not None:
+                for client in self.clients:
+                    client.outbox.put(state)
+        if self.clients:
+            message = self._channels.event(event)
+            self._show(LOG, message.t_ns, message.data)
+
+    def _offer_anew(self) -> None:
+        came, went, services, services_gone = self.catalogue.follow()
+        for client in self.clients:
+            client.forget(went)
+            if went:
+                client.tell(op="unadvertise", channelIds=went)
+            if services_gone:
+                client.tell(op="unadvertiseServices", serviceIds=services_gone)
+            self._advertise(client, came, services)
+
+
+def _found(find: Callable[[str], bytes | None]) -> Callable[[str], bytes]:
+    """A file that a scene has just named is there."""
+
+    def file(name: str) -> bytes:
+        data = find(name)
+        if data is None:
+            raise KeyError(name)
+        return data
+
+    return file
+
+
+def _allows(patterns: Sequence[str], origin: str) -> bool:
+    """Whether a page may connect: a pattern is an origin, one with ``:*`` for any port, or ``*`` for every page."""
+    for pattern in patterns:
+        if pattern in ("*", origin):
+            return True
+        if pattern.endswith(":*") and origin.startswith(pattern[:-1]) and origin[len(pattern) - 1 :].isdigit():
+            return True
+    return False

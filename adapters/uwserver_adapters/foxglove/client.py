@@ -1,0 +1,332 @@
+"""One client: what it has subscribed, and what it asks of the world."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Callable, Collection, Mapping
+from typing import Any, Protocol
+
+from uwserver.adapter import AdapterContext, Conversation, Owed, RateMeter, Refusals, did_you_mean
+from uwserver.ports import Fault, Refused, Reply
+from uwserver_adapters.foxglove import codec
+from uwserver_adapters.foxglove.catalogue import SCENE, Catalogue, parameters_of
+from uwserver_adapters.foxglove.codec import BadMessage, ClientData, PlaybackControl, ServiceCall
+from uwserver_adapters.foxglove.config import FoxgloveConfig
+from uwserver_adapters.foxglove.outbox import Outbox
+
+_ERROR = 2
+_TEXT_LIMIT = 2000
+
+
+class Server(Protocol):
+    """What a client needs of the adapter."""
+
+    config: FoxgloveConfig
+    context: AdapterContext
+    catalogue: Catalogue
+    refusals: Refusals
+
+    def follow(self) -> None:
+        """What clients have subscribed has changed."""
+
+    def newest_scene(self) -> tuple[int, bytes] | None:
+        """Time and bytes of the newest scene."""
+
+    def told_playback(self, has_sought: bool, request: str) -> bytes | None:
+        """The state of a playback; None of a world that lives."""
+
+
+class Client:
+    """Made for each connection. Loop thread.
+
+    Args:
+        server: the adapter.
+        name: of the peer, for the world.
+        outbox: takes what it is sent.
+
+    Attributes:
+        subscriptions: number of a channel -> numbers under which it subscribed it.
+        outbox: as given.
+    """
+
+    def __init__(self, server: Server, name: str, outbox: Outbox) -> None:
+        self.subscriptions: dict[int, list[int]] = {}
+        self.outbox = outbox
+        self._server = server
+        self._channel_of: dict[int, int] = {}
+        self._publishes: dict[int, str] = {}
+        self._parameters: set[str] = set()
+        self._rate = RateMeter(server.config.max_requests_per_s)
+        self._asked = Conversation(server.context, name, Owed(server.config.max_unanswered))
+        self._loop = asyncio.get_running_loop()
+
+    def close(self) -> None:
+        """It has gone."""
+        self._asked.close()
+        self.subscriptions.clear()
+
+    def hear(self, message: str | bytes) -> None:
+        """A message of the client; what is wrong with it is told to it, and changes nothing."""
+        if not self._rate.take(self._loop.time()):
+            if self._rate.count == self._rate.most + 1:
+                self._server.refusals.note("flood", "a client asks more than max_requests_per_s")
+                self.complain(
+                    f"more than {self._rate.most} requests a second: the others are not heard (max_requests_per_s)"
+                )
+            return
+        try:
+            if isinstance(message, bytes):
+                self._binary(codec.read_binary(message))
+            else:
+                self._text(codec.read_text(message))
+        except BadMessage as error:
+            self._server.context.stats.errors += 1
+            self.complain(f"Invalid message: {error}")
+        except Refused as refused:
+            self.complain(refused.fault.text)
+
+    def complain(self, text: str) -> None:
+        """Tell the person at the client."""
+        self.outbox.put(codec.status(_ERROR, text[:_TEXT_LIMIT]), is_text=True)
+
+    def tell(self, **message: Any) -> None:
+        """Send a text message."""
+        self.outbox.put(codec.encode(message), is_text=True)
+
+    def show(self, channel: int, t_ns: int, payload: bytes) -> None:
+        """A message of a channel, if it has subscribed it."""
+        for subscription in self.subscriptions.get(channel, ()):
+            self.outbox.put(codec.data(subscription, t_ns, payload), is_sample=True)
+
+    # -- texts ------------------------------------------------------------------------------------------------------------------------
+
+    def _text(self, message: dict[str, Any]) -> None:
+        handlers: Mapping[str, Callable[[dict[str, Any]], None]] = {
+            "subscribe": self._subscribe,
+            "unsubscribe": self._unsubscribe,
+            "advertise": self._advertise,
+            "unadvertise": self._unadvertise,
+            "getParameters": self._get_parameters,
+            "setParameters": self._set_parameters,
+            "subscribeParameterUpdates": self._watch,
+            "unsubscribeParameterUpdates": self._unwatch,
+        }
+        handler = handlers.get(message["op"])
+        if handler is None:
+            raise BadMessage(f'no "op" is "{message["op"][:100]}"; there are: {", ".join(handlers)}')
+        handler(message)
+
+    def _subscribe(self, message: dict[str, Any]) -> None:
+        scene = self._server.catalogue.numbers.get(SCENE)
+        for entry in _list_of(message, "subscriptions", dict):
+            number, channel = _number(entry, "id"), _number(entry, "channelId")
+            if channel not in self._server.catalogue.channels:
+                self.complain(f"there is no channel {channel}")
+            elif number in self._channel_of:
+                self.complain(f"subscription {number} is there already")
+            elif len(self._channel_of) >= self._server.config.max_subscriptions:
+                self.complain(f"at most {self._server.config.max_subscriptions} subscriptions (max_subscriptions)")
+            else:
+                self._channel_of[number] = channel
+                self.subscriptions.setdefault(channel, []).append(number)
+                newest = self._server.newest_scene() if channel == scene else None
+                if newest is not None:
+                    self.outbox.put(codec.data(number, *newest))
+        self._server.follow()
+
+    def _unsubscribe(self, message: dict[str, Any]) -> None:
+        for number in _list_of(message, "subscriptionIds", int):
+            channel = self._channel_of.pop(number, None)
+            if channel is None:
+                self.complain(f"there is no subscription {number}")
+                continue
+            self.subscriptions[channel].remove(number)
+            if not self.subscriptions[channel]:
+                del self.subscriptions[channel]
+        self._server.follow()
+
+    def forget(self, channels: Collection[int]) -> None:
+        """These channels are gone."""
+        for channel in channels:
+            for number in self.subscriptions.pop(channel, ()):
+                del self._channel_of[number]
+
+    def _advertise(self, message: dict[str, Any]) -> None:
+        self._may_change()
+        for entry in _list_of(message, "channels", dict):
+            topic, encoding = entry.get("topic"), entry.get("encoding")
+            if not isinstance(topic, str) or encoding != "json":
+                raise BadMessage('a channel needs a "topic", and "json" as its encoding')
+            path, ports = topic.removeprefix("/"), self._server.context.ports
+            if path not in ports or ports[path].direction != "actuator":
+                actuators = [p for p, port in ports.items() if port.direction == "actuator"]
+                raise BadMessage(f'"{path[:200]}" is no actuator port{did_you_mean(path, actuators)}')
+            if len(self._publishes) >= self._server.config.max_subscriptions:
+                raise BadMessage(f"at most {self._server.config.max_subscriptions} channels (max_subscriptions)")
+            self._publishes[_number(entry, "id")] = path
+
+    def _unadvertise(self, message: dict[str, Any]) -> None:
+        for number in _list_of(message, "channelIds", int):
+            self._publishes.pop(number, None)
+
+    def _may_change(self) -> None:
+        if self._server.config.read_only:
+            raise Refused("denied", "this server may only be watched: read_only is set in its table")
+
+    # -- binary -----------------------------------------------------------------------------------------------------------------------
+
+    def _binary(self, message: ClientData | ServiceCall | PlaybackControl) -> None:
+        if isinstance(message, ClientData):
+            self._command(message)
+        elif isinstance(message, ServiceCall):
+            self._call(message)
+        else:
+            self._control(message)
+
+    def _command(self, message: ClientData) -> None:
+        port = self._publishes.get(message.channel)
+        if port is None:
+            raise BadMessage(f"channel {message.channel} was not advertised")
+        self._may_change()
+        told = codec.read_object(message.payload)
+        value = told["value"] if set(told) == {"value"} and isinstance(told["value"], dict) else told
+        self._asked.command(port, value, self._report)
+
+    def _report(self, reply: Reply) -> None:
+        if reply.fault is not None:
+            self.complain(reply.fault.text)
+
+    def _call(self, message: ServiceCall) -> None:
+        def fail(fault: Fault) -> None:
+            self.outbox.put(codec.call_failed(message.service, message.call, fault.text[:_TEXT_LIMIT]), is_text=True)
+
+        def answer(reply: Reply) -> None:
+            if reply.fault is not None:
+                fail(reply.fault)
+            else:
+                self.outbox.put(codec.response(message.service, message.call, codec.encode(reply.result)))
+
+        service = self._server.catalogue.services.get(message.service)
+        try:
+            if service is None:
+                raise Refused("unknown_service", f"there is no service {message.service}")
+            if message.encoding != "json":
+                raise Refused("bad_argument", f'arguments come as "json", not as "{message.encoding[:50]}"')
+            if not service.reads_only and not service.path.endswith("/get"):
+                self._may_change()
+            self._asked.call(service.path, codec.read_object(message.payload), answer)
+        except BadMessage as error:
+            fail(Fault("parse_error", str(error)))
+        except Refused as refused:
+            fail(refused.fault)
+
+    def _control(self, message: PlaybackControl) -> None:
+        services = self._server.context.services
+        if "playback/state" not in services:
+            raise Refused("denied", "this world lives: only a recording that is played can be sought in")
+        self._may_change()
+        wanted: list[tuple[str, dict[str, object]]] = []
+        if math.isfinite(message.speed) and message.speed > 0.0:
+            wanted.append(("playback/speed", {"speed": message.speed}))
+        if message.seek_ns is not None:
+            wanted.append(("playback/seek", {"t_s": codec.seconds(message.seek_ns)}))
+        wanted.append(("playback/resume" if message.plays else "playback/pause", {}))
+        left = len(wanted)
+
+        def answer(reply: Reply) -> None:
+            nonlocal left
+            left -= 1
+            self._report(reply)
+            state = self._server.told_playback(message.seek_ns is not None, message.request) if left == 0 else None
+            if state is not None:
+                self.outbox.put(state)
+
+        for path, arguments in wanted:
+            try:
+                self._asked.call(path, arguments, answer)
+            except Refused as refused:
+                answer(Reply(0, 0, fault=refused.fault))
+
+    # -- parameters -------------------------------------------------------------------------------------------------------------------
+
+    def _get_parameters(self, message: dict[str, Any]) -> None:
+        names = _list_of(message, "parameterNames", str)
+        self._answer_parameters(names, message.get("id"))
+
+    def _answer_parameters(self, names: list[str], request: object) -> None:
+        """Ask each component of which a setting is wanted, and tell all of them together."""
+        known = parameters_of(self._server.context.services)
+        wanted = [name for name in known if not names or name in names]
+        components = list(dict.fromkeys(known[name][0] for name in wanted))
+        found: dict[str, Any] = {}
+        left = len(components)
+
+        def finish() -> None:
+            told = [
+                {"name": name, "value": settings[known[name][1]]}
+                for name in wanted
+                if isinstance(settings := found.get(known[name][0]), dict) and settings.get(known[name][1]) is not None
+            ]
+            self.tell(op="parameterValues", parameters=told, **({} if request is None else {"id": request}))
+
+        def take(component: str, reply: Reply) -> None:
+            nonlocal left
+            left -= 1
+            found[component] = reply.result
+            if left == 0:
+                finish()
+
+        if not components:
+            finish()
+        for component in components:
+            try:
+                self._asked.call(f"{component}/get", {}, lambda reply, component=component: take(component, reply))  # type: ignore[misc]
+            except Refused as refused:
+                take(component, Reply(0, 0, fault=refused.fault))
+
+    def _set_parameters(self, message: dict[str, Any]) -> None:
+        self._may_change()
+        known = parameters_of(self._server.context.services)
+        entries = [entry for entry in _list_of(message, "parameters", dict) if isinstance(entry.get("name"), str)]
+        names = [entry["name"] for entry in entries]
+        left = len(entries)
+
+        def done(reply: Reply) -> None:
+            nonlocal left
+            left -= 1
+            self._report(reply)
+            if left == 0:
+                self._answer_parameters([name for name in names if name in known] or ["-"], message.get("id"))
+
+        for entry in entries:
+            name = entry["name"]
+            if name not in known:
+                text = f'no parameter "{name[:200]}"{did_you_mean(name, known)}'
+                done(Reply(0, 0, fault=Fault("bad_argument", text)))
+                continue
+            component, setting = known[name]
+            try:
+                self._asked.call(f"{component}/set", {setting: entry.get("value")}, done)
+            except Refused as refused:
+                done(Reply(0, 0, fault=refused.fault))
+
+    def _watch(self, message: dict[str, Any]) -> None:
+        self._parameters |= set(_list_of(message, "parameterNames", str)[: self._server.config.max_subscriptions])
+
+    def _unwatch(self, message: dict[str, Any]) -> None:
+        self._parameters -= set(_list_of(message, "parameterNames", str))
+
+
+def _list_of(message: Mapping[str, Any], key: str, kind: type) -> list[Any]:
+    found = message.get(key)
+    if not isinstance(found, list) or not all(isinstance(entry, kind) for entry in found):
+        raise BadMessage(f'"{message["op"]}" needs a list "{key}"')
+    return found
+
+
+def _number(entry: Mapping[str, Any], key: str) -> int:
+    found = entry.get(key)
+    if not isinstance(found, int) or not 0 <= found < 1 << 32:
+        raise BadMessage(f'"{key}" must be a number of 32 bits')
+    return found

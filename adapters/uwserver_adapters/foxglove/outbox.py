@@ -1,0 +1,62 @@
+"""What waits for one client: samples, of which the oldest make way, and all else, of which none may be lost."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Awaitable, Callable
+
+from uwserver.adapter import AdapterStats
+
+
+class Outbox:
+    """Sends to a client as fast as it reads. Loop thread.
+
+    Args:
+        send: sends one message, text or binary; waits while the client does not read.
+        most, most_bytes: that may wait.
+        stats: counts.
+        overflow: called when more than samples waits than may: the client reads too slowly.
+    """
+
+    def __init__(
+        self,
+        send: Callable[[str | bytes], Awaitable[None]],
+        most: int,
+        most_bytes: int,
+        stats: AdapterStats,
+        overflow: Callable[[], None],
+    ) -> None:
+        self._send, self._most, self._most_bytes = send, most, most_bytes
+        self._stats, self._overflow = stats, overflow
+        self._waiting: deque[tuple[str | bytes, bool]] = deque()
+        self._bytes = 0
+        self._wake = asyncio.Event()
+
+    def put(self, message: bytes, *, is_text: bool = False, is_sample: bool = False) -> None:
+        """Queue a message."""
+        self._waiting.append((message.decode() if is_text else message, is_sample))
+        self._bytes += len(message)
+        self._wake.set()
+        if len(self._waiting) > self._most or self._bytes > self._most_bytes:
+            self._make_room()
+
+    def _make_room(self) -> None:
+        kept = deque(entry for entry in self._waiting if not entry[1])
+        self._stats.dropped += len(self._waiting) - len(kept)
+        self._waiting = kept
+        self._bytes = sum(len(entry[0]) for entry in kept)
+        if len(kept) > self._most or self._bytes > self._most_bytes:
+            self._overflow()
+
+    async def run(self) -> None:
+        """Send until cancelled, or the client has gone."""
+        while True:
+            await self._wake.wait()
+            self._wake.clear()
+            while self._waiting:
+                message, is_sample = self._waiting.popleft()
+                self._bytes -= len(message)
+                await self._send(message)
+                self._stats.bytes_sent += len(message)
+                self._stats.samples_sent += is_sample

@@ -1,0 +1,140 @@
+"""What a world says in Foxglove's messages, from samples, states and events."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from uwserver.adapter.foxglove import Foreign, SceneChannels
+from uwserver.frames import attitude_enu_flu, multiply, rotate
+from uwserver.ports import (
+    BeamView,
+    BodyView,
+    Cast,
+    Event,
+    Field,
+    Port,
+    Present,
+    Sample,
+    SceneState,
+    SceneView,
+    SensorView,
+    ShapeView,
+    WaterView,
+)
+
+LEVEL = (1.0, 0.0, 0.0, 0.0)
+BEAMS = tuple(BeamView((math.cos(a), math.sin(a), 0.0)) for a in (-0.5, 0.0, 0.5))
+SENSORS = (
+    SensorView("rov/gps", "gps", (0.0, 0.0, -1.0), LEVEL),
+    SensorView("rov/lasers", "range_array", (0.5, 0.0, 0.0), LEVEL, BEAMS),
+    SensorView("rov/sonar", "scanning_sonar", (0.0, 0.0, 0.2), LEVEL),
+    SensorView("rov/imu", "imu", (0.0, 0.0, 0.0), LEVEL),
+)
+CAST = Cast(1, (Present("rov", "rov"),), (Present("crate", "crate"),))
+WATER = WaterView(1025.0, 1500.0, (), 0.0, (0, 0, 0), (), "II", (0, 0, 0), (0, 0, 0))
+GPS = Port(
+    "rov/gps", "sensor", "gps",
+    tuple(Field(n, "1", "") for n in ("latitude", "longitude", "height", "horizontal_accuracy", "vertical_accuracy")), "",
+)  # fmt: skip
+LASERS = Port("rov/lasers", "sensor", "range_array", (Field("ranges", "m", "", "", (3,)),), "")
+SONAR = Port(
+    "rov/sonar", "sensor", "scanning_sonar",
+    (Field("head_angle", "rad", ""), Field("range", "m", ""), Field("bins", "1", "", "", (4,), "int")), "",
+)  # fmt: skip
+
+
+@pytest.fixture
+def channels() -> SceneChannels:
+    found = SceneChannels({}.__getitem__, {}.__getitem__)
+    found.scene(view(), 0)
+    return found
+
+
+def view() -> SceneView:
+    rov = BodyView("rov", "x", "rov", (ShapeView("sphere", radius=1.0),), sensors=SENSORS)
+    crate = BodyView("crate", "object", "crate", (ShapeView("box", size=(1.0, 1.0, 1.0)),))
+    return SceneView(1, 1, "s", "t", "", 240.0, None, WATER, None, (), (rov,), (crate,), (), {})
+
+
+def decoded(message: Foreign) -> Any:
+    name = message.schema.removeprefix("foxglove.")
+    return getattr(pytest.importorskip(f"foxglove_schemas_protobuf.{name}_pb2"), name).FromString(message.data)
+
+
+def test_the_scene_has_an_entity_for_each_body() -> None:
+    message = SceneChannels({}.__getitem__, {}.__getitem__).scene(view(), 7)
+    assert (message.topic, message.t_ns) == ("/scene", 7)
+    assert [(e.id, e.frame_id) for e in decoded(message).entities] == [("rov", "rov"), ("crate", "crate")]
+
+
+def test_frames_form_one_tree_with_z_up_at_its_root(channels: SceneChannels) -> None:
+    q_NB = (0.5, 0.5, 0.5, -0.5)
+    poses = np.array([[1.0, 2.0, 3.0, *q_NB], [4.0, 5.0, 6.0, *LEVEL]])
+    tf, pose = channels.state(SceneState(CAST, 99, poses, np.zeros(0, np.int8), (0, 0, 0)))
+    transforms = {t.child_frame_id: t for t in decoded(tf).transforms}
+    parents = {child: t.parent_frame_id for child, t in transforms.items()}
+    assert parents == {
+        "N": "N_enu",
+        "rov": "N",
+        "crate": "N",
+        "rov/gps": "rov",
+        "rov/lasers": "rov",
+        "rov/sonar": "rov",
+    }
+    root = transforms["N"].rotation
+    q = (root.w, root.x, root.y, root.z)
+    np.testing.assert_allclose(
+        rotate(q, (1.0, 2.0, 3.0)), (2.0, 1.0, -3.0), atol=1e-12
+    )  # north, east, down to east, north, up
+    mine = transforms["rov"].rotation
+    flu = multiply(multiply(q, (mine.w, mine.x, mine.y, mine.z)), (0.0, 1.0, 0.0, 0.0))
+    theirs = attitude_enu_flu(q_NB)
+    assert abs(sum(a * b for a, b in zip(flu, theirs, strict=True))) == pytest.approx(1.0)
+    assert pose.topic == "/rov/pose"
+    assert decoded(pose).pose.position.z == 3.0
+
+
+def test_a_fix_a_scan_and_a_ping(channels: SceneChannels) -> None:
+    fix = channels.sample(GPS, Sample("rov/gps", 0, 5, 9, True, (1.0, 0.5, 2.0, 3.0, 4.0)))
+    assert fix is not None
+    assert (fix.topic, fix.t_ns) == ("/rov/gps", 9)
+    assert decoded(fix).latitude == pytest.approx(math.degrees(1.0))
+    assert decoded(fix).timestamp.nanos == 5
+    scan = channels.sample(LASERS, Sample("rov/lasers", 0, 5, 9, True, ((1.0, None, 3.0),)))
+    assert scan is not None
+    assert list(decoded(scan).ranges) == [1.0, math.inf, 3.0]
+    assert decoded(scan).start_angle == pytest.approx(-0.5)
+    ping = channels.sample(SONAR, Sample("rov/sonar", 0, 5, 9, True, (math.pi / 2, 8.0, (0, 10, 0, 20))))
+    assert ping is not None
+    points = np.frombuffer(decoded(ping).data, "<f4").reshape(-1, 4)
+    np.testing.assert_allclose(points, [[0, 3, 0, 10], [0, 7, 0, 20]], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "sample",
+    [
+        Sample("rov/gps", 0, 5, 9, False, (1.0, 0.5, 2.0, 3.0, 4.0)),
+        Sample("rov/gps", 0, 5, 9, True, (None, 0.5, 2.0, 3.0, 4.0)),
+    ],
+)
+def test_without_a_fix_nothing_is_told(channels: SceneChannels, sample: Sample) -> None:
+    assert channels.sample(GPS, sample) is None
+
+
+def test_others_have_no_message(channels: SceneChannels) -> None:
+    imu = Port("rov/imu", "sensor", "imu", (Field("f_S", "1", ""),), "")
+    assert channels.sample(imu, Sample("rov/imu", 0, 5, 9, True, (1.0,))) is None
+    strange = Port("rov/strange", "sensor", "gps", GPS.fields, "")
+    assert (
+        channels.sample(strange, Sample("rov/strange", 0, 5, 9, True, (1.0,) * 5)) is None
+    )  # nobody says where it sits
+
+
+def test_events_have_levels(channels: SceneChannels) -> None:
+    line = decoded(channels.event(Event("fault", 1, 2, "it broke")))
+    assert (line.level, line.message, line.name) == (line.WARNING, "it broke", "fault")
+    assert decoded(channels.event(Event("paused", 1, 2, ""))).level == line.INFO

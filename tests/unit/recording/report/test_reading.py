@@ -1,0 +1,130 @@
+"""Recordings as columns: the same numbers as the library of the format gives, and what comes of files that are broken or not ours."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
+
+from uwserver.recording.format import METADATA
+from uwserver.recording.report.reading import Recorded, read_recording
+
+CHUNK = 0x06
+HEAD = {"scenario": '{"name":"x","scenario":{},"vehicles":{}}'}
+
+
+@pytest.mark.parametrize(
+    ("port", "field"), [("rov/imu_noisy", "w_S"), ("rov/depth_noisy", "depth"), ("rov/truth/pose", "q_NB")]
+)
+def test_columns_are_what_the_library_reads(run: Path, recorded: Recorded, port: str, field: str) -> None:
+    with run.open("rb") as file:
+        messages = [json.loads(m.data) for _, _, m in make_reader(file).iter_messages(topics=[port])]
+    series = recorded.series[port]
+    told = np.array([np.atleast_1d(m["value"][field]) for m in messages], dtype=float)
+    np.testing.assert_array_equal(series.columns[field], told)
+    np.testing.assert_array_equal(series.t, [m["t_ns"] / 1e9 for m in messages])
+    np.testing.assert_array_equal(series.seq, [m["seq"] for m in messages])
+    assert series.fields[field].unit == {"w_S": "rad/s", "depth": "m", "q_NB": "1"}[field]
+
+
+def test_bodies_without_truth_have_their_poses(recorded: Recorded) -> None:
+    poses = recorded.poses["other"]
+    assert "other/truth/pose" not in recorded.series
+    assert 140 <= len(poses) <= 160  # 30 a second
+    np.testing.assert_allclose(poses[0, 1:4], (5.0, 5.0, 3.0), atol=1e-3)
+    np.testing.assert_allclose(np.linalg.norm(poses[:, 4:], axis=1), 1.0)
+
+
+def test_events_and_end(recorded: Recorded) -> None:
+    assert [event.event for event in recorded.events] == ["fault", "shutdown"]
+    assert recorded.end_s == pytest.approx(5.0, abs=0.01)
+    assert recorded.remarks == ()
+
+
+@pytest.mark.parametrize("share", [0.6, 0.9])
+def test_a_file_that_was_cut_is_read_as_far_as_it_goes(
+    run: Path, recorded: Recorded, tmp_path: Path, share: float
+) -> None:
+    whole = run.read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole[: int(len(whole) * share)])
+    found = read_recording(cut)
+    assert any("cut off" in remark for remark in found.remarks)
+    assert 0 < len(found.series["rov/imu_noisy"].t) <= len(recorded.series["rov/imu_noisy"].t)
+
+
+def test_damage_in_the_middle_is_told(run: Path, tmp_path: Path) -> None:
+    whole = bytearray(run.read_bytes())
+    middle = len(whole) // 2
+    whole[middle : middle + 4000] = bytes(4000)
+    (tmp_path / "bad.mcap").write_bytes(whole)
+    found = read_recording(tmp_path / "bad.mcap")
+    assert any("damaged" in remark or "cut off" in remark for remark in found.remarks)
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [(b"", "damaged at its start"), (b"PK\x03\x04" * 99, "damaged at its start"), (None, "not written by")],
+)
+def test_what_is_no_recording_of_ours_is_refused(tmp_path: Path, content: bytes | None, told: str) -> None:
+    file = tmp_path / "other.mcap"
+    file.write_bytes(recording([], {}) if content is None else content)
+    with pytest.raises(ValueError, match=told):
+        read_recording(file)
+
+
+def test_a_folder_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match="no plain file"):
+        read_recording(tmp_path)
+
+
+def test_a_chunk_that_would_fill_the_memory_is_not_unpacked(tmp_path: Path) -> None:
+    data = bytearray(recording([{"seq": 0, "t_ns": 1, "valid": True, "value": {"x": 1.0}}]))
+    place = 8  # behind the magic: records of code and length
+    while data[place] != CHUNK:
+        place += 9 + int.from_bytes(data[place + 1 : place + 9], "little")
+    data[place + 25 : place + 33] = (1 << 40).to_bytes(8, "little")  # its uncompressed size, behind two times
+    (tmp_path / "x.mcap").write_bytes(data)
+    found = read_recording(tmp_path / "x.mcap")
+    assert found.series == {}
+    assert found.remarks
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        b"{", b"[]", b'{"value":{"x":"high"},"t_ns":1}', b'{"value":{"x":[1,2]},"t_ns":1}', b'{"value":{"x":1},"t_ns":-5}',
+        b'{"value":{"x":1},"t_ns":9999999999999999999}', b'{"value":7,"t_ns":1}', b'{"value":{"x":1,"v":[1,2,"z"]},"t_ns":1}',
+    ],
+)  # fmt: skip
+def test_messages_that_do_not_fit_are_counted_and_the_others_stay_whole(tmp_path: Path, message: bytes) -> None:
+    good = {"seq": 1, "t_ns": 2_000_000_000, "valid": True, "value": {"x": 4.0, "v": [1.0, None, 3.0]}}
+    (tmp_path / "x.mcap").write_bytes(recording([message, good]))
+    found = read_recording(tmp_path / "x.mcap")
+    assert any("1 messages of a/b do not fit" in remark for remark in found.remarks)
+    np.testing.assert_array_equal(found.series["a/b"].columns["v"], [[1.0, np.nan, 3.0]])
+    np.testing.assert_array_equal(found.series["a/b"].columns["x"], [[4.0]])
+
+
+def recording(messages: list[dict[str, object] | bytes], head: dict[str, str] | None = None) -> bytes:
+    """A file with one sensor of a number and a vector."""
+    file = io.BytesIO()
+    writer = Writer(file)
+    writer.start()
+    if head is None or head:
+        writer.add_metadata(METADATA, head or HEAD)
+    number = {"type": ["number", "null"], "description": "a; unit m"}
+    vector = {"type": ["array", "null"], "items": number, "maxItems": 3, "description": "b; unit m; frame N"}
+    schema = {"description": "", "properties": {"value": {"properties": {"x": number, "v": vector}}}}
+    number_of = writer.register_schema("a/b", "jsonschema", json.dumps(schema).encode())
+    channel = writer.register_channel("a/b", "json", number_of, {"kind": "pressure", "direction": "sensor", "doc": ""})
+    for message in messages:
+        data = message if isinstance(message, bytes) else json.dumps(message).encode()
+        writer.add_message(channel, 10, data, 10)
+    writer.finish()
+    return file.getvalue()

@@ -1,0 +1,67 @@
+"""Reports as files, by the command line too."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from matplotlib.image import imread
+
+from uwserver.cli.plot import plot
+from uwserver.recording.report import writing
+from uwserver.recording.report.contents import Contents
+
+
+def test_a_page_and_pictures(run: Path, tmp_path: Path) -> None:
+    file = tmp_path / "out.html"
+    done = CliRunner().invoke(plot, [str(run), "-o", str(file), "--vehicle", "other", "--png", "--pdf"])
+    assert done.exit_code == 0, done.output
+    assert file.read_text(encoding="utf-8").startswith("<!doctype html>")
+    assert imread(file.with_suffix(".png")).shape[1] == 880
+    assert file.with_suffix(".pdf").read_bytes().startswith(b"%PDF")
+    assert sorted(p.suffix for p in tmp_path.iterdir()) == [".html", ".pdf", ".png"]
+
+
+def test_the_name_is_that_of_the_recording(run: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "dive.mcap"
+    copy.write_bytes(run.read_bytes())
+    done = CliRunner().invoke(plot, ["report", str(copy), "--vehicle", "other"])
+    assert done.exit_code == 0, done.output
+    assert f"wrote {tmp_path / 'dive.html'}" in done.output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["nothing.mcap"], "nothing.mcap: No such file"),
+        (["x.mcap", "--vehicle", "rovv"], 'no vehicle "rovv"'),
+        (["x.mcap", "-o", "x.mcap"], "would be overwritten"),
+        (["x.mcap", "-o", "nowhere/x.html"], "No such file"),
+    ],
+)
+def test_what_cannot_be_done_is_told(run: Path, arguments: list[str], told: str) -> None:
+    given = [str(run) if argument == "x.mcap" else argument for argument in arguments]
+    before = run.read_bytes()
+    done = CliRunner().invoke(plot, given)
+    assert done.exit_code == 1
+    assert told in done.output
+    assert "Traceback" not in done.output
+    assert run.read_bytes() == before
+
+
+def test_a_failed_write_leaves_what_was_there(
+    contents: Contents, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "old.html"
+    file.write_text("old")
+
+    def full(path: Path, *_: object, **__: object) -> None:
+        path.write_bytes(b"half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(OSError, match="No space"):
+        writing.write_page(contents, file)
+    assert file.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [file]

@@ -1,0 +1,186 @@
+"""What a world has to say in Foxglove's messages."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from uwserver.adapter.foxglove import messages
+from uwserver.adapter.foxglove.shapes import Files, entity_of
+from uwserver.frames import Quat
+from uwserver.ports import Event, Port, Sample, SceneState, SceneView, SensorView
+
+ROOT, WORLD = "N_enu", "N"
+_HALF = math.sqrt(0.5)
+_NED_IN_ENU: Quat = (0.0, _HALF, _HALF, 0.0)
+_LEVELS = {
+    "fault": messages.WARNING, "watchdog": messages.WARNING, "conflict": messages.WARNING, "diverged": messages.ERROR,
+    "adapter_failed": messages.ERROR,
+}  # fmt: skip
+
+
+class Foreign(NamedTuple):
+    """A message: topic, full name of its schema, simulation time, bytes."""
+
+    topic: str
+    schema: str
+    t_ns: int
+    data: bytes
+
+
+_Encode = Callable[[Sample], "Foreign | None"]
+
+
+class SceneChannels:
+    """Turns what happens in a world into messages. Keeps nothing but who is in it.
+
+    Args:
+        meshes: triangles by hash, as `uwserver.ports.MeshView` names them.
+        looks: glTF files by hash.
+    """
+
+    def __init__(self, meshes: Files, looks: Files) -> None:
+        self._meshes, self._looks = meshes, looks
+        self._fixed = b""
+        self._sensors: dict[str, SensorView] = {}
+        self._encoders: dict[str, tuple[Port, _Encode | None]] = {}
+
+    def scene(self, scene: SceneView, t_ns: int) -> Foreign:
+        """All shapes, in place of those before; and from now on these sensors."""
+        self._sensors = {sensor.path: sensor for body in scene.vehicles for sensor in body.sensors}
+        self._encoders = {}
+        shown = [sensor for sensor in self._sensors.values() if sensor.kind in _FRAMES]
+        # Each message holds all frames: who jumps to a time reads the newest one alone.
+        self._fixed = messages.transform(0, ROOT, WORLD, (0.0, 0.0, 0.0), _NED_IN_ENU) + b"".join(
+            messages.transform(0, sensor.path.partition("/")[0], sensor.path, sensor.p, sensor.q) for sensor in shown
+        )
+        parts = [messages.delete_all(t_ns)]
+        solids = ([] if scene.seabed is None else [scene.seabed]) + list(scene.structures)
+        for solid in solids:
+            parts.append(entity_of(t_ns, WORLD, solid.name, solid.shapes, solid.looks, self._meshes, self._looks))
+        for body in (*scene.vehicles, *scene.objects):
+            parts.append(entity_of(t_ns, body.name, body.name, body.shapes, body.looks, self._meshes, self._looks))
+        return Foreign("/scene", "foxglove.SceneUpdate", t_ns, b"".join(parts))
+
+    def state(self, state: SceneState) -> Iterator[Foreign]:
+        """Frames of all bodies, and the pose of each vehicle."""
+        t_ns, parts = state.t_ns, [self._fixed]
+        vehicles = len(state.cast.vehicles)
+        poses = []
+        for k, (body, row) in enumerate(
+            zip((*state.cast.vehicles, *state.cast.objects), state.poses.tolist(), strict=True)
+        ):
+            parts.append(messages.transform(t_ns, WORLD, body.name, row[:3], row[3:]))
+            if k < vehicles:
+                poses.append((body.name, row))
+        yield Foreign("/tf", "foxglove.FrameTransforms", t_ns, b"".join(parts))
+        for name, row in poses:
+            yield Foreign(
+                f"/{name}/pose", "foxglove.PoseInFrame", t_ns, messages.pose_in_frame(t_ns, WORLD, row[:3], row[3:])
+            )
+
+    def sample(self, port: Port, sample: Sample) -> Foreign | None:
+        """A sample of a sensor that Foxglove has a message for; None of any other, and where it has nothing to show."""
+        known = self._encoders.get(port.path)
+        if known is None or known[0] is not port:
+            known = self._encoders[port.path] = (port, self._encoder(port))
+        encode = known[1]
+        return encode(sample) if encode is not None and sample.valid else None
+
+    def event(self, event: Event) -> Foreign:
+        """What every client is told."""
+        level = _LEVELS.get(event.event, messages.INFO)
+        return Foreign(
+            "/log", "foxglove.Log", event.t_ns, messages.log_line(event.t_ns, level, event.text, event.event)
+        )
+
+    def _encoder(self, port: Port) -> _Encode | None:
+        make = _FRAMES.get(port.kind)
+        # A second stream of a sensor sits where its sensor sits.
+        sensor = self._sensors.get(port.path) or self._sensors.get("/".join(port.path.split("/")[:2]))
+        return make(port, sensor) if make is not None and sensor is not None else None
+
+
+def _gps(port: Port, sensor: SensorView) -> _Encode | None:
+    names = [field.name for field in port.fields]
+    try:
+        latitude, longitude, height, across, up = (
+            names.index(name)
+            for name in ("latitude", "longitude", "height", "horizontal_accuracy", "vertical_accuracy")
+        )
+    except ValueError:
+        return None
+    topic, frame = f"/{port.path}", sensor.path
+
+    def encode(sample: Sample) -> Foreign | None:
+        value = sample.value
+        place = value[latitude], value[longitude], value[height]
+        if None in place:
+            return None
+        sigmas = (
+            (value[across], value[across], value[up]) if value[across] is not None and value[up] is not None else None
+        )
+        data = messages.location_fix(sample.t_ns, frame, *place, sigmas)  # type: ignore[arg-type]  # numbers, as its fields say
+        return Foreign(topic, "foxglove.LocationFix", sample.t_sent_ns, data)
+
+    return encode
+
+
+def _range_array(port: Port, sensor: SensorView) -> _Encode | None:
+    index = next((k for k, field in enumerate(port.fields) if field.name == "ranges"), None)
+    angles = [math.atan2(beam.direction[1], beam.direction[0]) for beam in sensor.beams]
+    if index is None or not angles or len(angles) != port.fields[index].size:
+        return None
+    topic, frame, first, last = f"/{port.path}", sensor.path, angles[0], angles[-1]
+
+    def encode(sample: Sample) -> Foreign | None:
+        ranges = sample.value[index]
+        told = [math.inf if r is None else r for r in (ranges if isinstance(ranges, tuple) else (ranges,))]
+        data = messages.laser_scan(sample.t_ns, frame, first, last, told)  # type: ignore[arg-type]  # numbers, as its field says
+        return Foreign(topic, "foxglove.LaserScan", sample.t_sent_ns, data)
+
+    return encode
+
+
+def _scanning_sonar(port: Port, sensor: SensorView) -> _Encode | None:
+    names = [field.name for field in port.fields]
+    try:
+        angle, reach, bins = (names.index(name) for name in ("head_angle", "range", "bins"))
+    except ValueError:
+        return None
+    topic, frame, count = f"/{port.path}", sensor.path, port.fields[bins].size
+    middles = (np.arange(count) + 0.5) / count
+
+    def encode(sample: Sample) -> Foreign | None:
+        theta, far, echoes = sample.value[angle], sample.value[reach], sample.value[bins]
+        if not isinstance(theta, int | float) or not isinstance(far, int | float) or echoes is None:
+            return None
+        levels = np.array(echoes, dtype=np.float32)
+        heard = np.flatnonzero(levels > 0.0)  # what is silent would only hide what is behind it
+        points = np.zeros((len(heard), 4), dtype=np.float32)
+        distance = middles[heard] * far
+        points[:, 0], points[:, 1], points[:, 3] = distance * math.cos(theta), distance * math.sin(theta), levels[heard]
+        return Foreign(topic, "foxglove.PointCloud", sample.t_sent_ns, messages.point_cloud(sample.t_ns, frame, points))
+
+    return encode
+
+
+def shown_as(port: Port) -> str | None:
+    """Full name of the message in which the samples of a port are shown under its path; None of most."""
+    return _SCHEMA_OF.get(port.kind) if port.direction == "sensor" else None
+
+
+_SCHEMA_OF = {
+    "gps": "foxglove.LocationFix",
+    "range_array": "foxglove.LaserScan",
+    "scanning_sonar": "foxglove.PointCloud",
+}
+_FRAMES: dict[str, Callable[[Port, SensorView], _Encode | None]] = {
+    "gps": _gps,
+    "range_array": _range_array,
+    "scanning_sonar": _scanning_sonar,
+}
+"""Kinds of sensors that have a message, and so a frame. One that yields pictures has its place here: `foxglove.CompressedImage`."""

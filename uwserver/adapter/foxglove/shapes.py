@@ -1,0 +1,100 @@
+"""Shapes of a scene as Foxglove's primitives."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+
+import numpy as np
+
+from uwserver.adapter.foxglove.messages import cube, cylinder, entity, model, sphere, triangles
+from uwserver.frames import Quat, Vec3, multiply, rotate
+from uwserver.ports import LooksView, ShapeView
+
+Files = Callable[[str], bytes]
+"""The bytes behind a hash; KeyError for one that is not known."""
+
+MOST_TRIANGLES = 100_000
+"""Of one shape: a viewer in a browser chokes on more, and the message would have megabytes. A larger one is drawn with fewer of them."""
+
+_HALF = math.sqrt(0.5)
+_Z_TO_X: Quat = (_HALF, 0.0, _HALF, 0.0)
+"""Ours lie about x, Foxglove's stand about z."""
+_Y_UP: Quat = (0.0, 1.0, 0.0, 0.0)
+_Z_UP: Quat = (_HALF, _HALF, 0.0, 0.0)
+"""From a file's frame to forward, right, down. Viewers take each glTF for y up, as its standard says, and turn it to z up themselves; these turn
+on from there."""
+_PLANE_M, _PLANE_THICK_M = 400.0, 0.02
+_CUBE, _SPHERE, _CYLINDER, _TRIANGLES, _MODEL = 8, 9, 10, 12, 14
+
+
+def entity_of(
+    t_ns: int, frame: str, name: str, shapes: Iterable[ShapeView], looks: LooksView | None, meshes: Files, files: Files
+) -> bytes:
+    """A thing in its frame: its model where it has one, else its shapes."""
+    found: dict[int, list[bytes]] = {}
+    if looks is not None:
+        q = multiply(looks.q, _Y_UP if looks.up == "y" else _Z_UP)
+        found[_MODEL] = [model(looks.p, q, looks.scale, files(looks.sha256))]
+    else:
+        for shape in shapes:
+            for number, part in _primitives(shape, meshes):
+                found.setdefault(number, []).append(part)
+    return entity(t_ns, frame, name, found)
+
+
+def _primitives(shape: ShapeView, meshes: Files) -> list[tuple[int, bytes]]:
+    p, q, rgb = shape.p, shape.q, shape.colour
+    if shape.kind == "box" and shape.size is not None:
+        return [(_CUBE, cube(p, q, shape.size, rgb))]
+    if shape.kind == "plane":
+        down = rotate(q, (0.0, 0.0, 0.5 * _PLANE_THICK_M))
+        return [(_CUBE, cube(_moved(p, down), q, (_PLANE_M, _PLANE_M, _PLANE_THICK_M), rgb))]
+    if shape.kind == "mesh" and shape.mesh is not None:
+        vertices, corners = _mesh(meshes(shape.mesh))
+        return [(_TRIANGLES, triangles(p, q, vertices, corners, rgb))]
+    if shape.radius is None:
+        return []
+    wide = 2.0 * shape.radius
+    ball: Vec3 = (wide, wide, wide)
+    if shape.kind == "sphere" or shape.length is None:
+        return [(_SPHERE, sphere(p, q, ball, rgb))]
+    parts = [(_CYLINDER, cylinder(p, multiply(q, _Z_TO_X), (wide, wide, shape.length), rgb))]
+    if shape.kind == "capsule":
+        for side in (-0.5, 0.5):
+            parts.append((_SPHERE, sphere(_moved(p, rotate(q, (side * shape.length, 0.0, 0.0))), q, ball, rgb)))
+    return parts
+
+
+def _moved(p: Vec3, by: Vec3) -> Vec3:
+    return p[0] + by[0], p[1] + by[1], p[2] + by[2]
+
+
+def _mesh(
+    packed: bytes,
+) -> tuple[np.ndarray[tuple[int, ...], np.dtype[np.float32]], np.ndarray[tuple[int, ...], np.dtype[np.uint32]]]:
+    """Vertices and triangles as the web view gets them: u32 numbers of both, f32 vertices, u32 triangles."""
+    n, m = np.frombuffer(packed, "<u4", 2).tolist()
+    vertices = np.frombuffer(packed, "<f4", 3 * n, 8).reshape(n, 3)
+    corners = np.frombuffer(packed, "<u4", 3 * m, 8 + 12 * n).reshape(m, 3)
+    if m <= MOST_TRIANGLES:
+        return vertices, corners
+    return _coarser(vertices, corners)
+
+
+def _coarser(
+    vertices: np.ndarray[tuple[int, ...], np.dtype[np.float32]],
+    corners: np.ndarray[tuple[int, ...], np.dtype[np.uint32]],
+) -> tuple[np.ndarray[tuple[int, ...], np.dtype[np.float32]], np.ndarray[tuple[int, ...], np.dtype[np.uint32]]]:
+    """Fewer triangles: vertices of one cell of a grid become one (Rossignac and Borrel 1993), and triangles without area go."""
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    edge = max(float((high - low).max()), 1e-6) / (MOST_TRIANGLES / 2.0) ** 0.5
+    while True:
+        place = np.floor((vertices - low) / edge).astype(np.int64)
+        _, first, number = np.unique(place, axis=0, return_index=True, return_inverse=True)
+        merged = number.reshape(-1)[corners].astype(np.uint32)
+        a, b, c = merged.T
+        kept = merged[(a != b) & (b != c) & (c != a)]
+        if len(kept) <= MOST_TRIANGLES:
+            return vertices[first], kept
+        edge *= 1.2  # until all of it is one cell, at the latest

@@ -1,0 +1,65 @@
+"""Channels of a recording that Foxglove, Lichtblick and rerun show without set-up, beside our own. A replay knows nothing of them."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+
+from uwserver.adapter.foxglove import Foreign, SceneChannels
+from uwserver.ports import Event, Port, Sample, SceneState, WaterView
+from uwserver.recording.states import Presence
+from uwserver.scenario.load.resolved import Resolved
+from uwserver.scenario.scene.scenery import Scenery
+from uwserver.world.world import World
+
+log = logging.getLogger(__name__)
+
+_FAULT = "no more is recorded for Foxglove: the recording itself goes on"
+
+
+class FoxgloveChannels:
+    """What is written for viewers of others. On the recorder's thread; reads of the world what does not change in a run.
+
+    A fault of ours ends these channels, not the recording.
+
+    Args:
+        world: as built.
+        resolved: what it was built from.
+    """
+
+    def __init__(self, world: World, resolved: Resolved) -> None:
+        self._water: WaterView | None = None
+        self._scenery = Scenery(resolved, world, self._newest_water)
+        self._channels = SceneChannels(self._scenery.meshes.data.__getitem__, self._scenery.looks.__getitem__)
+        self._ended = False
+
+    def of(self, item: Presence | SceneState | Event) -> Iterator[Foreign]:
+        """Messages that follow from who is there, where everybody is, or what everybody was told."""
+        if self._ended:
+            return
+        try:
+            if isinstance(item, Presence):
+                self._water = item.water or self._water
+                yield self._channels.scene(self._scenery.scene(item.cast), item.t_ns)
+            elif isinstance(item, SceneState):
+                yield from self._channels.state(item)
+            else:
+                yield self._channels.event(item)
+        except Exception:  # ours; what only other viewers need must not end the recording
+            self._ended = True
+            log.exception(_FAULT)
+
+    def of_sample(self, sample: Sample, port: Port) -> Foreign | None:
+        """The message of a sample of this port; None of most."""
+        if self._ended:
+            return None
+        try:
+            return self._channels.sample(port, sample)
+        except Exception:  # as above
+            self._ended = True
+            log.exception(_FAULT)
+            return None
+
+    def _newest_water(self) -> WaterView:
+        assert self._water is not None, "the first presence tells the water"
+        return self._water

@@ -1,0 +1,141 @@
+"""All that a report shows of a recording, worked out once for pages and pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+
+from uwserver.physics.geometry.shapes import Solid
+from uwserver.ports import Event
+from uwserver.recording.report.bathymetry import Area, SeaFloor, outlines, sea_floor
+from uwserver.recording.report.errors import SensorError, sensor_errors
+from uwserver.recording.report.panels import Panel, panels
+from uwserver.recording.report.reading import FloatArray, Recorded
+from uwserver.recording.report.summary import Row, VehicleSummary, summary_of, vehicle_summary
+from uwserver.recording.report.truth import Truth, truth_of
+from uwserver.scenario.solids.archive import unpack
+
+_MARGIN = 0.25
+"""Of the tracks' size, around them."""
+_LEAST_M = 10.0
+"""Half the side of the smallest map."""
+_NARROWEST = 0.6
+"""Shorter side of the map over the longer one, at least."""
+_TRACK_POINTS = 2500
+
+
+@dataclass(frozen=True)
+class Track:
+    """Of a vehicle from above: times (n) s and places (n, 3) m in N; or what its estimator believed."""
+
+    vehicle: str
+    t: FloatArray
+    p: FloatArray
+    is_estimate: bool = False
+
+
+@dataclass(frozen=True)
+class Contents:
+    """Attributes:
+    title: of the report.
+    summary, vehicles: tables.
+    remarks: what is missing or doubtful.
+    events: in order of time.
+    errors: of sensors against the truth.
+    panels: plots over time.
+    tracks, area, floor, outlines: of the map.
+    end_s: of the run.
+    """
+
+    title: str
+    summary: tuple[Row, ...]
+    vehicles: tuple[VehicleSummary, ...]
+    remarks: tuple[str, ...]
+    events: tuple[Event, ...]
+    errors: tuple[SensorError, ...]
+    panels: tuple[Panel, ...]
+    tracks: tuple[Track, ...]
+    area: Area
+    floor: SeaFloor | float | None
+    outlines: tuple[tuple[str, FloatArray], ...]
+    end_s: float
+
+
+def contents_of(recorded: Recorded, only: Collection[str] = ()) -> Contents:
+    """What a report of a recording shows.
+
+    Args:
+        recorded: that was read.
+        only: vehicles that it is about; all without.
+
+    Raises:
+        ValueError: a vehicle of `only` is not in it.
+    """
+    known = list(
+        dict.fromkeys((*recorded.scenario.get("vehicles", {}), *(s.vehicle for s in recorded.series.values())))
+    )
+    for name in only:
+        if name not in known:
+            raise ValueError(f'no vehicle "{name}" in {recorded.path}; there are: {", ".join(known) or "none"}')
+    vehicles = [name for name in known if not only or name in only]
+    truths = {name: truth_of(recorded, name) for name in vehicles}
+    tracks = tuple(track for name in vehicles for track in _tracks(recorded, name, truths[name]))
+    area = _area(tracks)
+    remarks = list(recorded.remarks)
+    solids: dict[str, Solid] = {}
+    try:
+        solids = unpack(recorded.head.get("solids", ""))
+    except ValueError as error:
+        remarks.append(f"Sea floor and structures are not shown: {error}.")
+    floor = sea_floor(solids, area)
+    errors = {n: tuple(sensor_errors(recorded, n, truth)) if (truth := truths[n]) else () for n in vehicles}
+    if any(truths[name] is None for name in vehicles):
+        missing = ", ".join(name for name in vehicles if truths[name] is None)
+        remarks.append(f"Where {missing} really was is not recorded: no track, and no errors of its sensors.")
+    title = str(recorded.scenario["scenario"].get("title") or recorded.scenario.get("name") or recorded.path.stem)
+    return Contents(
+        title=f"{title} ({recorded.path.name})",
+        summary=summary_of(recorded),
+        vehicles=tuple(vehicle_summary(recorded, name, truths[name], errors[name]) for name in vehicles),
+        remarks=tuple(remarks),
+        events=tuple(sorted(recorded.events, key=lambda event: event.t_ns)),
+        errors=tuple(error for name in vehicles for error in errors[name]),
+        panels=tuple(p for name in vehicles for p in panels(recorded, name, truths[name], errors[name], floor)),
+        tracks=tracks,
+        area=area,
+        floor=floor,
+        outlines=tuple(outlines(solids)),
+        end_s=recorded.end_s,
+    )
+
+
+def _tracks(recorded: Recorded, vehicle: str, truth: Truth | None) -> list[Track]:
+    found = []
+    if truth is not None:
+        found.append(_track(vehicle, truth.t, truth.p_NB, is_estimate=False))
+    for series in recorded.series.values():
+        is_estimator = series.kind == "autopilot" and series.direction == "sensor"  # its orders hold a p_N as well
+        if series.vehicle == vehicle and is_estimator and "p_N" in series.columns:
+            known = series.columns.get("position_valid", np.ones((len(series.t), 1)))
+            p = np.where(known > 0.5, series.columns["p_N"], np.nan)
+            if np.isfinite(p[:, :2]).all(axis=1).any():
+                found.append(_track(vehicle, series.t, p, is_estimate=True))
+    return found
+
+
+def _track(vehicle: str, t: FloatArray, p: FloatArray, is_estimate: bool) -> Track:
+    step = max(1, len(t) // _TRACK_POINTS)
+    chosen = np.unique(np.append(np.arange(0, len(t), step), len(t) - 1))
+    return Track(vehicle, t[chosen], p[chosen], is_estimate)
+
+
+def _area(tracks: tuple[Track, ...]) -> Area:
+    places = [track.p[:, :2] for track in tracks if not track.is_estimate] or [np.zeros((1, 2))]
+    points = np.concatenate(places)
+    low, high = points.min(axis=0), points.max(axis=0)
+    half = np.maximum(0.5 * (high - low) * (1.0 + 2.0 * _MARGIN), _LEAST_M)
+    middle, half = 0.5 * (low + high), np.maximum(half, _NARROWEST * half.max())
+    (south, west), (north, east) = (middle - half).tolist(), (middle + half).tolist()
+    return south, north, west, east

@@ -1,0 +1,53 @@
+"""So many points that a screen can show them: of each pixel the least and the largest number."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uwserver.recording.report.reading import FloatArray, IntArray
+
+PIXELS = 900
+"""Columns of a plot; twice as many points are kept."""
+
+
+@dataclass(frozen=True)
+class Thinned:
+    """Attributes:
+    t: (m) s, never decreasing.
+    y: (m, k).
+    """
+
+    t: FloatArray
+    y: FloatArray
+
+
+def thinned(t: FloatArray, y: FloatArray, pixels: int = PIXELS) -> Thinned:
+    """Samples (n, k) at t (n, ascending) as at most two rows a pixel, which hold the extremes of each column in the order in which they came.
+
+    A pixel in which a column has no number at all has none afterwards; a peak is never lost.
+    """
+    if len(t) <= 2 * pixels:
+        return Thinned(t, y)
+    edges = np.linspace(t[0], t[-1], pixels + 1)[1:-1]
+    starts = np.concatenate([[0], np.searchsorted(t, edges)])
+    ends = np.append(starts[1:], len(t))
+    filled = ends > starts
+    starts, ends = starts[filled], ends[filled]
+    low = np.fmin.reduceat(y, starts, axis=0)
+    high = np.fmax.reduceat(y, starts, axis=0)
+    rising = _first_of(y, starts, ends, high) >= _first_of(y, starts, ends, low)
+    pair = np.stack([np.where(rising, low, high), np.where(rising, high, low)], axis=1)
+    middle = 0.5 * (t[starts] + t[ends - 1])
+    times = np.stack([t[starts], np.maximum(middle, t[starts])], axis=1)
+    return Thinned(times.reshape(-1), pair.reshape(-1, y.shape[1]))
+
+
+def _first_of(y: FloatArray, starts: IntArray, ends: IntArray, value: FloatArray) -> FloatArray:
+    """Where in its pixel each column first has this value; (pixels, k)."""
+    pixel = np.repeat(np.arange(len(starts)), ends - starts)
+    number = np.arange(len(y), dtype=float)[:, None]
+    places = np.where(y == value[pixel], number, np.inf)
+    found: FloatArray = np.minimum.reduceat(places, starts, axis=0)
+    return found

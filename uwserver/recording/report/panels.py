@@ -1,0 +1,324 @@
+"""What is drawn of a recording, over time: for a page and for pictures alike."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from uwserver.recording.report.bathymetry import SeaFloor, png
+from uwserver.recording.report.errors import BOUND, SensorError
+from uwserver.recording.report.reading import FloatArray, Recorded, Series
+from uwserver.recording.report.truth import Truth, euler, rotations
+from uwserver.units import deg
+
+_WIDE = 12
+"""Components of a field above which it is drawn as a picture over time."""
+_COLUMNS = 1200
+"""Of a picture over time, at most."""
+_EXACT = 1e-5
+"""Errors below this, in the unit of the sensor, of one without configured errors are rounding: not drawn."""
+_TURN_DEG = deg(2.0 * np.pi)
+
+
+@dataclass(frozen=True)
+class Line:
+    """One number over time: (n) m."""
+
+    label: str
+    y: FloatArray
+    is_stepped: bool = False
+    is_faint: bool = False
+
+
+@dataclass(frozen=True)
+class Table:
+    """Lines that share their times (n), s."""
+
+    t: FloatArray
+    lines: tuple[Line, ...]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A number over time and another axis, as a picture whose first row is at `high`.
+
+    Attributes:
+        begin, end: s.
+        low, high: of the other axis.
+        png: bytes.
+        least, most: what the darkest and the brightest stand for.
+        unit: of these.
+    """
+
+    begin: float
+    end: float
+    low: float
+    high: float
+    png: bytes
+    least: float
+    most: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Attributes:
+    vehicle: whose.
+    group: heading under which it stands.
+    title, unit: of the vertical axis.
+    tables: what is drawn.
+    is_down: large numbers are below, as depths.
+    band: the last table holds an upper and a lower line for each of the first: what is between is filled.
+    picture: instead of lines.
+    note: what a reader should know.
+    """
+
+    vehicle: str
+    group: str
+    title: str
+    unit: str
+    tables: tuple[Table, ...] = ()
+    is_down: bool = False
+    band: bool = False
+    picture: Picture | None = None
+    note: str = ""
+
+
+def panels(
+    recorded: Recorded, vehicle: str, truth: Truth | None, errors: Sequence[SensorError], floor: SeaFloor | float | None
+) -> Iterator[Panel]:
+    """All of a vehicle, group by group; what was not recorded has none."""
+    return iter(sorted(_panels(recorded, vehicle, truth, errors, floor), key=lambda panel: _GROUPS.index(panel.group)))
+
+
+_GROUPS = ("Motion", "Actuators", "Battery", "DVL", "Sonar", "Errors against the truth", "Other sensors")
+
+
+def _panels(
+    recorded: Recorded, vehicle: str, truth: Truth | None, errors: Sequence[SensorError], floor: SeaFloor | float | None
+) -> Iterator[Panel]:
+    mine = [series for series in recorded.series.values() if series.vehicle == vehicle]
+    sensors = [series for series in mine if series.direction == "sensor"]
+    motion = "Motion"
+    yield from _panel(vehicle, motion, "Depth", "m", _depths(sensors, truth, floor), is_down=True)
+    yield from _panel(vehicle, motion, "Altitude", "m", _altitudes(sensors))
+    yield from _panel(vehicle, motion, "Roll and pitch", "deg", _tilts(sensors, truth))
+    yield from _panel(vehicle, motion, "Heading", "deg", _headings(sensors, truth))
+    if truth is not None and truth.v_NB_B is not None:
+        v = truth.v_NB_B.T
+        lines = tuple(Line(name, row) for name, row in zip(("surge", "sway", "heave"), v, strict=True))
+        yield Panel(vehicle, motion, "Velocity", "m/s", (Table(truth.t, lines),))
+    for series in mine:
+        if series.direction == "actuator" and series.kind != "autopilot":
+            yield from _fields(series, "Actuators", is_stepped=True)
+    for series in sensors:
+        if series.kind in ("rpm", "autopilot"):
+            yield from _fields(series, "Actuators", ("outputs", "speeds", "tau"))
+        elif series.kind == "battery":
+            yield from _fields(series, "Battery", ("voltage", "current", "charge"))
+        elif series.kind == "dvl" and "beam_locks" in series.columns:
+            yield _locks(series)
+        elif series.kind == "scanning_sonar":
+            yield from _waterfall(series)
+    for error in errors:
+        if error.sigma is not None or error.path.endswith("/state") or np.nanmax(np.abs(error.error)) > _EXACT:
+            yield _error(vehicle, error)
+    for series in sensors:
+        if series.kind not in _SHOWN:
+            yield from _fields(series, "Other sensors")
+
+
+_SHOWN = ("rpm", "battery", "scanning_sonar", "autopilot", "truth_pose", "truth_velocity", "truth_acceleration")
+
+
+def _panel(
+    vehicle: str, group: str, title: str, unit: str, tables: Iterator[Table], *, is_down: bool = False
+) -> Iterator[Panel]:
+    found = tuple(tables)
+    if found:
+        yield Panel(vehicle, group, title, unit, found, is_down)
+
+
+def _table(
+    series: Series, label: str, name: str, factor: float = 1.0, column: int = 0, **look: bool
+) -> Iterator[Table]:
+    """One column of a series, where it was valid; nothing where it has none."""
+    if name in series.columns:
+        y = np.where(series.valid, series.columns[name][:, column], np.nan) * factor
+        if np.isfinite(y).any():
+            yield Table(series.t, (Line(label, y, **look),))
+
+
+def _short(series: Series) -> str:
+    return series.path.partition("/")[2]
+
+
+def _depths(sensors: Sequence[Series], truth: Truth | None, floor: SeaFloor | float | None) -> Iterator[Table]:
+    if truth is not None:
+        yield Table(truth.t, (Line("true", truth.p_NB[:, 2]),))
+        if floor is not None:
+            below = floor.below(*truth.p_NB[:, :2].T) if isinstance(floor, SeaFloor) else np.full(len(truth.t), floor)
+            if np.isfinite(below).any():
+                yield Table(truth.t, (Line("sea floor", below, is_faint=True),))
+    for series in sensors:
+        if series.kind == "autopilot":
+            yield from _table(series, "estimate", "depth")
+            yield from _table(series, "set point", "depth_ref", is_stepped=True)
+        elif series.kind == "pressure":
+            yield from _table(series, _short(series), "depth")
+
+
+def _altitudes(sensors: Sequence[Series]) -> Iterator[Table]:
+    for series in sensors:
+        if series.kind in ("dvl", "autopilot"):
+            yield from _table(series, _short(series), "altitude")
+        elif series.kind == "altimeter":
+            yield from _table(series, _short(series), "range")
+
+
+def _tilts(sensors: Sequence[Series], truth: Truth | None) -> Iterator[Table]:
+    for label, t, angles in _attitudes(sensors, truth):
+        yield Table(t, (Line(f"roll, {label}", angles[:, 0]), Line(f"pitch, {label}", angles[:, 1])))
+
+
+def _headings(sensors: Sequence[Series], truth: Truth | None) -> Iterator[Table]:
+    start: float | None = None
+    for label, t, angles in _attitudes(sensors, truth):
+        y, start = _unwrapped(angles[:, 2], start)
+        yield Table(t, (Line(label, y),))
+    for series in sensors:
+        if series.kind == "autopilot" and "heading_ref" in series.columns:
+            y, start = _unwrapped(series.columns["heading_ref"][:, 0] * deg(1.0), start)
+            if np.isfinite(y).any():
+                yield Table(series.t, (Line("set point", y, is_stepped=True),))
+
+
+def _attitudes(sensors: Sequence[Series], truth: Truth | None) -> Iterator[tuple[str, FloatArray, FloatArray]]:
+    """Name, times and roll, pitch, yaw (n, 3) in degrees, of all that tell an attitude of the body."""
+    if truth is not None:
+        yield "true", truth.t, euler(rotations(truth.q_NB)) * deg(1.0)
+    for series in sensors:
+        name = {"attitude": "q_NS", "autopilot": "q_NB"}.get(series.kind)
+        if name in series.columns:
+            q = np.where(series.valid[:, None], series.columns[name], np.nan)
+            if np.isfinite(q).any():
+                yield _short(series), series.t, euler(rotations(q)) * deg(1.0)
+
+
+def _unwrapped(angle: FloatArray, start: float | None) -> tuple[FloatArray, float | None]:
+    """Angles (n, degrees) without jumps of a turn, beginning within half a turn of `start`, from 0 to one turn otherwise; and where they begin."""
+    good = np.flatnonzero(np.isfinite(angle))
+    if not len(good):
+        return angle, start
+    whole = np.array(angle)
+    whole[good] = np.unwrap(angle[good], period=_TURN_DEG)
+    first = float(whole[good[0]])
+    turns = np.floor(first / _TURN_DEG) if start is None else np.rint((first - start) / _TURN_DEG)
+    whole -= turns * _TURN_DEG
+    return whole, first - turns * _TURN_DEG if start is None else start
+
+
+def _fields(
+    series: Series, group: str, names: Sequence[str] | None = None, *, is_stepped: bool = False
+) -> Iterator[Panel]:
+    """A panel for each field that has numbers."""
+    for name, column in series.columns.items():
+        if names is not None and name not in names:
+            continue
+        field = series.fields[name]
+        valid = np.where(series.valid[:, None], column, np.nan)
+        if not np.isfinite(valid).any():
+            continue
+        title = f"{_short(series)} {name}"
+        if column.shape[1] > _WIDE:
+            yield Panel(
+                series.vehicle,
+                group,
+                title,
+                "",
+                picture=_picture(series.t, valid, 0.0, float(column.shape[1]), field.unit),
+            )
+            continue
+        stepped = is_stepped or field.type in ("bool", "int")
+        lines = tuple(
+            Line(_part(field.frame, field.size, field.is_rotation, k), row, stepped) for k, row in enumerate(valid.T)
+        )
+        yield Panel(series.vehicle, group, title, field.unit, (Table(series.t, lines),))
+
+
+def _part(frame: str, size: int, is_rotation: bool, k: int) -> str:
+    if is_rotation:
+        return "wxyz"[k]
+    return "xyz"[k] if frame and size == 3 else str(k + 1)
+
+
+def _locks(series: Series) -> Panel:
+    locks = np.nan_to_num(series.columns["beam_locks"])
+    share = float(np.mean(series.valid)) if len(series.valid) else 0.0
+    lines = (
+        Line("beams in lock", locks.sum(axis=1), is_stepped=True),
+        Line("valid", series.valid.astype(float), is_stepped=True),
+    )
+    note = f"valid in {share:.1%} of {len(series.t)} samples"
+    return Panel(series.vehicle, "DVL", f"{_short(series)} lock", "beams", (Table(series.t, lines),), note=note)
+
+
+def _waterfall(series: Series) -> Iterator[Panel]:
+    bins, reach = series.columns.get("bins"), series.columns.get("range")
+    if bins is None or reach is None or not np.isfinite(bins).any() or not np.isfinite(reach).any():
+        return
+    far = float(np.nanmax(reach))
+    note = (
+        "each ping as it came, whatever the head's bearing"
+        if np.nanmin(reach) == far
+        else "pings of shorter range are stretched"
+    )
+    picture = _picture(series.t, bins, 0.0, far, series.fields["bins"].unit)
+    yield Panel(series.vehicle, "Sonar", f"{_short(series)} range", "m", is_down=True, picture=picture, note=note)
+
+
+def _picture(t: FloatArray, rows: FloatArray, low: float, high: float, unit: str) -> Picture:
+    """Of rows (n, k) over time: the largest of each pixel."""
+    count = min(_COLUMNS, len(t))
+    begin, end = float(t[0]), float(t[-1])
+    place = np.clip(((t - begin) / max(end - begin, 1e-9) * count).astype(int), 0, count - 1)
+    columns: FloatArray = np.full((count, rows.shape[1]), np.nan)
+    np.fmax.at(columns, place, rows)
+    # A pixel without a sample shows the one before: a slow sensor gives no stripes.
+    filled = np.isfinite(columns).any(axis=1)
+    last = np.maximum.accumulate(np.where(filled, np.arange(count), 0))
+    columns = columns[last]
+    least, most = float(np.nanmin(columns)), float(np.nanmax(columns))
+    grey = np.nan_to_num((columns - least) / max(most - least, 1e-12)) * 255.0
+    # Rows of the picture run from the far end down to the near one.
+    return Picture(begin, end, low, high, png(np.rint(grey.T[::-1]).astype(np.uint8), _SONAR), least, most, unit)
+
+
+def _ramp(stops: Mapping[int, tuple[int, int, int]]) -> bytes:
+    places = list(stops)
+    colours = np.array(list(stops.values()), dtype=float)
+    ramp = np.stack([np.interp(np.arange(256), places, c) for c in colours.T], axis=1)
+    return bytes(np.rint(ramp).astype(np.uint8).tobytes())
+
+
+_SONAR = _ramp({0: (8, 8, 20), 70: (72, 30, 92), 140: (190, 70, 60), 200: (246, 160, 50), 255: (255, 248, 210)})
+"""Dark blue to white over red and orange: brightness grows with the number."""
+
+
+def _error(vehicle: str, error: SensorError) -> Panel:
+    tables = [Table(error.t, tuple(Line(label, y) for label, y in zip(error.labels, error.error.T, strict=True)))]
+    note = f"rms {error.rms:.3g} {error.unit} in {len(error.t)} samples"
+    if error.sigma is not None:
+        most = ", the largest" if len(error.labels) > 1 else ""
+        edges = [
+            Line(f"{sign}3 sigma{most}", side * BOUND * error.sigma.max(axis=1), is_faint=True)
+            for sign, side in (("+", 1), ("-", -1))
+        ]
+        tables.append(Table(error.t, tuple(edges)))
+        note += f"; {error.inside:.1%} of the numbers within 3 sigma" if error.inside is not None else ""
+    title = f"{error.path.partition('/')[2]} {error.title}"
+    return Panel(
+        vehicle, "Errors against the truth", title, error.unit, tuple(tables), band=error.sigma is not None, note=note
+    )
