@@ -52,6 +52,18 @@ async def _web_page(context: FakeContext) -> TcpPeer:
     return peer
 
 
+async def _rosbridge_client(context: FakeContext) -> TcpPeer:
+    """A client of rosbridge, after its handshake."""
+    address = context.stats.address.removeprefix("ws://")
+    peer = await TcpPeer.connect(replace(context, stats=AdapterStats(address=address)))
+    await peer.send(
+        b"GET / HTTP/1.1\r\nHost: %s\r\nConnection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n"
+        b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n" % address.encode()
+    )
+    assert (await peer.reader.readuntil(b"\r\n\r\n")).startswith(b"HTTP/1.1 101 ")
+    return peer
+
+
 def _web(text: str) -> bytes:
     """A text message of a page."""
     return Frame(Opcode.TEXT, text.encode()).serialize(mask=True)
@@ -248,6 +260,7 @@ KITS: dict[str, tuple[dict[str, Any], Connect, bytes]] = {
     "moosdb": ({"port": 0, "queue_bytes": 1 << 20}, TcpPeer.connect, MOOS_HELLO + MOOS_HEAR_ALL),
     "moos_text": ({"port": 0}, TcpPeer.connect, b"SUBSCRIBE *\n"),
     "px4_hil": ({"port": 0, "truth": True}, TcpPeer.connect, PX4_HEARTBEAT),
+    "rosbridge": ({"port": 0}, _rosbridge_client, _web('{"op":"subscribe","topic":"/rov/imu"}')),
     "sockets": ({"port": 0}, TcpPeer.connect, b'{"method":"subscribe","params":{"pattern":"**"}}\n'),
     "web": ({"port": 0}, _web_page, _web('{"method":"subscribe","params":{"pattern":"**"}}')),
     "zenoh": ({"listen": ("tcp/127.0.0.1:0",), "scouting": False}, _zenoh_transport, b""),
@@ -278,6 +291,11 @@ REQUESTS = {
         many=b'{"method":"call","params":{"service":"world/run_until","args":{"t_s":9}}}\n',
         misspelt=b'{"id":3,"method":"call","params":{"service":"world/run_untill","args":{"t_s":9}}}\n',
     ),
+    "rosbridge": Requests(
+        _web('{"op":"call_service","id":"1","service":"/world/run_until","args":{"t_s":9}}'),
+        many=_web('{"op":"call_service","service":"/world/run_until","args":{"t_s":9}}'),
+        misspelt=_web('{"op":"call_service","id":"3","service":"/world/run_untill","args":{"t_s":9}}'),
+    ),
     "web": Requests(
         _web('{"id":1,"method":"call","params":{"service":"world/run_until","args":{"t_s":9}}}'),
         cancel=_web('{"id":2,"method":"cancel","params":{"id":1}}'),
@@ -307,6 +325,7 @@ UNSAID = {
     "mavlink": {_CANCEL, _TIME_OUT, _NAMES},
     "ardupilot_json": {_LEAVES, _CANCEL, _TIME_OUT, _NAMES},
     "px4_hil": {_LEAVES, _CANCEL, _TIME_OUT, _NAMES},
+    "rosbridge": {_CANCEL, _TIME_OUT},
     "sockets": {_TIME_OUT},
     "web": {_TIME_OUT},
     "moos": {_CANCEL},
