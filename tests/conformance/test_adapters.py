@@ -260,6 +260,7 @@ KITS: dict[str, tuple[dict[str, Any], Connect, bytes]] = {
     "moosdb": ({"port": 0, "queue_bytes": 1 << 20}, TcpPeer.connect, MOOS_HELLO + MOOS_HEAR_ALL),
     "moos_text": ({"port": 0}, TcpPeer.connect, b"SUBSCRIBE *\n"),
     "px4_hil": ({"port": 0, "truth": True}, TcpPeer.connect, PX4_HEARTBEAT),
+    "ros2": ({"listen": ("tcp/127.0.0.1:0",), "domain": 0}, _zenoh_transport, b""),
     "rosbridge": ({"port": 0}, _rosbridge_client, _web('{"op":"subscribe","topic":"/rov/imu"}')),
     "sockets": ({"port": 0}, TcpPeer.connect, b'{"method":"subscribe","params":{"pattern":"**"}}\n'),
     "web": ({"port": 0}, _web_page, _web('{"method":"subscribe","params":{"pattern":"**"}}')),
@@ -291,6 +292,7 @@ REQUESTS = {
         many=b'{"method":"call","params":{"service":"world/run_until","args":{"t_s":9}}}\n',
         misspelt=b'{"id":3,"method":"call","params":{"service":"world/run_untill","args":{"t_s":9}}}\n',
     ),
+    "ros2": Requests(),  # its own tests call services: a stranger on this port has no session
     "rosbridge": Requests(
         _web('{"op":"call_service","id":"1","service":"/world/run_until","args":{"t_s":9}}'),
         many=_web('{"op":"call_service","service":"/world/run_until","args":{"t_s":9}}'),
@@ -325,6 +327,7 @@ UNSAID = {
     "mavlink": {_CANCEL, _TIME_OUT, _NAMES},
     "ardupilot_json": {_LEAVES, _CANCEL, _TIME_OUT, _NAMES},
     "px4_hil": {_LEAVES, _CANCEL, _TIME_OUT, _NAMES},
+    "ros2": {_LEAVES, _CANCEL, _TIME_OUT, _NAMES, "check_flood"},
     "rosbridge": {_CANCEL, _TIME_OUT},
     "sockets": {_TIME_OUT},
     "web": {_TIME_OUT},
@@ -446,7 +449,7 @@ def test_installed_adapters(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert kind in KITS, f'adapter "{kind}" has no row in KITS'
     table, connect, greeting = KITS[kind]
     adapter = load_adapter(kind)
-    if kind == "zenoh":
+    if kind in ("ros2", "zenoh"):
         _warm_zenoh()
     if kind == "mavlink":
         pytest.importorskip("pymavlink", reason="pymavlink is not installed")

@@ -113,7 +113,7 @@ class Feed:
         self._by_port: Mapping[str, Sequence[Outlet]] = {}
         self._renewing: asyncio.Task[None] | None = None
         self.wanted: Collection[str] = ()
-        self._take(Catalogue.of(types, self._with_time(facts), context))
+        self.catalogue = Catalogue.of(types, self._with_time(facts), context)
 
     def _with_time(self, facts: Facts) -> Facts:
         world = self._context.world
