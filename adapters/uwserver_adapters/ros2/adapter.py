@@ -73,7 +73,7 @@ class Ros2Adapter:
         carrier = ZenohCarrier(session, self.config, types, sender, self.context.stats, self._refusals)
         node = Node(self.context, self.config, self._refusals, carrier, types)
         try:
-            await node.feed.renew()
+            node.feed.begin()
             with serving(self.context, node, self.context.stats.address, ready):
                 while True:
                     carrier.look()
