@@ -5,11 +5,16 @@ from __future__ import annotations
 import asyncio
 import logging
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from uwserver.adapter import AdapterContext, Refusals, Worker, serving
+from uwserver.adapter import AdapterContext, CannotServe, Refusals, Worker, serving
 from uwserver_adapters.ros2.config import Ros2Config
 from uwserver_adapters.zenoh_bus.config import ZenohConfig, is_exposed
+
+if TYPE_CHECKING:
+    from uwserver_adapters.ros2.node import Node
+    from uwserver_adapters.ros2.rmw_dds import DdsCarrier
+    from uwserver_adapters.ros2.rmw_zenoh import ZenohCarrier
 
 log = logging.getLogger(__name__)
 
@@ -35,10 +40,17 @@ class Ros2Adapter:
             CannotServe: a package is not installed, a setting is wrong, or an endpoint cannot be had.
         """
         stats, held = self.context.stats, list[Any]()
+        if self.config.transport == "dds" and not self.config.allow_network:
+            raise CannotServe(
+                "DDS listens on all interfaces of this machine, and asks nobody who he is: say allow_network = true if that may be, "
+                'or take transport = "zenoh"'
+            )
         sender = Worker("ros2 sender", stats)
         try:
-            session = await self._open(sender, held)
-            await self._serve(session, sender, ready)
+            if self.config.transport == "dds":
+                await self._serve_dds(sender, ready)
+            else:
+                await self._serve(await self._open(sender, held), sender, ready)
         finally:
             await sender.close(lambda: [session.close() for session in held])
             stats.state = "stopped"
@@ -71,7 +83,22 @@ class Ros2Adapter:
 
         types = Types(self.config.ros_distro)
         carrier = ZenohCarrier(session, self.config, types, sender, self.context.stats, self._refusals)
-        node = Node(self.context, self.config, self._refusals, carrier, types)
+        await self._live(Node(self.context, self.config, self._refusals, carrier, types), carrier, ready)
+
+    async def _serve_dds(self, sender: Worker, ready: asyncio.Event) -> None:
+        from uwserver_adapters.ros.messages.types import Types
+        from uwserver_adapters.ros2.node import Node
+
+        types = Types(self.config.ros_distro)
+        try:
+            from uwserver_adapters.ros2.rmw_dds import DdsCarrier
+        except ImportError as error:
+            raise CannotServe(f"{error.name} is not installed: pip install 'uwserver[dds]'") from error
+        self.context.stats.address = f"domain {self.config.its_domain}"
+        carrier = DdsCarrier(self.config, types, sender, self.context.stats)
+        await self._live(Node(self.context, self.config, self._refusals, carrier, types), carrier, ready)
+
+    async def _live(self, node: Node, carrier: ZenohCarrier | DdsCarrier, ready: asyncio.Event) -> None:
         try:
             node.feed.begin()
             with serving(self.context, node, self.context.stats.address, ready):
@@ -79,8 +106,8 @@ class Ros2Adapter:
                     carrier.look()
                     await asyncio.sleep(LOOK_S)
         finally:
-            carrier.close()
             await node.close()
+            carrier.close()
 
 
 def session_of(config: Ros2Config) -> ZenohConfig:

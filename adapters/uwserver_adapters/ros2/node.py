@@ -95,7 +95,7 @@ class Node:
         _close_others(self._inlets, wanted)
         for topic, kind in wanted - self._inlets.keys():
             self._inlets[topic, kind] = carrier.listen(topic, kind, self._taker(topic))
-        offered = {(o.name, o.type) for o in catalogue.offers.values()} if self._config.services else set()
+        offered = {(o.name, o.type) for o in catalogue.offers.values()} if self._config.offers_services else set()
         _close_others(self._offers, offered)
         for service, kind in offered - self._offers.keys():
             self._offers[service, kind] = carrier.serve(service, kind, self._server(service))
