@@ -59,7 +59,7 @@ class Facts:
 def mounts_of(scene: SceneView) -> dict[str, Mount]:
     """The mounts of all sensors of a world."""
     return {
-        sensor.path: Mount(sensor.p, sensor.q, sensor.beams, sensor.fan)
+        sensor.path: Mount(sensor.p, sensor.q, sensor.beams, sensor.fan, sensor.sigmas or {})
         for body in scene.vehicles
         for sensor in body.sensors
     }
@@ -139,9 +139,12 @@ class Source:
         return self.types.header(self.facts.epoch_ns + sample.t_ns, self.frame if frame is None else frame)
 
     def variances(self, name: str, size: int = 3) -> tuple[float, ...]:
-        """Configured variance of each component of a field; zeros where it is unknown, as ROS says that."""
-        sigma = self.mount.sigmas.get(name, 0.0) if self.mount is not None else 0.0
-        parts = sigma if isinstance(sigma, tuple) else (sigma,) * size
+        """Configured variance of each component of a field; zeros where it is unknown, as ROS says that. A stream has errors of its own, which
+        are not known here."""
+        is_own = self.mount is not None and self.port.path in self.facts.mounts
+        sigma = self.mount.sigmas.get(name, 0.0) if is_own and self.mount is not None else 0.0
+        parts = sigma if isinstance(sigma, tuple) else (sigma,)
+        parts = parts * size if len(parts) == 1 else parts
         return tuple(part * part for part in parts)
 
     def outlet(

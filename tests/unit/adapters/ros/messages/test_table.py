@@ -12,14 +12,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from idl_rig import Classes
+from msgspec import structs
 from ros_rig import DEG, EPOCH_NS, FACTS, MOUNTS, PORTS, T_NS, catalogue, messages, sample
 from uwserver_adapters.ros.messages import DISTROS, BadMessage, Facts, Mount, Types
 from uwserver_adapters.ros.messages.frames import attitude, covariance, enu, flu
 from uwserver_adapters.ros.messages.plain import built, plain
+from uwserver_adapters.ros.messages.source import mounts_of
 from uwserver_adapters.ros.messages.types import dds_name, full_name
 
 from uwserver.frames import matrix, multiply, quat_from_rpy, rotate
-from uwserver.ports import Buffer
+from uwserver.ports import BodyView, Buffer, Cast, SensorView
+from uwserver.testing.fake_context import WORLD
+from uwserver.testing.fake_scene import bare_scene
 
 GOLDEN = Path(__file__).with_name("golden.json")
 
@@ -385,6 +389,9 @@ def test_streams_share_the_mount_of_their_sensor():
     port = PORTS["rov/imu"]
     stream = type(port)("rov/imu/ideal", *[getattr(port, name) for name in port.__struct_fields__[1:]])
     assert Source(Types(), FACTS, stream).frame == "rov/imu"
+    # Its errors are its own, which nobody tells.
+    assert Source(Types(), FACTS, stream).variances("w_S") == (0.0, 0.0, 0.0)
+    assert Source(Types(), FACTS, port).variances("w_S") == pytest.approx((1e-4,) * 3)
     assert ros_name("rov-1/2nd imu") == "rov_1/_2nd_imu"
     assert Mount().sigmas == {}
 
@@ -444,3 +451,18 @@ def test_a_rotation_of_the_table_is_a_rotation():
         assert np.linalg.det(np.array(matrix(q))) == pytest.approx(1.0)
         assert multiply(q, (q[0], -q[1], -q[2], -q[3])) == pytest.approx((1.0, 0.0, 0.0, 0.0))
     assert struct.calcsize("<37d") == 296
+
+
+def test_configured_errors_reach_the_covariance():
+    """From what a scenario configures to the message."""
+    view = SensorView(
+        "rov/imu", "imu", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), sigmas={"w_S": (0.02,), "f_S": (0.1, 0.2, 0.3)}
+    )
+    scene = structs.replace(
+        bare_scene(Cast(1, (), ()), WORLD), vehicles=(BodyView("rov", "x", "rov", (), sensors=(view,)),)
+    )
+    facts = Facts(epoch_ns=EPOCH_NS, mounts=mounts_of(scene))
+    (outlet,) = (outlet for outlet in catalogue(facts=facts).outlets if outlet.topic == "/rov/imu")
+    imu = Types().from_cdr(outlet.cdr(sample(PORTS["rov/imu"])), "sensor_msgs/msg/Imu")
+    assert imu.angular_velocity_covariance == pytest.approx(np.diag([4e-4] * 3).ravel())
+    assert imu.linear_acceleration_covariance == pytest.approx(np.diag([0.01, 0.04, 0.09]).ravel())
