@@ -27,6 +27,7 @@ PARTS = (
     "net",
     "moos",
     "mavlink",
+    "ros",
     "sil",
     "web",
     "hostile",
@@ -62,7 +63,8 @@ def bench(
     minutes: float | None,
     only: str,
 ) -> None:
-    """Measure physics, solids, contact, sensors, swarm, server, start, net, moos, mavlink, sil, web and hostile (or one PART) on an idle machine.
+    """Measure physics, solids, contact, sensors, swarm, server, start, net, moos, mavlink, ros, sil, web and hostile (or one PART) on an
+    idle machine.
 
     All of it takes half an hour.
 

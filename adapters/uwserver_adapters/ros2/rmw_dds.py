@@ -38,7 +38,7 @@ _HEADER = slice(4, 20)
 _GRAPH, _GRAPH_TYPE = "ros_discovery_info", "rmw_dds_common/msg/ParticipantEntitiesInfo"
 
 
-def _qos(type_hash: str, depth: int = 10, latched: bool = False, reliable: bool = True, more: str = "") -> Any:
+def endpoint_qos(type_hash: str, depth: int = 10, latched: bool = False, reliable: bool = True, more: str = "") -> Any:
     """Of an endpoint. The old data representation: without it other vendors discover us and exchange nothing."""
     waits = Policy.Reliability.Reliable(duration(milliseconds=BLOCKING_MS))
     words = more + (f"typehash={type_hash};" if type_hash.startswith("RIHS01_") else "")
@@ -83,14 +83,14 @@ class _Writer:
 
     def put(self, data: bytes) -> bool:
         """See `Writer`."""
-        return self._carrier.sender.send(partial(_write, self._entity, data))
+        return self._carrier.sender.send(partial(write, self._entity, data))
 
     def close(self) -> None:
         """See `Writer`."""
         self._carrier.drop_entity(self._entity)
 
 
-def _write(entity: Any, data: bytes) -> None:
+def write(entity: Any, data: bytes) -> None:
     """What `DataWriter.write` ends in, without making bytes of an object first. The C layer checks them against the type."""
     result = ddspy_write(entity._ref, data)  # noqa: SLF001  # there is no public way to write bytes
     if result < 0:
@@ -126,7 +126,7 @@ class DdsCarrier:
         self._topics: dict[str, Any] = {}
         self._writers: list[Any] = []
         self._readers: list[Any] = []
-        graph = _qos(types.hash(_GRAPH_TYPE) if _GRAPH_TYPE in types else "", latched=True)
+        graph = endpoint_qos(types.hash(_GRAPH_TYPE) if _GRAPH_TYPE in types else "", latched=True)
         self._graph = DataWriter(self._participant, self._topic(_GRAPH, self._graph_class()), qos=graph)
         self._is_changed = True
 
@@ -154,7 +154,7 @@ class DdsCarrier:
             writer_gid_seq=[self._gid(writer) for writer in self._writers],
         )  # fmt: skip
         told = make(_GRAPH_TYPE, gid=self._gid(self._participant), node_entities_info_seq=[node])
-        self.sender.send(partial(_write, self._graph, self._types.cdr(told)))
+        self.sender.send(partial(write, self._graph, self._types.cdr(told)))
 
     def _gid(self, entity: Any) -> object:
         """16 bytes; humble has 24, the last of which are zero."""
@@ -182,7 +182,7 @@ class DdsCarrier:
                 self._loop.call_soon_threadsafe(heard, topic, count > 0)
 
         where = self._topic(f"rt{topic}", self._classes.of(type_name))
-        qos = _qos(self._types.hash(type_name), latched=latched)
+        qos = endpoint_qos(self._types.hash(type_name), latched=latched)
         entity = DataWriter(self._participant, where, qos=qos, listener=_Matched(told))
         self._writers.append(entity)
         self._is_changed = True
@@ -200,7 +200,7 @@ class DdsCarrier:
                 if isinstance(sample, Raw):
                     self._inbox.put((take, sample.data))
 
-        qos = _qos(self._types.hash(type_name), 10 if reliable else 1, reliable=reliable, more=more)
+        qos = endpoint_qos(self._types.hash(type_name), 10 if reliable else 1, reliable=reliable, more=more)
         entity = DataReader(self._participant, self._topic(name, kind), qos=qos, listener=_Came(came))
         self._readers.append(entity)
         self._is_changed = True
@@ -210,7 +210,7 @@ class DdsCarrier:
         """See `Carrier`; in the dialect of rmw_cyclonedds, whose header stands before the fields of request and response."""
         request, response = f"{type_name}_Request", f"{type_name}_Response"
         where = self._topic(f"rr{service}Reply", self._classes.of(response, in_service=True))
-        writer = DataWriter(self._participant, where, qos=_qos(self._types.hash(type_name)))
+        writer = DataWriter(self._participant, where, qos=endpoint_qos(self._types.hash(type_name)))
         number = ".".join(f"{byte:02x}" for byte in writer.guid.bytes)
         self._writers.append(writer)
 
@@ -220,7 +220,7 @@ class DdsCarrier:
                 return
 
             def respond(body: bytes) -> None:
-                self.sender.send(partial(_write, writer, body[:4] + header + body[4:]))
+                self.sender.send(partial(write, writer, body[:4] + header + body[4:]))
 
             take(data[:4] + data[20:], header[:8].hex(), respond)
 
