@@ -36,26 +36,32 @@ class Classes:
 
     def __init__(self, types: Types) -> None:
         self._types = types
-        self._made: dict[tuple[str, bool], Any] = {}
+        self._made: dict[tuple[str, bool, bool], Any] = {}
 
     def of(self, name: str, in_service: bool = False) -> Any:
         """The class of a message type; in a service its requests and responses have a header."""
-        known = self._made.get((name, in_service))
+        return self._class(name, in_service, False)
+
+    def raw(self, name: str, in_service: bool = False) -> Any:
+        """A class of the same type whose samples are read as `Raw`."""
+        return self._class(name, in_service, True)
+
+    def _class(self, name: str, in_service: bool, is_raw: bool) -> Any:
+        key = (name, in_service, is_raw)
+        known = self._made.get(key)
         if known is not None:
             return known
         fields = dict(HEADER) if in_service else {}
         fields |= {field: self._kind(described) for field, described in self._types.fields(name)}
         package, kind, short = name.split("/")
         made: Any = make_idl_struct(f"{short}_", f"{package}.{kind}.dds_.{short}_", fields)
-        # cyclonedds looks for nested types by their names where the class says it stands.
-        setattr(sys.modules[made.__module__], made.__name__, made)
-        self._made[name, in_service] = made
+        if is_raw:
+            made.deserialize = staticmethod(_raw)
+        else:
+            # cyclonedds looks for nested types by their names where the class says it stands.
+            setattr(sys.modules[made.__module__], made.__name__, made)
+        self._made[key] = made
         return made
-
-    def raw(self, name: str, in_service: bool = False) -> Any:
-        """A class of the same type whose samples are read as `Raw`."""
-        made = self.of(name, in_service)
-        return type(made.__name__, (made,), {"deserialize": staticmethod(_raw), "__idl__": made.__idl__})
 
     def _kind(self, described: Any) -> Any:
         kind, what = described

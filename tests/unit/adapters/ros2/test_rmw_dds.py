@@ -165,3 +165,20 @@ def test_the_network_is_asked_for():
     asyncio.run(story())
     assert not Ros2Config(transport="dds").offers_services
     assert Ros2Config().offers_services
+
+
+def test_what_is_read_raw_keeps_the_name_of_its_type():
+    """Another vendor matches endpoints by it; a class of each type is made once."""
+    from uwserver_adapters.ros.messages import Types
+    from uwserver_adapters.ros2.idl import Classes
+
+    classes = Classes(Types())
+    for in_service, name, wanted in (
+        (False, "geometry_msgs/msg/Twist", "geometry_msgs::msg::dds_::Twist_"),
+        (True, "std_srvs/srv/Trigger_Request", "std_srvs::srv::dds_::Trigger_Request_"),
+    ):
+        made = classes.raw(name, in_service)
+        assert made.__idl__.idl_transformed_typename == wanted
+        assert made is classes.raw(name, in_service)
+        assert made is not classes.of(name, in_service)
+        assert made.deserialize(b"abc").data == b"abc"
