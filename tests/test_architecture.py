@@ -61,8 +61,14 @@ CONTRACT = {
 }
 """All of uwserver that an adapter may import."""
 
-SHARED_BY_ADAPTERS = {"uwserver_adapters.native", "uwserver_adapters.sil"}
-"""What several adapters need and no kit can hold: the protocol of uwserver's own, and the simulator interfaces of autopilots."""
+SHARED_BY_ADAPTERS = {
+    "uwserver_adapters.native",
+    "uwserver_adapters.ros",
+    "uwserver_adapters.sil",
+    "uwserver_adapters.zenoh_bus",
+}
+"""What several adapters need and no kit can hold: the protocol of uwserver's own, the messages of ROS, the simulator interfaces of autopilots,
+and how a session of zenoh is opened."""
 
 LOOP = {"server", "adapter", "cli", "testing"}
 """Parts that may know asyncio and sockets: below them is the simulation, which never waits for a peer."""

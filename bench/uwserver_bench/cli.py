@@ -27,6 +27,7 @@ PARTS = (
     "net",
     "moos",
     "mavlink",
+    "ros",
     "sil",
     "web",
     "logs",
@@ -63,7 +64,7 @@ def bench(
     minutes: float | None,
     only: str,
 ) -> None:
-    """Measure physics, solids, contact, sensors, swarm, server, start, net, moos, mavlink, sil, web, logs and hostile, or one PART.
+    """Measure physics, solids, contact, sensors, swarm, server, start, net, moos, mavlink, ros, sil, web, logs, hostile, or one PART.
 
     On an idle machine; all of it takes half an hour.
 

@@ -59,6 +59,18 @@ async def _morse_stream(context: FakeContext) -> TcpPeer:
     return await TcpPeer.connect(replace(context, stats=AdapterStats(address=f"127.0.0.1:{port}")))
 
 
+async def _rosbridge_client(context: FakeContext) -> TcpPeer:
+    """A client of rosbridge, after its handshake."""
+    address = context.stats.address.removeprefix("ws://")
+    peer = await TcpPeer.connect(replace(context, stats=AdapterStats(address=address)))
+    await peer.send(
+        b"GET / HTTP/1.1\r\nHost: %s\r\nConnection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n"
+        b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n" % address.encode()
+    )
+    assert (await peer.reader.readuntil(b"\r\n\r\n")).startswith(b"HTTP/1.1 101 ")
+    return peer
+
+
 def _web(text: str) -> bytes:
     """A text message of a page."""
     return Frame(Opcode.TEXT, text.encode()).serialize(mask=True)
@@ -280,6 +292,8 @@ KITS: dict[str, tuple[dict[str, Any], Connect, bytes]] = {
     "moos_text": ({"port": 0}, TcpPeer.connect, b"SUBSCRIBE *\n"),
     "morse": ({"port": 0, "stream_port": 0, "queue_bytes": 1 << 16}, _morse_stream, b""),
     "px4_hil": ({"port": 0, "truth": True}, TcpPeer.connect, PX4_HEARTBEAT),
+    "ros2": ({"listen": ("tcp/127.0.0.1:0",), "domain": 0}, _zenoh_transport, b""),
+    "rosbridge": ({"port": 0}, _rosbridge_client, _web('{"op":"subscribe","topic":"/rov/imu"}')),
     "sockets": ({"port": 0}, TcpPeer.connect, b'{"method":"subscribe","params":{"pattern":"**"}}\n'),
     "web": ({"port": 0}, _web_page, _web('{"method":"subscribe","params":{"pattern":"**"}}')),
     "zenoh": ({"listen": ("tcp/127.0.0.1:0",), "scouting": False}, _zenoh_transport, b""),
@@ -310,6 +324,12 @@ REQUESTS = {
         cancel=b'{"id":2,"method":"cancel","params":{"id":1}}\n',
         many=b'{"method":"call","params":{"service":"world/run_until","args":{"t_s":9}}}\n',
         misspelt=b'{"id":3,"method":"call","params":{"service":"world/run_untill","args":{"t_s":9}}}\n',
+    ),
+    "ros2": Requests(),  # its own tests call services: a stranger on this port has no session
+    "rosbridge": Requests(
+        _web('{"op":"call_service","id":"1","service":"/world/run_until","args":{"t_s":9}}'),
+        many=_web('{"op":"call_service","service":"/world/run_until","args":{"t_s":9}}'),
+        misspelt=_web('{"op":"call_service","id":"3","service":"/world/run_untill","args":{"t_s":9}}'),
     ),
     "web": Requests(
         _web('{"id":1,"method":"call","params":{"service":"world/run_until","args":{"t_s":9}}}'),
@@ -348,6 +368,8 @@ UNSAID = {
     "ardupilot_json": {_LEAVES, _CANCEL, _TIME_OUT, _NAMES},
     "px4_hil": {_LEAVES, _CANCEL, _TIME_OUT, _NAMES},
     "foxglove": {_CANCEL, _TIME_OUT, _NAMES},  # services go by numbers, and nobody can take a call back
+    "ros2": {_LEAVES, _CANCEL, _TIME_OUT, _NAMES, "check_flood"},
+    "rosbridge": {_CANCEL, _TIME_OUT},
     "sockets": {_TIME_OUT},
     "web": {_TIME_OUT},
     "moos": {_CANCEL},
@@ -469,7 +491,7 @@ def test_installed_adapters(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert kind in KITS, f'adapter "{kind}" has no row in KITS'
     table, connect, greeting = KITS[kind]
     adapter = load_adapter(kind)
-    if kind == "zenoh":
+    if kind in ("ros2", "zenoh"):
         _warm_zenoh()
     if kind == "mavlink":
         pytest.importorskip("pymavlink", reason="pymavlink is not installed")

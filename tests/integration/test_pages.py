@@ -20,6 +20,8 @@ FOLLOWED = (
 )
 """Pages of which nothing else is asked than that all works; the tests below follow others and look at what they show."""
 ELSEWHERE = {
+    "docs/how-to/ros2.md": "tests/unit/adapters/ros2/test_rmw_zenoh.py",
+    "docs/how-to/rosbridge.md": "tests/unit/adapters/rosbridge/test_peers.py",
     "docs/how-to/ardusub.md": "tests/integration/test_real_how_to.py",
     "docs/how-to/autopilot.md": "tests/integration/test_autopilot.py",
     "docs/how-to/browser.md": "tests/unit/adapters/sockets/test_websocket.py",

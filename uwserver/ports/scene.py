@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from msgspec import Struct
+from msgspec import UNSET, Struct, UnsetType
 
 Vec3 = tuple[float, float, float]
 Quat = tuple[float, float, float, float]
@@ -157,7 +157,11 @@ class FanView(Struct, frozen=True):
 
 
 class SensorView(Struct, frozen=True):
-    """A sensor of a vehicle: path of its port, kind, pose in B, and what it sends out."""
+    """A sensor of a vehicle: path of its port, kind, pose in B, what it sends out, and how exact it is.
+
+    Attributes:
+        sigmas: field -> configured 1-sigma of a sample, in the field's unit: of each axis, or one number for all; absent where it is unknown.
+    """
 
     path: str
     kind: str
@@ -165,6 +169,7 @@ class SensorView(Struct, frozen=True):
     q: Quat
     beams: tuple[BeamView, ...] = ()
     fan: FanView | None = None
+    sigmas: dict[str, tuple[float, ...]] | UnsetType = UNSET
 
 
 class LampView(Struct, frozen=True):

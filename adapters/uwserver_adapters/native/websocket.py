@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 import re
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 from websockets.frames import Close, Frame, Opcode
@@ -63,6 +63,8 @@ class Handshake:
         origins: those of pages that may connect, see `allows`.
         hosts: names of this server beside its addresses, see `is_host_known`.
         page: address of the page of this server, which a browser on this machine is sent to; "" for none.
+        speaks: makes the codec of who was let in; default: the native protocol.
+        check: what an adapter objects to besides, of a request for a WebSocket; None for nothing.
 
     Attributes:
         answer: what the peer gets once its request was complete; None before.
@@ -70,8 +72,17 @@ class Handshake:
         fault: why it was not, unless it only asked for a page.
     """
 
-    def __init__(self, origins: Sequence[str], hosts: Sequence[str], page: str = "") -> None:
+    def __init__(
+        self,
+        origins: Sequence[str],
+        hosts: Sequence[str],
+        page: str = "",
+        speaks: Callable[[ServerProtocol], WebSocketCodec] | None = None,
+        check: Callable[[HttpRequest], Fault | None] = lambda _: None,
+    ) -> None:
         self._page = page
+        self._speaks = speaks or WebSocketCodec
+        self._check = check
         self.answer: bytes | None = None
         self.codec: WebSocketCodec | None = None
         self.fault: Fault | None = None
@@ -100,6 +111,7 @@ class Handshake:
         if "Upgrade" not in request.headers:
             return self._elsewhere(request) if self._page else HTTP_ANSWER
         self.fault = self._objection(request.headers.get_all("Origin"), request.headers.get_all("Host"))
+        self.fault = self.fault or self._check(request)
         if self.fault is not None:
             return self._send(self._protocol.reject(403, self.fault.text + "\n"))
         response = self._protocol.accept(request)
@@ -107,7 +119,7 @@ class Handshake:
             self.fault = Fault("invalid_request", (response.body or b"").decode().strip(), "handshake")
         answer = self._send(response)
         if self.fault is None:
-            self.codec = WebSocketCodec(self._protocol)
+            self.codec = self._speaks(self._protocol)
         return answer
 
     def _elsewhere(self, request: HttpRequest) -> bytes:

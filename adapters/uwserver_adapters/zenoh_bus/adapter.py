@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 from uwserver.adapter import AdapterContext, CannotServe, EncodingName, Inbox, Worker, serving
 from uwserver_adapters.zenoh_bus.codec import ATTACHMENT_LIMIT, PAYLOAD_LIMIT, Codec
-from uwserver_adapters.zenoh_bus.config import ZenohConfig, endpoints, is_exposed, settings
+from uwserver_adapters.zenoh_bus.config import ZenohConfig, is_exposed
 from uwserver_adapters.zenoh_bus.keys import KeyScheme
 from uwserver_adapters.zenoh_bus.publications import Publications, direct
 from uwserver_adapters.zenoh_bus.requests import CLIENTS, Put, Question, Requests
+from uwserver_adapters.zenoh_bus.session import NobodyThere, free, opened
 
 if TYPE_CHECKING:
     import zenoh
@@ -24,8 +25,6 @@ RETRY_S = 0.5
 """Wall time between two attempts to open a session that must connect first."""
 TAKEN_S = 0.8
 """Wall time to wait for the answer whether the name is taken; peers that have nothing to say answer at once."""
-REFUSED_PEERS = "error,zenoh_link_tls=warn,zenoh_link_quic=warn"
-"""What zenoh logs (on stdout, as it always does) where certificates decide who may enter; RUST_LOG says otherwise."""
 PEERS_S = 0.5
 """Wall time between two counts of the peers."""
 
@@ -64,10 +63,10 @@ class ZenohAdapter:
     async def _open(self, sender: Worker, held: list[Any]) -> zenoh.Session:
         stats = self.context.stats
         while True:
-            listen = _free(self.config)
+            listen = free(self.config)
             try:
                 await sender.run(partial(_open_into, held, self.config, listen))
-            except _NobodyThere as error:
+            except NobodyThere as error:
                 stats.state, stats.last_error = "retrying", str(error)
                 await asyncio.sleep(RETRY_S)
                 continue
@@ -160,58 +159,8 @@ class ZenohAdapter:
             log.error("%s", _taken(self.keys))
 
 
-class _NobodyThere(Exception):
-    """The session needs a connection, and nobody answers yet."""
-
-
 def _open_into(held: list[Any], config: ZenohConfig, listen: tuple[str, ...]) -> None:
-    held.append(_opened(config, listen))
-
-
-def _opened(config: ZenohConfig, listen: tuple[str, ...]) -> zenoh.Session:
-    """Open a session. Not on the loop: it may take half a second."""
-    try:
-        import zenoh
-    except ImportError as error:
-        raise CannotServe(f"{error.name} is not installed: pip install uwserver") from error
-    made = _zenoh_config(config, listen)
-    if any(endpoint.startswith(("tls/", "quic/")) for endpoint in listen):
-        zenoh.init_log_from_env_or(REFUSED_PEERS)
-    try:
-        return zenoh.open(made)
-    except zenoh.ZError as error:
-        reason = str(error).split(" at /")[0].strip()
-        if "nable to connect" in reason:
-            raise _NobodyThere(
-                f"{reason} It is tried again; start what should be there, or correct `connect`."
-            ) from None
-        hint = "stop what uses it, or change `listen`" if "in use" in reason else "correct the adapter's table"
-        raise CannotServe(f"zenoh cannot open a session: {reason}: {hint}") from None
-
-
-def _zenoh_config(config: ZenohConfig, listen: tuple[str, ...]) -> zenoh.Config:
-    import zenoh
-
-    try:
-        made = zenoh.Config.from_file(config.config_file) if config.config_file else zenoh.Config()
-    except zenoh.ZError as error:
-        raise CannotServe(f"config_file {config.config_file}: {str(error).split(' at /')[0]}") from None
-    for path, value in settings(config, listen):
-        try:
-            made.insert_json5(path, value)
-        except zenoh.ZError as error:
-            reason = str(error).split(" at /")[0]
-            raise CannotServe(f'zenoh refuses the setting "{path}" = {value[:200]}: {reason}') from None
-    return made
-
-
-def _free(config: ZenohConfig) -> tuple[str, ...]:
-    try:
-        return endpoints(config)
-    except OSError as error:
-        raise CannotServe(
-            f"cannot listen at {', '.join(config.listen or ())}: {error}; 127.0.0.1 is always there, 0.0.0.0 means all"
-        ) from None
+    held.append(opened(config, listen))
 
 
 def _taken(keys: KeyScheme) -> str:

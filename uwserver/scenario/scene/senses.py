@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from msgspec import UnsetType
+from msgspec import UNSET, UnsetType
 
 from uwserver.ports import BeaconView, BeamView, FanView, SensorView
 from uwserver.scenario.build.members import mount_of
+from uwserver.scenario.scene.errors import sigmas
 from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.sensors import (
     AltimeterConfig,
@@ -28,7 +29,8 @@ def sensor_views(name: str, file: VehicleFile) -> tuple[SensorView, ...]:
     for key, config in file.sensors.items():
         mount = mount_of(config, file)
         kind = str(config.__struct_config__.tag)
-        views.append(SensorView(f"{name}/{key}", kind, mount.p, mount.q, tuple(beams(config)), fan(config)))
+        exact = sigmas(config) or UNSET
+        views.append(SensorView(f"{name}/{key}", kind, mount.p, mount.q, tuple(beams(config)), fan(config), exact))
     return tuple(views)
 
 

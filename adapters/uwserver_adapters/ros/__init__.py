@@ -1,0 +1,1 @@
+"""What every ROS dialect shares: the messages, and (each in its own package) the carriers."""

@@ -1,0 +1,201 @@
+"""What ROS sends to actuators and to the autopilot: the standard message of each, and our command of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from uwserver.frames import rpy_from_quat
+from uwserver.ports import Port
+from uwserver_adapters.ros.messages.frames import attitude, enu, flu
+from uwserver_adapters.ros.messages.generated import definition, field_name, generated_type
+from uwserver_adapters.ros.messages.source import ros_name
+from uwserver_adapters.ros.messages.types import BadMessage, Types
+
+Value = Mapping[str, object]
+"""Field -> value of a command, as `AdapterContext.command` takes it, which checks it."""
+
+
+@dataclass(frozen=True)
+class Inlet:
+    """A topic that commands an actuator.
+
+    Attributes:
+        topic: its name.
+        type: ``package/msg/Name``.
+        port: path of the actuator.
+        value: the command that a message is; raises `BadMessage`.
+    """
+
+    topic: str
+    type: str
+    port: str
+    value: Callable[[Any], Value]
+
+
+def inlets(types: Types, port: Port) -> Iterator[Inlet]:
+    """All topics that command one actuator."""
+    name, vehicle = "/" + ros_name(port.path), "/" + ros_name(port.path).split("/")[0]
+    last = port.path.rsplit("/", 1)[-1]
+    known = _AUTOPILOT.get(last) if port.kind == "autopilot" else _KINDS.get(port.kind)
+    if known is not None and {field.name for field in port.fields}.issuperset(known.fields):
+        for topic, type_name, value in known.topics:
+            where = topic.format(name=name, vehicle=vehicle)
+            yield Inlet(where, type_name, port.path, _of_vehicle(value, vehicle.strip("/")))
+    elif len(port.fields) == 1 and port.fields[0].type == "float":
+        yield from _numbers(port, name)
+    else:
+        yield _generated(types, port, name)
+
+
+def _of_vehicle(value: Callable[[Any, str], Value], vehicle: str) -> Callable[[Any], Value]:
+    return lambda message: value(message, vehicle)
+
+
+def _numbers(port: Port, name: str) -> Iterator[Inlet]:
+    """An actuator of one field: a number, or numbers in the order of the port's description; of thrusters also each alone."""
+    field = port.fields[0].name
+    if not port.fields[0].shape:
+        yield Inlet(name + "/cmd", "std_msgs/msg/Float64", port.path, lambda message: {field: message.data})
+        return
+    held = [0.0] * port.fields[0].size
+
+    def all_of(message: Any) -> Value:
+        data = message.data.tolist()
+        if len(data) == len(held):
+            held[:] = data
+        return {field: data}
+
+    yield Inlet(name + "/cmd", "std_msgs/msg/Float64MultiArray", port.path, all_of)
+    for k, thruster in enumerate(port.propulsors or ()):
+        # The others keep what this adapter last told them: a command is of the whole vector.
+        def one_of(message: Any, k: int = k) -> Value:
+            told = [*held[:k], message.data, *held[k + 1 :]]
+            if abs(message.data) <= 1.0:
+                held[:] = told
+            return {field: told}
+
+        yield Inlet(f"{name}/{ros_name(thruster.name)}/cmd", "std_msgs/msg/Float64", port.path, one_of)
+
+
+def _generated(types: Types, port: Port, name: str) -> Inlet:
+    """A type of its own; a number that is nan, and an empty list or text, are left out of the command."""
+    type_name = generated_type(types, port, definition(port, is_command=True), "Command")
+    names = [(field, field_name(field)) for field in port.fields]
+
+    def value(message: Any) -> Value:
+        told: dict[str, object] = {}
+        for field, key in names:
+            part = getattr(message, key)
+            if hasattr(part, "tolist"):
+                part = part.tobytes() if field.is_packed else part.tolist()
+            if (part != part) if isinstance(part, float) else (part in ([], "", b"")):
+                continue
+            told[field.name] = part
+        return told
+
+    return Inlet(name + "/cmd", type_name, port.path, value)
+
+
+# -- standard messages ----------------------------------------------------------------------------------------------------------------------
+
+
+def _check_frame(message: Any, *allowed: str) -> None:
+    frame = message.header.frame_id.strip("/")
+    if frame and frame not in allowed:
+        raise BadMessage(f'header.frame_id is "{frame[:60]}": give it in {allowed[0]}, or leave it empty')
+
+
+def _parts(vector: Any) -> tuple[float, float, float]:
+    return (vector.x, vector.y, vector.z)
+
+
+def _wrench(message: Any, vehicle: str) -> Value:
+    return {"force_B": list(flu(_parts(message.force))), "torque_B": list(flu(_parts(message.torque)))}
+
+
+def _wrench_stamped(message: Any, vehicle: str) -> Value:
+    _check_frame(message, f"{vehicle}/base_link", "base_link")
+    return _wrench(message.wrench, vehicle)
+
+
+def _twist(message: Any, vehicle: str) -> Value:
+    if message.angular.x or message.angular.y:
+        raise BadMessage("angular.x and angular.y must be 0: the autopilot keeps roll and pitch itself")
+    return {"v_B": list(flu(_parts(message.linear))), "yaw_rate": -message.angular.z}
+
+
+def _twist_stamped(message: Any, vehicle: str) -> Value:
+    _check_frame(message, f"{vehicle}/base_link", "base_link")
+    return _twist(message.twist, vehicle)
+
+
+def _attitude(orientation: Any) -> tuple[float, float, float, float] | None:
+    """q_NB of a unit quaternion of ROS; None where it is all zero, which is how clients say nothing."""
+    q = (orientation.w, orientation.x, orientation.y, orientation.z)
+    size = sum(part * part for part in q)
+    if size == 0.0:
+        return None
+    if not 0.99 < size < 1.01:
+        raise BadMessage(f"the orientation is no unit quaternion: its length is {size**0.5:g}")
+    return attitude(q)
+
+
+def _pose(message: Any, vehicle: str) -> Value:
+    _check_frame(message, "map")
+    told: dict[str, object] = {"p_N": list(enu(_parts(message.pose.position)))}
+    q = _attitude(message.pose.orientation)
+    return told if q is None else {**told, "heading": rpy_from_quat(q)[2]}
+
+
+def _teleport(message: Any, vehicle: str) -> Value:
+    _check_frame(message, "map")
+    q = _attitude(message.pose.orientation)
+    told: dict[str, object] = {"p_NB": list(enu(_parts(message.pose.position)))}
+    return told if q is None else {**told, "q_NB": list(q)}
+
+
+def _joy(message: Any, vehicle: str) -> Value:
+    axes = message.axes.tolist()
+    if len(axes) != 6:
+        raise BadMessage(f"axes must have 6 items (surge, sway, heave, roll, pitch, yaw), not {len(axes)}")
+    return {"u": [*flu(axes[:3]), *flu(axes[3:])]}
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """fields: that the port must have; topics: name, type and command of each."""
+
+    fields: tuple[str, ...]
+    topics: tuple[tuple[str, str, Callable[[Any, str], Value]], ...]
+
+
+_KINDS = {
+    "force_torque": _Kind(
+        ("force_B", "torque_B"),
+        (
+            ("{name}/cmd", "geometry_msgs/msg/Wrench", _wrench),
+            ("{name}/cmd_stamped", "geometry_msgs/msg/WrenchStamped", _wrench_stamped),
+        ),
+    ),
+    "teleport": _Kind(("p_NB", "q_NB"), (("{name}/cmd", "geometry_msgs/msg/PoseStamped", _teleport),)),
+}
+_AUTOPILOT = {
+    "velocity": _Kind(
+        ("v_B", "yaw_rate"),
+        (
+            ("{vehicle}/cmd_vel", "geometry_msgs/msg/Twist", _twist),
+            ("{vehicle}/cmd_vel_stamped", "geometry_msgs/msg/TwistStamped", _twist_stamped),
+        ),
+    ),
+    "position": _Kind(("p_N", "heading"), (("{vehicle}/cmd_pose", "geometry_msgs/msg/PoseStamped", _pose),)),
+    "depth": _Kind(("depth",), (("{vehicle}/cmd_depth", "std_msgs/msg/Float64", lambda m, _: {"depth": m.data}),)),
+    "altitude": _Kind(
+        ("altitude",), (("{vehicle}/cmd_altitude", "std_msgs/msg/Float64", lambda m, _: {"altitude": m.data}),)
+    ),
+    "heading": _Kind(
+        ("heading",), (("{vehicle}/cmd_heading", "std_msgs/msg/Float64", lambda m, _: {"heading": m.data}),)
+    ),
+    "pilot": _Kind(("u",), (("{vehicle}/joy", "sensor_msgs/msg/Joy", _joy),)),
+}

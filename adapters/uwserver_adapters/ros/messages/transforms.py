@@ -1,0 +1,48 @@
+"""Where sensors sit, as ``/tf_static`` tells it: one transform for each frame that a message may name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from uwserver.frames import Quat
+from uwserver_adapters.ros.messages.frames import BEAM, SONAR, flu, mounted, mounted_unflipped
+from uwserver_adapters.ros.messages.source import Facts, ros_name
+from uwserver_adapters.ros.messages.types import Types
+
+_FRAMES: dict[str, tuple[tuple[str, Quat], ...]] = {
+    "dvl": (("_fsd", (1.0, 0.0, 0.0, 0.0)), ("_beam", BEAM)),
+    "altimeter": (("_beam", BEAM),),
+    "scanning_sonar": (("_sonar", SONAR),),
+}
+"""Kind -> suffixes of the frames that its messages name besides its own, and their attitude in S."""
+
+
+def static_transforms(types: Types, facts: Facts, kinds: Iterable[tuple[str, str]], vehicles: Iterable[str]) -> object:
+    """A TFMessage.
+
+    Args:
+        types: of the distribution.
+        facts: of the world; those with a mount are told.
+        kinds: path and kind of each sensor.
+        vehicles: names of those that have an autopilot: their odom begins at map, as the estimate does.
+    """
+    made = []
+    for path, kind in kinds:
+        mount = facts.mounts.get(path)
+        if mount is None:
+            continue
+        frame = ros_name(path)
+        base, place = f"{frame.split('/')[0]}/base_link", flu(mount.p)
+        made.append(_transform(types, facts, base, frame, place, mounted(mount.q)))
+        for suffix, q in _FRAMES.get(kind, ()):
+            made.append(_transform(types, facts, base, frame + suffix, place, mounted_unflipped(mount.q, q)))
+    for vehicle in vehicles:
+        made.append(_transform(types, facts, "map", f"{ros_name(vehicle)}/odom", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)))
+    return types.make("tf2_msgs/msg/TFMessage", transforms=made)
+
+
+def _transform(types: Types, facts: Facts, parent: str, child: str, p: object, q: object) -> object:
+    return types.make(
+        "geometry_msgs/msg/TransformStamped", header=types.header(facts.epoch_ns, parent), child_frame_id=child,
+        transform=types.make("geometry_msgs/msg/Transform", translation=types.vector(p), rotation=types.quaternion(q)),
+    )  # fmt: skip

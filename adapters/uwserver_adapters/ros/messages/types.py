@@ -1,0 +1,285 @@
+"""The types of a ROS distribution: how a message is made, its CDR and ROS 1 bytes, its hash, its text."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from hashlib import md5
+from typing import Any
+
+import numpy as np
+
+from uwserver.adapter import CannotServe
+from uwserver_adapters.ros.messages.definitions import MESSAGES, SERVICES
+
+DISTROS: dict[str, str] = {
+    "noetic": "ROS1_NOETIC",
+    "humble": "ROS2_HUMBLE",
+    "jazzy": "ROS2_JAZZY",
+    "kilted": "ROS2_KILTED",
+    "rolling": "ROS2_LYRICAL",
+}
+"""Distributions, and the store of rosbags that has their types; rolling means the newest that rosbags knows."""
+
+BASE, NAME, ARRAY, SEQUENCE = 1, 2, 3, 4
+"""What a field is: a number or text, a message, an array of fixed length, a sequence."""
+
+DTYPES = {
+    "bool": "bool", "byte": "uint8", "octet": "uint8", "char": "uint8", "int8": "int8", "uint8": "uint8", "int16": "int16", "uint16": "uint16",
+    "int32": "int32", "uint32": "uint32", "int64": "int64", "uint64": "uint64", "float32": "float32", "float64": "float64",
+}  # fmt: skip
+"""Base types that are numbers, and numpy's word for them."""
+
+LAST_NS = (1 << 31) * 1_000_000_000 - 1
+"""Latest time of a stamp, in the year 2038."""
+
+FILLER = "structure_needs_at_least_one_member"
+"""The field of messages without fields, in CDR; ROS 1 has none."""
+
+MOST_BYTES = 1 << 24
+"""Longest message that is decoded."""
+
+
+class BadMessage(ValueError):
+    """What a peer sent is not of the type that it says; the text tells where."""
+
+
+class Types:
+    """Args:
+        distro: one of `DISTROS`.
+
+    Attributes:
+        distro: as given.
+        is_ros1: of a ROS 1 distribution.
+        generated: types made from ports or services -> their text.
+
+    Raises:
+        CannotServe: rosbags is not installed, or there is no such distribution.
+    """
+
+    def __init__(self, distro: str = "jazzy") -> None:
+        try:
+            from rosbags.typesys import Stores, get_typestore
+        except ImportError as error:
+            raise CannotServe(f"{error.name} is not installed: pip install 'uwserver[ros]'") from error
+        if distro not in DISTROS:
+            raise CannotServe(f'no distribution "{distro}", there are: {", ".join(DISTROS)}')
+        self.distro = distro
+        self.is_ros1 = distro == "noetic"
+        self.store: Any = get_typestore(getattr(Stores, DISTROS[distro]))
+        self._defaults: dict[str, dict[str, Any]] = {}
+        self._services: set[str] = set()
+        self.generated: dict[str, str] = {}
+        self._register({name: text for name, text in MESSAGES.items() if name not in self.store.fielddefs})
+        for name, (request, response) in SERVICES.items():
+            self.register_service(name, request, response)
+
+    # -- which types there are ---------------------------------------------------------------------------------------------------------
+
+    def register(self, name: str, text: str) -> None:
+        """Add a message type.
+
+        Args:
+            name: ``package/msg/Name``.
+            text: of its .msg file; nested types by their full names.
+        """
+        self._register({name: text})
+        self.generated[name] = text
+
+    def register_service(self, name: str, request: str, response: str) -> None:
+        """Add a service type ``package/srv/Name``."""
+        self._register({f"{name}_Request": request, f"{name}_Response": response})
+        self._services.add(name)
+
+    def _register(self, texts: dict[str, str]) -> None:
+        from rosbags.typesys import get_types_from_msg
+
+        made: Any = {}
+        fields: Any
+        for name, text in texts.items():
+            ((constants, fields),) = get_types_from_msg(text.strip() or "\n", name).values()
+            if not fields:
+                fields = [(FILLER, (BASE, ("uint8", 0)))]
+            made[name] = (constants, fields)
+        self.store.register(made)
+
+    def __contains__(self, name: str) -> bool:
+        """Whether a message type is known, by its full name."""
+        return name in self.store.fielddefs
+
+    def has_service(self, name: str) -> bool:
+        """Whether a service type is known, by its full name."""
+        return name in self._services
+
+    def fields(self, name: str) -> list[tuple[str, Any]]:
+        """Name and description (kind, and what of) of each field of a message type."""
+        return list(self.store.fielddefs[name][1])
+
+    # -- making ------------------------------------------------------------------------------------------------------------------------
+
+    def make(self, name: str, /, **given: object) -> object:
+        """A message; fields that are not given are zero, empty, or what their type defines. Fields that this distribution's type does not
+        have are left out (``variance`` of Range in humble)."""
+        fields = self._blank(name)
+        if given.keys() <= fields.keys():
+            return self.store.types[name](**{**fields, **given})
+        return self.store.types[name](**{key: given.get(key, value) for key, value in fields.items()})
+
+    def _blank(self, name: str) -> dict[str, Any]:
+        blank = self._defaults.get(name)
+        if blank is None:
+            blank = self._defaults[name] = {field: self._zero(described) for field, described in self.fields(name)}
+        return blank
+
+    def _zero(self, described: Any) -> Any:
+        kind, what = described
+        if kind == NAME:
+            return self.make(what)
+        if kind == BASE:
+            return {"string": "", "bool": False}.get(what[0], 0.0 if what[0].startswith("float") else 0)
+        item, length = what
+        length = length if kind == ARRAY else 0
+        if item[0] == BASE and item[1][0] in DTYPES:
+            return np.zeros(length, DTYPES[item[1][0]])
+        return [self._zero(item) for _ in range(length)]
+
+    def stamp(self, t_ns: int) -> object:
+        """A time of a header or Clock from nanoseconds since 1970; what its 31 bits of seconds cannot hold becomes the nearest that they can."""
+        t_ns = min(max(t_ns, 0), LAST_NS)
+        return self._time(sec=t_ns // 1_000_000_000, nanosec=t_ns % 1_000_000_000)
+
+    @cached_property
+    def _time(self) -> Any:
+        return self.store.types["builtin_interfaces/msg/Time"]
+
+    def header(self, t_ns: int, frame: str) -> object:
+        """A Header."""
+        return self.make("std_msgs/msg/Header", stamp=self.stamp(t_ns), frame_id=frame)
+
+    def vector(self, v: Any) -> object:
+        """A Vector3."""
+        return self._vector(*v)
+
+    def point(self, v: Any) -> object:
+        """A Point."""
+        return self._point(*v)
+
+    def quaternion(self, q: Any) -> object:
+        """A Quaternion from w x y z."""
+        w, x, y, z = q
+        return self._quaternion(x, y, z, w)
+
+    @cached_property
+    def _vector(self) -> Any:
+        return self.store.types["geometry_msgs/msg/Vector3"]
+
+    @cached_property
+    def _point(self) -> Any:
+        return self.store.types["geometry_msgs/msg/Point"]
+
+    @cached_property
+    def _quaternion(self) -> Any:
+        return self.store.types["geometry_msgs/msg/Quaternion"]
+
+    # -- bytes -------------------------------------------------------------------------------------------------------------------------
+
+    def cdr(self, message: Any) -> bytes:
+        """CDR (XCDR1, little endian) with its encapsulation."""
+        return bytes(self.store.serialize_cdr(message, message.__msgtype__, little_endian=True))
+
+    def from_cdr(self, data: bytes, name: str) -> Any:
+        """A message from CDR with its encapsulation.
+
+        Raises:
+            BadMessage: it is not of this type.
+        """
+        return self._decoded(self.store.deserialize_cdr, data, name)
+
+    def ros1(self, message: Any) -> bytes:
+        """ROS 1 bytes, without their length."""
+        return bytes(self.store.serialize_ros1(message, message.__msgtype__))
+
+    def from_ros1(self, data: bytes, name: str) -> Any:
+        """A message from ROS 1 bytes, without their length.
+
+        Raises:
+            BadMessage: it is not of this type.
+        """
+        return self._decoded(self.store.deserialize_ros1, data, name)
+
+    def _decoded(self, decode: Any, data: bytes, name: str) -> Any:
+        if len(data) > MOST_BYTES:
+            raise BadMessage(f"{name}: {len(data)} bytes, at most {MOST_BYTES} are read")
+        try:
+            return decode(data, name)
+        # Bytes of strangers: rosbags raises its own error for most, but not for all that lie about a length.
+        except Exception as error:  # noqa: BLE001
+            raise BadMessage(f"{name}: {len(data)} bytes that are not of this type: {error}") from None
+
+    # -- what a type is called ---------------------------------------------------------------------------------------------------------
+
+    def hash(self, name: str) -> str:
+        """RIHS01 of a message or service type; humble has none, and its rmw writes a fixed word instead."""
+        if self.distro == "humble":
+            return "TypeHashNotSupported"
+        if name not in self._services:
+            return str(self.store.hash_rihs01(name))
+        if name not in self.store.fielddefs:
+            self._register_description(name)
+        return str(self.store.hash_rihs01(name))
+
+    def _register_description(self, name: str) -> None:
+        """A service's description is that of a message of its three parts."""
+        request, response, event = f"{name}_Request", f"{name}_Response", f"{name}_Event"
+        one = 1
+        info = "service_msgs/msg/ServiceEventInfo"
+        # A char of a .msg file is a uint8 where rosidl hashes; rosbags hashes a char.
+        self.store.fielddefs[info] = ([], [
+            (key, (ARRAY, ((BASE, ("uint8", 0)), 16)) if key == "client_gid" else described) for key, described in self.fields(info)
+        ])  # fmt: skip
+        self.store.register({
+            event: ([], [
+                ("info", (NAME, info)),
+                ("request", (SEQUENCE, ((NAME, request), one))),
+                ("response", (SEQUENCE, ((NAME, response), one))),
+            ]),
+            name: ([], [
+                ("request_message", (NAME, request)), ("response_message", (NAME, response)), ("event_message", (NAME, event)),
+            ]),
+        })  # fmt: skip
+
+    def md5(self, name: str) -> str:
+        """ROS 1's sum of a message or service type."""
+        if name in self._services:
+            text = self._md5_text(f"{name}_Request") + self._md5_text(f"{name}_Response")
+            return md5(text.encode()).hexdigest()
+        return str(self.store.generate_msgdef(name, ros_version=1)[1])
+
+    def _md5_text(self, name: str) -> str:
+        constants, fields = self.store.fielddefs[name]
+        lines = [f"{kind} {key}={value}" for key, kind, value in constants]
+        for key, described in fields:
+            if key == FILLER:
+                continue
+            kind, what = described
+            suffix = ""
+            if kind in (ARRAY, SEQUENCE):
+                suffix = f"[{what[1]}]" if kind == ARRAY else "[]"
+                kind, what = what[0]
+            lines.append(f"{self.md5(str(what))} {key}" if kind == NAME else f"{what[0]}{suffix} {key}")
+        return "\n".join(lines)
+
+    def text(self, name: str) -> str:
+        """The type's .msg text, those of nested types below it."""
+        return str(self.store.generate_msgdef(name, ros_version=1 if self.is_ros1 else 2)[0])
+
+
+def dds_name(name: str) -> str:
+    """DDS' name of a message type, or of a service's request and response."""
+    package, kind, short = name.split("/")
+    return f"{package}::{kind}::dds_::{short}_"
+
+
+def full_name(name: str, kind: str = "msg") -> str:
+    """``package/msg/Name`` of a type in any of the spellings of clients."""
+    parts = name.strip("/").split("/")
+    return f"{parts[0]}/{kind}/{parts[-1]}" if len(parts) in (2, 3) else name

@@ -1,0 +1,247 @@
+"""The transport DDS: a participant of CycloneDDS that other vendors take for a node of ROS 2. Messages are written as the bytes they are."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from cyclonedds._clayer import ddspy_write
+from cyclonedds.core import Listener
+from cyclonedds.domain import Domain, DomainParticipant
+from cyclonedds.pub import DataWriter
+from cyclonedds.qos import Policy, Qos
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from cyclonedds.util import duration
+
+from uwserver.adapter import AdapterStats, Inbox, Worker
+from uwserver_adapters.ros.messages.types import Types
+from uwserver_adapters.ros2.config import Ros2Config
+from uwserver_adapters.ros2.idl import Classes, Raw
+from uwserver_adapters.ros2.node import Heard, Respond
+
+LOCALHOST = (
+    "<CycloneDDS><Domain><General><AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>"
+    '<MaxAutoParticipantIndex>32</MaxAutoParticipantIndex><Peers><Peer address="localhost"/></Peers></Discovery></Domain></CycloneDDS>'
+)
+"""Nodes of this machine alone, as ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST has it."""
+URI_VARIABLE = "CYCLONEDDS_URI"
+BLOCKING_MS = 100
+"""Wall time for which a slow reader may hold up a write, on the sender's thread."""
+TAKEN = 64
+"""Messages that are taken of a reader at once."""
+_HEADER = slice(4, 20)
+_GRAPH, _GRAPH_TYPE = "ros_discovery_info", "rmw_dds_common/msg/ParticipantEntitiesInfo"
+
+
+def endpoint_qos(type_hash: str, depth: int = 10, latched: bool = False, reliable: bool = True, more: str = "") -> Any:
+    """Of an endpoint. The old data representation: without it other vendors discover us and exchange nothing."""
+    waits = Policy.Reliability.Reliable(duration(milliseconds=BLOCKING_MS))
+    words = more + (f"typehash={type_hash};" if type_hash.startswith("RIHS01_") else "")
+    return Qos(
+        waits if reliable else Policy.Reliability.BestEffort,
+        Policy.Durability.TransientLocal if latched else Policy.Durability.Volatile,
+        Policy.History.KeepLast(1 if latched else depth),
+        Policy.DataRepresentation(use_cdrv0_representation=True),
+        Policy.Userdata(words.encode()),
+    )
+
+
+class _Matched(Listener):
+    """Tells how many readers a writer has. A thread of CycloneDDS."""
+
+    def __init__(self, told: Callable[[int], None]) -> None:
+        super().__init__()  # type: ignore[no-untyped-call]
+        self._told = told
+
+    def on_publication_matched(self, writer: object, status: Any) -> None:
+        """The number has changed."""
+        self._told(status.current_count)
+
+
+class _Came(Listener):
+    """Tells that a reader has something. A thread of CycloneDDS."""
+
+    def __init__(self, told: Callable[[Any], None]) -> None:
+        super().__init__()  # type: ignore[no-untyped-call]
+        self._told = told
+
+    def on_data_available(self, reader: Any) -> None:
+        """There is something to take."""
+        self._told(reader)
+
+
+class _Writer:
+    """A topic's writer."""
+
+    def __init__(self, carrier: DdsCarrier, entity: Any) -> None:
+        self._carrier, self._entity = carrier, entity
+
+    def put(self, data: bytes) -> bool:
+        """See `Writer`."""
+        return self._carrier.sender.send(partial(write, self._entity, data))
+
+    def close(self) -> None:
+        """See `Writer`."""
+        self._carrier.drop_entity(self._entity)
+
+
+def write(entity: Any, data: bytes) -> None:
+    """What `DataWriter.write` ends in, without making bytes of an object first. The C layer checks them against the type."""
+    result = ddspy_write(entity._ref, data)  # noqa: SLF001  # there is no public way to write bytes
+    if result < 0:
+        raise RuntimeError(f"CycloneDDS refuses {len(data)} bytes: error {result}")
+
+
+class DdsCarrier:
+    """Implements `uwserver_adapters.ros2.node.Carrier`.
+
+    Args:
+        config: of the adapter.
+        types: of the distribution.
+        sender: a thread for what may wait.
+        stats: of the adapter.
+
+    Attributes:
+        sender: as given.
+    """
+
+    def __init__(self, config: Ros2Config, types: Types, sender: Worker, stats: AdapterStats) -> None:
+        self.sender = sender
+        self._config, self._types, self._stats = config, types, stats
+        self._classes = Classes(types)
+        self._loop = asyncio.get_running_loop()
+        self._inbox: Inbox[tuple[Callable[[bytes], None], bytes]] = Inbox(
+            lambda came: came[0](came[1]), config.queue_requests, self._drop
+        )
+        domain = config.its_domain
+        base = LOCALHOST if config.discovery == "localhost" else ""
+        uri = ",".join(part for part in (base, os.environ.get(URI_VARIABLE, "")) if part)
+        self._domain = Domain(domain, uri) if uri else None
+        self._participant = DomainParticipant(domain, Qos(Policy.Userdata(b"enclave=/;")))
+        self._topics: dict[str, Any] = {}
+        self._writers: list[Any] = []
+        self._readers: list[Any] = []
+        graph = endpoint_qos(types.hash(_GRAPH_TYPE) if _GRAPH_TYPE in types else "", latched=True)
+        self._graph = DataWriter(self._participant, self._topic(_GRAPH, self._graph_class()), qos=graph)
+        self._is_changed = True
+
+    def _topic(self, name: str, kind: Any) -> Any:
+        topic = self._topics.get(name)
+        if topic is None:
+            topic = self._topics[name] = Topic(self._participant, name, kind)
+        return topic
+
+    # -- the graph --------------------------------------------------------------------------------------------------------------------------
+
+    def _graph_class(self) -> Any:
+        return self._classes.of(_GRAPH_TYPE)
+
+    def look(self) -> None:
+        """Tell the graph of what has changed: it gives the node its name, and its endpoints to the node."""
+        self._stats.peers = len({str(p) for p in self._graph.get_matched_subscriptions()})
+        if not self._is_changed:
+            return
+        self._is_changed = False
+        make = self._types.make
+        node = make(
+            "rmw_dds_common/msg/NodeEntitiesInfo", node_namespace="/", node_name=self._config.node,
+            reader_gid_seq=[self._gid(reader) for reader in self._readers],
+            writer_gid_seq=[self._gid(writer) for writer in self._writers],
+        )  # fmt: skip
+        told = make(_GRAPH_TYPE, gid=self._gid(self._participant), node_entities_info_seq=[node])
+        self.sender.send(partial(write, self._graph, self._types.cdr(told)))
+
+    def _gid(self, entity: Any) -> object:
+        """16 bytes; humble has 24, the last of which are zero."""
+        import numpy as np
+
+        length = 24 if self._config.ros_distro == "humble" else 16
+        data = entity.guid.bytes.ljust(length, b"\0")
+        return self._types.make("rmw_dds_common/msg/Gid", data=np.frombuffer(data, np.uint8))
+
+    def drop_entity(self, entity: Any) -> None:
+        """An endpoint ends; what it still has to say comes first."""
+        for entities in (self._writers, self._readers):
+            if entity in entities:
+                entities.remove(entity)
+        self._is_changed = True
+        self.sender.send(lambda: entity)
+
+    # -- topics and services ----------------------------------------------------------------------------------------------------------------
+
+    def advertise(self, topic: str, type_name: str, latched: bool, heard: Heard) -> _Writer:
+        """See `Carrier`. Reliable: that serves readers of either kind."""
+
+        def told(count: int) -> None:
+            with contextlib.suppress(RuntimeError):  # the loop has ended
+                self._loop.call_soon_threadsafe(heard, topic, count > 0)
+
+        where = self._topic(f"rt{topic}", self._classes.of(type_name))
+        qos = endpoint_qos(self._types.hash(type_name), latched=latched)
+        entity = DataWriter(self._participant, where, qos=qos, listener=_Matched(told))
+        self._writers.append(entity)
+        self._is_changed = True
+        return _Writer(self, entity)
+
+    def listen(self, topic: str, type_name: str, take: Callable[[bytes, str], None]) -> Callable[[], None]:
+        """See `Carrier`."""
+        return self._read(f"rt{topic}", self._classes.raw(type_name), type_name, False, lambda data: take(data, "dds"))
+
+    def _read(
+        self, name: str, kind: Any, type_name: str, reliable: bool, take: Callable[[bytes], None], more: str = ""
+    ) -> Callable[[], None]:
+        def came(reader: Any) -> None:
+            for sample in reader.take(TAKEN):
+                if isinstance(sample, Raw):
+                    self._inbox.put((take, sample.data))
+
+        qos = endpoint_qos(self._types.hash(type_name), 10 if reliable else 1, reliable=reliable, more=more)
+        entity = DataReader(self._participant, self._topic(name, kind), qos=qos, listener=_Came(came))
+        self._readers.append(entity)
+        self._is_changed = True
+        return lambda: self.drop_entity(entity)
+
+    def serve(self, service: str, type_name: str, take: Callable[[bytes, str, Respond], None]) -> Callable[[], None]:
+        """See `Carrier`; in the dialect of rmw_cyclonedds, whose header stands before the fields of request and response."""
+        request, response = f"{type_name}_Request", f"{type_name}_Response"
+        where = self._topic(f"rr{service}Reply", self._classes.of(response, in_service=True))
+        writer = DataWriter(self._participant, where, qos=endpoint_qos(self._types.hash(type_name)))
+        number = ".".join(f"{byte:02x}" for byte in writer.guid.bytes)
+        self._writers.append(writer)
+
+        def asked(data: bytes) -> None:
+            header = data[_HEADER]
+            if len(header) < 16:
+                return
+
+            def respond(body: bytes) -> None:
+                self.sender.send(partial(write, writer, body[:4] + header + body[4:]))
+
+            take(data[:4] + data[20:], header[:8].hex(), respond)
+
+        kind = self._classes.raw(request, in_service=True)
+        end = self._read(f"rq{service}Request", kind, type_name, True, asked, f"serviceid={number};")
+
+        def ended() -> None:
+            end()
+            self.drop_entity(writer)
+
+        return ended
+
+    def _drop(self, _: object) -> None:
+        """Too much waits for the loop. A thread of CycloneDDS."""
+        self._stats.dropped += 1
+
+    def close(self) -> None:
+        """The node leaves: entities end with the last that holds them."""
+        for entities in (self._writers, self._readers):
+            for entity in entities:
+                entity.set_listener(None)
+            entities.clear()
+        self._topics.clear()
+        del self._graph, self._participant, self._domain

@@ -1,0 +1,289 @@
+"""The transport zenoh: a session whose keys, tokens and attachments are those of rmw_zenoh."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import Callable
+from datetime import datetime, timezone
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from uwserver.adapter import AdapterStats, Inbox, Refusals, Worker
+from uwserver_adapters.ros.messages.types import MOST_BYTES, Types, dds_name
+from uwserver_adapters.ros2.config import Ros2Config
+from uwserver_adapters.ros2.graph import (
+    BEST_EFFORT,
+    LATCHED,
+    RELIABLE,
+    SERVICE,
+    Attachment,
+    Names,
+    attachment,
+    gid,
+    parsed_token,
+)
+from uwserver_adapters.ros2.node import Heard, Respond
+from uwserver_adapters.zenoh_bus.publications import LARGE_BYTES, direct
+
+if TYPE_CHECKING:
+    import zenoh
+
+log = logging.getLogger(__name__)
+
+NODES = 10_000
+"""Tokens of other nodes that are remembered."""
+
+
+class _Came(NamedTuple):
+    """What zenoh's threads hand to the loop."""
+
+    take: Callable[..., None]
+    data: bytes
+    sender: str
+    respond: Respond | None
+
+
+class _Writer:
+    """A topic's publisher."""
+
+    def __init__(self, carrier: ZenohCarrier, topic: str, type_name: str, latched: bool, heard: Heard) -> None:
+        self._carrier, self._topic, self._heard = carrier, topic, heard
+        self._sequence = 0
+        self._is_busy = self._is_large = False
+        self.is_heard = False
+        qos = LATCHED if latched else RELIABLE
+        self.key, self._token, self._gid = carrier.declare("MP", topic, type_name, qos)
+        self._watched, self._publisher = carrier.publisher(self.key, latched)
+        self._listener = self._watched.declare_matching_listener(direct(self._matches))
+        carrier.writers[topic] = self
+        self.look()
+
+    def _matches(self, status: Any) -> None:
+        """Somebody subscribes, or nobody any more. A zenoh thread."""
+        self._carrier.matched(self, status.matching)
+
+    def look(self) -> None:
+        """Ask whether somebody subscribes: zenoh's listeners are told a little later than its tables."""
+        status: Any = self._watched.matching_status
+        if status.matching:
+            self.set_heard(True)
+
+    def set_heard(self, is_heard: bool) -> None:
+        """Loop thread."""
+        if self.is_heard != is_heard and self._carrier.writers.get(self._topic) is self:
+            self.is_heard = is_heard
+            self._carrier.loop.call_soon(self._heard, self._topic, is_heard)
+
+    def put(self, data: bytes) -> bool:
+        """See `Writer`: what finds the queue of a slow peer full is dropped by zenoh."""
+        self._sequence += 1
+        attached = Attachment(self._sequence, wall_ns(), self._gid).packed()
+        put = partial(self._publisher.put, data, attachment=attached)
+        if len(data) <= LARGE_BYTES and not self._is_large:
+            put()
+            return True
+        self._is_large = True  # from now on always, so that messages do not overtake each other
+        if self._is_busy:
+            self._carrier.stats.dropped += 1
+            return False
+        self._is_busy = True
+        if not self._carrier.sender.send(partial(self._put_large, put)):
+            self._is_busy = False
+            return False
+        return True
+
+    def _put_large(self, put: Callable[[], object]) -> None:
+        try:
+            put()
+        finally:
+            self._is_busy = False
+
+    def close(self) -> None:
+        """See `Writer`."""
+        self._carrier.writers.pop(self._topic, None)
+        self._token.undeclare()
+        self._publisher.undeclare()
+        if self._watched is not self._publisher:
+            self._watched.undeclare()
+
+
+class ZenohCarrier:
+    """Implements `uwserver_adapters.ros2.node.Carrier`.
+
+    Args:
+        session: open.
+        config: of the adapter.
+        types: of the distribution.
+        sender: a thread for what may wait.
+        stats, refusals: of the adapter.
+
+    Attributes:
+        loop: that of the adapter.
+        sender, stats: as given.
+        writers: by topic.
+    """
+
+    def __init__(
+        self, session: zenoh.Session, config: Ros2Config, types: Types, sender: Worker, stats: AdapterStats,
+        refusals: Refusals,
+    ) -> None:  # fmt: skip
+        self.loop = asyncio.get_running_loop()
+        self.sender, self.stats = sender, stats
+        self.writers: dict[str, _Writer] = {}
+        self._session, self._types, self._refusals = session, types, refusals
+        self._names = Names(config.its_domain, str(session.zid()), config.node)
+        self._number = 0
+        self._own: dict[tuple[str, str], tuple[str, str]] = {}
+        self._others: set[str] = set()
+        self._inbox: Inbox[_Came] = Inbox(self._take, config.queue_requests, self._drop)
+        self._tokens: Inbox[tuple[str, bool]] = Inbox(self._token, NODES, self._drop)
+        self._liveliness = session.liveliness()
+        self._node = self._liveliness.declare_token(self._names.node_token())
+        self._liveliness.declare_subscriber(self._names.tokens, direct(self._token_said), history=True)
+
+    # -- the graph --------------------------------------------------------------------------------------------------------------------------
+
+    def declare(self, kind: Any, name: str, type_name: str, qos: str) -> tuple[str, zenoh.LivelinessToken, bytes]:
+        """Key, token and identity of a new endpoint."""
+        self._number += 1
+        dds, its_hash = dds_name(type_name), self._types.hash(type_name)
+        token = self._names.token(self._number, kind, name, dds, its_hash, qos)
+        self._own["service" if kind == "SS" else "topic", name] = (dds, its_hash)
+        return self._names.key(name, dds, its_hash), self._liveliness.declare_token(token), gid(token)
+
+    def _token_said(self, sample: zenoh.Sample) -> None:
+        """Another endpoint came or went. A zenoh thread."""
+        import zenoh
+
+        self._tokens.put((str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT))
+
+    def _token(self, said: tuple[str, bool]) -> None:
+        token, is_there = said
+        endpoint = parsed_token(token)
+        if endpoint is None or endpoint.zid == self._names.zid:
+            return
+        if not is_there:
+            self._others.discard(token)
+        elif token not in self._others and len(self._others) < NODES:
+            self._others.add(token)
+            own = self._own.get(("service" if endpoint.kind in ("SS", "SC") else "topic", endpoint.name))
+            if own is not None and own != (endpoint.type, endpoint.hash):
+                self._refusals.note(
+                    "type",
+                    f"{endpoint.node} has {endpoint.name} as {endpoint.type} {endpoint.hash[:16]}, it is {own[0]} {own[1][:16]} here: they "
+                    "do not meet; set ros_distro to that of the node, and build its messages anew",
+                )
+        self.stats.peers = len({token.split("/")[2] for token in self._others})
+
+    # -- topics -----------------------------------------------------------------------------------------------------------------------------
+
+    def publisher(self, key: str, latched: bool) -> tuple[zenoh.Publisher, Any]:
+        """A publisher that tells who listens, and the one that speaks: for late comers one that keeps its last message."""
+        import zenoh
+
+        drop, remote = zenoh.CongestionControl.DROP, zenoh.Locality.REMOTE
+        plain = self._session.declare_publisher(key, congestion_control=drop, allowed_destination=remote)
+        if not latched:
+            return plain, plain
+        from zenoh import ext
+
+        keeps = ext.declare_advanced_publisher(
+            self._session, key, cache=ext.CacheConfig(1), publisher_detection=True,
+            sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=0.5), congestion_control=drop,
+        )  # fmt: skip
+        return plain, keeps
+
+    def advertise(self, topic: str, type_name: str, latched: bool, heard: Heard) -> _Writer:
+        """See `Carrier`."""
+        return _Writer(self, topic, type_name, latched, heard)
+
+    def matched(self, writer: _Writer, is_heard: bool) -> None:
+        """Told by zenoh. A zenoh thread."""
+        with contextlib.suppress(RuntimeError):  # the loop has ended
+            self.loop.call_soon_threadsafe(writer.set_heard, is_heard)
+
+    def look(self) -> None:
+        """Find subscribers of whom zenoh has not told yet."""
+        for writer in list(self.writers.values()):
+            if not writer.is_heard:
+                writer.look()
+
+    def listen(self, topic: str, type_name: str, take: Callable[[bytes, str], None]) -> Callable[[], None]:
+        """See `Carrier`."""
+        import zenoh
+
+        key, token, _ = self.declare("MS", topic, type_name, BEST_EFFORT)
+
+        def came(sample: zenoh.Sample) -> None:
+            self._inbox.put(_Came(take, _bytes(sample.payload), _sender(sample.attachment), None))
+
+        subscriber = self._session.declare_subscriber(key, direct(came), allowed_origin=zenoh.Locality.REMOTE)
+        return self._ends(token, subscriber)
+
+    def serve(self, service: str, type_name: str, take: Callable[[bytes, str, Respond], None]) -> Callable[[], None]:
+        """See `Carrier`."""
+        key, token, _ = self.declare("SS", service, type_name, SERVICE)
+
+        def came(query: zenoh.Query) -> None:
+            attached = attachment(None if query.attachment is None else query.attachment.to_bytes())
+            if attached is None or query.payload is None:
+                query.drop()  # no client of ROS: it could not read the answer
+                return
+            respond = partial(self._respond, query, key, attached)
+            self._inbox.put(_Came(take, _bytes(query.payload), attached.gid.hex()[:8], respond))
+
+        # A client asks those alone that answer for the whole key.
+        queryable = self._session.declare_queryable(key, direct(came), complete=True)
+        return self._ends(token, queryable)
+
+    def _respond(self, query: zenoh.Query, key: str, asked: Attachment, data: bytes) -> None:
+        """Answer: sequence and identity are those of the request, so that the client knows whose answer it is."""
+        attached = asked._replace(stamp_ns=wall_ns()).packed()
+
+        def work() -> None:
+            query.reply(key, data, attachment=attached)
+            query.drop()
+
+        self.sender.send(work)
+
+    def _ends(self, token: zenoh.LivelinessToken, entity: Any) -> Callable[[], None]:
+        def end() -> None:
+            token.undeclare()
+            entity.undeclare()
+
+        return end
+
+    def _take(self, came: _Came) -> None:
+        if came.respond is None:
+            came.take(came.data, came.sender)
+        else:
+            came.take(came.data, came.sender, came.respond)
+
+    def _drop(self, _: object) -> None:
+        """Too much waits for the loop. A zenoh thread."""
+        self.stats.dropped += 1
+
+    def close(self) -> None:
+        """The node leaves."""
+        self._node.undeclare()
+
+
+def wall_ns() -> int:
+    """When a message is sent, as ROS wants to know it: ns since 1970, to a microsecond. What is measured has simulation time."""
+    since = datetime.now(timezone.utc) - _EPOCH
+    return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
+
+
+_EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
+
+
+def _bytes(payload: zenoh.ZBytes) -> bytes:
+    """A payload; of one that is too large only its size is of interest."""
+    return bytes(MOST_BYTES + 1) if len(payload) > MOST_BYTES else payload.to_bytes()
+
+
+def _sender(attached: zenoh.ZBytes | None) -> str:
+    known = attachment(None if attached is None else attached.to_bytes())
+    return "" if known is None else known.gid.hex()[:8]

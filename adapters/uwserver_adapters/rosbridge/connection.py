@@ -1,0 +1,209 @@
+"""One connection: bytes to messages of rosbridge and back, and what happens to a client that misbehaves."""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+from collections.abc import Callable
+from urllib.parse import parse_qs, urlsplit
+
+from websockets.http11 import Request
+
+from uwserver import adapter
+from uwserver.adapter import Peer, Peers, RateMeter
+from uwserver.ports import Fault
+from uwserver_adapters.native.codec import NEED_DATA, Control
+from uwserver_adapters.native.limits import Lockout
+from uwserver_adapters.native.outbox import Outbox
+from uwserver_adapters.native.requests import Malformed
+from uwserver_adapters.native.websocket import Handshake
+from uwserver_adapters.rosbridge.codec import MessageCodec, Text
+from uwserver_adapters.rosbridge.hub import Hub
+from uwserver_adapters.rosbridge.session import Session
+
+NO_PAGE = b"HTTP/1.1 426 Upgrade Required\r\nUpgrade: websocket\r\nContent-Type: text/plain\r\nConnection: close\r\n\r\nThis is rosbridge: open a WebSocket.\n"  # noqa: E501
+
+Begin = Callable[[Outbox, Callable[[], None]], Session]
+"""Makes the session of who was let in, of its outbox and what wakes it."""
+
+
+class RosbridgeConnection(adapter.Connection):
+    """Made for each peer.
+
+    Args:
+        hub: what all clients share.
+        token: that clients must show; None where none is needed.
+        lockout: hosts that try tokens.
+        peers: of the adapter.
+        begin: see there.
+    """
+
+    def __init__(self, hub: Hub, token: str | None, lockout: Lockout, peers: Peers[Peer], begin: Begin) -> None:
+        config = hub.config
+        super().__init__(peers, config.hello_timeout_s)
+        self._hub, self._token, self._lockout, self._begin = hub, token, lockout, begin
+        self._stats = hub.context.stats
+        self._outbox = Outbox(self.write, self._overflow, config.queue_samples, self._stats, config.queue_bytes)
+        self._rate = RateMeter(config.max_requests_per_s)
+        self._handshake: Handshake | None = None
+        self._codec: MessageCodec | None = None
+        self._session: Session | None = None
+        self._waking: asyncio.Handle | None = None
+
+    # -- who is let in ----------------------------------------------------------------------------------------------------------------------
+
+    def takes_http(self, head: bytes) -> bool:
+        """A GET may open a WebSocket; nothing else is answered."""
+        if not head.startswith(b"GET "):
+            return False
+        config = self._hub.config
+        self._handshake = Handshake(
+            config.allowed_origins, config.allowed_hosts, speaks=MessageCodec, check=self._objection
+        )
+        return True
+
+    def _objection(self, request: Request) -> Fault | None:
+        """What a client's token lacks."""
+        if self._token is None:
+            return None
+        now = self.loop.time()
+        if self._lockout.is_out(self.host, now):
+            return self._lockout.fault
+        shown = parse_qs(urlsplit(request.path).query).get("token", [])
+        shown += [
+            value.partition(" ")[2].strip()
+            for value in request.headers.get_all("Authorization")
+            if value.lower().startswith("bearer ")
+        ]
+        if any(hmac.compare_digest(one.encode(), self._token.encode()) for one in shown):
+            return None
+        if shown:
+            self._lockout.wrong(self.host, now)
+        return Fault("denied", "this server wants a token: add ?token=... to the address", "token")
+
+    def receive(self, data: bytes) -> None:
+        """Store bytes; the first ones are those of the opening."""
+        if self._codec is None:
+            if self._handshake is None:
+                self.farewell(b"this port speaks rosbridge: open a WebSocket\n")
+                return
+            data = self._handshake.receive(data)
+            if not self._let_in(self._handshake):
+                return
+        assert self._codec is not None
+        self._codec.receive(data)
+
+    def _let_in(self, handshake: Handshake) -> bool:
+        if handshake.answer is None:
+            return False
+        codec = handshake.codec
+        if not isinstance(codec, MessageCodec):
+            fault = handshake.fault
+            self._stats.errors += 1
+            cause = (
+                "http"
+                if fault is None
+                else {"allowed_origins": "origin", "allowed_hosts": "host"}.get(fault.where, fault.where)
+            )
+            self._hub.refusals.note(cause, "a peer asked for a page" if fault is None else fault.text)
+            self.farewell(NO_PAGE if fault is None else handshake.answer)
+            return False
+        self.write(handshake.answer)
+        self._codec = codec
+        if not self.admit():
+            return False
+        self._session = self._begin(self._outbox, self.wake)
+        return True
+
+    def refused(self, fault: Fault) -> bytes:
+        """There is no place for it."""
+        return self._codec.ending(fault) if self._codec is not None else b""
+
+    # -- messages ---------------------------------------------------------------------------------------------------------------------------
+
+    def step(self) -> bool:
+        """Carry out one message."""
+        if self._codec is None or self._session is None:
+            return False
+        event = self._codec.next_message()
+        if event is NEED_DATA:
+            return False
+        is_allowed = self._rate.take(self.loop.time())
+        if isinstance(event, Control):
+            if event.ends:
+                self._outbox.flush()
+                self.write(event.data)
+                super().close()
+            elif is_allowed and event.data:
+                self._outbox.put_reply(event.data)
+        elif isinstance(event, Malformed):
+            self._hub.refusals.note(event.fault.code, event.fault.text)
+            self._outbox.flush()
+            self.farewell(self._codec.ending(event.fault))
+        elif not is_allowed:
+            text = f"more than {self._rate.most} messages a second: send fewer, or raise max_requests_per_s"
+            self._session.overloaded(text)
+        elif isinstance(event, Text):
+            self._session.take(event)
+        return True
+
+    def quiet_until(self) -> float:
+        """The end of the window, when the peer floods."""
+        return self._rate.end if self._rate.is_flooded(self.loop.time()) else 0.0
+
+    def after_turn(self) -> None:
+        """Answers of one turn are written together."""
+        self._outbox.flush()
+
+    def wake(self) -> None:
+        """An answer came later than its request."""
+        if self._waking is None and not self.is_working and not self.is_closing:
+            self._waking = self.loop.call_soon(self._flush)
+
+    def _flush(self) -> None:
+        self._waking = None
+        self._outbox.flush()
+
+    def pause_writing(self) -> None:
+        """The peer reads too slowly."""
+        self._outbox.paused = True
+
+    def resume_writing(self) -> None:
+        """The peer has read."""
+        self._outbox.resume()
+
+    def _overflow(self, text: str) -> None:
+        self._hub.refusals.note("slow reader", text)
+        self._stats.errors += 1
+        if not self.is_closing and self._codec is not None:
+            self.farewell(self._codec.ending(Fault("overload", text)))
+
+    # -- its end ----------------------------------------------------------------------------------------------------------------------------
+
+    def missed(self) -> None:
+        """No WebSocket was opened in time."""
+        self.abort()
+
+    def eof_received(self) -> bool:
+        """A WebSocket knows no peer that only listens on."""
+        self.close()
+        return super().eof_received()
+
+    def close(self) -> None:
+        """Send what the peer still takes, then close."""
+        self._outbox.flush()
+        if self._codec is not None:
+            self.write(self._codec.ending(None))
+        super().close()
+
+    def stop(self) -> None:
+        """It begins to end."""
+        self._outbox.close()
+        if self._waking is not None:
+            self._waking.cancel()
+
+    def closed(self) -> None:
+        """The peer died, or we closed."""
+        self.stop()
+        if self._session is not None:
+            self._session.close()

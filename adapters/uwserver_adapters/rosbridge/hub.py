@@ -1,0 +1,147 @@
+"""What all clients share: the world's topics, those of clients, and services that clients offer to each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Any, Protocol
+
+from uwserver.adapter import AdapterContext, Refusals
+from uwserver.ports import Event, Sample
+from uwserver_adapters.ros.feed import Feed, Told
+from uwserver_adapters.ros.messages.source import Facts
+from uwserver_adapters.ros.messages.types import Types
+from uwserver_adapters.rosbridge.config import RosbridgeConfig
+from uwserver_adapters.rosbridge.subscriptions import ClientMessage, Message, WorldMessage
+
+TOPICS = 4096
+"""Topics that clients may have advertised, all together."""
+
+
+class Client(Protocol):
+    """A session, as others see it."""
+
+    name: str
+
+    def hear(self, topic: str, message: Message) -> None:
+        """A message of a topic to which it subscribes."""
+
+    def serve(self, service: str, args: object, answer: Callable[[bool, object], None]) -> None:
+        """A call of a service that it offers."""
+
+    def flush(self) -> None:
+        """Send what waits."""
+
+
+class Hub:
+    """The adapter's `Subscriber`.
+
+    Args:
+        context: the world.
+        config: of the adapter.
+        refusals: counts what is refused.
+
+    Attributes:
+        context, config, refusals: as given.
+        types: of the distribution.
+        feed: of the world.
+        advertised: topic -> type and advertisers, of topics of clients.
+        served: service -> type and the client that offers it.
+    """
+
+    def __init__(self, context: AdapterContext, config: RosbridgeConfig, refusals: Refusals) -> None:
+        self.context, self.config, self.refusals = context, config, refusals
+        self.types = Types(config.ros_distro)
+        facts = Facts(geoid_m=config.geoid_m, tf=config.tf)
+        self.feed = Feed(context, self.types, facts, self._deliver, config.clock_hz)
+        self.advertised: dict[str, tuple[str, set[Client]]] = {}
+        self.served: dict[str, tuple[str, Client]] = {}
+        self._listeners: dict[str, dict[Client, None]] = {}
+        self._due: dict[Client, None] = {}
+
+    # -- topics ---------------------------------------------------------------------------------------------------------------------------
+
+    def type_of(self, topic: str) -> str:
+        """The type of a topic, of whoever tells or takes it; "" where there is none."""
+        inlet = self.feed.catalogue.inlets.get(topic)
+        if inlet is not None:
+            return inlet.type
+        return self.feed.topics.get(topic) or self.advertised.get(topic, ("",))[0]
+
+    def topics(self) -> Mapping[str, str]:
+        """All topics -> type."""
+        inlets = {topic: inlet.type for topic, inlet in self.feed.catalogue.inlets.items()}
+        return {**{topic: kind for topic, (kind, _) in self.advertised.items()}, **inlets, **self.feed.topics}
+
+    def subscribe(self, client: Client, topic: str) -> Message | None:
+        """A client hears a topic from now on, once. Gives what was said last, where that is for late comers too."""
+        listeners = self._listeners.setdefault(topic, {})
+        if client in listeners:
+            return None
+        listeners[client] = None
+        last = self.feed.hear(topic)
+        return None if last is None else self._of_world(last)
+
+    def unsubscribe(self, client: Client, topic: str) -> None:
+        """It does not hear it any more."""
+        listeners = self._listeners.get(topic, {})
+        if client in listeners:
+            del listeners[client]
+            self.feed.leave(topic)
+        if not listeners:
+            self._listeners.pop(topic, None)
+
+    def listeners(self, topic: str) -> list[str]:
+        """Names of clients that hear a topic."""
+        return [client.name for client in self._listeners.get(topic, ())]
+
+    def relay(self, topic: str, message: dict[str, Any]) -> None:
+        """A client's message for those who listen."""
+        passed = ClientMessage(message)
+        for client in tuple(self._listeners.get(topic, ())):
+            client.hear(topic, passed)
+            client.flush()
+
+    def leave(self, client: Client) -> None:
+        """A client is gone, and all that it offered."""
+        for topic in [topic for topic, listeners in self._listeners.items() if client in listeners]:
+            self.unsubscribe(client, topic)
+        for topic, (_, advertisers) in list(self.advertised.items()):
+            advertisers.discard(client)
+            if not advertisers:
+                del self.advertised[topic]
+        self.served = {name: offered for name, offered in self.served.items() if offered[1] is not client}
+        self._due.pop(client, None)
+
+    # -- what the world says --------------------------------------------------------------------------------------------------------------
+
+    @property
+    def wanted(self) -> Collection[str]:
+        """Ports whose samples are needed."""
+        return self.feed.wanted
+
+    def put_samples(self, samples: Sequence[Sample]) -> None:
+        """Samples of one tick."""
+        self.feed.put_samples(samples)
+
+    def send_samples(self) -> None:
+        """No more samples wait."""
+        due, self._due = self._due, {}
+        for client in due:
+            client.flush()
+
+    def put_event(self, event: Event) -> None:
+        """Other ports, or another time."""
+        self.feed.put_event(event)
+
+    def _of_world(self, told: Told) -> WorldMessage:
+        return WorldMessage(told, self.feed.catalogue.facts.epoch_ns + self.feed.t_ns)
+
+    def _deliver(self, topic: str, told: Told) -> None:
+        listeners = self._listeners.get(topic)
+        if not listeners:
+            return
+        message = self._of_world(told)
+        self.context.stats.encoded += 1
+        for client in tuple(listeners):
+            client.hear(topic, message)
+            self._due[client] = None

@@ -1,0 +1,387 @@
+"""One client: what it may say, and what it is answered. Knows no socket."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+from uwserver.adapter import Conversation, Owed, Undecodable, did_you_mean
+from uwserver.ports import Refused, Reply
+from uwserver_adapters.native.outbox import Outgoing
+from uwserver_adapters.ros.feed import call
+from uwserver_adapters.ros.messages.plain import built, plain
+from uwserver_adapters.ros.messages.types import BadMessage, full_name
+from uwserver_adapters.rosbridge.codec import (
+    COMPRESSIONS,
+    Gathered,
+    binary_frame,
+    cbor,
+    fragments,
+    json_text,
+    parsed,
+    text_frame,
+)
+from uwserver_adapters.rosbridge.hub import Hub
+from uwserver_adapters.rosbridge.rosapi import Rosapi
+from uwserver_adapters.rosbridge.subscriptions import LONGEST_QUEUE, Message, Subscription, Wish
+
+LEVELS = ("none", "error", "warning", "info")
+"""Status messages that a client may ask for, and all before it."""
+ANSWER_S = 60.0
+"""Wall time that a client has to answer a call of a service that it offers."""
+
+Map = dict[str, Any]
+
+
+class Wrong(Exception):
+    """What a client asked for cannot be done; it is told why."""
+
+
+class Session:
+    """Made for each client; implements `uwserver_adapters.rosbridge.hub.Client`.
+
+    Args:
+        hub: what all clients share.
+        rosapi: answers what there is.
+        outbox: where answers and messages wait.
+        wake: said after an answer that came later than its request.
+        serial: number of the client.
+
+    Attributes:
+        name: of the client, as a node.
+    """
+
+    def __init__(self, hub: Hub, rosapi: Rosapi, outbox: Outgoing, wake: Callable[[], None], serial: int) -> None:
+        self.name = f"/rosbridge_client_{serial}"
+        self._hub, self._rosapi, self._outbox, self._wake = hub, rosapi, outbox, wake
+        source = f"{hub.context.name}:{serial}"
+        self._conversation = Conversation(hub.context, source, Owed(hub.config.max_unanswered))
+        self._subscriptions: dict[str, Subscription] = {}
+        self._advertised: dict[str, set[object]] = {}
+        self._calls: dict[str, tuple[Callable[[bool, object], None], asyncio.TimerHandle]] = {}
+        self._last_call = self._pieces = 0
+        self._level = LEVELS.index("error")
+        self._gathered = Gathered()
+        self._operations: Mapping[str, Callable[[Map], None]] = {
+            "subscribe": self._subscribe, "unsubscribe": self._unsubscribe, "advertise": self._advertise,
+            "unadvertise": self._unadvertise, "publish": self._publish, "call_service": self._call_service,
+            "advertise_service": self._advertise_service, "unadvertise_service": self._unadvertise_service,
+            "service_response": self._service_response, "set_level": self._set_level, "status": self._status_of_client,
+            "fragment": self._fragment, "auth": self._auth,
+        }  # fmt: skip
+
+    # -- in ---------------------------------------------------------------------------------------------------------------------------------
+
+    def take(self, body: bytes) -> None:
+        """A message of the client. Its faults are told to it, and raise nothing."""
+        message: Map = {}
+        try:
+            message = parsed(body)
+            operation = message.get("op")
+            act = self._operations.get(operation) if isinstance(operation, str) else None
+            if act is None:
+                word = str(operation)[:60]
+                raise Wrong(
+                    f'no operation "{word}"{did_you_mean(word, self._operations)}; there are: {", ".join(self._operations)}'
+                )
+            act(message)
+        except Undecodable as error:
+            self._wrong(error.fault.code, error.fault.text, message)
+        except (Wrong, BadMessage) as error:
+            self._wrong("message", str(error), message)
+        except Refused as refused:
+            self._wrong(refused.fault.code, refused.fault.text, message)
+
+    def _wrong(self, cause: str, text: str, message: Map) -> None:
+        self._hub.context.stats.errors += 1
+        self._hub.refusals.note(cause, text)
+        if message.get("op") == "call_service":
+            self._respond(message, str(message.get("service", "")), False, text)
+        else:
+            self.tell("error", text, message.get("id"))
+
+    def overloaded(self, text: str) -> None:
+        """A message was not taken, as the client sends too many."""
+        self._hub.refusals.note("rate", text)
+        self.tell("error", text, None)
+
+    def tell(self, level: str, text: str, about: object) -> None:
+        """A status message, if the client wants such."""
+        if LEVELS.index(level) > self._level:
+            return
+        status: Map = {"op": "status", "level": level, "msg": text}
+        if about is not None:
+            status["id"] = about if isinstance(about, str | int | float) else str(about)[:200]
+        self._reply(status)
+
+    def _reply(self, message: Map, compression: str = "none", fragment_size: int | None = None) -> None:
+        if compression in ("cbor", "cbor-raw"):
+            self._outbox.put_reply(binary_frame(cbor(message)))
+        else:
+            text = json_text(message)
+            if fragment_size is not None and len(text) > fragment_size:
+                self._pieces += 1
+                for piece in fragments(text, fragment_size, -self._pieces):
+                    self._outbox.put_reply(piece)
+            else:
+                self._outbox.put_reply(text_frame(text))
+        self._wake()
+
+    def _set_level(self, message: Map) -> None:
+        level = message.get("level")
+        if level not in LEVELS:
+            raise Wrong(f"level is one of {', '.join(LEVELS)}, not {level!r:.60}")
+        self._level = LEVELS.index(level)
+
+    def _status_of_client(self, message: Map) -> None:
+        """What a client has to say to us changes nothing."""
+
+    def _auth(self, message: Map) -> None:
+        raise Wrong("auth is not spoken here: give the token in the address, as ws://HOST:PORT/?token=...")
+
+    def _fragment(self, message: Map) -> None:
+        whole = self._gathered.take(message)
+        if whole is not None:
+            if b'"fragment"' in whole[:200]:
+                raise Wrong("fragments of fragments are not taken")
+            self.take(whole)
+
+    # -- topics -----------------------------------------------------------------------------------------------------------------------------
+
+    def _subscribe(self, message: Map) -> None:
+        topic, wish = _topic(message), _wish(message)
+        asked, known = message.get("type"), self._hub.type_of(topic)
+        if isinstance(asked, str) and asked and known and full_name(asked) != known:
+            raise Wrong(f'"{topic}" is of type {known}, not {asked[:100]}')
+        subscription = self._subscriptions.get(topic)
+        if subscription is None:
+            if len(self._subscriptions) >= self._hub.config.max_subscriptions:
+                raise Wrong(
+                    f"{len(self._subscriptions)} topics are subscribed to: unsubscribe, or raise max_subscriptions"
+                )
+            subscription = self._subscriptions[topic] = Subscription(topic, self._outbox, self.flush)
+        elif len(subscription.wishes) >= self._hub.config.max_subscriptions:
+            raise Wrong(f'too many subscriptions of "{topic}"')
+        subscription.ask(_key(message), wish)
+        last = self._hub.subscribe(self, topic)
+        if last is not None:
+            subscription.put(last)
+            self._wake()
+        if not known and topic not in self._hub.feed.topics:
+            near = did_you_mean(topic, self._hub.topics())
+            self.tell("warning", f'nobody tells of "{topic}"{near} yet', message.get("id"))
+
+    def _unsubscribe(self, message: Map) -> None:
+        topic = _topic(message)
+        subscription = self._subscriptions.get(topic)
+        if subscription is not None and subscription.give_up(_key(message)):
+            self._hub.unsubscribe(self, topic)
+            subscription.close()
+            del self._subscriptions[topic]
+
+    def _advertise(self, message: Map) -> None:
+        topic, kind = _topic(message), message.get("type")
+        if not isinstance(kind, str) or not kind:
+            raise Wrong('advertise needs a "type", as "geometry_msgs/msg/Twist"')
+        self._admit(topic, full_name(kind))
+        self._advertised.setdefault(topic, set()).add(_key(message))
+
+    def _admit(self, topic: str, kind: str) -> None:
+        """Let the client publish on a topic of this type, which may be new."""
+        if topic in self._hub.feed.topics:
+            raise Wrong(f'"{topic}" is told by the simulator alone')
+        known = self._hub.type_of(topic)
+        if known and known != kind:
+            raise Wrong(f'"{topic}" is of type {known}, not {kind[:100]}')
+        if topic not in self._advertised and len(self._advertised) >= self._hub.config.max_subscriptions:
+            raise Wrong(f"{len(self._advertised)} topics are advertised: unadvertise, or raise max_subscriptions")
+        _, advertisers = self._hub.advertised.setdefault(topic, (kind, set()))
+        advertisers.add(self)
+
+    def _unadvertise(self, message: Map) -> None:
+        topic, key = _topic(message), _key(message)
+        keys = self._advertised.get(topic, set())
+        keys.discard(key)
+        if key is None or not keys:
+            self._advertised.pop(topic, None)
+            _, advertisers = self._hub.advertised.get(topic, ("", set()))
+            advertisers.discard(self)
+            if not advertisers:
+                self._hub.advertised.pop(topic, None)
+
+    def _publish(self, message: Map) -> None:
+        topic, given = _topic(message), message.get("msg", {})
+        inlet = self._hub.feed.catalogue.inlets.get(topic)
+        if inlet is not None:
+            value = inlet.value(built(self._hub.types, inlet.type, given))
+            self._conversation.command(inlet.port, value, partial(self._commanded, topic, message.get("id")))
+            return
+        if topic not in self._advertised:
+            kind = message.get("type")
+            if not isinstance(kind, str):
+                near = did_you_mean(topic, self._hub.feed.catalogue.inlets)
+                raise Wrong(
+                    f'"{topic}" commands nothing{near}; to publish for other clients, advertise it with its type'
+                )
+            self._admit(topic, full_name(kind))
+            self._advertised[topic] = {None}
+        if not isinstance(given, dict):
+            raise BadMessage("msg must be a map")
+        kind = self._hub.type_of(topic)
+        if kind in self._hub.types:
+            built(self._hub.types, kind, given)  # refused as a whole where it is not of its type
+        self._hub.relay(topic, given)
+
+    def _commanded(self, topic: str, about: object, reply: Reply) -> None:
+        if reply.fault is not None:
+            self._hub.refusals.note(reply.fault.code, reply.fault.text)
+            self.tell("error", f"{topic}: {reply.fault.text}", about)
+
+    def hear(self, topic: str, message: Message) -> None:
+        """A message of a topic."""
+        subscription = self._subscriptions.get(topic)
+        if subscription is not None:
+            subscription.put(message)
+
+    # -- services ---------------------------------------------------------------------------------------------------------------------------
+
+    def _call_service(self, message: Map) -> None:
+        name = "/" + str(message.get("service", "")).strip("/")
+        args = message.get("args", {})
+        if name.startswith("/rosapi/"):
+            answer = self._rosapi.services.get(name.removeprefix("/rosapi/"))
+            if answer is None:
+                raise Wrong(
+                    f'no service "{name[:100]}"{did_you_mean(name, [f"/rosapi/{s}" for s in self._rosapi.services])}'
+                )
+            self._respond(message, name, True, answer(args if isinstance(args, dict) else {}))
+            return
+        offer = self._hub.feed.catalogue.offers.get(name)
+        if offer is not None:
+            types, request = self._hub.types, f"{offer.type}_Request"
+            if isinstance(args, list):
+                args = dict(zip((field for field, _ in types.fields(request)), args, strict=False))
+            made = built(types, request, args or {})
+
+            def answered(response: object | None, text: str) -> None:
+                if response is None:
+                    self._respond(message, name, False, text)
+                else:
+                    self._respond(message, name, True, plain(types, response))
+
+            call(self._conversation, offer, made, answered)
+            return
+        served = self._hub.served.get(name)
+        if served is None:
+            near = did_you_mean(name, [*self._hub.feed.catalogue.offers, *self._hub.served])
+            raise Wrong(f'no service "{name[:100]}"{near}; /rosapi/services lists them')
+        self._conversation.owed.add()
+
+        def passed(result: bool, values: object) -> None:
+            self._conversation.owed.count -= 1
+            if not self._conversation.is_closed:
+                self._respond(message, name, result, values)
+
+        served[1].serve(name, args, passed)
+
+    def _respond(self, request: Map, service: str, result: bool, values: object) -> None:
+        response: Map = {"op": "service_response", "service": service, "values": values, "result": result}
+        if request.get("id") is not None:
+            response["id"] = request["id"]
+        wish = Wish()
+        with contextlib.suppress(Wrong):
+            wish = _wish(request)
+        self._reply(response, wish.compression, wish.fragment_size)
+
+    def _advertise_service(self, message: Map) -> None:
+        name, kind = "/" + str(message.get("service", "")).strip("/"), message.get("type")
+        if not isinstance(kind, str) or not kind:
+            raise Wrong('advertise_service needs a "type"')
+        if name in self._hub.feed.catalogue.offers or name.startswith("/rosapi/"):
+            raise Wrong(f'"{name}" is a service of the simulator')
+        known = self._hub.served.get(name)
+        if known is not None and known[1] is not self:
+            raise Wrong(f'"{name}" is offered by another client')
+        if sum(client is self for _, client in self._hub.served.values()) >= self._hub.config.max_subscriptions:
+            raise Wrong("too many services are offered")
+        self._hub.served[name] = (full_name(kind, "srv"), self)
+
+    def _unadvertise_service(self, message: Map) -> None:
+        name = "/" + str(message.get("service", "")).strip("/")
+        if self._hub.served.get(name, ("", None))[1] is self:
+            del self._hub.served[name]
+
+    def serve(self, service: str, args: object, answer: Callable[[bool, object], None]) -> None:
+        """A call of another client, which is passed on."""
+        if len(self._calls) >= self._hub.config.max_unanswered:
+            answer(False, f"{service}: too many calls wait for its client")
+            return
+        self._last_call += 1
+        key = f"call_service:{service}:{self._last_call}"
+        timer = asyncio.get_running_loop().call_later(ANSWER_S, self._overdue, key)
+        self._calls[key] = (answer, timer)
+        self._reply({"op": "call_service", "id": key, "service": service, "args": args})
+
+    def _overdue(self, key: str) -> None:
+        answer, _ = self._calls.pop(key)
+        answer(False, f"no answer within {ANSWER_S:g} s")
+
+    def _service_response(self, message: Map) -> None:
+        answer, timer = self._calls.pop(str(message.get("id")), (None, None))
+        if answer is None or timer is None:
+            raise Wrong("service_response: no call of this id waits")
+        timer.cancel()
+        answer(message.get("result") is not False, message.get("values", {}))
+
+    # -- out --------------------------------------------------------------------------------------------------------------------------------
+
+    def flush(self) -> None:
+        """Send what waits."""
+        self._outbox.flush()
+
+    def close(self) -> None:
+        """The client has gone."""
+        self._conversation.close()
+        self._hub.leave(self)
+        for subscription in self._subscriptions.values():
+            subscription.close()
+        for answer, timer in list(self._calls.values()):
+            timer.cancel()
+            answer(False, "the client that offers this service has gone")
+        self._calls.clear()
+
+
+def _topic(message: Map) -> str:
+    topic = message.get("topic")
+    if not isinstance(topic, str) or not topic.strip("/"):
+        raise Wrong(f'{message.get("op")} needs a "topic"')
+    if len(topic) > 256:
+        raise Wrong("a topic has at most 256 characters")
+    return "/" + topic.strip("/")
+
+
+def _key(message: Map) -> Any:
+    key = message.get("id")
+    return key if key is None or isinstance(key, str | int | float) else str(key)[:200]
+
+
+def _wish(message: Map) -> Wish:
+    compression = message.get("compression") or "none"
+    if compression not in COMPRESSIONS:
+        raise Wrong(f"compression is one of {', '.join(COMPRESSIONS)}, not {compression!r:.60}")
+    throttle = _whole(message, "throttle_rate", 0, 3_600_000)
+    queue = _whole(message, "queue_length", 0, 1 << 31)
+    size = _whole(message, "fragment_size", 0, 1 << 31)
+    return Wish(throttle / 1000.0, min(queue, LONGEST_QUEUE), max(size, 100) if size else None, compression)
+
+
+def _whole(message: Map, key: str, low: int, high: int) -> int:
+    value = message.get(key)
+    if value is None:
+        return 0
+    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+        raise Wrong(f"{key} must be a number from {low} to {high}, not {value!r:.60}")
+    return int(value)

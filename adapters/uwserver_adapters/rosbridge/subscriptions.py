@@ -1,0 +1,184 @@
+"""What one client hears: its topics, thinned and queued as it asked, in the form that it asked for."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
+from typing import Protocol
+
+from uwserver_adapters.native.outbox import Outgoing
+from uwserver_adapters.ros.feed import Told
+from uwserver_adapters.rosbridge.codec import fragments, json_text, published, published_raw, text_frame
+
+LONGEST_QUEUE = 1000
+"""Messages of a topic that may wait for a client that throttles them."""
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What one `subscribe` asked for.
+
+    Attributes:
+        throttle_s: wall time between two messages, at least.
+        queue_length: messages that wait meanwhile; 0: they are dropped.
+        fragment_size: characters of a message at most, longer ones come in pieces; None: all in one.
+        compression: one of `COMPRESSIONS`.
+    """
+
+    throttle_s: float = 0.0
+    queue_length: int = 0
+    fragment_size: int | None = None
+    compression: str = "none"
+
+
+class Message(Protocol):
+    """What a subscription sends: a message of the world, or of another client."""
+
+    def frame(self, topic: str, compression: str) -> bytes | None:
+        """The message in one frame; None where it cannot be said so."""
+
+    def text(self, topic: str) -> bytes | None:
+        """The whole JSON text."""
+
+
+class WorldMessage:
+    """One of the world: each form is made once for all clients."""
+
+    def __init__(self, told: Told, t_ns: int) -> None:
+        self._told, self._t_ns = told, t_ns
+
+    def frame(self, topic: str, compression: str) -> bytes | None:
+        """See `Message`."""
+        known = self._told.encoded.get(compression)
+        if known is None:
+            made = self._made(topic, compression)
+            if made is None:
+                return None
+            known = self._told.encoded[compression] = made
+        return known
+
+    def _made(self, topic: str, compression: str) -> bytes | None:
+        if compression == "cbor-raw":
+            raw = self._told.raw
+            return None if raw is None else published_raw(topic, raw, self._t_ns)
+        plain = self._told.plain
+        return None if plain is None else published(topic, plain, compression)
+
+    def text(self, topic: str) -> bytes | None:
+        """See `Message`."""
+        plain = self._told.plain
+        return None if plain is None else json_text({"op": "publish", "topic": topic, "msg": plain})
+
+
+class ClientMessage:
+    """One of another client, passed on as it came."""
+
+    def __init__(self, message: object) -> None:
+        self._message = message
+
+    def frame(self, topic: str, compression: str) -> bytes | None:
+        """See `Message`; its bytes in ROS' form are not known."""
+        return published(topic, self._message, "cbor" if compression == "cbor-raw" else compression)
+
+    def text(self, topic: str) -> bytes | None:
+        """See `Message`."""
+        return json_text({"op": "publish", "topic": topic, "msg": self._message})
+
+
+class Subscription:
+    """A topic of one client; several `subscribe` of it are one: the lowest rate, the longest queue, the smallest pieces.
+
+    Args:
+        topic: its name.
+        outbox: of the client.
+        flush: sends what waits there.
+
+    Attributes:
+        wishes: by the id of each `subscribe`.
+    """
+
+    def __init__(self, topic: str, outbox: Outgoing, flush: Callable[[], None]) -> None:
+        self.topic = topic
+        self.wishes: dict[Hashable, Wish] = {}
+        self._outbox, self._flush = outbox, flush
+        self._loop = asyncio.get_running_loop()
+        self._wish = Wish()
+        self._next = 0.0
+        self._waiting: deque[Message] = deque()
+        self._timer: asyncio.TimerHandle | None = None
+        self._pieces = 0
+
+    def ask(self, key: Hashable, wish: Wish) -> None:
+        """One more `subscribe`; one of the same id replaces it."""
+        self.wishes[key] = wish
+        self._merge(wish.compression)
+
+    def give_up(self, key: Hashable) -> bool:
+        """An `unsubscribe`; of all where `key` is None. Whether none is left."""
+        if key is None:
+            self.wishes.clear()
+        else:
+            self.wishes.pop(key, None)
+        if self.wishes:
+            self._merge(next(reversed(self.wishes.values())).compression)
+        return not self.wishes
+
+    def _merge(self, compression: str) -> None:
+        wishes = self.wishes.values()
+        sizes = [wish.fragment_size for wish in wishes if wish.fragment_size is not None]
+        self._wish = Wish(
+            min(wish.throttle_s for wish in wishes), max(wish.queue_length for wish in wishes), min(sizes, default=None), compression
+        )  # fmt: skip
+        self._waiting = deque(self._waiting, maxlen=self._wish.queue_length or None)
+
+    def put(self, message: Message) -> None:
+        """A message of the topic."""
+        wish = self._wish
+        if not wish.throttle_s:
+            self._send(message)
+            return
+        now = self._loop.time()
+        if now >= self._next and not self._waiting:
+            self._next = (
+                max(self._next + wish.throttle_s, now) if now - self._next < wish.throttle_s else now + wish.throttle_s
+            )
+            self._send(message)
+        elif wish.queue_length:
+            self._waiting.append(message)
+            if self._timer is None:
+                self._timer = self._loop.call_at(self._next, self._release)
+
+    def _release(self) -> None:
+        self._timer = None
+        if not self._waiting:
+            return
+        self._send(self._waiting.popleft())
+        self._flush()
+        self._next = self._loop.time() + self._wish.throttle_s
+        if self._waiting:
+            self._timer = self._loop.call_at(self._next, self._release)
+
+    def _send(self, message: Message) -> None:
+        wish = self._wish
+        # A client that asked for a queue of one wants the newest, however slowly it reads; others lose the oldest when too much waits.
+        delivery = "latest" if wish.queue_length == 1 else "ring"
+        if wish.fragment_size is not None and wish.compression in ("none", "png"):
+            text = message.text(self.topic)
+            if text is not None and len(text) > wish.fragment_size:
+                self._pieces += 1
+                pieces = b"".join(fragments(text, wish.fragment_size, self._pieces))
+                self._outbox.put_sample(self.topic, pieces, delivery)  # type: ignore[arg-type]
+                return
+            frame = None if text is None else text_frame(text)
+        else:
+            frame = message.frame(self.topic, wish.compression)
+        if frame is not None:
+            self._outbox.put_sample(self.topic, frame, delivery)  # type: ignore[arg-type]
+
+    def close(self) -> None:
+        """Nothing is sent any more."""
+        self._waiting.clear()
+        if self._timer is not None:
+            self._timer.cancel()

@@ -1,0 +1,559 @@
+"""A client of rosbridge against the adapter, on loopback: every operation, and what is refused."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import struct
+
+import pytest
+import websockets
+from adapter_rig import serving
+from cbor_rig import uncbor
+from ros_rig import PORTS, T_NS, context, sample
+from uwserver_adapters.ros.messages import Types
+from uwserver_adapters.rosbridge import RosbridgeAdapter
+from uwserver_adapters.rosbridge.config import RosbridgeConfig
+
+from uwserver.ports import Event, Refused, Sample
+
+
+class Client:
+    """One connection."""
+
+    def __init__(self, socket):
+        self.socket = socket
+
+    async def say(self, **message):
+        await self.socket.send(json.dumps(message))
+
+    async def hear(self):
+        data = await asyncio.wait_for(self.socket.recv(), 5)
+        return json.loads(data) if isinstance(data, str) else uncbor(data)[0]
+
+    async def call(self, service, args=None, **more):
+        await self.say(op="call_service", service=service, args=args or {}, **more)
+        while (answer := await self.hear())["op"] != "service_response":
+            pass
+        return answer
+
+    async def settle(self):
+        """All that was said before is done."""
+        await self.call("/rosapi/get_ros_version", id="settle")
+
+
+@contextlib.asynccontextmanager
+async def bridge(count=1, made=None, **config):
+    made = made or context()
+    async with serving(RosbridgeAdapter(RosbridgeConfig(**{"port": 0, "truth": True, **config}), made)):
+        async with contextlib.AsyncExitStack() as stack:
+            clients = [
+                Client(await stack.enter_async_context(websockets.connect(made.stats.address, max_size=None)))
+                for _ in range(count)
+            ]
+            yield (made, *clients)
+
+
+def run(story):
+    asyncio.run(asyncio.wait_for(story(), 30))
+
+
+IMU = PORTS["rov/imu"]
+
+
+def later(t_ns, port=IMU):
+    base = sample(port)
+    return Sample(base.port, base.seq, t_ns, t_ns, True, base.value)
+
+
+def test_a_topic_is_heard_once_subscribed_and_not_after():
+    async def story():
+        async with bridge() as (world, client):
+            assert world.wanted == set()  # nothing is made for nobody
+            await client.say(op="subscribe", id="a", topic="/rov/imu", type="sensor_msgs/Imu")
+            await client.say(op="subscribe", id="b", topic="rov/imu/", type="sensor_msgs/msg/Imu")
+            await client.settle()
+            assert world.wanted == {"rov/imu"}
+            world.put([sample(IMU)])
+            heard = await client.hear()
+            assert (heard["op"], heard["topic"]) == ("publish", "/rov/imu")
+            assert heard["msg"]["linear_acceleration"] == {"x": 0.1, "y": -0.2, "z": 9.81}
+            stamp = heard["msg"]["header"]["stamp"]
+            assert stamp["sec"] * 10**9 + stamp["nanosec"] == world.world.epoch_ns + T_NS
+            await client.say(op="unsubscribe", id="a", topic="/rov/imu")
+            await client.settle()
+            assert world.wanted == {"rov/imu"}
+            await client.say(op="unsubscribe", id="b", topic="/rov/imu")
+            await client.settle()
+            assert world.wanted == set()
+
+    run(story)
+
+
+def test_forms_that_clients_ask_for():
+    async def story():
+        async with bridge(3) as (world, json_client, cbor_client, raw_client):
+            for client, form in ((json_client, "png"), (cbor_client, "cbor"), (raw_client, "cbor-raw")):
+                await client.say(op="subscribe", topic="/rov/lasers", compression=form)
+                await client.settle()
+            world.put([sample(PORTS["rov/lasers"])])
+            assert (await json_client.hear())["op"] == "png"
+            tag, ranges = (await cbor_client.hear())["msg"]["ranges"]
+            assert (tag, ranges[0]) == (85, 3.0)
+            raw = (await raw_client.hear())["msg"]
+            assert Types().from_cdr(raw["bytes"], "sensor_msgs/msg/LaserScan").ranges[0] == 3.0
+            assert raw["secs"] == (world.world.epoch_ns + T_NS) // 10**9
+
+    run(story)
+
+
+def test_a_message_is_encoded_once_for_all():
+    async def story():
+        async with bridge(5) as (world, *clients):
+            for client in clients:
+                await client.say(op="subscribe", topic="/rov/imu")
+                await client.settle()
+            for k in range(10):
+                world.put([later(k)])
+            for client in clients:
+                for _ in range(10):
+                    await client.hear()
+            assert world.stats.encoded == 10
+            assert world.stats.samples_sent == 50
+
+    run(story)
+
+
+def test_throttled_messages_are_dropped_or_wait():
+    async def story():
+        async with bridge(2) as (world, drops, waits):
+            await drops.say(op="subscribe", topic="/rov/imu", throttle_rate=60_000)
+            await waits.say(op="subscribe", topic="/rov/imu", throttle_rate=20, queue_length=3)
+            await drops.settle()
+            await waits.settle()
+            for k in range(10):
+                world.put([later(k * 10**9)])
+            seconds = [
+                (await waits.hear())["msg"]["header"]["stamp"]["sec"] - world.world.epoch_ns // 10**9 for _ in range(4)
+            ]
+            assert seconds == [0, 7, 8, 9]  # the first, then the newest three
+            assert (await drops.hear())["msg"]["header"]["stamp"]["sec"] == world.world.epoch_ns // 10**9
+            assert (await drops.call("/rosapi/get_ros_version"))["op"] == "service_response"  # and nothing between
+
+    run(story)
+
+
+def test_long_messages_come_in_pieces():
+    async def story():
+        async with bridge() as (world, client):
+            await client.say(op="subscribe", topic="/rov/imu", fragment_size=200)
+            await client.settle()
+            world.put([sample(IMU)])
+            pieces = [await client.hear()]
+            while len(pieces) < pieces[0]["total"]:
+                pieces.append(await client.hear())
+            assert json.loads("".join(piece["data"] for piece in pieces))["topic"] == "/rov/imu"
+            text = json.dumps({"op": "publish", "topic": "/rov/fin/cmd", "msg": {"data": 0.25}})
+            for num in (1, 0):
+                data = text[30 * num : 30 * (num + 1) if num == 0 else None]
+                await client.say(op="fragment", id="x", num=num, total=2, data=data)
+            await client.settle()
+            assert world.commands[-1].value == ((0.25,),)
+
+    run(story)
+
+
+def test_latched_topics_greet_late_comers():
+    async def story():
+        async with bridge() as (_, client):
+            await client.say(op="subscribe", topic="/tf_static")
+            transforms = (await client.hear())["msg"]["transforms"]
+            assert [one["child_frame_id"] for one in transforms] == ["rov/odom"]
+
+    run(story)
+
+
+def test_the_clock_ticks_in_simulated_time():
+    async def story():
+        async with bridge(clock_hz=10) as (world, client):
+            await client.say(op="subscribe", topic="/clock")
+            await client.settle()
+            assert len(world.wanted) == 1
+            (path,) = world.wanted
+            for k in range(100):  # 4 ms a tick: 0.4 s
+                world.put([later(k * 4_000_000, PORTS[path])])
+            nanoseconds = [(await client.hear())["msg"]["clock"]["nanosec"] for _ in range(4)]
+            assert nanoseconds == [0, 100_000_000, 200_000_000, 300_000_000]
+            world.say(Event("reset", 0, 0, "again"))
+            world.put([later(0, PORTS[path])])
+            assert (await client.hear())["msg"]["clock"]["nanosec"] == 0
+
+    run(story)
+
+
+def test_commands_reach_their_actuator_and_wrong_ones_are_told():
+    async def story():
+        async with bridge() as (world, client):
+            await client.say(op="advertise", topic="/rov/cmd_vel", type="geometry_msgs/Twist")
+            await client.say(op="publish", topic="/rov/cmd_vel", msg={"linear": {"x": 1.0}})
+            await client.settle()
+            assert world.commands[-1].port == "rov/autopilot/velocity"
+            before = len(world.commands)
+            for message, text in (
+                ({"topic": "/rov/thrusters/cmd", "msg": {"data": [5.0, 0.0, 0.0]}}, "at most 1"),
+                ({"topic": "/rov/thrusters/cmd", "msg": {"data": [None, 0.0, 0.0]}}, "finite"),
+                ({"topic": "/rov/cmd_vel", "msg": {"linear": {"q": 1}}}, "has no field 'q'"),
+                ({"topic": "/rov/cmd_vell", "msg": {}}, 'did you mean "/rov/cmd_vel"'),
+                ({"topic": "/rov/imu", "msg": {}, "type": "sensor_msgs/Imu"}, "the simulator alone"),
+            ):
+                await client.say(op="publish", id=7, **message)
+                told = await client.hear()
+                assert (told["op"], told["level"], told["id"]) == ("status", "error", 7)
+                assert text in told["msg"]
+            assert len(world.commands) == before
+
+    run(story)
+
+
+@pytest.mark.parametrize(
+    ("message", "text"),
+    [
+        ({"op": "subscribe"}, 'needs a "topic"'),
+        ({"op": "subscribe", "topic": "/rov/imu", "type": "nav_msgs/Odometry"}, "is of type sensor_msgs/msg/Imu"),
+        ({"op": "subscribe", "topic": "/a", "compression": "zip"}, "compression is one of"),
+        ({"op": "subscribe", "topic": "/a", "throttle_rate": -1}, "throttle_rate must be"),
+        ({"op": "subscribe", "topic": "/a", "throttle_rate": "fast"}, "throttle_rate must be"),
+        ({"op": "subscribe", "topic": "/" + "a" * 300}, "256 characters"),
+        ({"op": "advertise", "topic": "/a"}, 'needs a "type"'),
+        ({"op": "advertise", "topic": "/rov/cmd_vel", "type": "std_msgs/String"}, "is of type geometry_msgs/msg/Twist"),
+        ({"op": "set_level", "level": "loud"}, "level is one of"),
+        ({"op": "subscrib"}, 'did you mean "subscribe"'),
+        ({"op": ["x"]}, "no operation"),
+        ({}, "no operation"),
+        ({"op": "auth"}, "token in the address"),
+        ({"op": "service_response", "id": "x"}, "no call of this id"),
+        ({"op": "advertise_service", "service": "/world/pause", "type": "x/Y"}, "a service of the simulator"),
+        ({"op": "fragment", "num": 0, "total": 1, "data": '{"op":"fragment"}'}, "fragments of fragments"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_told(message, text):
+    async def story():
+        async with bridge() as (world, client):
+            await client.say(**message)
+            told = await client.hear()
+            assert text in told["msg"]
+            assert world.stats.errors == 1
+
+    run(story)
+
+
+def test_services():
+    async def story():
+        async with bridge() as (world, client):
+            assert (await client.call("/world/pause", id=5)) == {
+                "op": "service_response", "service": "/world/pause", "id": 5, "result": True,
+                "values": {"success": True, "message": ""},
+            }  # fmt: skip
+            answer = await client.call("world/step", {"n": [7]})
+            assert answer["values"]["success"]
+            assert world.calls[-1].args == {"n": 7}
+            answer = await client.call("/world/step", [[9]])  # by place
+            assert world.calls[-1].args == {"n": 9}
+            answer = await client.call("/world/step", {"m": 1})
+            assert (answer["result"], "has no field 'm'" in answer["values"]) == (False, True)
+            answer = await client.call("/world/stepp", compression="cbor")
+            assert (answer["result"], 'did you mean "/world/step"' in answer["values"]) == (False, True)
+
+            def refuse(_):
+                raise Refused("busy", "not now", "world/pause")
+
+            world.scripts["world/pause"] = refuse
+            answer = await client.call("/world/pause")
+            assert (answer["result"], answer["values"]) == (True, {"success": False, "message": "not now"})
+
+    run(story)
+
+
+def test_ten_thousand_calls_are_answered():
+    async def story():
+        async with bridge() as (_, client):
+            total, wave = 10_000, 500
+            seen = set()
+            for begin in range(0, total, wave):
+                for k in range(begin, begin + wave):
+                    await client.say(op="call_service", id=k, service="/world/echo", args={"value": [str(k)]})
+                for _ in range(wave):
+                    answer = await client.hear()
+                    assert json.loads(answer["values"]["result"]) == answer["id"]
+                    seen.add(answer["id"])
+            assert len(seen) == total
+
+    run(story)
+
+
+def test_clients_serve_each_other():
+    async def story():
+        async with bridge(2) as (_, asks, serves):
+            await serves.say(op="advertise_service", service="/add", type="example_interfaces/AddTwoInts")
+            await serves.settle()
+            await asks.say(op="call_service", id="q", service="/add", args={"a": 1, "b": 2})
+            call = await serves.hear()
+            assert (call["op"], call["args"]) == ("call_service", {"a": 1, "b": 2})
+            await serves.say(op="service_response", id=call["id"], service="/add", values={"sum": 3}, result=True)
+            assert (await asks.hear()) == {
+                "op": "service_response", "service": "/add", "id": "q", "result": True, "values": {"sum": 3}
+            }  # fmt: skip
+            await asks.say(op="call_service", id="r", service="/add", args={})
+            await serves.hear()
+            await serves.socket.close()
+            answer = await asks.hear()
+            assert (answer["result"], "has gone" in answer["values"]) == (False, True)
+            assert not (await asks.call("/add"))["result"]
+
+    run(story)
+
+
+def test_clients_talk_to_each_other():
+    async def story():
+        async with bridge(2) as (_, speaks, hears):
+            await speaks.say(op="advertise", topic="/chat", type="std_msgs/String")
+            await speaks.settle()
+            await hears.say(op="subscribe", topic="/chat")
+            await hears.settle()
+            await speaks.say(op="publish", topic="/chat", msg={"data": "hello"})
+            assert (await hears.hear())["msg"] == {"data": "hello"}
+            await speaks.say(op="publish", topic="/chat", msg={"data": 5})
+            assert "must be a text" in (await speaks.hear())["msg"]
+            assert (await hears.call("/rosapi/topic_type", {"topic": "/chat"}))["values"] == {
+                "type": "std_msgs/msg/String"
+            }
+            await speaks.socket.close()
+            while (await hears.call("/rosapi/topic_type", {"topic": "/chat"}))["values"]["type"]:
+                await asyncio.sleep(0.01)
+
+    run(story)
+
+
+def test_status_messages_as_loud_as_asked():
+    async def story():
+        async with bridge() as (_, client):
+            await client.say(op="subscribe", topic="/nobody")
+            await client.settle()  # a warning, which is not told
+            await client.say(op="set_level", level="warning")
+            await client.say(op="subscribe", topic="/rov/imuu", id="w")
+            told = await client.hear()
+            assert (told["level"], 'did you mean "/rov/imu"' in told["msg"]) == ("warning", True)
+            await client.say(op="set_level", level="none")
+            await client.say(op="nonsense")
+            assert (await client.call("/world/pause"))["result"]
+
+    run(story)
+
+
+def test_rosapi_tells_what_there_is():
+    async def story():
+        async with bridge() as (world, client):
+
+            async def ask(name, /, **args):
+                answer = await client.call(f"/rosapi/{name}", args)
+                assert answer["result"], answer
+                return answer["values"]
+
+            topics = await ask("topics")
+            assert (
+                dict(zip(topics["topics"], topics["types"], strict=True))["/rov/cmd_vel"] == "geometry_msgs/msg/Twist"
+            )
+            raw = await ask("topics_and_raw_types")
+            text = dict(zip(raw["topics"], raw["typedefs_full_text"], strict=True))["/rov/dvl"]
+            assert "MSG: geometry_msgs/Vector3" in text
+            assert (await ask("topic_type", topic="rov/imu")) == {"type": "sensor_msgs/msg/Imu"}
+            assert (await ask("topics_for_type", type="sensor_msgs/Imu"))["topics"] == ["/rov/ahrs", "/rov/imu"]
+            assert "/world/pause" in (await ask("services"))["services"]
+            assert (await ask("service_type", service="/world/pause")) == {"type": "std_srvs/srv/Trigger"}
+            assert "/world/pause" in (await ask("services_for_type", type="std_srvs/Trigger"))["services"]
+            assert (await ask("nodes")) == {"nodes": ["/uwserver"]}
+            assert "/rov/imu" in (await ask("node_details", node="/uwserver"))["publishing"]
+            assert (await ask("publishers", topic="/rov/imu")) == {"publishers": ["/uwserver"]}
+            details = (await ask("message_details", type="sensor_msgs/Imu"))["typedefs"]
+            assert details[0]["fieldnames"][:2] == ["header", "orientation"]
+            assert details[0]["fieldarraylen"][2] == 9
+            assert details[1]["type"] == "std_msgs/msg/Header"
+            request = (await ask("service_request_details", type="uwserver_msgs/srv/Step"))["typedefs"]
+            assert request[0]["fieldnames"] == ["n"]
+            assert (await ask("get_ros_version")) == {"version": 2, "distro": "jazzy"}
+            assert (await ask("get_time"))["time"]["sec"] == world.world.epoch_ns // 10**9
+            assert (await ask("get_param", name="/x"))["successful"] is False
+            for name in (
+                "get_param_names",
+                "has_param",
+                "action_servers",
+                "interfaces",
+                "subscribers",
+                "service_node",
+                "search_param",
+            ):
+                await ask(name)
+            bad = await client.call("/rosapi/message_details", {"type": "a/B"})
+            assert (bad["result"], "no message type" in bad["values"]) == (False, True)
+
+    run(story)
+
+
+def test_clients_of_ros1_get_its_words():
+    async def story():
+        async with bridge(ros_distro="noetic") as (world, client):
+            await client.say(op="subscribe", topic="/rov/imu", type="sensor_msgs/Imu")
+            await client.settle()
+            world.put([sample(IMU)])
+            header = (await client.hear())["msg"]["header"]
+            assert set(header) == {"seq", "stamp", "frame_id"}
+            assert set(header["stamp"]) == {"secs", "nsecs"}
+            assert (await client.call("/rosapi/topic_type", {"topic": "/rov/imu"}))["values"] == {
+                "type": "sensor_msgs/Imu"
+            }
+
+    run(story)
+
+
+def test_other_ports_are_other_topics():
+    async def story():
+        async with bridge() as (world, client):
+            await client.say(op="subscribe", topic="/rov/leak")
+            await client.settle()
+            assert world.wanted == {"rov/leak"}
+            world.set_ports([IMU])
+            while "/rov/leak" in (await client.call("/rosapi/topics"))["values"]["topics"]:
+                await asyncio.sleep(0.01)
+            assert world.wanted == set()
+            world.set_ports([IMU, PORTS["rov/leak"]])
+            while world.wanted != {"rov/leak"}:  # it still listens
+                await asyncio.sleep(0.01)
+
+    run(story)
+
+
+# -- who may -------------------------------------------------------------------------------------------------------------------------------
+
+
+async def _opened(address, **options):
+    try:
+        async with websockets.connect(address, **options):
+            return 101
+    except websockets.InvalidStatus as refused:
+        return refused.response.status_code
+
+
+def test_pages_of_strangers_and_foreign_names_are_refused():
+    async def story():
+        made = context()
+        async with serving(RosbridgeAdapter(RosbridgeConfig(port=0, allowed_origins=("https://ok.example",)), made)):
+            address = made.stats.address
+            port = address.rpartition(":")[2]
+            assert await _opened(address) == 101
+            assert await _opened(address, origin="https://evil.example") == 403
+            assert await _opened(address, origin="https://ok.example") == 101
+            sock_host = {"host": "127.0.0.1", "port": int(port)}
+            assert await _opened(f"ws://rebound.example:{port}", **sock_host) == 403
+            assert await _opened(f"ws://localhost:{port}", **sock_host) == 101
+            assert made.stats.details["refused"] == {"origin": 1, "host": 1}
+
+    run(story)
+
+
+def test_a_token_is_asked_for():
+    async def story():
+        made = context()
+        async with serving(RosbridgeAdapter(RosbridgeConfig(port=0, token="secret"), made)):
+            address = made.stats.address
+            assert await _opened(address) == 403
+            assert await _opened(address + "/?token=wrong") == 403
+            assert await _opened(address + "/?token=secret") == 101
+            assert await _opened(address, additional_headers={"Authorization": "Bearer secret"}) == 101
+            for _ in range(20):
+                await _opened(address + "/?token=wrong")
+            assert await _opened(address + "/?token=secret") == 403  # locked out for a while
+
+    run(story)
+
+
+def test_a_token_is_made_where_others_reach_it(monkeypatch):
+    monkeypatch.delenv("UWSERVER_TOKEN", raising=False)
+
+    async def story():
+        assert RosbridgeAdapter(RosbridgeConfig(bind="0.0.0.0"), context()).token is not None
+        assert RosbridgeAdapter(RosbridgeConfig(), context()).token is None
+
+    run(story)
+
+
+# -- hostile input --------------------------------------------------------------------------------------------------------------------------
+
+
+def test_lines_of_chance_break_nothing():
+    import numpy as np
+
+    rng = np.random.default_rng(5)
+    words = [
+        '{"op":"subscribe","topic":"/rov/imu"', '"id":1', "}", "{", "[", "]", '"op":"publish"', '"topic":"/rov/thrusters/cmd"', '"msg":{"data":',
+        "1e999", "NaN", "null", "-1", '"\\ud800"', '"args":[[[]]]', '"service":"/world/step"', '"op":"call_service"', '"type":5', ",", ":", "\x00",
+        '"compression":"png"', '"fragment_size":1', '"throttle_rate":1e300', '"queue_length":-0.5',
+    ]  # fmt: skip
+
+    async def story():
+        async with bridge() as (world, client):
+            await client.say(op="set_level", level="none")
+            for _ in range(20):
+                for _ in range(250):
+                    await client.socket.send("".join(rng.choice(words, rng.integers(1, 9))))
+                await client.call("/rosapi/get_ros_version", id="settle")
+            assert world.stats.peers == 1
+
+    run(story)
+
+
+def test_hundreds_of_subscriptions_are_bounded():
+    async def story():
+        async with bridge(max_subscriptions=50) as (_, client):
+            await client.say(op="set_level", level="error")
+            for k in range(60):
+                await client.say(op="subscribe", topic=f"/t{k}")
+            told = [await client.hear() for _ in range(10)]
+            assert all("raise max_subscriptions" in one["msg"] for one in told)
+            for k in range(60):
+                await client.say(op="advertise", topic=f"/u{k}", type="std_msgs/String")
+            assert "raise max_subscriptions" in (await client.hear())["msg"]
+
+    run(story)
+
+
+def test_who_does_not_read_loses_the_oldest_and_holds_up_nobody():
+    async def story():
+        made = context()
+        config = RosbridgeConfig(port=0, queue_samples=50, queue_bytes=1 << 20)
+        async with serving(RosbridgeAdapter(config, made)):
+            host, _, port = made.stats.address.removeprefix("ws://").rpartition(":")
+            reader, writer = await asyncio.open_connection(host, int(port), limit=1024)
+            writer.write(
+                f"GET / HTTP/1.1\r\nHost: {host}:{port}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n"
+                "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n".encode()
+            )
+            await reader.readuntil(b"\r\n\r\n")
+            body = b'{"op":"subscribe","topic":"/rov/imu"}'
+            writer.write(b"\x81" + struct.pack(">B", 0x80 | len(body)) + bytes(4) + body)
+            while not made.wanted:
+                await asyncio.sleep(0.01)
+            async with websockets.connect(made.stats.address) as socket:
+                client = Client(socket)
+                await client.say(op="subscribe", topic="/rov/imu")
+                await client.settle()
+                for k in range(30_000):
+                    made.put([later(k)])
+                    if k % 500 == 0:
+                        for _ in range(500 if k else 1):
+                            await client.hear()
+                assert made.stats.dropped > 1000
+
+            writer.close()
+
+    run(story)

@@ -1,0 +1,180 @@
+"""One port of each kind, with fixed samples and mounts: what tests of the ROS dialects share."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from uwserver_adapters.ros.messages import Catalogue, Facts, Mount, Types
+
+from uwserver.ports import BeamView, Buffer, FanView, Field, Layout, Port, Propulsor, Sample
+from uwserver.testing.fake_context import SERVICES, FakeContext
+
+EPOCH_NS = 1_767_225_600_000_000_000
+T_NS = 12_345_678_901
+NAN = math.nan
+DEG = math.pi / 180
+
+
+def sensor(path, kind, rate_hz=10.0, **fields):
+    """A sensor; fields as name=(unit, frame, shape, type)."""
+    made = []
+    for name, described in fields.items():
+        unit, frame, shape, kind_of = (*described, *("1", "", (), "float")[len(described) :])
+        made.append(Field(name, unit, f"{name} of a test", frame, shape, kind_of))
+    return Port(path, "sensor", kind, tuple(made), "A sensor of a test.", rate_hz=rate_hz)
+
+
+V3 = ("1", "S", (3,))
+TEXT, FLAG, WHOLE = ("1", "", (), "str"), ("1", "", (), "bool"), ("1", "", (), "int")
+
+TABLE = {
+    sensor("rov/imu", "imu", f_S=V3, w_S=V3, temperature=("degC",)): ((0.1, 0.2, -9.81), (0.01, 0.02, 0.03), 8.5),
+    sensor("rov/pressure", "pressure", pressure=("Pa",)): (201_325.0,),
+    sensor("rov/depth", "pressure", depth=("m",)): (10.25,),
+    sensor("rov/mocap", "motion_capture", p_NS=("m", "N", (3,)), q_NS=("1", "NS", (4,))): (
+        (1.0, 2.0, 3.0), (math.cos(15 * DEG), 0.0, 0.0, math.sin(15 * DEG)),
+    ),
+    sensor(
+        "rov/dvl", "dvl", v_S=V3, altitude=("m",), figure_of_merit=("m/s",), covariance_S=("1", "S", (3, 3)),
+        beam_velocities=("m/s", "", (4,)), beam_ranges=("m", "", (4,)), beam_locks=("1", "", (4,), "bool"), v_water_S=V3,
+    ): (
+        (0.5, 0.1, -0.05), 20.0, 0.01, (1e-4, 1e-5, 2e-5, 1e-5, 2e-4, 3e-5, 2e-5, 3e-5, 3e-4),
+        (0.2, -0.1, None, 0.1), (21.0, 21.5, None, 22.0), (True, True, False, True), (0.4, 0.1, 0.0),
+    ),
+    sensor("rov/altimeter", "altimeter", range=("m",), confidence=("1",)): (12.5, 0.9),
+    sensor(
+        "rov/sonar", "scanning_sonar", head_angle=("rad",), range=("m",), gain=("dB",), bins=("1", "", (4,), "int"),
+    ): (0.5, 20.0, 30.0, (0, 10, 200, 255)),
+    sensor(
+        "rov/usbl", "usbl", beacon=TEXT, range=("m",), bearing=("rad",), elevation=("rad",), p_beacon_S=V3, travel_time=("s",),
+        hydrophone_ranges=("m", "", (2,)),
+    ): ("station", 30.0, 0.5, 0.2, (20.0, 10.0, 5.0), 0.04, (30.1, 29.9)),
+    sensor("rov/lbl", "lbl", beacon=TEXT, range=("m",), travel_time=("s",)): ("north", 120.0, 0.16),
+    sensor("rov/compass", "magnetometer", field_S=V3): ((1.5e-5, 1e-6, 4.9e-5),),
+    sensor("rov/ahrs", "attitude", q_NS=("1", "NS", (4,)), heading=("rad",)): ((1.0, 0.0, 0.0, 0.0), 30 * DEG),
+    sensor(
+        "rov/gps", "gps", latitude=("rad",), longitude=("rad",), height=("m",), v_NS=("m/s", "N", (3,)), horizontal_accuracy=("m",),
+        vertical_accuracy=("m",), velocity_accuracy=("m/s",), satellites=WHOLE, fix=WHOLE,
+    ): (63.43 * DEG, 10.4 * DEG, 0.5, (1.0, 0.2, 0.1), 1.5, 2.5, 0.1, 9, 3),
+    sensor("rov/ctd", "ctd", conductivity=("S/m",), temperature=("degC",), pressure=("Pa",), salinity=("1",)): (
+        3.5, 8.0, 2e5, 34.5,
+    ),
+    sensor("rov/svs", "sound_speed", sound_speed=("m/s",)): (1490.0,),
+    sensor("rov/lasers", "range_array", ranges=("m", "", (3,))): ((1.0, None, 3.0),),
+    sensor("rov/bumper", "contact", touching=FLAG, impulse_B=("N s", "B", (3,))): (True, (0.5, 0.1, -0.2)),
+    sensor("rov/battery", "battery", voltage=("V",), current=("A",), charge=("1",)): (15.5, 12.0, 0.75),
+    sensor("rov/leak", "leak", leak=FLAG): (False,),
+    Port(
+        "rov/shafts", "sensor", "rpm", (Field("speeds", "rad/s", "shaft speed, order: t1, t2", shape=(2,)),), "Shafts.", rate_hz=20.0
+    ): ((100.0, -50.0),),
+    sensor("rov/clock", "clock", utc_ns=WHOLE, elapsed=("s",)): (EPOCH_NS + T_NS + 5, 12.345678906),
+    sensor("rov/truth/pose", "truth_pose", p_NB=("m", "N", (3,)), q_NB=("1", "NB", (4,))): (
+        (1.0, 2.0, 3.0), (math.cos(15 * DEG), 0.0, 0.0, math.sin(15 * DEG)),
+    ),
+    sensor("rov/truth/velocity", "truth_velocity", v_NB_B=("m/s", "B", (3,)), w_NB_B=("rad/s", "B", (3,))): (
+        (1.0, 0.2, -0.1), (0.01, 0.02, 0.3),
+    ),
+    sensor("rov/truth/acceleration", "truth_acceleration", v_dot_B=("1", "B", (3,)), w_dot_B=("1", "B", (3,))): (
+        (0.1, 0.2, 0.3), (0.4, 0.5, 0.6),
+    ),
+    sensor("rov/truth/wrench", "truth_wrench", force_B=("N", "B", (3,)), torque_B=("N m", "B", (3,))): (
+        (1.0, 2.0, 3.0), (4.0, 5.0, 6.0),
+    ),
+    sensor(
+        "rov/autopilot/state", "autopilot", mode=TEXT, armed=FLAG, p_N=("m", "N", (3,)), position_valid=FLAG, v_N=("m/s", "N", (3,)),
+        velocity_valid=FLAG, q_NB=("1", "NB", (4,)), w_B=("rad/s", "B", (3,)), failsafe=TEXT,
+    ): (
+        "depth_hold", True, (1.0, 2.0, 3.0), True, (0.5, 0.5, 0.0), False,
+        (math.cos(15 * DEG), 0.0, 0.0, math.sin(15 * DEG)), (0.0, 0.0, 0.1), "",
+    ),
+    Port(
+        "rov/strange", "sensor", "plankton", (
+            Field("count", "1", "cells", type="int"), Field("Size", "m", "of each", shape=(2,)), Field("name", "1", "of it", type="str"),
+            Field("picture", "1", "of it", type="buffer", buffer=Layout("uint8", (2, -1))),
+        ), "Unknown to all standards.", rate_hz=1.0,
+    ): (7, (1e-5, None), "diatom", Buffer.of(np.arange(6, dtype=np.uint8).reshape(2, 3))),
+}  # fmt: skip
+"""Port -> value of its sample."""
+
+ACTUATORS = (
+    Port(
+        "rov/thrusters", "actuator", "thrusters", (Field("u", "1", "command", shape=(3,), minimum=-1.0, maximum=1.0),), "All.",
+        timeout_s=1.0, propulsors=tuple(Propulsor(name, (0, 0, 0), (1, 0, 0)) for name in ("t1", "t2", "t3")),
+    ),
+    Port("rov/fin", "actuator", "fin", (Field("angle_rad", "rad", "angle", minimum=-0.5, maximum=0.5),), "Fin."),
+    Port(
+        "rov/tow", "actuator", "force_torque", (
+            Field("force_B", "N", "force", "B", (3,)), Field("torque_B", "N m", "moment", "B", (3,)),
+        ), "Rope.",
+    ),
+    Port(
+        "rov/teleport", "actuator", "teleport", (
+            Field("p_NB", "m", "place", "N", (3,)), Field("q_NB", "1", "attitude", "NB", (4,)),
+        ), "Elsewhere.",
+    ),
+    Port(
+        "rov/autopilot/velocity", "actuator", "autopilot", (
+            Field("v_B", "m/s", "speed", "B", (3,)), Field("v_N", "m/s", "speed", "N", (3,)), Field("yaw_rate", "rad/s", "turn"),
+        ), "Fly.",
+    ),
+    Port(
+        "rov/autopilot/position", "actuator", "autopilot", (Field("p_N", "m", "place", "N", (3,)), Field("heading", "rad", "heading")),
+        "Go.",
+    ),
+    Port("rov/autopilot/depth", "actuator", "autopilot", (Field("depth", "m", "depth"),), "Depth."),
+    Port("rov/autopilot/pilot", "actuator", "autopilot", (Field("u", "1", "sticks", shape=(6,)),), "Sticks."),
+    Port(
+        "rov/lamp", "actuator", "lamp", (Field("power", "1", "part"), Field("colour", "1", "word", type="str")), "Light.",
+    ),
+)  # fmt: skip
+
+TILT = 30 * DEG
+MOUNTS = {
+    "rov/imu": Mount((0.1, 0.2, -0.3), (0.0, 0.0, 0.0, 1.0), sigmas={"w_S": 0.01, "f_S": (0.1, 0.2, 0.3)}),
+    "rov/depth": Mount((0.0, 0.0, 0.1), sigmas={"depth": 0.05}),
+    "rov/altimeter": Mount((0.2, 0.0, 0.2), beams=(BeamView((0.0, 0.0, 1.0), 0.5, 0.3, 50.0),)),
+    "rov/dvl": Mount(
+        beams=tuple(
+            BeamView((math.sin(TILT) * math.cos(a), math.sin(TILT) * math.sin(a), math.cos(TILT)), 0.0, 0.05, 50.0)
+            for a in (math.pi / 4, 3 * math.pi / 4, 5 * math.pi / 4, 7 * math.pi / 4)
+        )
+    ),
+    "rov/sonar": Mount((0.1, 0.0, -0.3), fan=FanView(0.05, 0.6, 0.03, (-1.0, 1.0), 4, 0.3, 20.0)),
+    "rov/lasers": Mount(
+        beams=tuple(BeamView((math.cos(a), math.sin(a), 0.0), 0.0, 0.1, 8.0) for a in (-0.5, 0.0, 0.5))
+    ),
+}
+FACTS = Facts(epoch_ns=EPOCH_NS, tick_s=0.004, mounts=MOUNTS, geoid_m=40.0)
+
+
+def sample(port, valid=True, **changed):
+    """The fixed sample of a port; fields replaced by name."""
+    values = dict(zip((field.name for field in port.fields), TABLE[port], strict=True))
+    return Sample(port.path, 3, T_NS, T_NS, valid, tuple({**values, **changed}.values()))
+
+
+PORTS = {port.path: port for port in TABLE}
+
+
+def context():
+    """A server with one port of each kind."""
+    made = FakeContext(services={service.path: service for service in SERVICES})
+    made.ports = {**PORTS, **{port.path: port for port in ACTUATORS}}
+    return made
+
+
+def catalogue(distro="jazzy", facts=FACTS):
+    """All its topics."""
+    return Catalogue.of(Types(distro), facts, context())
+
+
+def messages(made):
+    """Topic -> messages of the fixed samples."""
+    told = {}
+    for outlet in made.outlets:
+        for path in outlet.ports:
+            message = outlet.make(sample(PORTS[path]))
+            if message is not None:
+                told.setdefault(outlet.topic, []).append(message)
+    return told
