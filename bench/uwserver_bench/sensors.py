@@ -15,8 +15,7 @@ import numpy as np
 
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
-from uwserver.sensors import Scope
-from uwserver.units import NANOSECONDS
+from uwserver.world.profile import Profile
 from uwserver.world.world import World
 from uwserver_bench.physics import COMMAND_EVERY, RATE_HZ
 from uwserver_bench.rows import Row
@@ -32,7 +31,18 @@ DEVICES = {
     "gps": ("GPS sample under water", None),
 }
 """By name of the sensor in SCENARIO: the row and its bar, us."""
+KINDS = {
+    "sonar": "scanning_sonar",
+    "dvl": "dvl",
+    "inertial": "imu",
+    "altimeter": "altimeter",
+    "depth": "pressure",
+    "gps": "gps",
+}
+"""What a profile of the world calls it."""
 
+SECOND = round(RATE_HZ)
+"""Ticks."""
 DEPTH_M, ABOVE_M = 20.0, 5.0
 """Of the seabed, whose waves of 3 m lie in the sonar's sight; and the vehicle's height over its mean."""
 
@@ -110,7 +120,7 @@ def bench_sensors(quick: bool, say: Callable[[str], None]) -> list[Row]:
         say(f"sensors: repeat {max(repeat, 0) + 1} of {repeats}")
         world.call("world/reset")
         world.step(2)
-        found = {name: _reading_us(world, name, budget_s) for name in DEVICES}
+        found = _readings_us(world, budget_s)
         found["all"] = _real_time_factor(world, budget_s)
         for name, value in found.items() if repeat >= 0 else ():
             values[name].append(value)
@@ -134,25 +144,25 @@ def survey() -> World:
         return build(load(file, adapters={}))
 
 
-def _reading_us(world: World, name: str, budget_s: float) -> float:
-    """Microseconds that a reading of one device takes with its errors, from the present state; each time it is ready for it."""
-    slot, x = world.sensors[f"rov/{name}"], world.hydro.state[0].tolist()
-    rates, tau = world.hydro.rates_of_change(0.0)
-    scope = Scope(
-        world.t_ns, tuple(x[:3]), tuple(x[3:7]), tuple(x[7:10]), tuple(x[10:13]), world.water, tuple(rates[0].tolist()),
-        tuple(tau[0].tolist()), world.geometry, world.vehicles, world.earth, slot.wiring, world.lambert,
-    )  # fmt: skip
-
-    def seconds(times: int) -> float:
+def _readings_us(world: World, budget_s: float) -> dict[str, float]:
+    """Microseconds that a reading of each device takes in the ticks of its world: what its kind measures, and its part of errors and delays,
+    which all are given in one call."""
+    profile = Profile(time.thread_time_ns)
+    window = profile.open()
+    world.watch(profile)
+    try:
+        ticks = 0
         start = time.thread_time_ns()
-        for _ in range(times):
-            scope.t_ns += 10 * NANOSECONDS
-            slot.read(scope)
-        return (time.thread_time_ns() - start) * 1e-9
-
-    # The clock of a thread is slow: it is read at the ends alone.
-    times = max(10, round(budget_s * 10 / seconds(10)))
-    return 1e6 * seconds(times) / times
+        while ticks == 0 or (time.thread_time_ns() - start) * 1e-9 < budget_s * len(DEVICES):
+            world.step(SECOND)
+            ticks += SECOND
+    finally:
+        world.watch(None)
+    lines = profile.close(window).lines
+    total = {line.what: line.mean_us * ticks for line in lines}
+    counts = {line.what: line.readings for line in lines if line.readings}
+    errors = total["errors, delays"] / sum(counts.values())
+    return {name: total[KINDS[name]] / counts[KINDS[name]] + errors for name in DEVICES}
 
 
 def _real_time_factor(world: World, budget_s: float) -> float:
