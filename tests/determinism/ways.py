@@ -332,6 +332,8 @@ def recording(path: Path, run: Trace) -> Trace:
     trace.states, trace.replies = run.states, run.replies
     with path.open("rb") as file:
         for _, channel, message in make_reader(file).iter_messages(log_time_order=False):
+            if channel.message_encoding != "json":
+                continue  # for viewers and players
             body = msgspec.json.decode(message.data)
             if isinstance(body, dict) and "t_sent_ns" in body:
                 values = tuple(body["value"].values())
