@@ -26,6 +26,7 @@ ELSEWHERE = {
     "docs/how-to/browser.md": "tests/unit/adapters/sockets/test_websocket.py",
     "docs/how-to/install.md": "tests/integration/test_distributions.py",
     "docs/how-to/moos.md": "tests/unit/adapters/moos/test_how_to.py",
+    "docs/how-to/ros1.md": "tests/integration/test_ros1.py",
     "docs/how-to/px4.md": "tests/integration/test_real_px4.py",
     "docs/how-to/write-an-adapter.md": "tests/unit/testing/test_adapters.py",
     "docs/how-to/your-vehicle.md": "tests/examples/test_your_vehicle.py",
