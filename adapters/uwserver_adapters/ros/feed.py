@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import Any
 
 from uwserver.adapter import AdapterContext, Conversation
-from uwserver.ports import Event, Refused, Reply, Sample, SceneState
+from uwserver.ports import Cast, Event, Present, Refused, Reply, Sample, SceneState
 from uwserver_adapters.ros.messages.catalogue import CLOCK, TF_STATIC, Catalogue
 from uwserver_adapters.ros.messages.plain import plain
 from uwserver_adapters.ros.messages.services import Ask, Offer
@@ -73,6 +73,8 @@ class Told:
         return None if self.message is None else plain(self._types, self.message)
 
 
+_BEFORE = -1
+"""Revision of a scene that no world has."""
 Deliver = Callable[[str, Told], None]
 """Gets a topic and a message of it, for which somebody asked."""
 
@@ -113,11 +115,21 @@ class Feed:
         self._by_port: Mapping[str, Sequence[Outlet]] = {}
         self._renewing: asyncio.Task[None] | None = None
         self.wanted: Collection[str] = ()
-        self._take(Catalogue.of(types, self._with_time(facts), context))
+        self.catalogue = Catalogue.of(types, self._with_time(facts), context)
 
     def _with_time(self, facts: Facts) -> Facts:
         world = self._context.world
         return replace(facts, epoch_ns=world.epoch_ns, tick_s=1.0 / world.rate_hz)
+
+    def begin(self) -> None:
+        """Make the catalogue of the world before its first tick, when nobody says yet who is in it: those of the scenario, each like itself."""
+        facts = self._with_time(self._facts)
+        cast = Cast(_BEFORE, tuple(Present(v.name, v.name) for v in self._context.world.vehicles), ())
+        try:
+            facts = replace(facts, mounts=mounts_of(self._context.scene(cast)))
+        except KeyError:  # the adapter starts again, and a copy was spawned meanwhile: the world says of what
+            self._renewing = asyncio.get_running_loop().create_task(self.renew())
+        self._take(Catalogue.of(self.types, facts, self._context))
 
     async def renew(self) -> None:
         """Look where sensors sit, and make the catalogue of the world as it is now."""

@@ -34,7 +34,7 @@ class Ros1Adapter:
             raise CannotListen(f"{text}. Say allow_network = true if that is wanted")
         refusals = Refusals(context.name, context.stats, asyncio.get_running_loop().time)
         node = Node(context, config, refusals)
-        await node.feed.renew()
+        node.feed.begin()
         peers: Peers[Caller | Peer] = Peers(config.max_clients, refusals, context.stats, strangers=config.max_strangers)
         host = config.host or config.bind
         names = (host, socket.gethostname(), *config.allowed_hosts)

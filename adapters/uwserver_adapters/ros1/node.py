@@ -224,9 +224,7 @@ class Node:
     # -- the master -----------------------------------------------------------------------------------------------------------------------
 
     def _ports_changed(self) -> None:
-        changed: asyncio.Event | None = getattr(self, "_changed", None)  # the feed tells while it is made
-        if changed is not None:
-            changed.set()
+        self._changed.set()
 
     async def run(self) -> None:
         """Stay registered at the master, which may come and go, until cancelled."""

@@ -13,8 +13,6 @@ from uwserver_adapters.ros.messages.types import BadMessage, Types
 from uwserver_adapters.ros1 import wire, xmlrpc
 from uwserver_adapters.ros1.config import Ros1Config
 
-BUSY_S = 0.002
-"""Wall time after which it is looked again whether a service client may ask the next: ROS 1 answers in order."""
 CALLS_PER_S = 1000
 """Of one caller of the API."""
 
@@ -125,11 +123,17 @@ class Peer(Connection):
         return wire.header({"error": fault.text})
 
     def receive(self, data: bytes) -> None:
-        """Store bytes."""
+        """Store bytes. A subscriber has nothing to say after its header; of a service client it is read on while it waits, as its end could not be
+        seen otherwise."""
+        if self.topic:
+            return
         self._blocks.receive(data)
+        if self._answering and self._blocks.waiting > self._blocks.limit:
+            text = f"more than {self._blocks.limit} bytes of calls came before they were answered: wait for the answers"
+            self._end(Fault("overload", text))
 
     def step(self) -> bool:
-        """Take the header, or the next request of a service."""
+        """Take the header, or the next request of a service: ROS 1 answers in order, so one at a time."""
         if self._answering or (self._greeted and self._offer is None):
             return False
         try:
@@ -145,11 +149,13 @@ class Peer(Connection):
         return True
 
     def quiet_until(self) -> float:
-        """Not before the request under way is answered; nor, of who floods, before its second is over."""
-        now = self.loop.time()
-        if self._rate.is_flooded(now):
-            return self._rate.end
-        return now + BUSY_S if self._answering else 0.0
+        """Who floods is not read until its second is over."""
+        return self._rate.end if self._rate.is_flooded(self.loop.time()) else 0.0
+
+    def half_closed(self) -> None:
+        """On TCP, who has gone looks like who only listens on: what would take long is ended, the rest is still answered."""
+        if self._conversation is not None:
+            self._conversation.end_calls()
 
     @property
     def is_owed(self) -> bool:
@@ -255,6 +261,8 @@ class Peer(Connection):
             return
         self._answering = True
         call(self._conversation, offer, request, self._answer)
+        if self.is_half_open:
+            self._conversation.end_calls()
 
     def _answer(self, response: object | None, text: str) -> None:
         self._answering = False
@@ -268,7 +276,7 @@ class Peer(Connection):
         if not self._persists:
             self.close()
         else:
-            self.finish_if_done()
+            self.go_on()
 
     def _end(self, fault: Fault) -> None:
         self.peers.refusals.note(fault.code, fault.text)

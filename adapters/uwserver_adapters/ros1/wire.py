@@ -28,6 +28,11 @@ class Blocks:
         self.limit = limit
         self._buffer = bytearray()
 
+    @property
+    def waiting(self) -> int:
+        """Bytes that are stored."""
+        return len(self._buffer)
+
     def receive(self, data: bytes) -> None:
         """Store bytes in pieces of any size."""
         self._buffer += data

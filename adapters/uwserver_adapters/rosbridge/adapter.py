@@ -67,7 +67,7 @@ class RosbridgeAdapter:
 
         config = self.config
         hub = Hub(self.context, config, self._refusals)
-        await hub.feed.renew()
+        hub.feed.begin()
         rosapi, lockout = Rosapi(hub, lambda: self._time(hub)), Lockout()
 
         def begin(outbox: Outbox, wake: object) -> Session:

@@ -11,6 +11,7 @@ from typing import Any
 from xmlrpc.server import SimpleXMLRPCServer
 
 import pytest
+from msgspec import structs
 from uwserver_adapters.ros.messages.types import Types
 from uwserver_adapters.ros1 import wire
 from uwserver_adapters.ros1.adapter import Ros1Adapter
@@ -18,7 +19,7 @@ from uwserver_adapters.ros1.config import Ros1Config
 from uwserver_adapters.ros1.links import ask, is_allowed, place_of
 
 from uwserver.adapter import CannotListen
-from uwserver.ports import Refused
+from uwserver.ports import BodyView, Cast, Refused, Reply, SceneState, SceneView, SensorView
 from uwserver.testing import FakeContext
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
@@ -230,6 +231,107 @@ def test_services_once_and_persistent() -> None:
             writer.close()
             _, writer, said = await connect(context, {**fields, "probe": "1"})
             assert said["request_type"] == "std_srvs/TriggerRequest"
+            writer.close()
+
+    run(story)
+
+
+RUN_UNTIL = {"callerid": "/x", "service": "/world/run_until", "md5sum": "*", "persistent": "1"}
+
+
+def test_calls_of_a_client_are_carried_out_one_after_the_other() -> None:
+    async def story() -> None:
+        context = FakeContext(held={"world/run_until"})
+        async with serving(Ros1Config(master="http://127.0.0.1:9"), context):
+            reader, writer, _ = await connect(context, RUN_UNTIL)
+            writer.write(wire.block(struct.pack("<d", 1.0)) + wire.block(struct.pack("<d", 2.0)))
+            for n in (1, 2):
+                await until(lambda n=n: len(context.calls) == n)  # type: ignore[misc]
+                await asyncio.sleep(0.02)
+                assert [call.args["t_s"] for call in context.calls] == [1.0, 2.0][:n]
+                context.calls[-1].finish(Reply(n, n))
+                assert await reader.readexactly(1) == b"\x01"
+                await block(reader)
+            writer.close()
+
+    run(story)
+
+
+def test_a_client_that_leaves_has_its_long_calls_ended() -> None:
+    async def story() -> None:
+        context = FakeContext(held={"world/run_until"})
+        async with serving(Ros1Config(master="http://127.0.0.1:9"), context):
+            _, writer, _ = await connect(context, RUN_UNTIL)
+            writer.write(wire.block(struct.pack("<d", 1.0)) + wire.block(struct.pack("<d", 2.0)))
+            await until(lambda: context.calls)
+            writer.close()
+            await until(lambda: all(call.is_done for call in context.calls) and context.stats.peers == 0)
+
+    run(story)
+
+
+def test_what_a_client_asks_before_its_answer_is_kept_up_to_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(wire, "MESSAGE_LIMIT", 1000)
+
+    async def story() -> None:
+        context = FakeContext(held={"world/run_until"})
+        async with serving(Ros1Config(master="http://127.0.0.1:9"), context):
+            reader, writer, _ = await connect(context, RUN_UNTIL)
+            writer.write(wire.block(struct.pack("<d", 1.0)))
+            await until(lambda: context.calls)
+            writer.write(wire.block(struct.pack("<d", 2.0)) * 100)
+            assert await reader.readexactly(1) == b"\x00"
+            assert b"before they were answered" in await block(reader)
+            writer.close()
+            await until(lambda: context.calls[0].is_done)
+            assert len(context.calls) == 1
+
+    run(story)
+
+
+def test_nothing_is_kept_of_what_a_subscriber_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[wire.Blocks] = []
+
+    class Watched(wire.Blocks):
+        def __init__(self) -> None:
+            super().__init__()
+            made.append(self)
+
+    monkeypatch.setattr(wire, "Blocks", Watched)
+
+    async def story() -> None:
+        context = FakeContext()
+        async with serving(Ros1Config(master="http://127.0.0.1:9"), context):
+            reader, writer, _ = await connect(context, {"callerid": "/x", "topic": "/rov/imu", "md5sum": "*"})
+            writer.write(b"x" * 1_000_000)
+            await writer.drain()
+            writer.write_eof()
+            assert await reader.read() == b""
+            assert [blocks.waiting for blocks in made] == [0]
+            writer.close()
+
+    run(story)
+
+
+class Unstarted(FakeContext):
+    """A world before its first tick: it knows where its sensors sit, but answers no look."""
+
+    def scene(self, cast: Cast) -> SceneView:
+        sensor = SensorView("rov/imu", "imu", (0.1, 0.2, 0.3), (1.0, 0.0, 0.0, 0.0))
+        return structs.replace(super().scene(cast), vehicles=(BodyView("rov", "x", "rov", (), sensors=(sensor,)),))
+
+    def look(self, on_state: Callable[[SceneState], None], source: str = "") -> None:
+        pass
+
+
+def test_late_subscribers_hear_where_sensors_sit_though_no_tick_came_yet() -> None:
+    async def story() -> None:
+        context = Unstarted()
+        async with serving(Ros1Config(master="http://127.0.0.1:9"), context):
+            reader, writer, said = await connect(context, {"callerid": "/x", "topic": "/tf_static", "md5sum": "*"})
+            assert said["latching"] == "1"
+            told = TYPES.from_ros1(await block(reader), "tf2_msgs/msg/TFMessage")
+            assert "rov/imu" in {each.child_frame_id for each in told.transforms}
             writer.close()
 
     run(story)
