@@ -29,7 +29,6 @@ class Ros1Config(AdapterTable, tag="ros1", kw_only=True, frozen=True):
     clock_hz: messages of ``/clock`` in a simulated second, at most.
     queue_bytes: that wait for a slow subscriber; messages are left out above it.
     max_requests_per_s: messages of one publisher, or calls of one client; more are refused.
-    max_unanswered: calls of one client that wait for the world.
     max_clients: subscribers, service clients and callers.
     max_strangers: connected besides, that have said nothing valid yet.
     hello_timeout_s: wall time in which a connection must have said what it wants.
@@ -49,7 +48,6 @@ class Ros1Config(AdapterTable, tag="ros1", kw_only=True, frozen=True):
     clock_hz: Annotated[float, Meta(gt=0, le=1000)] = 100.0
     queue_bytes: _Count = 1 << 20
     max_requests_per_s: _Count = 2000
-    max_unanswered: _Count = 256
     max_clients: _Count = 256
     max_strangers: _Count = STRANGERS
     hello_timeout_s: Positive = 10.0

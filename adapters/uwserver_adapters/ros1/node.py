@@ -28,6 +28,8 @@ LEAVE_S = 0.5
 """Wall time to tell the master that this node goes."""
 ROSOUT = "/rosout"
 LOG = "rosgraph_msgs/msg/Log"
+PUBLISHERS = 256
+"""Most of one topic that are heard."""
 WARN = 4
 TELL_S = 1.0
 """Wall time between two messages of /rosout."""
@@ -169,7 +171,7 @@ class Node:
 
     def _publisher_update(self, caller: object, topic: object, uris: object) -> tuple[int, str, Any]:
         if isinstance(topic, str) and isinstance(uris, list) and topic in self.feed.catalogue.inlets:
-            self._named[topic] = [uri for uri in uris if isinstance(uri, str)][:256]
+            self._named[topic] = [uri for uri in uris if isinstance(uri, str)][:PUBLISHERS]
             self._changed.set()
         return 1, "", 0
 
@@ -272,7 +274,7 @@ class Node:
             else:
                 found = await ask(self.master, f"register{kind}", node, name, short_name(type_name), api)
                 if kind == "Subscriber" and isinstance(found, list):
-                    self._named[name] = [uri for uri in found if isinstance(uri, str) and uri != api]
+                    self._named[name] = [uri for uri in found if isinstance(uri, str) and uri != api][:PUBLISHERS]
             self._registered.add((kind, name, type_name))
 
     async def _unregister(self, each: Registration) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import Any, Protocol
 
-from uwserver.adapter import AdapterContext, Connection, Conversation, Owed, Peers, RateMeter, did_you_mean
+from uwserver.adapter import AdapterContext, Connection, Conversation, Peers, RateMeter, did_you_mean
 from uwserver.ports import Fault, Refused
 from uwserver_adapters.ros.feed import Told, call
 from uwserver_adapters.ros.messages.services import Offer
@@ -220,7 +220,7 @@ class Peer(Connection):
         self._offer = offer
         self._persists = fields.get("persistent") == "1"
         self._blocks.limit = wire.MESSAGE_LIMIT
-        self._conversation = Conversation(graph.context, self._name, Owed(graph.config.max_unanswered))
+        self._conversation = Conversation(graph.context, self._name)
 
     def _same_type(self, fields: Mapping[str, str], type_name: str) -> dict[str, str]:
         """Type and sum as both sides have them."""
