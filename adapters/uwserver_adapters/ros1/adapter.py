@@ -8,6 +8,8 @@ import socket
 from uwserver.adapter import AdapterContext, CannotListen, Peers, Refusals, is_loopback, serve_tcp, serving
 from uwserver_adapters.ros1.config import Ros1Config
 
+EVERYWHERE = ("0.0.0.0", "::")
+
 
 class Ros1Adapter:
     """Joins a ROS master, which may come later, and go and come back."""
@@ -23,7 +25,7 @@ class Ros1Adapter:
 
         Raises:
             CannotServe: rosbags is not installed.
-            CannotListen: see there; or the address is not loopback, and the table does not allow it.
+            CannotListen: see there; or the address is not loopback, and the table does not allow it or does not say by which name others reach it.
         """
         from uwserver_adapters.ros1.node import Node
         from uwserver_adapters.ros1.peers import Caller, Peer
@@ -32,6 +34,9 @@ class Ros1Adapter:
         if not (is_loopback(config.bind) or config.allow_network):
             text = f"ROS 1 knows no token: whoever reaches {config.bind} could read and command all"
             raise CannotListen(f"{text}. Say allow_network = true if that is wanted")
+        if config.host is None and config.bind in EVERYWHERE:
+            text = f"{config.bind} is every address of this machine, and leads nobody here"
+            raise CannotListen(f'{text}. Say host = "..." with the name or address by which other nodes reach it')
         refusals = Refusals(context.name, context.stats, asyncio.get_running_loop().time)
         node = Node(context, config, refusals)
         node.feed.begin()

@@ -12,6 +12,7 @@ from uwserver.table import Name, Positive
 
 _Port = Annotated[int, Meta(ge=0, le=65535)]
 _Count = Annotated[int, Meta(ge=1)]
+_NodeName = Annotated[str, Meta(pattern=r"^(/[A-Za-z][A-Za-z0-9_]*)+$")]
 
 
 class Ros1Config(AdapterTable, tag="ros1", kw_only=True, frozen=True):
@@ -20,7 +21,7 @@ class Ros1Config(AdapterTable, tag="ros1", kw_only=True, frozen=True):
     node: name of this node.
     bind: address to listen at, for calls of other nodes and for topics and services. ROS 1 knows no token: anything but loopback needs allow_network.
     allow_network: whoever reaches the address may read all and command all.
-    host: name or address by which other nodes reach this one; default: bind.
+    host: name or address by which other nodes reach this one; default: bind, which must lead here then.
     api_port, tcpros_port: TCP ports; 0 takes free ones.
     allowed_hosts: hosts besides this machine and the master's to which this node connects when the master says that a publisher is there.
     sim_time: set the parameter /use_sim_time at the master, so that nodes that start later take their time from /clock.
@@ -35,7 +36,7 @@ class Ros1Config(AdapterTable, tag="ros1", kw_only=True, frozen=True):
     """
 
     master: Name | None = None
-    node: Name = "/uwserver"
+    node: _NodeName = "/uwserver"
     bind: Name = "127.0.0.1"
     allow_network: bool = False
     host: Name | None = None

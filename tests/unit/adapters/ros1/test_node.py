@@ -10,6 +10,7 @@ from contextlib import asynccontextmanager, contextmanager
 from typing import Any
 from xmlrpc.server import SimpleXMLRPCServer
 
+import msgspec
 import pytest
 from msgspec import structs
 from uwserver_adapters.ros.messages.types import Types
@@ -443,3 +444,19 @@ def test_only_this_machine_unless_told() -> None:
                 pass
 
     run(story)
+
+
+def test_others_must_be_told_an_address_that_leads_here() -> None:
+    async def story() -> None:
+        with pytest.raises(CannotListen, match="Say host"):
+            async with serving(Ros1Config(bind="0.0.0.0", allow_network=True), FakeContext()):
+                pass
+
+    run(story)
+
+
+@pytest.mark.parametrize("node", ["uwserver", "/", "/a b", "/1", "/a//b", "/a/"])
+def test_names_of_nodes_are_those_that_ros_takes(node: str) -> None:
+    assert msgspec.convert({"node": "/sea/uwserver_1"}, Ros1Config).node == "/sea/uwserver_1"
+    with pytest.raises(msgspec.ValidationError, match="node"):
+        msgspec.convert({"node": node}, Ros1Config)
