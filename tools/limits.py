@@ -15,6 +15,10 @@ from uwserver_adapters.morse import connections, grammar
 from uwserver_adapters.morse.config import MorseConfig
 from uwserver_adapters.native import fanout
 from uwserver_adapters.px4 import door
+from uwserver_adapters.ros1 import links, node, xmlrpc
+from uwserver_adapters.ros1 import peers as ros1_peers
+from uwserver_adapters.ros1 import wire as tcpros
+from uwserver_adapters.ros1.config import Ros1Config
 from uwserver_adapters.sockets import connection as sockets_connection
 from uwserver_adapters.sockets import datagrams
 from uwserver_adapters.sockets.config import SocketsConfig
@@ -57,6 +61,7 @@ def limits_page() -> str:
         "MOOS": _moos(),
         "MORSE": _morse(),
         "MAVLink, PX4": _mavlink(),
+        "ROS 1": _ros1(),
         "`/health`, `/metrics`": _health(),
         "start and end": _life(),
     }
@@ -228,6 +233,20 @@ def _mavlink() -> Iterator[Row]:
     yield "downloads under way on a channel", str(channel.BACKLOG), "the oldest ends"
     yield "a call in JSON", _bytes(json_form.LONGEST), "refused"
     yield "`px4_hil`: strangers, and their time", f"{door.GUESTS}, {door.GREETING_S:g} s", "disconnected"
+
+
+def _ros1() -> Iterator[Row]:
+    yield "subscribers, service clients and callers", _setting(Ros1Config, "max_clients"), "disconnected"
+    yield "a header, its fields", f"{_bytes(tcpros.HEADER_LIMIT)}, {tcpros.FIELDS}", "an `error` header, disconnected"
+    yield "a message; calls that come before their answer", _bytes(tcpros.MESSAGE_LIMIT), "disconnected"
+    rate = _setting(Ros1Config, "max_requests_per_s")
+    yield "messages of a publisher, or calls of a client, in a second", rate, "not read; refused"
+    yield "what waits for a slow subscriber", _setting(Ros1Config, "queue_bytes"), "messages are left out"
+    yield "calls of the API in a second, of one caller", str(ros1_peers.CALLS_PER_S), "not read until it is over"
+    http = f"{_bytes(xmlrpc.HEAD_LIMIT)}, {_bytes(xmlrpc.BODY_LIMIT)}"
+    yield "a head of a call of the API, its body", http, "4xx, disconnected"
+    yield "publishers of a topic", str(node.PUBLISHERS), "the rest is not heard"
+    yield "time in which the master, or a publisher, answers", f"{links.CALL_S:g} s", "tried again"
 
 
 def _health() -> Iterator[Row]:

@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 from uwserver_adapters.moos import wire as moos
 from uwserver_adapters.moos.config import CommunityTable
+from uwserver_adapters.ros1 import wire as tcpros
 from websockets.frames import Frame, Opcode
 
 from uwserver.adapter import AdapterNotFound, AdapterStats, adapter_entries, installed_adapters, load_adapter
@@ -69,6 +70,16 @@ async def _rosbridge_client(context: FakeContext) -> TcpPeer:
     )
     assert (await peer.reader.readuntil(b"\r\n\r\n")).startswith(b"HTTP/1.1 101 ")
     return peer
+
+
+async def _ros1(context: FakeContext) -> TcpPeer:
+    """A subscriber or service client of TCPROS."""
+    address = str(context.stats.details["tcpros"])
+    return await TcpPeer.connect(replace(context, stats=AdapterStats(address=address)))
+
+
+def _ros1_header(**fields: str) -> bytes:
+    return tcpros.header({"callerid": "/peer", "md5sum": "*", "type": "*", **fields})
 
 
 def _web(text: str) -> bytes:
@@ -293,6 +304,7 @@ KITS: dict[str, tuple[dict[str, Any], Connect, bytes]] = {
     "morse": ({"port": 0, "stream_port": 0, "queue_bytes": 1 << 16}, _morse_stream, b""),
     "px4_hil": ({"port": 0, "truth": True}, TcpPeer.connect, PX4_HEARTBEAT),
     "ros2": ({"listen": ("tcp/127.0.0.1:0",), "domain": 0}, _zenoh_transport, b""),
+    "ros1": ({"master": "http://127.0.0.1:9", "queue_bytes": 1 << 16}, _ros1, _ros1_header(topic="/rov/imu")),
     "rosbridge": ({"port": 0}, _rosbridge_client, _web('{"op":"subscribe","topic":"/rov/imu"}')),
     "sockets": ({"port": 0}, TcpPeer.connect, b'{"method":"subscribe","params":{"pattern":"**"}}\n'),
     "web": ({"port": 0}, _web_page, _web('{"method":"subscribe","params":{"pattern":"**"}}')),
@@ -345,6 +357,12 @@ REQUESTS = {
         misspelt=b'world/run_untill|{"t_s":9}|\n',
         speak=ZenohCaller.connect,
     ),
+    "ros1": Requests(
+        _ros1_header(service="/world/run_until", persistent="1") + tcpros.block(struct.pack("<d", 9.0)),
+        many=tcpros.block(struct.pack("<d", 9.0)),
+        misspelt=_ros1_header(service="/world/run_untill"),
+        speak=_ros1,
+    ),
     "moos": _moos(_moos_call),
     "moosdb": _moos(_moos_call),
     "moos_text": _moos(lambda text: b"CALL %s\n" % text.encode()),
@@ -372,6 +390,7 @@ UNSAID = {
     "rosbridge": {_CANCEL, _TIME_OUT},
     "sockets": {_TIME_OUT},
     "web": {_TIME_OUT},
+    "ros1": {_CANCEL, _TIME_OUT},
     "moos": {_CANCEL},
     "moosdb": {_CANCEL},
     "moos_text": {_CANCEL},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import math
 import struct
@@ -23,6 +24,8 @@ from uwserver_adapters.native.codec import NEED_DATA, Control, JsonCodec, Msgpac
 from uwserver_adapters.native.requests import Malformed, Request
 from uwserver_adapters.native.websocket import Handshake, WebSocketCodec
 from uwserver_adapters.px4 import codec as px4
+from uwserver_adapters.ros1 import wire as tcpros
+from uwserver_adapters.ros1 import xmlrpc
 from uwserver_adapters.sockets import SocketsAdapter
 from uwserver_adapters.sockets.connection import Connection
 from uwserver_adapters.zenoh_bus.codec import Codec as ZenohCodec
@@ -30,6 +33,7 @@ from uwserver_adapters.zenoh_bus.keys import KeyScheme
 from uwserver_adapters.zenoh_bus.requests import Put, Question, Requests
 
 from uwserver.adapter import AdapterStats, Refusals
+from uwserver.ports import Refused
 from uwserver.server.http import Service
 from uwserver.testing import FakeContext, Loopback
 from uwserver.testing.codecs import read_all
@@ -52,6 +56,16 @@ MORSE: list[Any] = [
     ["rov.waypoint", "goto", 1.5],
     ["cancel"],
     ["time", "sleep", {"a": [1e300, None, True]}],
+]
+TCPROS = [
+    tcpros.header(
+        {"callerid": "/rviz", "topic": "/rov/imu", "md5sum": "*", "type": "sensor_msgs/Imu", "tcp_nodelay": "1"}
+    ),
+    tcpros.header({"service": "/world/pause"}) + tcpros.block(b"") * 3,
+]
+XMLRPC = [
+    xmlrpc.request("127.0.0.1:5000", "/RPC2", "requestTopic", ["/rviz", "/rov/imu", [["TCPROS"]]]),
+    xmlrpc.request("localhost", "/", "publisherUpdate", ["/m", "/t", ["http://h:1/"]]) * 2,
 ]
 FOLLOWER = {"jsonrpc": "2.0", "id": 2, "method": "describe", "params": {"pattern": "rov/*"}}
 _PATIENCE = 2000
@@ -366,6 +380,45 @@ class MorseLines(Target):
             assert morse.answer(event.id, "FAILED", data.decode("latin-1")).count(b"\n") == 1, data
 
 
+class Tcpros(Target):
+    """Headers of TCPROS and calls of XML-RPC: an answer or a refusal, the same in pieces of any size."""
+
+    def once(self) -> None:
+        dice = self._dice
+        data = dice.damaged(dice.one(TCPROS))
+        whole, parts = self._blocks([data]), self._blocks(dice.pieces(data))
+        assert whole == parts, data
+        for block in whole:
+            if isinstance(block, bytes):
+                with contextlib.suppress(Refused):
+                    fields = tcpros.fields_of(block)
+                    assert tcpros.fields_of(tcpros.header(fields)[4:]) == fields
+        data = dice.damaged(dice.one(XMLRPC))
+        assert self._calls([data]) == self._calls(dice.pieces(data)), data
+
+    def _blocks(self, pieces: list[bytes]) -> list[object]:
+        blocks, found = tcpros.Blocks(1 << 12), []
+        try:
+            for piece in pieces:
+                blocks.receive(piece)
+                while (block := blocks.next_block()) is not None:
+                    found.append(block)
+        except Refused as refused:
+            found.append(refused.fault.code)
+        return found
+
+    def _calls(self, pieces: list[bytes]) -> list[object]:
+        requests, found = xmlrpc.Requests(), []
+        try:
+            for piece in pieces:
+                requests.receive(piece)
+                while (call := requests.next_call()) is not None:
+                    found.append(repr(call))
+        except xmlrpc.BadHttp as bad:
+            found.append(bad.status)
+        return found
+
+
 class ArdupilotFrames(Target):
     """Servo packets: a frame has the very numbers of the packet, everything else is refused."""
 
@@ -598,6 +651,7 @@ TARGETS: Mapping[str, Callable[[Dice], Target]] = {
     "moos_packets": MoosPackets,
     "moos_lines": MoosLines,
     "morse_lines": MorseLines,
+    "tcpros": Tcpros,
     "ardupilot": ArdupilotFrames,
     "px4": Px4,
     "zenoh": Zenoh,

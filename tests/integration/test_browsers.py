@@ -11,6 +11,7 @@ import socket
 import subprocess
 import sys
 import threading
+import xmlrpc.client
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -19,10 +20,12 @@ import pytest
 import uwclient
 from browser_rig import SENT
 from uwserver_adapters.moos import wire
+from uwserver_adapters.ros1 import wire as tcpros
 
 pymavlink = pytest.importorskip("pymavlink.dialects.v20.ardupilotmega")
 
 PATIENCE_S = 60
+PORTS = ("tcp", "text", "moosdb", "morse", "mavlink", "ros1", "tcpros", "web", "metrics")
 ORIGIN = "http://evil.example:8000"
 SCENARIO = """
 schema = 1
@@ -45,6 +48,9 @@ links = ["tcpin:127.0.0.1:0"]
 kind = "morse"
 port = 0
 stream_port = 0
+[adapters.ros1]
+kind = "ros1"
+master = "http://127.0.0.1:9"
 [adapters.web]
 kind = "web"
 port = 0
@@ -76,6 +82,7 @@ class Server:
         found = re.search(r"http://127.0.0.1:(\d+)/health", self.log.read_text())
         assert found is not None
         self.ports["metrics"] = int(found[1])
+        self.ports["tcpros"] = int(self.status()["adapters"]["ros1"]["details"]["tcpros"].rpartition(":")[2])
 
     def status(self) -> dict[str, Any]:
         with uwclient.connect("127.0.0.1", self.ports["tcp"], timeout=PATIENCE_S) as client:
@@ -90,7 +97,7 @@ class Server:
             assert adapter["calls"] <= (1 if name == "tcp" else 0) * self.asked, (name, adapter)
         self.asked += 1
 
-    asked = 1
+    asked = 2
 
 
 @pytest.fixture(scope="module")
@@ -111,6 +118,10 @@ def command_of(adapter: str) -> bytes:
         return b"CALL world/pause {}\nUSM_SIM_PAUSED=1\n"
     if adapter == "morse":
         return b"1 world pause []\n"
+    if adapter == "ros1":
+        return xmlrpc.client.dumps(("/page", "/rov/thrusters/cmd", [ORIGIN]), "publisherUpdate").encode()
+    if adapter == "tcpros":
+        return tcpros.header({"service": "/world/pause", "md5sum": "*"}) + tcpros.block(b"")
     if adapter == "moosdb":
         hello = wire.Message(wire.DATA, "asynchronous", data=b"page", kind=wire.STRING)
         pause = wire.notify("UWSERVER_CALL", "world/pause {}", 0.0, "page")
@@ -130,7 +141,7 @@ def said(port: int, data: bytes) -> bytes:
     return answer
 
 
-@pytest.mark.parametrize("adapter", ["tcp", "text", "moosdb", "morse", "mavlink", "web", "metrics"])
+@pytest.mark.parametrize("adapter", PORTS)
 @pytest.mark.parametrize("sent", SENT, ids=lambda sent: sent.name)
 def test_recorded_requests_are_answered_with_an_error_and_obeyed_by_none(server: Server, adapter: str, sent: Any):
     port = server.ports[adapter]
@@ -141,7 +152,7 @@ def test_recorded_requests_are_answered_with_an_error_and_obeyed_by_none(server:
     server.assert_untouched()
 
 
-@pytest.mark.parametrize("adapter", ["tcp", "text", "moosdb", "morse", "mavlink", "web", "metrics"])
+@pytest.mark.parametrize("adapter", PORTS)
 def test_a_tls_hello_ends_a_plain_port(server: Server, adapter: str):
     import ssl
 
@@ -153,7 +164,7 @@ def test_a_tls_hello_ends_a_plain_port(server: Server, adapter: str):
 
 def test_it_is_told_once_an_adapter(server: Server):
     log = server.log.read_text()
-    for adapter in ("tcp", "text", "moosdb", "morse", "mavlink"):
+    for adapter in ("tcp", "text", "moosdb", "morse", "mavlink", "ros1"):
         assert len(re.findall(rf"{adapter} refused \(http\)", log)) <= 1, adapter
 
 
@@ -257,10 +268,11 @@ def test_a_page_in_a_real_browser_neither_commands_nor_reads(server: Server, bro
     program = next((found for name in BROWSERS[browser] if (found := shutil.which(name))), None)
     if program is None:
         pytest.skip(f"no {browser} on this machine: install {BROWSERS[browser][0]}")
-    bodies = {name: command_of(name).decode() for name in ("tcp", "text", "morse", "web")} | {
+    bodies = {name: command_of(name).decode() for name in ("tcp", "text", "morse", "ros1", "web")} | {
         "mavlink": "a=b",
         "moosdb": "a=b",
         "metrics": "a=b",
+        "tcpros": "a=b",
     }
     with site(PAGE % (json.dumps(server.ports), json.dumps(bodies))) as (port, reports, done):
         # Chromium takes the page for one of another site; Firefox for one of this machine, which was let in once.

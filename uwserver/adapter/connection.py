@@ -159,6 +159,11 @@ class Connection(asyncio.Protocol):
         self.is_closing = True
         self.transport.abort()
 
+    def go_on(self) -> None:
+        """What kept `step` from the next message is over: take on, in a turn of its own."""
+        if self._turn is None and not self.is_working and not self.is_closing:
+            self._turn = self.loop.call_soon(self._work)
+
     def finish_if_done(self) -> None:
         """Close when the peer asks for nothing more and is owed nothing."""
         if self.is_half_open and not self.is_closing and self._turn is None and not self.is_owed:

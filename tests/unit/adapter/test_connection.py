@@ -152,6 +152,29 @@ def test_who_only_listens_on_stays_until_it_is_owed_nothing():
     within_loop(scene)
 
 
+class OneByOne(Echo):
+    """Takes no line while it owes for one."""
+
+    def step(self) -> bool:
+        return not self.owes and super().step()
+
+
+def test_what_waits_for_something_goes_on_when_that_is_over():
+    async def scene(room: Room) -> None:
+        one = OneByOne(room.peers)
+        wire = Loopback(one)
+        wire.feed(b"later\none\n")
+        wire.feed_eof()
+        one.owes = 0
+        one.go_on()
+        one.go_on()
+        assert wire.take() == b""  # not within the caller's turn
+        await until(lambda: "closed" in one.life)
+        assert wire.take() == b"one\n"
+
+    within_loop(scene)
+
+
 def test_a_last_text_can_be_read_though_the_peer_still_sends():
     async def scene(room: Room) -> None:
         echo, wire = room.enter()

@@ -196,6 +196,8 @@ class Types:
 
     def ros1(self, message: Any) -> bytes:
         """ROS 1 bytes, without their length."""
+        if self._is_empty(message.__msgtype__):
+            return b""
         return bytes(self.store.serialize_ros1(message, message.__msgtype__))
 
     def from_ros1(self, data: bytes, name: str) -> Any:
@@ -204,7 +206,13 @@ class Types:
         Raises:
             BadMessage: it is not of this type.
         """
+        if self._is_empty(name) and not data:
+            return self.make(name)
         return self._decoded(self.store.deserialize_ros1, data, name)
+
+    def _is_empty(self, name: str) -> bool:
+        """Whether a type has no fields: in ROS 1 that is no byte at all."""
+        return [field for field, _ in self.fields(name)] == [FILLER]
 
     def _decoded(self, decode: Any, data: bytes, name: str) -> Any:
         if len(data) > MOST_BYTES:

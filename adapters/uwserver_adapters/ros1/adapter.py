@@ -1,0 +1,66 @@
+"""The `ros1` adapter: a node of a ROS 1 graph, by XML-RPC and TCPROS; no ROS is installed."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+
+from uwserver.adapter import AdapterContext, CannotListen, Peers, Refusals, is_loopback, serve_tcp, serving
+from uwserver_adapters.ros1.config import Ros1Config
+
+EVERYWHERE = ("0.0.0.0", "::")
+
+
+class Ros1Adapter:
+    """Joins a ROS master, which may come later, and go and come back."""
+
+    Config = Ros1Config
+
+    def __init__(self, config: Ros1Config, context: AdapterContext) -> None:
+        self.config, self.context = config, context
+        self._count = 0
+
+    async def run(self, ready: asyncio.Event) -> None:
+        """Serve until cancelled.
+
+        Raises:
+            CannotServe: rosbags is not installed.
+            CannotListen: see there; or the address is not loopback, and the table does not allow it or does not say by which name others reach it.
+        """
+        from uwserver_adapters.ros1.node import Node
+        from uwserver_adapters.ros1.peers import Caller, Peer
+
+        config, context = self.config, self.context
+        if not (is_loopback(config.bind) or config.allow_network):
+            text = f"ROS 1 knows no token: whoever reaches {config.bind} could read and command all"
+            raise CannotListen(f"{text}. Say allow_network = true if that is wanted")
+        if config.host is None and config.bind in EVERYWHERE:
+            text = f"{config.bind} is every address of this machine, and leads nobody here"
+            raise CannotListen(f'{text}. Say host = "..." with the name or address by which other nodes reach it')
+        refusals = Refusals(context.name, context.stats, asyncio.get_running_loop().time)
+        node = Node(context, config, refusals)
+        node.feed.begin()
+        peers: Peers[Caller | Peer] = Peers(config.max_clients, refusals, context.stats, strangers=config.max_strangers)
+        host = config.host or config.bind
+        names = (host, socket.gethostname(), *config.allowed_hosts)
+
+        def greet() -> Peer:
+            self._count += 1
+            return Peer(node, peers, f"ros1_{self._count}")
+
+        async with (
+            serve_tcp(lambda: Caller(node, peers, names), peers, config.bind, config.api_port, key="api_port") as api,
+            serve_tcp(greet, peers, config.bind, config.tcpros_port, key="tcpros_port") as tcpros,
+        ):
+            node.uris = (f"http://{host}:{api.port}/", f"rosrpc://{host}:{tcpros.port}")
+            node.tcpros = (host, tcpros.port)
+            context.stats.details["master"] = node.master
+            context.stats.details["tcpros"] = f"{host}:{tcpros.port}"
+            with serving(context, node, node.uris[0], ready):
+                try:
+                    await node.run()
+                finally:
+                    api.close()
+                    tcpros.close()
+                    await node.leave_graph()
+                    await node.feed.close()

@@ -1,0 +1,58 @@
+"""The adapter's table in a scenario."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+from uwserver.adapter import STRANGERS, AdapterTable
+from uwserver.table import Name, Positive
+
+_Port = Annotated[int, Meta(ge=0, le=65535)]
+_Count = Annotated[int, Meta(ge=1)]
+_NodeName = Annotated[str, Meta(pattern=r"^(/[A-Za-z][A-Za-z0-9_]*)+$")]
+
+
+class Ros1Config(AdapterTable, tag="ros1", kw_only=True, frozen=True):
+    """Attributes:
+    master: address of the ROS master; default: the environment's ROS_MASTER_URI, or http://127.0.0.1:11311.
+    node: name of this node.
+    bind: address to listen at, for calls of other nodes and for topics and services. ROS 1 knows no token: anything but loopback needs allow_network.
+    allow_network: whoever reaches the address may read all and command all.
+    host: name or address by which other nodes reach this one; default: bind, which must lead here then.
+    api_port, tcpros_port: TCP ports; 0 takes free ones.
+    allowed_hosts: hosts besides this machine and the master's to which this node connects when the master says that a publisher is there.
+    sim_time: set the parameter /use_sim_time at the master, so that nodes that start later take their time from /clock.
+    tf: who tells where vehicles are, on ``/tf``: the autopilot's "estimate", the "truth" (with truth = true), or "none".
+    geoid_m: height of the sea surface above the ellipsoid, which NavSatFix counts from.
+    clock_hz: messages of ``/clock`` in a simulated second, at most.
+    queue_bytes: that wait for a slow subscriber; messages are left out above it.
+    max_requests_per_s: messages of one publisher, or calls of one client; more are refused.
+    max_clients: subscribers, service clients and callers.
+    max_strangers: connected besides, that have said nothing valid yet.
+    hello_timeout_s: wall time in which a connection must have said what it wants.
+    """
+
+    master: Name | None = None
+    node: _NodeName = "/uwserver"
+    bind: Name = "127.0.0.1"
+    allow_network: bool = False
+    host: Name | None = None
+    api_port: _Port = 0
+    tcpros_port: _Port = 0
+    allowed_hosts: tuple[Name, ...] = ()
+    sim_time: bool = True
+    tf: Literal["estimate", "truth", "none"] = "estimate"
+    geoid_m: float = 0.0
+    clock_hz: Annotated[float, Meta(gt=0, le=1000)] = 100.0
+    queue_bytes: _Count = 1 << 20
+    max_requests_per_s: _Count = 2000
+    max_clients: _Count = 256
+    max_strangers: _Count = STRANGERS
+    hello_timeout_s: Positive = 10.0
+
+    def needs(self) -> Mapping[str, str]:
+        """rosbags, once it runs."""
+        return {"rosbags": "uwserver[ros]"}

@@ -1,0 +1,320 @@
+"""This node in the graph: what it tells the master, what others ask of it, who hears and who commands."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import os
+from collections.abc import Callable, Collection, Sequence
+from typing import Any
+
+from uwserver.adapter import AdapterContext, Conversation, Refusals
+from uwserver.ports import Event, Refused, Reply, Sample
+from uwserver_adapters.ros.feed import Feed, Told
+from uwserver_adapters.ros.messages.services import Offer
+from uwserver_adapters.ros.messages.source import Facts
+from uwserver_adapters.ros.messages.types import BadMessage, Types
+from uwserver_adapters.ros1 import xmlrpc
+from uwserver_adapters.ros1.config import Ros1Config
+from uwserver_adapters.ros1.links import Subscription, ask, place_of, within
+from uwserver_adapters.ros1.peers import Peer, short_name
+
+log = logging.getLogger(__name__)
+
+LOOK_S = 1.0
+"""Wall time between two looks whether the master still knows this node."""
+LEAVE_S = 0.5
+"""Wall time to tell the master that this node goes."""
+ROSOUT = "/rosout"
+LOG = "rosgraph_msgs/msg/Log"
+PUBLISHERS = 256
+"""Most of one topic that are heard."""
+WARN = 4
+TELL_S = 1.0
+"""Wall time between two messages of /rosout."""
+
+Registration = tuple[str, str, str]
+"""Kind (Publisher, Subscriber, Service), name, and type."""
+
+
+class Node:
+    """The adapter's `Subscriber`, and what those who connect see.
+
+    Args:
+        context: the world.
+        config: of the adapter.
+        refusals: counts what is refused.
+
+    Attributes:
+        context, config: as given.
+        types: of ROS 1.
+        feed: of the world.
+        uris: of its API and of its services; set before `run`.
+    """
+
+    def __init__(self, context: AdapterContext, config: Ros1Config, refusals: Refusals) -> None:
+        self.context, self.config = context, config
+        self.types = Types("noetic")
+        self.uris = ("", "")
+        self.tcpros: tuple[str, int] = ("", 0)
+        self.master = config.master or os.environ.get("ROS_MASTER_URI") or "http://127.0.0.1:11311"
+        facts = Facts(geoid_m=config.geoid_m, tf=config.tf)
+        self.feed = Feed(context, self.types, facts, self._deliver, config.clock_hz, self._ports_changed)
+        self._refusals = refusals
+        self._conversation = Conversation(context, config.node.strip("/") or "ros1")
+        self._listeners: dict[str, set[Peer]] = {}
+        self._publishers: dict[str, dict[str, Subscription]] = {}
+        self._named: dict[str, list[str]] = {}
+        self._registered: set[Registration] = set()
+        self._changed = asyncio.Event()
+        self._rosout_at = -TELL_S
+        self._api: dict[str, Callable[..., tuple[int, str, Any]]] = {
+            "requestTopic": self._request_topic,
+            "publisherUpdate": self._publisher_update,
+            "paramUpdate": lambda caller, key, value: (1, "", 0),
+            "getPid": lambda caller: (1, "", os.getpid()),
+            "getMasterUri": lambda caller: (1, "", self.master),
+            "getBusInfo": self._bus_info,
+            "getBusStats": lambda caller: (1, "", [[], [], []]),
+            "getPublications": lambda caller: (
+                1,
+                "",
+                [[topic, short_name(type_name)] for topic, type_name in self.feed.topics.items()],
+            ),
+            "getSubscriptions": lambda caller: (
+                1,
+                "",
+                [[each.topic, short_name(each.type)] for each in self.feed.catalogue.inlets.values()],
+            ),
+            "shutdown": lambda caller, reason="": (0, "a node of this graph does not end the simulation", 0),
+        }
+
+    # -- uwserver.adapter.Subscriber ------------------------------------------------------------------------------------------------------
+
+    @property
+    def wanted(self) -> Collection[str]:
+        """Ports whose samples are needed."""
+        return self.feed.wanted
+
+    def put_samples(self, samples: Sequence[Sample]) -> None:
+        """Samples of one tick."""
+        self.feed.put_samples(samples)
+
+    def put_event(self, event: Event) -> None:
+        """Other ports, or another time."""
+        self.feed.put_event(event)
+
+    def _deliver(self, topic: str, told: Told) -> None:
+        listeners = self._listeners.get(topic)
+        if not listeners or told.raw is None:
+            return
+        self.context.stats.encoded += 1
+        for listener in tuple(listeners):
+            listener.tell(told.raw)
+
+    # -- Graph ----------------------------------------------------------------------------------------------------------------------------
+
+    def type_of(self, topic: str) -> str:
+        """See `Graph`."""
+        return LOG if topic == ROSOUT else self.feed.topics.get(topic, "")
+
+    def topics(self) -> Collection[str]:
+        """See `Graph`."""
+        return [*self.feed.topics, ROSOUT]
+
+    def services(self) -> Collection[str]:
+        """See `Graph`."""
+        return self.feed.catalogue.offers.keys()
+
+    def offer(self, service: str) -> Offer | None:
+        """See `Graph`."""
+        return self.feed.catalogue.offers.get(service)
+
+    def is_latched(self, topic: str) -> bool:
+        """See `Graph`."""
+        return self.feed.is_latched(topic)
+
+    def hear(self, topic: str, subscriber: Peer) -> Told | None:
+        """See `Graph`."""
+        self._listeners.setdefault(topic, set()).add(subscriber)
+        return None if topic == ROSOUT else self.feed.hear(topic)
+
+    def leave(self, topic: str, subscriber: Peer) -> None:
+        """See `Graph`."""
+        listeners = self._listeners.get(topic, set())
+        listeners.discard(subscriber)
+        if not listeners:
+            self._listeners.pop(topic, None)
+        if topic != ROSOUT:
+            self.feed.leave(topic)
+
+    def carry_out(self, call: xmlrpc.Call) -> tuple[int, str, Any]:
+        """See `Graph`: the slave API (wiki.ros.org/ROS/Slave_API)."""
+        method = self._api.get(call.method)
+        if method is None:
+            return -1, f"no method {call.method[:80]}", 0
+        try:
+            return method(*call.args)
+        except TypeError:
+            return -1, f"wrong arguments for {call.method}", 0
+
+    def _request_topic(self, caller: object, topic: object, protocols: object) -> tuple[int, str, Any]:
+        if not isinstance(topic, str) or not self.type_of(topic):
+            return 0, f"this node does not publish {str(topic)[:200]}", 0
+        offered = (
+            [each[0] for each in protocols if isinstance(each, list) and each] if isinstance(protocols, list) else []
+        )
+        if "TCPROS" not in offered:
+            return 0, "this node speaks TCPROS only", 0
+        return 1, "ready", ["TCPROS", *self.tcpros]
+
+    def _publisher_update(self, caller: object, topic: object, uris: object) -> tuple[int, str, Any]:
+        if isinstance(topic, str) and isinstance(uris, list) and topic in self.feed.catalogue.inlets:
+            self._named[topic] = [uri for uri in uris if isinstance(uri, str)][:PUBLISHERS]
+            self._changed.set()
+        return 1, "", 0
+
+    def _bus_info(self, caller: object) -> tuple[int, str, Any]:
+        heard = [
+            [0, peer.caller, "o", "TCPROS", topic, True, ""]
+            for topic, peers in self._listeners.items()
+            for peer in peers
+        ]
+        hears = [
+            [0, link.uri, "i", "TCPROS", topic, link.is_connected, ""]
+            for topic, links in self._publishers.items()
+            for link in links.values()
+        ]
+        return 1, "", heard + hears
+
+    # -- what others command --------------------------------------------------------------------------------------------------------------
+
+    def _command(self, topic: str, data: bytes) -> None:
+        """A message of a publisher."""
+        inlet = self.feed.catalogue.inlets.get(topic)
+        if inlet is None:
+            return
+        try:
+            value = inlet.value(self.types.from_ros1(data, inlet.type))
+            self._conversation.command(inlet.port, value, self._answered(topic))
+        except BadMessage as bad:
+            self.complain(f"{topic}: {bad}")
+        except Refused as refused:
+            self.complain(f"{topic}: {refused.fault.text}")
+
+    def _answered(self, topic: str) -> Callable[[Reply], None]:
+        def answered(reply: Reply) -> None:
+            if reply.fault is not None:
+                self.complain(f"{topic}: {reply.fault.text}")
+
+        return answered
+
+    def complain(self, text: str) -> None:
+        """Something of another node was not taken: topics have no answers, so it is told on /rosout, at most once a second."""
+        stats = self.context.stats
+        stats.errors += 1
+        stats.last_error = text
+        self._refusals.note("not taken", text)
+        now = asyncio.get_running_loop().time()
+        if now - self._rosout_at >= TELL_S and ROSOUT in self._listeners:
+            self._rosout_at = now
+            header = self.types.header(self.feed.catalogue.facts.epoch_ns + self.feed.t_ns, "")
+            made = self.types.make(LOG, header=header, level=WARN, name=self.config.node, msg=text)
+            self._deliver(ROSOUT, Told(self.types, LOG, None, None, made))
+
+    # -- the master -----------------------------------------------------------------------------------------------------------------------
+
+    def _ports_changed(self) -> None:
+        self._changed.set()
+
+    async def run(self) -> None:
+        """Stay registered at the master, which may come and go, until cancelled."""
+        last = ""
+        while True:
+            try:
+                await self._register()
+                if last:
+                    log.info("%s is registered at %s", self.context.name, self.master)
+                last = ""
+                self.context.stats.state = "running"
+            except (OSError, Refused) as error:
+                self._registered.clear()
+                reason = error.fault.text if isinstance(error, Refused) else str(error)
+                text = f"no ROS master at {self.master}: {reason}"
+                self.context.stats.last_error = text
+                if not last:
+                    log.warning("%s: %s; it is looked for every second (roscore starts one)", self.context.name, text)
+                last = text
+            await self._follow()
+            self._changed.clear()
+            with contextlib.suppress(OSError):
+                await within(LOOK_S, self._changed.wait(), "nothing has changed")
+
+    async def _register(self) -> None:
+        node, (api, services) = self.config.node, self.uris
+        try:
+            known = await ask(self.master, "lookupNode", node, node)
+        except Refused:
+            known = None
+        if known != api:
+            self._registered.clear()
+            if self.config.sim_time:
+                await ask(self.master, "setParam", node, "/use_sim_time", True)
+        catalogue = self.feed.catalogue
+        wanted: set[Registration] = {("Publisher", topic, type_name) for topic, type_name in self.feed.topics.items()}
+        wanted.add(("Publisher", ROSOUT, LOG))
+        wanted |= {("Subscriber", inlet.topic, inlet.type) for inlet in catalogue.inlets.values()}
+        wanted |= {("Service", offer.name, offer.type) for offer in catalogue.offers.values()}
+        for each in sorted(self._registered - wanted):
+            await self._unregister(each)
+        for kind, name, type_name in sorted(wanted - self._registered):
+            if kind == "Service":
+                await ask(self.master, "registerService", node, name, services, api)
+            else:
+                found = await ask(self.master, f"register{kind}", node, name, short_name(type_name), api)
+                if kind == "Subscriber" and isinstance(found, list):
+                    self._named[name] = [uri for uri in found if isinstance(uri, str) and uri != api][:PUBLISHERS]
+            self._registered.add((kind, name, type_name))
+
+    async def _unregister(self, each: Registration) -> None:
+        kind, name, _ = each
+        self._registered.discard(each)
+        if kind == "Subscriber":
+            self._named.pop(name, None)
+        await ask(self.master, f"unregister{kind}", self.config.node, name, self.uris[1 if kind == "Service" else 0])
+
+    async def leave_graph(self) -> None:
+        """Tell the master that this node goes, as far as it hears it, and end all links."""
+        with contextlib.suppress(OSError, Refused):
+            await within(LEAVE_S, self._unregister_all(), "the master did not take leave")
+        for links in self._publishers.values():
+            for link in links.values():
+                await link.close()
+        self._conversation.close()
+
+    async def _unregister_all(self) -> None:
+        for each in sorted(self._registered):
+            await self._unregister(each)
+
+    async def _follow(self) -> None:
+        """Hear the publishers that the master names, and no others."""
+        inlets = self.feed.catalogue.inlets
+        for topic in [*self._publishers, *self._named]:
+            named = self._named.get(topic, []) if topic in inlets else []
+            links = self._publishers.setdefault(topic, {})
+            for uri in [uri for uri in links if uri not in named]:
+                await links.pop(uri).close()
+            for uri in named:
+                if uri not in links:
+                    links[uri] = self._subscription(topic, inlets[topic].type, uri)
+            if not links:
+                del self._publishers[topic]
+
+    def _subscription(self, topic: str, type_name: str, uri: str) -> Subscription:
+        config, types = self.config, self.types
+        allowed = (*config.allowed_hosts, place_of(self.master)[0])
+        return Subscription(
+            uri, topic, short_name(type_name), types.md5(type_name), types.text(type_name), config.node, allowed,
+            config.max_requests_per_s, lambda data: self._command(topic, data), self.complain,
+        )  # fmt: skip
