@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from uwserver_adapters.devices.water_linked_a50 import WaterLinkedA50Table
 from uwserver_adapters.moos import wire as moos
 from uwserver_adapters.moos.config import CommunityTable
 from uwserver_adapters.ros1 import wire as tcpros
@@ -200,7 +201,7 @@ MODEM = Port(
 
 
 def _with_buffers() -> FakeContext:
-    return FakeContext(ports={port.path: port for port in (*PORTS, TRUTH_POSE, TRUTH_VELOCITY, CAMERA, MODEM)})
+    return FakeContext(ports={port.path: port for port in (*PORTS, DVL, TRUTH_POSE, TRUTH_VELOCITY, CAMERA, MODEM)})
 
 
 class UdpPeer:
@@ -297,6 +298,11 @@ KITS: dict[str, tuple[dict[str, Any], Connect, bytes]] = {
     "mavlink": ({"links": ("tcpin:127.0.0.1:0",)}, _mavlink_station, b""),
     "foxglove": ({"port": 0}, _foxglove_client, _web(_FOXGLOVE_ALL)),
     # Each community is one connection, and so can have one peer.
+    "devices": (
+        {"device": {"dvl": WaterLinkedA50Table(sensor="rov/dvl", tcp_port=0, max_clients=64)}},
+        TcpPeer.connect,
+        b'{"command":"get_config"}\n',
+    ),
     "ardupilot_json": ({"port": 0, "truth": True, "silence_s": 1.0}, UdpPeer.connect, SERVO_FRAME),
     "moos": ({"communities": {name: CommunityTable(port=MOOS_PORT) for name in "abcd"}}, _moos_database, MOOS_WELCOME),
     "moosdb": ({"port": 0, "queue_bytes": 1 << 20}, TcpPeer.connect, MOOS_HELLO + MOOS_HEAR_ALL),
@@ -331,6 +337,12 @@ REQUESTS = {
     "ardupilot_json": Requests(many=SERVO_FRAME, speak=ServoPeer.connect),
     "px4_hil": Requests(many=PX4_CONTROLS),
     "foxglove": Requests(_FOXGLOVE_RUN, many=_FOXGLOVE_RUN),
+    "devices": Requests(
+        b'{"command":"set_config","parameters":{"range_mode":"=2"}}\n',
+        many=b'{"command":"set_config","parameters":{"range_mode":"=1"}}\n',
+        service="rov/dvl/set",
+        outlives=True,
+    ),
     "sockets": Requests(
         b'{"id":1,"method":"call","params":{"service":"world/run_until","args":{"t_s":9}}}\n',
         cancel=b'{"id":2,"method":"cancel","params":{"id":1}}\n',
@@ -388,6 +400,7 @@ UNSAID = {
     "foxglove": {_CANCEL, _TIME_OUT, _NAMES},  # services go by numbers, and nobody can take a call back
     "ros2": {_LEAVES, _CANCEL, _TIME_OUT, _NAMES, "check_flood"},
     "rosbridge": {_CANCEL, _TIME_OUT},
+    "devices": {_CANCEL, _TIME_OUT, _NAMES},
     "sockets": {_TIME_OUT},
     "web": {_TIME_OUT},
     "ros1": {_CANCEL, _TIME_OUT},
@@ -396,7 +409,29 @@ UNSAID = {
     "moos_text": {_CANCEL},
     "morse": {_TIME_OUT},
 }
-CONTEXTS = {"ardupilot_json": _with_truth, "px4_hil": _with_truth, "mavlink": _with_autopilot}
+DVL = Port(
+    "rov/dvl",
+    "sensor",
+    "dvl",
+    (
+        Field("v_S", "m/s", "velocity", "S", (3,)), Field("altitude", "m", "altitude"), Field("figure_of_merit", "m/s", "accuracy"),
+        Field("covariance_S", "m^2/s^2", "covariance", "S", (3, 3)), Field("beam_velocities", "m/s", "beams", shape=(4,)),
+        Field("beam_ranges", "m", "beams", shape=(4,)), Field("beam_locks", "1", "beams", shape=(4,), type="bool"),
+    ),
+    "DVL.",
+    rate_hz=250.0,
+)  # fmt: skip
+SET_DVL = Service("rov/dvl/set", "Change.", (Argument("range_mode", "int", "mode", required=False),))
+
+
+def _with_dvl() -> FakeContext:
+    return FakeContext(
+        ports={port.path: port for port in (*PORTS, DVL)},
+        services={service.path: service for service in (*SERVICES, SET_DVL)},
+    )
+
+
+CONTEXTS = {"devices": _with_dvl, "ardupilot_json": _with_truth, "px4_hil": _with_truth, "mavlink": _with_autopilot}
 
 THIRD_PARTY = '''
 """Text lines of samples on TCP: a whole adapter of somebody else."""

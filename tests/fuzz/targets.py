@@ -14,6 +14,8 @@ import msgpack
 from dice import Dice
 from msgspec import structs
 from uwserver_adapters.ardupilot import wire as ardupilot
+from uwserver_adapters.devices import device as devices
+from uwserver_adapters.devices import water_linked_a50
 from uwserver_adapters.mavlink.wire import frames as mavlink_frames
 from uwserver_adapters.mavlink.wire.dialect import Dialect
 from uwserver_adapters.mavlink.wire.json_form import BadJson, frame_of
@@ -33,7 +35,7 @@ from uwserver_adapters.zenoh_bus.keys import KeyScheme
 from uwserver_adapters.zenoh_bus.requests import Put, Question, Requests
 
 from uwserver.adapter import AdapterStats, Refusals
-from uwserver.ports import Refused
+from uwserver.ports import Field, Port, Refused
 from uwserver.server.http import Service
 from uwserver.testing import FakeContext, Loopback
 from uwserver.testing.codecs import read_all
@@ -642,6 +644,44 @@ class Replies(InLoop):
         return [message for message in found if "id" in message]
 
 
+class DeviceLines(Target):
+    """Commands to a Water Linked A50: each line is answered once, with or without success; the next command is obeyed."""
+
+    _COMMANDS = (
+        {"command": "get_config"}, {"command": "reset_dead_reckoning"}, {"command": "trigger_ping", "parameters": None},
+        {"command": "set_config", "parameters": {"mounting_rotation_offset": 20.5, "dark_mode_enabled": True}},
+        {"command": "set_config", "parameters": {"acoustic_enabled": False, "range_mode": "=3", "speed_of_sound": 1480}},
+    )  # fmt: skip
+
+    def __init__(self, dice: Dice) -> None:
+        super().__init__(dice)
+        port = Port(
+            "rov/dvl", "sensor", "dvl", tuple(Field(name, "1", "x") for name in water_linked_a50.FIELDS), "DVL.", 8.0
+        )  # fmt: skip
+        self._context = FakeContext(ports={port.path: port}, services={})
+        self._device = water_linked_a50.WaterLinkedA50Table(sensor="rov/dvl").build(self._context)
+
+    def once(self) -> None:
+        dice = self._dice
+        body = json.dumps(dice.tree(dice.one(self._COMMANDS))).encode()
+        body = dice.one((body, dice.damaged(body))).replace(b"\n", b"")
+        data = body + dice.one((b"\n", b"\r\n")) + b'{"command":"get_config"}\n'
+        lines = read_all(self._device.reader(), dice.pieces(data), None)  # type: ignore[arg-type]  # reads only
+        assert lines[-1] == b'{"command":"get_config"}', data
+        assert len(lines) == (2 if body.strip() else 1), data
+        for line in lines:
+            replies: list[bytes] = []
+            if isinstance(line, devices.Garbage):
+                continue
+            self._device.take(line, replies.append)
+            assert len(replies) == 1, data
+            answer = json.loads(replies[0])
+            assert answer["success"] is (answer["error_message"] == ""), data
+        config = answer["result"]
+        assert 1000 <= config["speed_of_sound"] <= 2000, data
+        assert 0 <= config["mounting_rotation_offset"] <= 360, data
+
+
 TARGETS: Mapping[str, Callable[[Dice], Target]] = {
     "json": Json,
     "msgpack": Msgpack,
@@ -652,6 +692,7 @@ TARGETS: Mapping[str, Callable[[Dice], Target]] = {
     "moos_lines": MoosLines,
     "morse_lines": MorseLines,
     "tcpros": Tcpros,
+    "devices": DeviceLines,
     "ardupilot": ArdupilotFrames,
     "px4": Px4,
     "zenoh": Zenoh,

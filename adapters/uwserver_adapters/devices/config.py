@@ -1,0 +1,22 @@
+"""The adapter's table in a scenario."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from msgspec import Meta
+
+from uwserver.adapter import AdapterTable
+from uwserver.table import Name
+from uwserver_adapters.devices.nmea0183 import Nmea0183Table
+from uwserver_adapters.devices.ping1d import Ping1DTable
+from uwserver_adapters.devices.water_linked_a50 import WaterLinkedA50Table
+
+AnyDevice = WaterLinkedA50Table | Nmea0183Table | Ping1DTable
+
+
+class DevicesConfig(AdapterTable, tag="devices", kw_only=True, frozen=True):
+    """Attributes:
+    device: by names of your own: which sensor is served as which device, and where."""
+
+    device: Annotated[dict[Name, AnyDevice], Meta(min_length=1)]

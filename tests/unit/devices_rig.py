@@ -1,0 +1,147 @@
+"""A vehicle with the sensors that devices serve, and samples whose numbers a test chooses."""
+
+from __future__ import annotations
+
+from uwserver_adapters.devices.device import Device, Reader
+
+from uwserver.ports import Argument, Field, Port, Sample, Service, Value
+from uwserver.testing import FakeContext
+
+EPOCH_NS = 1_704_067_200_000_000_000
+"""2024-01-01T00:00:00Z, of `FakeContext`."""
+S = 1_000_000_000
+
+DVL = Port(
+    "rov/dvl",
+    "sensor",
+    "dvl",
+    (
+        Field("v_S", "m/s", "x", "S", (3,)),
+        Field("altitude", "m", "x"),
+        Field("figure_of_merit", "m/s", "x"),
+        Field("covariance_S", "m^2/s^2", "x", "S", (3, 3)),
+        Field("beam_velocities", "m/s", "x", shape=(4,)),
+        Field("beam_ranges", "m", "x", shape=(4,)),
+        Field("beam_locks", "1", "x", shape=(4,), type="bool"),
+        Field("v_water_S", "m/s", "x", "S", (3,)),
+    ),
+    "DVL.",
+    8.0,
+)
+ATTITUDE = Port(
+    "rov/attitude",
+    "sensor",
+    "attitude",
+    (Field("q_NS", "1", "x", "NS", (4,)), Field("heading", "rad", "x")),
+    "Attitude.",
+    50.0,
+)
+GPS = Port(
+    "rov/gps",
+    "sensor",
+    "gps",
+    (
+        Field("latitude", "rad", "x"),
+        Field("longitude", "rad", "x"),
+        Field("height", "m", "x"),
+        Field("v_NS", "m/s", "x", "N", (3,)),
+        Field("satellites", "1", "x", type="int"),
+        Field("fix", "1", "x", type="int"),
+    ),
+    "GPS.",
+    5.0,
+)
+ALTIMETER = Port(
+    "rov/ping",
+    "sensor",
+    "altimeter",
+    (Field("range", "m", "x"), Field("confidence", "1", "x")),
+    "Echosounder.",
+    10.0,
+)
+DEPTH = Port(
+    "rov/depth", "sensor", "pressure", (Field("depth", "m", "x"), Field("temperature", "degC", "x")), "Depth.", 10.0
+)
+SONAR = Port(
+    "rov/sonar",
+    "sensor",
+    "scanning_sonar",
+    (
+        Field("head_angle", "rad", "x"),
+        Field("range", "m", "x"),
+        Field("gain", "dB", "x"),
+        Field("bins", "1", "x", shape=(8,), type="int"),
+    ),
+    "Sonar.",
+    20.0,
+)
+PORTS = (DVL, ATTITUDE, GPS, ALTIMETER, DEPTH, SONAR)
+SERVICES = (
+    Service(
+        "rov/dvl/set",
+        "Change.",
+        (
+            Argument("range_mode", "int", "x", required=False, minimum=-1, maximum=4),
+            Argument("sound_speed", "float", "x", "m/s", False, minimum=0, maximum=2000),
+        ),
+    ),
+    Service(
+        "rov/ping/set",
+        "Change.",
+        (
+            Argument("range", "float", "x", "m", False, minimum=0.3, maximum=100),
+            Argument("sound_speed", "float", "x", "m/s", False, minimum=0, maximum=2000),
+        ),
+    ),
+    Service(
+        "rov/sonar/set",
+        "Change.",
+        tuple(
+            Argument(name, "float", "x", required=False) for name in ("range", "step", "sector_center", "sector_width")
+        ),
+    ),
+)
+LOCKED: tuple[Value, ...] = (
+    (0.5, 0.1, -0.2),
+    2.5,
+    0.004,
+    (1e-5, 2e-6, 0.0, 2e-6, 3e-5, 0.0, 0.0, 0.0, 4e-6),
+    (0.1, -0.1, 0.2, None),
+    (2.6, 2.7, 2.8, None),
+    (True, True, True, False),
+    (0.3, 0.0, 0.0),
+)
+LOST: tuple[Value, ...] = (
+    (None,) * 3,
+    None,
+    None,
+    (None,) * 9,
+    (None,) * 4,
+    (None,) * 4,
+    (False,) * 4,
+    (None,) * 3,
+)
+
+
+def make_context() -> FakeContext:
+    """Of a rov with all these."""
+    return FakeContext(ports={port.path: port for port in PORTS}, services={s.path: s for s in SERVICES})
+
+
+def sample(port: Port, value: tuple[Value, ...], t_s: float = 0.0, valid: bool = True, late_s: float = 0.0) -> Sample:
+    """A sample of a time, delivered so much later."""
+    assert len(value) == len(port.fields)
+    return Sample(port.path, 0, round(t_s * S), round((t_s + late_s) * S), valid, value)
+
+
+def ask(device: Device, data: bytes) -> tuple[list[bytes], list[str]]:
+    """What a peer that sends these bytes is answered, and what was counted as no message."""
+    reader: Reader = device.reader()
+    replies: list[bytes] = []
+    bad: list[str] = []
+    reader.receive(data)
+    while (event := reader.next_event()) is not None:
+        reason = device.take(event, replies.append)
+        if reason:
+            bad.append(reason)
+    return replies, bad
