@@ -328,6 +328,16 @@ def test_side_lobes_spoil_the_last_part_above_the_bottom(deep):
     assert ideal[spoilt] == pytest.approx(np.full(spoilt.sum(), -1.0), abs=1e-12)
 
 
+def test_a_bottom_that_comes_nearer_shows_its_own_speed(deep):
+    """The device sinks: straight below the bottom comes at the whole speed, along a beam the water only at its part."""
+    config = change(cell_size_m=0.2, cells=95, side_lobe_db=10.0)
+    seen = profile(config, deep(18.0, v_NB_B=(0.0, 0.0, 0.3)))
+    z, beam = seen["distances"], seen["beam_velocities"][:, 0]
+    spoilt = (z - 0.1 > 18.0 * math.cos(THETA)) & (z + 0.1 < 18.0)
+    expected = -0.3 * (math.cos(THETA) + 10.0) / 11.0
+    assert beam[spoilt] == pytest.approx(np.full(spoilt.sum(), expected), abs=1e-9)
+
+
 def test_tilt_brings_the_side_lobe_nearer_than_the_beams_tell(deep):
     """The shortest way to the bottom is the vertical, whatever the tilt: cells of every beam are spoilt from range h on."""
     config = change(cell_size_m=0.2, cells=90, beam_azimuth_deg=ACROSS, bin_mapping="off")
