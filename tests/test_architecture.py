@@ -544,7 +544,7 @@ TESTED_WITH = {
     "scenario": {"scene.palette": "scenario/scene/test_scenery"},
     "sensors": {
         "acoustic.echo": "sensors/acoustic/test_altimeter", "acoustic.fan": "sensors/acoustic/test_scanning_sonar",
-        "acoustic.janus": "sensors/acoustic/test_dvl",
+        "acoustic.current_profile": "sensors/acoustic/test_adcp", "acoustic.janus": "sensors/acoustic/test_dvl",
         "wiring": "sensors/onboard/test_contact",
     },
     "simulation": {"source": "server/test_playback"},
@@ -637,7 +637,7 @@ def test_names_of_vectors_end_in_their_frame(all_ports):
                 assert field.name.endswith(f"_{field.frame}"), f"{path}.{field.name} in {field.frame}"
             elif field.frame:
                 # A set point or an estimate of the autopilot is that of B, by its nature.
-                word = r"[pqv](_ref)?_NB?" if port.kind == "autopilot" else r"(\w+_)?[pqv]_N[BS]"
+                word = r"[pqv](_ref)?_NB?" if port.kind == "autopilot" else r"(\w+_)?[pqv]_N[BS]|velocities_N"
                 assert re.fullmatch(word, field.name), f"{path}.{field.name} in {field.frame}"
 
 

@@ -67,7 +67,14 @@ list: `uwserver list sensors`. Pictures: `uwserver plot sensor`, drawn by `tools
 STATUSES = get_args(Status)
 STATUS = re.compile(rf'^(?:status = "|# )({"|".join(STATUSES)})(?:"|: )', re.MULTILINE)
 """Of a group of numbers: its key, or the comment above a table that has no such key."""
-MODELS = {"dvl": "dvl", "altimeter": "altimeter", "scanning_sonar": "scanning_sonar", "usbl": "usbl", "lbl": "lbl"}
+MODELS = {
+    "dvl": "dvl",
+    "adcp": "adcp",
+    "altimeter": "altimeter",
+    "scanning_sonar": "scanning_sonar",
+    "usbl": "usbl",
+    "lbl": "lbl",
+}
 """Pages that are not about navigation."""
 
 

@@ -31,6 +31,8 @@ from uwserver.sensors import (
     UsblConfig,
 )
 from uwserver.sensors.acoustic.interrogation import Beacon
+from uwserver.testing import FakeGeometry
+from uwserver.testing.fake_geometry import Plane
 from uwserver.units import deg, rad
 
 # Before pyplot is imported: no display.
@@ -50,6 +52,7 @@ def main() -> None:
         ("scanning_sonar", scanning_sonar),
         ("altimeter", altimeter),
         ("dvl", dvl),
+        ("adcp", adcp),
         ("usbl", usbl),
         ("lbl", lbl),
     ):
@@ -99,7 +102,7 @@ def device(name: str, **keys: object) -> Sensor:
     given = check_profile(msgspec.toml.decode(shipped("devices")[name].read_bytes()), fail)
     config = msgspec.convert({"rate_hz": 240.0, **(given or {}), **keys}, SensorConfig)
     instrument = config.build(Pose())
-    instrument.start(np.random.default_rng(1))
+    instrument.start(1)
     return instrument
 
 
@@ -183,6 +186,49 @@ def dvl(geometry: Geometry) -> Figure:
         right.plot(heights, locks, color=colour, label=f"pitch {tilt:g} degrees")
     right.set(xlabel="height (m)", ylabel="beams in lock", title="a device for 25 m over sediment")
     for axis in (left, right):
+        axis.legend(fontsize=8)
+        axis.grid(visible=True, alpha=0.3)
+    return figure
+
+
+class Jet:
+    """Water that flows faster towards the surface, and across in a layer; under a flat surface."""
+
+    def velocity(self, p: tuple[float, float, float], t: float) -> tuple[float, float, float]:
+        return 0.4 * (1.0 - p[2] / 40.0), 0.25 * math.exp(-(((p[2] - 20.0) / 4.0) ** 2)), 0.0
+
+    def elevation(self, x: float, y: float, t: float) -> float:
+        return 0.0
+
+
+def adcp(geometry: Geometry) -> Figure:
+    """One ensemble of a profiler that moves, over ground, against the truth; and what it does to the last cells above the bottom."""
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10.5, 4.5), layout="constrained")
+    water = Water(1025.0, 9.81, 10.0, 101_325.0, (0.0, 0.0, 0.0), Jet())  # type: ignore[arg-type]
+    flat = FakeGeometry([Plane((0.0, 0.0, 40.0), (0.0, 0.0, -1.0))])
+    scope = instant(flat, (0.0, 0.0, 3.0))
+    scope.water = water
+    depth = np.linspace(3.0, 40.0, 200)
+    truth = np.array([Jet().velocity((0.0, 0.0, z), 0.0) for z in depth])
+    for axis, pings, title in ((left, 1, "one ping"), (right, 64, "64 pings")):
+        profiler = device(
+            "workhorse600", cell_size_m=1.0, cells=40, pings=pings, heading_sigma_deg=0.0, tilt_sigma_deg=0.0
+        )
+        values = profiler.measure(scope)[1]
+        z = 3.0 + np.array(values[0], float)
+        over_ground = np.array(values[2], float).reshape(-1, 3)
+        for i, name in enumerate(("north", "east")):
+            axis.plot(truth[:, i], depth, color=f"C{i}", lw=1, alpha=0.6)
+            axis.plot(over_ground[:, i], z, ".", color=f"C{i}", label=name)
+        axis.axhline(3.0 + 37.0 * math.cos(rad(20.0)), color="k", lw=0.8, ls=":", label="side lobes meet the bottom")
+        axis.axhline(40.0, color="k", lw=0.8)
+        axis.set(
+            xlabel="velocity of the water over ground (m/s)",
+            ylabel="depth (m)",
+            ylim=(41.0, 0.0),
+            xlim=(-0.4, 0.8),
+            title=title,
+        )
         axis.legend(fontsize=8)
         axis.grid(visible=True, alpha=0.3)
     return figure

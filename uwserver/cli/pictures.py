@@ -97,6 +97,34 @@ def _dvl(port: Port, samples: Sequence[Sample]) -> Figure:
     return figure
 
 
+def _adcp(port: Port, samples: Sequence[Sample]) -> Figure:
+    """Velocities of the water by cell and time, over ground where they are known; the profile alone of a single sample."""
+    t, cells = _times(samples), _field(port, "distances").size
+    ground = np.isfinite(_column(port, samples, "velocities_N")).any()
+    name, parts = ("velocities_N", ("north", "east", "down")) if ground else ("velocities_S", ("x", "y", "z"))
+    velocities = _column(port, samples, name).reshape(-1, cells, 3)
+    if len(t) == 1:
+        figure = Figure(figsize=(5.0, 5.2), layout="constrained")
+        axis = figure.subplots()
+        for k, part in enumerate(parts):
+            axis.plot(velocities[0, :, k], _column(port, samples, "distances")[0], ".-", ms=3, lw=0.8, label=part)
+        axis.set(xlabel=f"{name}, m/s", ylabel="distance, m")
+        axis.invert_yaxis()
+        axis.legend(fontsize=7)
+        axis.grid(alpha=0.3)
+        return figure
+    figure = Figure(figsize=(7.0, 5.6), layout="constrained")
+    panels = figure.subplots(3, 1, sharex=True)
+    for k, (axis, part) in enumerate(zip(panels, parts, strict=True)):
+        image = axis.pcolormesh(t, np.arange(1, cells + 1), velocities[:, :, k].T, cmap="viridis", shading="nearest")
+        axis.invert_yaxis()
+        axis.set_ylabel(f"{part}, cell", fontsize=8)
+        figure.colorbar(image, ax=axis, label="m/s")
+    panels[0].set_title(name, fontsize=8)
+    panels[-1].set_xlabel("time, s")
+    return figure
+
+
 def _beacons(port: Port, samples: Sequence[Sample]) -> Figure:
     """Ranges over time by beacon, and for a USBL the directions."""
     t, names = _times(samples), [str(_plain(port, sample, "beacon")) for sample in samples]
@@ -146,6 +174,7 @@ def _over_time(port: Port, samples: Sequence[Sample]) -> Figure:
 _PICTURES: Mapping[str, Callable[[Port, Sequence[Sample]], Figure]] = {
     "scanning_sonar": _scanning_sonar,
     "dvl": _dvl,
+    "adcp": _adcp,
     "usbl": _beacons,
     "lbl": _beacons,
 }

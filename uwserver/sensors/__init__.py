@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from uwserver.sensors.acoustic.adcp import AdcpConfig
 from uwserver.sensors.acoustic.altimeter import AltimeterConfig
 from uwserver.sensors.acoustic.dvl import DvlConfig
 from uwserver.sensors.acoustic.interrogation import carriers
@@ -30,6 +31,7 @@ SensorConfig = (
     | PressureConfig
     | MotionCaptureConfig
     | DvlConfig
+    | AdcpConfig
     | AltimeterConfig
     | ScanningSonarConfig
     | UsblConfig
@@ -49,7 +51,7 @@ SensorConfig = (
 )
 
 __all__ = [
-    "AltimeterConfig", "AttitudeConfig", "BatteryConfig", "ClockConfig", "CompoundConfig", "ContactConfig",
+    "AdcpConfig", "AltimeterConfig", "AttitudeConfig", "BatteryConfig", "ClockConfig", "CompoundConfig", "ContactConfig",
     "CtdConfig", "DvlConfig", "GpsConfig", "IdealSensor", "ImuConfig", "LblConfig", "LeakConfig", "MagnetometerConfig",
     "MotionCaptureConfig", "Pose", "PressureConfig", "RangeArrayConfig", "RpmConfig", "ScanningSonarConfig", "Scope", "Sensor",
     "SensorConfig", "SensorTable", "Settings", "SoundSpeedConfig", "StreamTable", "UsblConfig", "carriers",

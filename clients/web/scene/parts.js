@@ -192,7 +192,7 @@ export function instrument(paints, sensor, scale) {
   if (sensor.kind === "scanning_sonar" || sensor.kind === "usbl" || sensor.kind === "lbl") {
     put(group, new THREE.CylinderGeometry(0.7 * r, 0.7 * r, 1.6 * r, around).rotateX(Math.PI / 2), paints.plain(COLOURS.dark, { rough: 0.4 }));
     put(group, new THREE.SphereGeometry(0.7 * r, around, around / 2), paints.plain(COLOURS.orange, { rough: 0.4 }), [0, 0, -0.8 * r]);
-  } else if (sensor.kind === "dvl") {
+  } else if (sensor.kind === "dvl" || sensor.kind === "adcp") {
     put(group, new THREE.CylinderGeometry(r, r, 0.9 * r, around).rotateX(Math.PI / 2), paints.plain(COLOURS.metal, { rough: 0.4, metal: 0.3 }));
     for (let k = 0; k < 4; k += 1) put(group, new THREE.SphereGeometry(0.3 * r, 10, 8), paints.plain(COLOURS.orange), [0.5 * r * Math.cos(k * Math.PI / 2 + 0.785), 0.5 * r * Math.sin(k * Math.PI / 2 + 0.785), 0.42 * r]);
   } else if (sensor.kind === "altimeter" || sensor.kind === "range_array") {

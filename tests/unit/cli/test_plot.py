@@ -136,6 +136,32 @@ def test_every_kind_can_be_drawn(kind, tmp_path: Path) -> None:
             picture(port, [])
 
 
+def test_a_current_profile_stands_over_time_and_cell() -> None:
+    """Over ground where it is known, else relative to the device; a single sample is a profile over distance."""
+    fields = sensor_kinds()["adcp"].outputs[0].fields
+    port = Port("rov/x", "sensor", "adcp", fields, "", 2.0)
+    cells = next(f for f in fields if f.name == "distances").size
+
+    def told(ground: bool) -> list[Sample]:
+        made = []
+        for k in range(3):
+            values: dict[str, object] = {f.name: (None,) * f.size if f.shape else None for f in fields}
+            values["distances"] = tuple(0.5 * (i + 1) for i in range(cells))
+            name = "velocities_N" if ground else "velocities_S"
+            values[name] = tuple(float(10 * k + i) if part == 1 else 0.0 for i in range(cells) for part in range(3))
+            made.append(Sample("rov/x", k, k * 10**8, 0, True, tuple(values.values())))
+        return made
+
+    for ground, title in ((True, "velocities_N"), (False, "velocities_S")):
+        axes = picture(port, told(ground)).axes
+        assert axes[0].get_title() == title
+        (image,) = (child for child in axes[1].get_children() if isinstance(child, QuadMesh))
+        assert image.get_array().reshape(cells, 3)[4].tolist() == [4.0, 14.0, 24.0]
+    axis = picture(port, told(True)[:1]).axes[0]
+    assert axis.lines[1].get_xdata().tolist() == list(range(cells))
+    assert axis.lines[1].get_ydata()[3] == 2.0
+
+
 def test_an_echo_stands_where_it_came_from() -> None:
     """One bright bin of one ping: in the picture at its angle and distance, the newest ping of an angle counts."""
     fields = sensor_kinds()["scanning_sonar"].outputs[0].fields

@@ -115,6 +115,19 @@ def dvl(sensor):
     }  # fmt: skip
 
 
+def adcp(sensor):
+    angle, azimuths = np.radians(sensor.beam_angle_deg), np.radians(sensor.beam_azimuth_deg)
+    beams = np.array([(np.sin(angle) * np.cos(a), np.sin(angle) * np.sin(a), np.cos(angle)) for a in azimuths])
+    flow = NS.inv().apply(CURRENT - V_NS)
+    along = np.append(beams @ flow, flow[2])
+    return {
+        "distances": sensor.blanking_m + sensor.cell_size_m * np.arange(1, sensor.cells + 1), "velocities_S": np.tile(flow, sensor.cells),
+        "velocities_N": np.tile(CURRENT, sensor.cells), "error_velocities": np.zeros(sensor.cells),
+        "beam_velocities": np.tile(along, sensor.cells), "v_S": NS.inv().apply(V_NS), "altitude": (BOTTOM - P_NS[2]) / AXIS[2],
+        "beam_ranges": (BOTTOM - P_NS[2]) / NS.apply(beams)[:, 2],
+    }  # fmt: skip
+
+
 def ranges(sensor):
     half = np.radians(sensor.field_of_view_deg) / 2.0
     angles = np.linspace(-half, half, sensor.beams)
@@ -128,6 +141,7 @@ ALONE = {
     "pressure": lambda _: {"pressure": ATMOSPHERE + DENSITY * G * P_NS[2], "temperature": 12.0},
     "motion_capture": lambda _: {"p_NS": P_NS, "q_NS": np.roll(NS.as_quat(), 1)},
     "dvl": dvl,
+    "adcp": adcp,
     "altimeter": lambda _: {"range": BOTTOM - P_NS[2], "confidence": 1.0},
     "scanning_sonar": lambda sensor: {"head_angle": 0.0, "range": sensor.range_m, "gain": sensor.gain_db},
     "usbl": usbl,
@@ -144,6 +158,7 @@ BEACON = Beacon(position_ned_m=(-5.0, -30.0, float(P_NS[2])))  # as deep as the 
 CHANGES = {
     "pressure": {"output": "pressure"},
     "dvl": {"range_modes": ()},  # it would begin with the shortest
+    "adcp": {"cells": 10},  # all of them above the bottom
     "usbl": {"beacons": {"b": BEACON}, "propagation": "straight"},
     "lbl": {"beacons": {"b": BEACON}, "propagation": "straight"},
     "range_array": {"max_range_m": 30.0},
@@ -237,7 +252,7 @@ def test_ideal_is_the_truth_in_a_world(kind, world):
 
 AIR = replace(SCOPE, p_NB=(3.0, -2.0, -5.0))
 BLIND = {
-    "motion_capture": AIR, "dvl": AIR, "altimeter": AIR, "scanning_sonar": AIR, "usbl": AIR, "lbl": AIR, "ctd": AIR, "sound_speed": AIR,
+    "motion_capture": AIR, "dvl": AIR, "adcp": AIR, "altimeter": AIR, "scanning_sonar": AIR, "usbl": AIR, "lbl": AIR, "ctd": AIR, "sound_speed": AIR,
     "range_array": AIR, "gps": SCOPE, "attitude": replace(SCOPE, t_ns=0), "rpm": SCOPE,
     "pressure": replace(SCOPE, water=replace(WATER, gravity=0.0)),
 }  # fmt: skip
@@ -269,6 +284,7 @@ def test_it_can_always_measure(kind, shipped):
 
 SETTINGS = {
     "dvl": {"max_altitude": 20.0, "range_mode": 1, "tracking": "bottom", "sound_speed": 1480.0},
+    "adcp": {"cell_size": 0.5, "blanking": 0.3, "pings": 4, "sound_speed": 1480.0},
     "altimeter": {"range": 12.0, "gain": -6.0, "sound_speed": 1480.0},
     "scanning_sonar": {"range": 8.0, "gain": 3.0, "step": 0.1, "sector_center": 0.5, "sector_width": 1.0},
     "usbl": {"max_range": 300.0, "gain": -3.0, "sound_speed": 1480.0},

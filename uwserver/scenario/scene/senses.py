@@ -12,6 +12,7 @@ from uwserver.scenario.build.members import mount_of
 from uwserver.scenario.scene.errors import sigmas
 from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.sensors import (
+    AdcpConfig,
     AltimeterConfig,
     DvlConfig,
     LblConfig,
@@ -45,6 +46,14 @@ def beams(config: SensorConfig) -> Iterator[BeamView]:
             across = math.sin(tilt)
             direction = (across * math.cos(rad(azimuth)), across * math.sin(rad(azimuth)), math.cos(tilt))
             yield BeamView(direction, 0.0, config.min_altitude_m, far)
+    elif isinstance(config, AdcpConfig):
+        tilt = rad(config.beam_angle_deg)
+        across, far = math.sin(tilt), config.max_range_m
+        for azimuth in config.beam_azimuth_deg:
+            direction = (across * math.cos(rad(azimuth)), across * math.sin(rad(azimuth)), math.cos(tilt))
+            yield BeamView(direction, 0.0, config.blanking_m / math.cos(tilt), far / math.cos(tilt))
+        if config.axial_beam:
+            yield BeamView((0.0, 0.0, 1.0), 0.0, config.blanking_m, far)
     elif isinstance(config, RangeArrayConfig):
         width = rad(config.field_of_view_deg)
         for k in range(config.beams):

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 
+import msgspec
 import pytest
 
 from uwserver.scenario.scene.senses import beacon_views, beams, fan
 from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.sensors import (
+    AdcpConfig,
     AltimeterConfig,
     DvlConfig,
     PressureConfig,
@@ -27,6 +29,15 @@ def test_a_dvl_has_its_beams_about_the_axis() -> None:
         pytest.approx((0.5, 0.0, math.sqrt(0.75))), pytest.approx((0.0, 0.5, math.sqrt(0.75))), pytest.approx((-0.5, 0.0, math.sqrt(0.75))),
     ]  # fmt: skip
     assert found[0].far == pytest.approx(10.0 / math.sqrt(0.75)), "it reaches the altitude, along the beam"
+
+
+def test_a_current_profiler_has_its_slanted_beams_and_its_axial_one() -> None:
+    config = AdcpConfig(rate_hz=2, beam_angle_deg=30.0, beam_azimuth_deg=(0.0, 120.0, 240.0), axial_beam=True)
+    *slanted, axial = beams(msgspec.structs.replace(config, max_range_m=10.0, blanking_m=1.0))
+    assert slanted[0].direction == pytest.approx((0.5, 0.0, math.sqrt(0.75)))
+    assert len(slanted) == 3
+    assert (slanted[0].near, slanted[0].far) == pytest.approx((1.0 / math.sqrt(0.75), 10.0 / math.sqrt(0.75)))
+    assert (axial.direction, axial.near, axial.far) == ((0.0, 0.0, 1.0), 1.0, 10.0)
 
 
 def test_an_altimeter_looks_along_its_z() -> None:
