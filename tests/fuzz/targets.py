@@ -28,6 +28,7 @@ from uwserver_adapters.native.websocket import Handshake, WebSocketCodec
 from uwserver_adapters.px4 import codec as px4
 from uwserver_adapters.ros1 import wire as tcpros
 from uwserver_adapters.ros1 import xmlrpc
+from uwserver_adapters.sil.channels import Scale
 from uwserver_adapters.sockets import SocketsAdapter
 from uwserver_adapters.sockets.connection import Connection
 from uwserver_adapters.zenoh_bus.codec import Codec as ZenohCodec
@@ -426,7 +427,7 @@ class ArdupilotFrames(Target):
 
     def __init__(self, dice: Dice) -> None:
         super().__init__(dice)
-        self._scale = ardupilot.Scale()
+        self._scale = Scale()
 
     def once(self) -> None:
         dice = self._dice

@@ -16,7 +16,7 @@ from uwserver.world.external.track import MAX_GAP_S
 
 Part = Annotated[float, Meta(ge=0.0, le=1.0)]
 ACTIVE_TABLES = (
-    "mounts", "thrusters", "fins", "foils", "propellers", "ballasts", "moving_masses", "actuators", "sensors", "autopilot", "published",
+    "mounts", "thrusters", "fins", "foils", "propellers", "ballasts", "moving_masses", "actuators", "sensors", "autopilot", "lamps", "published",
 )  # fmt: skip
 """Tables of a vehicle file that one without dynamics has no use for: of its file remain what it looks like and what is solid of it."""
 COLOURS: tuple[Vector3, ...] = (
