@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from uwserver.cli.log import printable
-from uwserver.logfiles import Log, LogError, open_log
+from uwserver.logfiles import Log, LogError
 from uwserver.logfiles.export.alog import write_alog
 from uwserver.logfiles.export.rosbag2 import write_rosbag2
 from uwserver.logfiles.export.table_files import write_csv, write_mat, write_netcdf, write_parquet
@@ -18,6 +18,7 @@ from uwserver.logfiles.mapping import Mapping, read_mapping
 from uwserver.logfiles.poses import FoundTrack, pose_tracks
 from uwserver.logfiles.rules import mapping_of
 from uwserver.ports import matching
+from uwserver.recording.joined_log import open_parts
 
 _ENDS = {
     "parquet": "_parquet",
@@ -67,7 +68,7 @@ def export(file: Path, kind: str, output: Path | None, topics: tuple[str, ...], 
         if target.exists():
             raise LogError(f"{target} is there already: give another name by --output")
         mapping = read_mapping(mapping_file) if mapping_file else None
-        log = open_log(file)
+        log = open_parts(file)
         try:
             told = _write(log, kind, target, topics, mapping)
         finally:
