@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -29,6 +30,7 @@ _ENDS = {
     "alog": ".alog",
     "tlog": ".tlog",
 }
+_FOLDERS = ("parquet", "csv", "rosbag2")
 _TABLES: dict[str, Callable[[Log, Iterable[TopicTable], Path], None]] = {
     "parquet": write_parquet,
     "csv": write_csv,
@@ -70,7 +72,7 @@ def export(file: Path, kind: str, output: Path | None, topics: tuple[str, ...], 
         mapping = read_mapping(mapping_file) if mapping_file else None
         log = open_parts(file)
         try:
-            told = _write(log, kind, target, topics, mapping)
+            told = _whole(log, kind, target, topics, mapping)
         finally:
             log.close()
     except LogError as error:
@@ -85,6 +87,17 @@ def export(file: Path, kind: str, output: Path | None, topics: tuple[str, ...], 
     for line in told:
         click.echo(printable(line), err=True)
     click.echo(f"wrote {target}")
+
+
+def _whole(log: Log, kind: str, target: Path, patterns: tuple[str, ...], mapping: Mapping | None) -> list[str]:
+    """As `_write`, beside the target first: it is there when it is whole, and nothing is left of one that failed."""
+    if kind in _FOLDERS:
+        target.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".uwserver-export-", dir=target.parent) as place:
+        made = Path(place) / target.name  # its own name, as a bag's files are called after it
+        told = _write(log, kind, made, patterns, mapping)
+        made.rename(target)
+    return told
 
 
 def _write(log: Log, kind: str, target: Path, patterns: tuple[str, ...], mapping: Mapping | None) -> list[str]:
