@@ -232,3 +232,12 @@ def test_events_of_a_flood_are_bounded(run: tuple[Path, Dive], monkeypatch: pyte
     track = Track(run[0])
     assert track.marks() == []
     track.close()
+
+
+def test_right_after_a_jump_nobody_is_where_the_run_before_had_them(jumping: tuple[Path, Dive]) -> None:
+    track = Track(jumping[0])
+    assert len(track.runs) == 3
+    track.seek(2, track.runs[2].from_ns)
+    assert track.runs[2].from_ns > 500_000_000, "a time that the run before had, too"
+    assert track.state is None
+    track.close()
