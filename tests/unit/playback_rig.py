@@ -10,6 +10,7 @@ import numpy as np
 
 from uwserver.ports import Call, Command, Event, Progress, Reply, Sample
 from uwserver.ports.crossing import TickOutput
+from uwserver.recording.parts import ONE_FILE, Rotation
 from uwserver.recording.player import Player
 from uwserver.recording.player_track import Track
 from uwserver.recording.player_world import Range
@@ -40,13 +41,13 @@ class Dive:
         poses: of the rov, by run and time.
     """
 
-    def __init__(self, path: Path, resolved: Resolved, lag: int = 0) -> None:
+    def __init__(self, path: Path, resolved: Resolved, lag: int = 0, rotation: Rotation = ONE_FILE) -> None:
         self._late: list[TickOutput] = []
         self._lag = lag
         self.world = build(resolved)
         self.bus = Bus(lambda function: None)
         self.simulation = Simulation(self.world, Timing("freerun"), SystemTime(), self.bus, Mailbox())
-        self.recorder = Recorder(path, self.world, resolved)
+        self.recorder = Recorder(path, self.world, resolved, rotation)
         self.samples: list[list[Sample]] = [[]]
         self.poses: dict[tuple[int, int], Any] = {}
         self.events: list[Event] = []
@@ -99,9 +100,15 @@ class Dive:
         self.recorder.put_samples(output.samples)
 
 
-def recorded(path: Path, ticks: int = 480, script: Callable[[Dive], None] | None = None, lag: int = 0) -> Dive:
+def recorded(
+    path: Path,
+    ticks: int = 480,
+    script: Callable[[Dive], None] | None = None,
+    lag: int = 0,
+    rotation: Rotation = ONE_FILE,
+) -> Dive:
     """A dive of two seconds, or what the script says; the loop has samples so many ticks late, as of a world that nothing paces."""
-    with Dive(path, pool(), lag) as dive:
+    with Dive(path, pool(), lag, rotation) as dive:
         if script is None:
             dive.push(0.4)
             dive.go(ticks)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import click
 
 from uwserver.cli.log import printable
-from uwserver.logfiles import Log, LogError, open_log
+from uwserver.logfiles import Log, LogError
 from uwserver.logfiles.export.alog import write_alog
 from uwserver.logfiles.export.rosbag2 import write_rosbag2
 from uwserver.logfiles.export.table_files import write_csv, write_mat, write_netcdf, write_parquet
@@ -18,6 +19,7 @@ from uwserver.logfiles.mapping import Mapping, read_mapping
 from uwserver.logfiles.poses import FoundTrack, pose_tracks
 from uwserver.logfiles.rules import mapping_of
 from uwserver.ports import matching
+from uwserver.recording.joined_log import open_parts
 
 _ENDS = {
     "parquet": "_parquet",
@@ -28,6 +30,7 @@ _ENDS = {
     "alog": ".alog",
     "tlog": ".tlog",
 }
+_FOLDERS = ("parquet", "csv", "rosbag2")
 _TABLES: dict[str, Callable[[Log, Iterable[TopicTable], Path], None]] = {
     "parquet": write_parquet,
     "csv": write_csv,
@@ -67,9 +70,9 @@ def export(file: Path, kind: str, output: Path | None, topics: tuple[str, ...], 
         if target.exists():
             raise LogError(f"{target} is there already: give another name by --output")
         mapping = read_mapping(mapping_file) if mapping_file else None
-        log = open_log(file)
+        log = open_parts(file)
         try:
-            told = _write(log, kind, target, topics, mapping)
+            told = _whole(log, kind, target, topics, mapping)
         finally:
             log.close()
     except LogError as error:
@@ -84,6 +87,17 @@ def export(file: Path, kind: str, output: Path | None, topics: tuple[str, ...], 
     for line in told:
         click.echo(printable(line), err=True)
     click.echo(f"wrote {target}")
+
+
+def _whole(log: Log, kind: str, target: Path, patterns: tuple[str, ...], mapping: Mapping | None) -> list[str]:
+    """As `_write`, beside the target first: it is there when it is whole, and nothing is left of one that failed."""
+    if kind in _FOLDERS:
+        target.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".uwserver-export-", dir=target.parent) as place:
+        made = Path(place) / target.name  # its own name, as a bag's files are called after it
+        told = _write(log, kind, made, patterns, mapping)
+        made.rename(target)
+    return told
 
 
 def _write(log: Log, kind: str, target: Path, patterns: tuple[str, ...], mapping: Mapping | None) -> list[str]:

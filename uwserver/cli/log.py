@@ -9,10 +9,11 @@ from typing import Any
 import click
 import msgspec
 
-from uwserver.logfiles import Log, LogError, LogField, Topic, open_log
+from uwserver.logfiles import Log, LogError, LogField, Topic
 from uwserver.logfiles.mapping import mapping_text
 from uwserver.logfiles.rules import mapping_of
 from uwserver.logfiles.timebase import seconds, utc_text
+from uwserver.recording.joined_log import open_parts
 from uwserver.units import NANOSECONDS
 
 _KINDS = {
@@ -44,7 +45,7 @@ def log_command(file: Path, as_json: bool, as_mapping: bool) -> None:
     Example: uwserver log dive.tlog --mapping > dive.toml
     """
     try:
-        log = open_log(file)
+        log = open_parts(file)
         try:
             if as_mapping:
                 text = _MAPPING_HEAD + mapping_text(mapping_of(log)).rstrip("\n")

@@ -149,6 +149,20 @@ def _simulated(source: str, port: str, end_s: float) -> tuple[Port, list[Sample]
 
 
 def _recorded(file: Path, port: str) -> tuple[Port, list[Sample]]:
+    from uwserver.recording.reading import NotReplayable, parts_of
+
+    told = [_in_part(file, port)]
+    try:
+        told += [_in_part(part, port) for part in parts_of(file)[1:]]
+    except NotReplayable as error:
+        raise ValueError(str(error)) from error
+    _check(port, list(dict.fromkeys(sensor for sensors, _, _ in told for sensor in sensors)))
+    described = next(found for _, found, _ in told if found is not None)
+    return described, [_sample(described, message) for _, _, messages in told for message in messages]
+
+
+def _in_part(file: Path, port: str) -> tuple[list[str], Port | None, list[dict[str, Any]]]:
+    """The sensors of a file; of one of them the port, if it is there, and its messages."""
     from mcap.exceptions import McapError
     from mcap.reader import make_reader
 
@@ -158,14 +172,14 @@ def _recorded(file: Path, port: str) -> tuple[Port, list[Sample]]:
             summary = reader.get_summary()
             channels = {} if summary is None else {channel.topic: channel for channel in summary.channels.values()}
             sensors = [topic for topic, channel in channels.items() if channel.metadata.get("direction") == "sensor"]
-            _check(port, sensors)
-            assert summary is not None
+            if summary is None or port not in sensors:
+                return sensors, None, []
             schema = msgspec.json.decode(summary.schemas[channels[port].schema_id].data)
             described = _port(port, channels[port].metadata["kind"], schema)
             messages = [msgspec.json.decode(m.data) for _, _, m in reader.iter_messages(topics=[port])]
         except McapError as error:
             raise ValueError(f"{file}: no recording that can be read: {error}") from error
-    return described, [_sample(described, message) for message in messages]
+    return sensors, described, messages
 
 
 def _check(port: str, sensors: list[str]) -> None:

@@ -116,7 +116,7 @@ class Chunks:
             raise
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file; what reads of it later opens it again."""
         self._file.close()
 
     @property
@@ -199,6 +199,8 @@ class Chunks:
             where.append(chunk)
 
     def _read(self, offset: int, length: int) -> bytes:
+        if self._file.closed:
+            self._file = self.path.open("rb", buffering=0)
         self._file.seek(offset)
         return self._file.read(length)
 

@@ -8,11 +8,12 @@ from typing import Any
 import msgspec
 
 from uwserver.recording.format import FORMAT, METADATA, Head, head_with
-from uwserver.recording.player_file import Chunks, NotOurs, NotPlayable
+from uwserver.recording.player_file import NotOurs, NotPlayable
+from uwserver.recording.player_parts import PartChunks
 from uwserver.scenario.vehicle.tables import VehicleFile
 
 
-def played_head(chunks: Chunks) -> tuple[Head, tuple[str, ...]]:
+def played_head(chunks: PartChunks) -> tuple[Head, tuple[str, ...]]:
     """The head of a recording, and what is to be told of it.
 
     The version of the physics does not matter. Components whose kinds came from extensions are left out: their ports are in the recording, and the

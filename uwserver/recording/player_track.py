@@ -16,11 +16,13 @@ from typing import Final
 import msgspec
 
 from uwserver.ports import Cast, Port, Sample, SceneState
-from uwserver.recording.format import EVENTS
-from uwserver.recording.player_file import Chunks, Message, NotPlayable, renamed
+from uwserver.recording.format import EVENTS, METADATA
+from uwserver.recording.parts import FIRST_PART, part_of
+from uwserver.recording.player_file import Message, NotPlayable, renamed
 from uwserver.recording.player_head import played_head
 from uwserver.recording.player_items import Item, Mark, Place, Run, Scene
 from uwserver.recording.player_messages import Messages
+from uwserver.recording.player_parts import PartChunks
 from uwserver.recording.states import CASTS, JUMPS, STATES, CastRecord, read_state, time_of_state
 
 MOST_MARKS: Final = 2000
@@ -58,7 +60,7 @@ class Track:
             OSError: it cannot be read.
             NotPlayable: see there; or the names are of nobody, or taken.
         """
-        self._chunks, self._names = Chunks(path, names), names
+        self._chunks, self._names = PartChunks(path, names), names
         try:
             self.path = path
             self.head, self.remarks = played_head(self._chunks)
@@ -66,6 +68,9 @@ class Track:
             self.scenes: list[Scene] = []
             self._casts: dict[int, Cast] = {}
             self._sensors: set[str] = set()
+            # A later part alone begins with its own run 0, whatever was before it.
+            self._is_later = part_of(self._chunks.metadata[METADATA]) > FIRST_PART
+            self._jumps_before = 0
             self._seen_chunks = 0
             self._jump_places: list[tuple[Place, int]] = []
             self.messages = Messages(self._chunks.channels)
@@ -197,12 +202,23 @@ class Track:
         except (msgspec.MsgspecError, ValueError):
             self.messages.damaged += 1
             return
+        if before is None and self._is_later:
+            self._jumps_before = record.jumps
         self._sensors |= {port.path for port in record.ports if port.direction == "sensor"}
+        there = (record.cast, ports, services, water)
+        if before is not None and there == (before.cast, before.ports, before.services, before.water):
+            return  # a part tells again who was there in the one before
         is_same = before is not None and not (record.ports or record.ports_gone)
         kept = before.ports if before is not None and is_same else ports
         bodies = (*record.vehicles, *record.objects)
         self._casts[record.revision] = record.cast
-        self.scenes.append(Scene(record.jumps, record.t_ns, record.cast, bodies, kept, services, water))
+        jumps = record.jumps - self._jumps_before
+        self.scenes.append(Scene(jumps, record.t_ns, record.cast, bodies, kept, services, water))
+
+    def _time_of(self, state: Message) -> tuple[int, int]:
+        """Run and time of a state."""
+        jumps, t_ns = time_of_state(state.data)
+        return jumps - self._jumps_before, t_ns
 
     def scene_at(self, t_ns: int) -> Scene:
         """Who is there at a time of the run that is played."""
@@ -267,7 +283,7 @@ class Track:
                 if before.get(message.channel) != chunk or message.t_ns > t_ns:
                     continue
                 if message.channel in states:
-                    jumps = time_of_state(message.data)[0]
+                    jumps = self._time_of(message)[0]
                     if jumps > run:
                         continue
                     if jumps == run:
@@ -288,7 +304,7 @@ class Track:
             messages = self._chunks.messages(chunk) if chunk < len(self._chunks.chunks) else []
             for message in reversed(messages[: place.message if chunk == place.chunk else None]):
                 if message.channel in states:
-                    jumps, t_ns = time_of_state(message.data)
+                    jumps, t_ns = self._time_of(message)
                     if (jumps, t_ns) <= (run, after_ns):
                         return found
                     found.appendleft((jumps, message))
@@ -314,7 +330,7 @@ class Track:
                 channel = topics.get(message.channel)
                 topic = "" if channel is None else channel.topic
                 if topic == STATES:
-                    jumps, t_ns = time_of_state(message.data)
+                    jumps, t_ns = self._time_of(message)
                     if (jumps, t_ns) > (run, after_ns) and len(waiting) < _MOST_WAITING:
                         waiting.append((jumps, message))
                     continue

@@ -19,8 +19,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from msgspec import structs
-
 from uwserver.ports import Call, Command, Event, Json, Port, Refused, Sample
 from uwserver.recording.format import Request, StateHash, metadata
 from uwserver.recording.foxglove import FoxgloveChannels
@@ -318,9 +316,7 @@ class Recorder:
         try:
             writer = RecordingWriter(file, {**self._head, PART: str(self._part + 1)}, self._known, self._foxglove)
             writer.begin_at(data)
-            writer.know(self._writer.known)  # late samples of what is gone may still come
-            if self._writer.told is not None:
-                writer.presence(structs.replace(self._writer.told, t_ns=state.t_ns))
+            writer.follow(self._writer, state.snapshot.tick, state.t_ns)
             self._writer.finish()
             self._finished_bytes += self._file.tell()
             self._file.close()

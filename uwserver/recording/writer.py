@@ -68,6 +68,7 @@ class RecordingWriter:
         layout = self._writer.register_schema("uwserver.State", "text", LAYOUT.encode())
         self._states = int(self._writer.register_channel(STATES, ENCODING, layout, {}))
         self.told: Presence | None = None
+        self.jumps_told = 0
         self._foxglove = foxglove
         self._foreign: dict[tuple[str, str], int] = {}
         self._foreign_schemas: dict[str, int] = {}
@@ -118,6 +119,7 @@ class RecordingWriter:
         """One event."""
         self._add(self._events, event.t_ns, event, event.t_ns)
         if event.event == "reset":
+            self.jumps_told += 1
             self._add(self._jumps, event.t_ns, event, event.t_ns)
         self._show(event)
 
@@ -156,6 +158,14 @@ class RecordingWriter:
     def begin_at(self, state: bytes) -> None:
         """Say, before any message, with which state of the world a later part begins."""
         self._writer.add_attachment(0, 0, STATE, "application/msgpack", state)
+
+    def follow(self, before: RecordingWriter, tick: int, t_ns: int) -> None:
+        """Go on where another writer ends, so that this file can be read alone: with its ports, whose late samples may still come, and with all who
+        are there. The jumps of the states that follow count on from those that it told."""
+        self.know(before.known)
+        self.jumps_told = before.jumps_told
+        if before.told is not None:
+            self.presence(structs.replace(before.told, jumps=before.jumps_told, tick=tick, t_ns=t_ns))
 
     def flush(self) -> None:
         """End the chunk in progress and hand everything to the operating system."""

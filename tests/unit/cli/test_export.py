@@ -1,5 +1,6 @@
 """`uwserver export`."""
 
+import itertools
 import re
 import shlex
 from pathlib import Path
@@ -11,7 +12,7 @@ from logs_rig import telemetry, tlog
 
 from uwserver.cli import main
 from uwserver.cli.export import export
-from uwserver.logfiles import open_log
+from uwserver.logfiles import LogError, open_log
 from uwserver.ports import Field, Port, Sample
 from uwserver.recording.writer import RecordingWriter
 
@@ -43,6 +44,25 @@ def test_every_format(dive, kind, made):
     again = run(dive, "--to", kind)
     assert again.exit_code == 1
     assert "is there already" in again.output
+
+
+@pytest.mark.parametrize("kind", ["csv", "rosbag2", "alog", "tlog", "mat"])
+def test_nothing_is_left_of_one_that_fails(dive, kind, monkeypatch):
+
+    def breaks(self, *args, **more):
+        yield from itertools.islice(whole(self, *args, **more), 20)
+        raise LogError("the file is damaged here")
+
+    kept = open_log(dive)
+    whole = type(kept).read
+    kept.close()
+    monkeypatch.setattr(type(kept), "read", breaks)
+    result = run(dive, "--to", kind, "-o", dive.parent / "made")
+    assert result.exit_code == 1, result.output
+    assert [file.name for file in dive.parent.iterdir()] == ["dive.tlog"]
+    monkeypatch.undo()
+    assert run(dive, "--to", kind, "-o", dive.parent / "made").exit_code == 0
+    assert len(list(dive.parent.iterdir())) == 2
 
 
 def test_some_topics_of_it(dive, tmp_path):

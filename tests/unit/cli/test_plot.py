@@ -12,10 +12,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 from matplotlib.collections import QuadMesh
+from playback_rig import recorded
 
 from uwserver.cli.pictures import picture
 from uwserver.cli.plot import plot
 from uwserver.ports import Port, Sample
+from uwserver.recording.parts import Rotation
 from uwserver.scenario.authoring.catalogue import sensor_kinds
 
 SCENARIO = """\
@@ -97,6 +99,20 @@ def test_what_cannot_be_drawn_is_told(folder: Path, arguments: tuple[str, ...], 
     result = run(folder, *arguments)
     assert result.exit_code == 1
     assert told in result.output
+
+
+def test_the_samples_of_all_parts_are_drawn(tmp_path: Path) -> None:
+    recorded(tmp_path / "one.mcap", 600)
+    recorded(tmp_path / "run.mcap", 600, rotation=Rotation(most_s=1.0))
+    assert (tmp_path / "run.0003.mcap").exists()
+    for name in ("one", "run"):
+        arguments = [str(tmp_path / f"{name}.mcap"), "rov/pressure", "-o", str(tmp_path / f"{name}.png")]
+        result = CliRunner().invoke(plot, ["sensor", *arguments])
+        assert result.exit_code == 0, result.output
+    assert (tmp_path / "run.png").read_bytes() == (tmp_path / "one.png").read_bytes()
+    (tmp_path / "run.0002.mcap").unlink()
+    result = CliRunner().invoke(plot, ["sensor", str(tmp_path / "run.mcap"), "rov/pressure"])
+    assert "its part run.0002.mcap is missing" in result.output
 
 
 def test_a_file_that_is_no_recording_is_told(folder: Path) -> None:

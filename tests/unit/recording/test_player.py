@@ -12,7 +12,7 @@ import pytest
 from playback_rig import Deck, Dive, recorded
 
 from uwserver.ports import Call, Command, Progress, Reply, Sample, SceneState
-from uwserver.recording import format as format_module
+from uwserver.recording import writer as writer_module
 from uwserver.recording.player_file import Chunks, NotPlayable
 from uwserver.recording.player_services import SERVICES, objection
 from uwserver.recording.player_track import Track
@@ -229,7 +229,7 @@ def end_of_data(path: Path, back: int = 1) -> int:
 
 
 def test_a_file_that_grows_is_played_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(format_module, "CHUNK_BYTES", 4000)
+    monkeypatch.setattr(writer_module, "CHUNK_BYTES", 4000)
     dive, path = recorded(tmp_path / "whole.mcap"), tmp_path / "growing.mcap"
     whole = (tmp_path / "whole.mcap").read_bytes()
     path.write_bytes(whole[: end_of_data(tmp_path / "whole.mcap", 9)])
@@ -248,7 +248,7 @@ def test_a_file_that_grows_is_played_on(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_a_file_that_grows_no_more_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(format_module, "CHUNK_BYTES", 4000)
+    monkeypatch.setattr(writer_module, "CHUNK_BYTES", 4000)
     dive, whole = recorded(tmp_path / "whole.mcap"), tmp_path / "whole.mcap"
     (tmp_path / "cut.mcap").write_bytes(whole.read_bytes()[: end_of_data(whole)])
     deck = Deck(tmp_path / "cut.mcap")
@@ -258,7 +258,7 @@ def test_a_file_that_grows_no_more_ends(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_a_file_that_shrinks_stops_it_with_a_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(format_module, "CHUNK_BYTES", 4000)
+    monkeypatch.setattr(writer_module, "CHUNK_BYTES", 4000)
     whole = tmp_path / "whole.mcap"
     recorded(whole)
     (tmp_path / "x.mcap").write_bytes(whole.read_bytes()[: end_of_data(whole)])
@@ -274,7 +274,7 @@ def test_a_file_that_shrinks_stops_it_with_a_reason(tmp_path: Path, monkeypatch:
 
 
 def test_flipped_bytes_never_do_more_than_damage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(format_module, "CHUNK_BYTES", 4000)
+    monkeypatch.setattr(writer_module, "CHUNK_BYTES", 4000)
     recorded(tmp_path / "x.mcap", ticks=120)
     whole, dice = (tmp_path / "x.mcap").read_bytes(), np.random.default_rng(7)
     begin, played = end_of_data(tmp_path / "x.mcap", 5), 0

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from uwserver.logfiles import Datum, Log, open_log
 from uwserver.ports import Sample
+from uwserver.recording import player_import
 from uwserver.recording.player_file import NotPlayable
 from uwserver.recording.player_import import import_log
 from uwserver.recording.player_track import Track
@@ -100,3 +103,33 @@ def test_a_mapping_that_does_not_fit_is_told(log: Path, tmp_path: Path) -> None:
     (tmp_path / "map.toml").write_text(MAPPING.replace('"mV"', '"bushel"'))
     with pytest.raises(NotPlayable, match=r"map\.toml.*bushel"):
         import_log(log, tmp_path / "map.toml", tmp_path / "x.mcap")
+
+
+class Early:
+    """A log whose times begin a second before 0."""
+
+    def __init__(self, log: Log) -> None:
+        self._log = log
+        self.start_ns, self.end_ns = log.start_ns - 1_000_000_000, log.end_ns - 1_000_000_000
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._log, name)
+
+    def read(self, *args: object, **more: object) -> Iterator[Datum]:
+        for t_ns, topic, value in self._log.read(*args, **more):  # type: ignore[arg-type]
+            yield Datum(t_ns - 1_000_000_000, topic, value)
+
+
+def test_a_log_that_begins_before_0_is_played_from_0(
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(player_import, "open_log", lambda path: Early(open_log(path)))
+    import_log(log, None, tmp_path / "x.mcap")
+    track = Track(tmp_path / "x.mcap")
+    assert (track.runs[0].from_ns, track.runs[0].to_ns) == (0, 5_000_000_000)
+    times = [sample.t_ns for sample in played(track)]
+    assert (min(times), max(times)) == (0, 5_000_000_000)
+    track.seek(0, 2_000_000_000)
+    assert track.state is not None
+    np.testing.assert_allclose(track.state.poses[0, :3], [10.0, -20.0, 4.0], atol=0.4)
+    track.close()

@@ -9,8 +9,8 @@ import pytest
 from playback_rig import Dive, recorded
 
 from uwserver.ports import Buffer, Field, Layout, Port, Sample
-from uwserver.recording import format as format_module
 from uwserver.recording import player_track
+from uwserver.recording import writer as writer_module
 from uwserver.recording.player_file import NotPlayable
 from uwserver.recording.player_messages import _decoder
 from uwserver.recording.player_track import Track
@@ -134,10 +134,10 @@ def test_commands_that_the_file_has_early_do_not_move_time(tmp_path: Path) -> No
 
 
 def test_a_seek_unpacks_a_handful_of_chunks_of_a_long_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(format_module, "CHUNK_BYTES", 2000)
+    monkeypatch.setattr(writer_module, "CHUNK_BYTES", 2000)
     recorded(tmp_path / "x.mcap", ticks=960)
     track = Track(tmp_path / "x.mcap")
-    chunks = track._chunks
+    chunks = track._chunks._parts[0]
     assert len(chunks.chunks) > 80
     unpacked: list[int] = []
     whole = chunks._unpacked
@@ -148,7 +148,7 @@ def test_a_seek_unpacks_a_handful_of_chunks_of_a_long_file(tmp_path: Path, monke
 
 
 def test_a_file_that_was_cut_is_played_as_far_as_it_goes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(format_module, "CHUNK_BYTES", 4000)
+    monkeypatch.setattr(writer_module, "CHUNK_BYTES", 4000)
     dive = recorded(tmp_path / "x.mcap")
     whole = Track(tmp_path / "x.mcap")
     end = whole._chunks.chunks[-5].offset + 30
@@ -231,4 +231,13 @@ def test_events_of_a_flood_are_bounded(run: tuple[Path, Dive], monkeypatch: pyte
     monkeypatch.setattr(player_track, "MOST_MARKS", 0)
     track = Track(run[0])
     assert track.marks() == []
+    track.close()
+
+
+def test_right_after_a_jump_nobody_is_where_the_run_before_had_them(jumping: tuple[Path, Dive]) -> None:
+    track = Track(jumping[0])
+    assert len(track.runs) == 3
+    track.seek(2, track.runs[2].from_ns)
+    assert track.runs[2].from_ns > 500_000_000, "a time that the run before had, too"
+    assert track.state is None
     track.close()

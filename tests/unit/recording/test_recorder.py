@@ -16,8 +16,8 @@ from mcap.records import Message
 
 from uwserver.adapter import AdapterTable
 from uwserver.ports import Call, Command, Event, Field, Port, Sample
-from uwserver.recording import format as format_module
 from uwserver.recording import recorder as recorder_module
+from uwserver.recording import writer as writer_module
 from uwserver.recording.format import EVENTS, HASHES, METADATA, REQUESTS, head_of, metadata
 from uwserver.recording.parts import Rotation
 from uwserver.recording.reading import NotReplayable, Reading, head_record, parts_of
@@ -334,7 +334,7 @@ def test_a_name_may_go_to_another_kind_with_other_fields(bench: Bench, path: Pat
 def test_more_channels_than_the_format_has_end_the_recording_with_a_reason(
     bench: Bench, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, path: Path
 ) -> None:
-    monkeypatch.setattr(format_module, "MAX_CHANNELS", len(bench.world.ports) + 8)
+    monkeypatch.setattr(writer_module, "MAX_CHANNELS", len(bench.world.ports) + 8)
     with bench.running():
         for n in range(4):
             port = Port(f"guest{n}/eye", "sensor", "eye", (Field("range", "m", "distance"),), "Eye.", 10.0)

@@ -1,4 +1,4 @@
-"""What a report needs of a recording, as columns of numbers. Reads file and chunks once, in their order: also of a file that has no end."""
+"""What a report needs of a recording, as columns of numbers. Reads its parts and chunks once, in their order: also of a file that has no end."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from uwserver.ports import Cast, Event, Field
 from uwserver.recording.format import EVENTS, METADATA
+from uwserver.recording.reading import NotReplayable, parts_of
 from uwserver.recording.states import CASTS, STATES, CastRecord, read_state
 from uwserver.scenario.files.opening import opened
 from uwserver.units import NANOSECONDS
@@ -72,7 +73,7 @@ class Recorded:
     """A recording.
 
     Attributes:
-        path: of the file.
+        path: of the file; of the first, if there are several.
         head: the metadata record, as text.
         scenario: its resolved scenario as plain tables: name, scenario, vehicles, materials.
         series: of each port that said something, by path.
@@ -93,15 +94,22 @@ class Recorded:
 
 
 def read_recording(path: Path) -> Recorded:
-    """Read a recording of ours, of any version of the physics.
+    """Read a recording of ours, of any version of the physics, with all its parts.
 
     Raises:
-        OSError: the file cannot be read.
-        ValueError: it is no recording of ours; the text names it and says why.
+        OSError: a file cannot be read.
+        ValueError: it is no recording of ours, or a part is missing; the text names it and says why.
     """
+    reading = _Reading(path)
     with opened(path) as file:
-        reading = _Reading(path, file)
-        reading.run()
+        reading.read(path, file)
+    try:
+        later = parts_of(path)[1:]
+    except NotReplayable as error:
+        raise ValueError(str(error)) from error
+    for part in later:
+        with opened(part) as file:
+            reading.read(part, file)
     return reading.recorded()
 
 
@@ -192,10 +200,11 @@ class _Channel:
 
 
 class _Reading:
-    """A file while it is read."""
+    """A recording while its files are read."""
 
-    def __init__(self, path: Path, file: IO[bytes]) -> None:
-        self._path, self._file = path, file
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._found: dict[str, list[_Channel]] = {}
         self._head: dict[str, str] | None = None
         self._schemas: dict[int, dict[str, Any]] = {}
         self._channels: dict[int, _Channel | None] = {}
@@ -208,16 +217,18 @@ class _Reading:
         self._end_ns = 0
         self._remarks: list[str] = []
 
-    def run(self) -> None:
-        """Read to the end, or to where it breaks off."""
+    def read(self, path: Path, file: IO[bytes]) -> None:
+        """Read one file to its end, or to where it breaks off. Numbers of schemas and channels hold within a file."""
         from mcap.exceptions import McapError
         from mcap.records import Channel, Chunk, DataEnd, Metadata, Schema
         from mcap.stream_reader import StreamReader
         from zstandard import ZstdError
 
+        self._schemas, self._channels, self._own = {}, {}, {}
+        name = "file" if path == self._path else f"part {path.name}"
         ended = False
         try:
-            for record in StreamReader(self._file, emit_chunks=True, record_size_limit=MOST_RECORD_BYTES).records:
+            for record in StreamReader(file, emit_chunks=True, record_size_limit=MOST_RECORD_BYTES).records:
                 if isinstance(record, Metadata) and record.name == METADATA and self._head is None:
                     self._head = record.metadata
                 elif isinstance(record, Schema):
@@ -233,13 +244,13 @@ class _Reading:
                     break
         except (McapError, ZstdError, struct.error, ValueError, MemoryError, EOFError) as error:
             if self._head is None:
-                text = f"{self._path}: not written by `uwserver run --record FILE`, or damaged at its start: {error}"
+                text = f"{path}: not written by `uwserver run --record FILE`, or damaged at its start: {error}"
                 raise ValueError(text) from error
-            rest = "damaged" if self._file.read(1) else "cut off"
-            self._remarks.append(f"The file is {rest} at byte {self._file.tell()}; the report ends there.")
+            rest = "damaged" if file.read(1) else "cut off"
+            self._remarks.append(f"The {name} is {rest} at byte {file.tell()}; the report ends there.")
             ended = True
         if self._head is None:
-            raise ValueError(f"{self._path}: an MCAP file, but not written by `uwserver run --record FILE`")
+            raise ValueError(f"{path}: an MCAP file, but not written by `uwserver run --record FILE`")
         if not ended:
             self._remarks.append("The recording has no end: its server was killed, or it is still being written.")
 
@@ -260,8 +271,8 @@ class _Reading:
                 f"The world was reset {resets} times: what was told at the same time lies on top of one another."
             )
         found: dict[str, Series] = {}
-        for channel in self._channels.values():
-            if channel is not None and len(channel.t):
+        for channel in (channel for channels in self._found.values() for channel in channels):
+            if len(channel.t):
                 # A name that went to another kind has a channel each; the longest is shown.
                 series = channel.series()
                 if channel.path not in found or len(found[channel.path].t) < len(series.t):
@@ -287,7 +298,16 @@ class _Reading:
             except (KeyError, TypeError, ValueError, IndexError):
                 self._remarks.append(f"The schema of {topic} cannot be read; it is left out.")
                 return
-            self._channels[number] = _Channel(topic, about["kind"], about["direction"], fields)
+            self._channels[number] = self._same(_Channel(topic, about["kind"], about["direction"], fields))
+
+    def _same(self, new: _Channel) -> _Channel:
+        """The channel of the same port in an earlier part; or else this one."""
+        known = self._found.setdefault(new.path, [])
+        for old in known:
+            if (old.kind, old.direction, old.fields) == (new.kind, new.direction, new.fields):
+                return old
+        known.append(new)
+        return new
 
     def _unpack(self, chunk: Any) -> None:
         """The messages of a chunk. Not by the library, which makes an object of each record: it would take most of the time."""

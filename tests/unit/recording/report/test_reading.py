@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
+from playback_rig import recorded as dived
 
 from uwserver.recording.format import METADATA
+from uwserver.recording.parts import Rotation
 from uwserver.recording.report.reading import Recorded, read_recording
 
 CHUNK = 0x06
@@ -128,3 +130,28 @@ def recording(messages: list[dict[str, object] | bytes], head: dict[str, str] | 
         writer.add_message(channel, 10, data, 10)
     writer.finish()
     return file.getvalue()
+
+
+def test_a_recording_in_parts_is_read_as_one(tmp_path: Path) -> None:
+    dived(tmp_path / "one.mcap", 840)
+    dived(tmp_path / "run.mcap", 840, rotation=Rotation(most_s=1.0))
+    parts = [tmp_path / "run.mcap", *(tmp_path / f"run.000{k}.mcap" for k in (2, 3, 4))]
+    assert all(part.exists() for part in parts)
+    one, whole = read_recording(tmp_path / "one.mcap"), read_recording(tmp_path / "run.mcap")
+    assert set(whole.series) == set(one.series)
+    for path, series in one.series.items():
+        np.testing.assert_array_equal(whole.series[path].t, series.t)
+        for name, column in series.columns.items():
+            np.testing.assert_array_equal(whole.series[path].columns[name], column)
+    np.testing.assert_array_equal(whole.poses["rov"], one.poses["rov"])
+    assert (whole.end_s, whole.remarks, whole.path) == (one.end_s, (), parts[0])
+    late = read_recording(parts[2])
+    assert 0 < len(late.poses["rov"]) < len(one.poses["rov"])
+
+    whole_last = parts[3].read_bytes()
+    parts[3].write_bytes(whole_last[: len(whole_last) * 4 // 5])
+    (remark,) = read_recording(parts[0]).remarks
+    assert "The part run.0004.mcap is cut off" in remark
+    parts[2].unlink()
+    with pytest.raises(ValueError, match=r"its part run\.0003\.mcap is missing"):
+        read_recording(parts[0])

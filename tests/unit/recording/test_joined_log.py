@@ -1,0 +1,55 @@
+"""`uwserver log` and `export` of a recording in parts: every datum of every part, and time that never runs back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from playback_rig import Dive, recorded
+
+from uwserver.cli.export import export
+from uwserver.cli.log import log_command
+from uwserver.logfiles import LogError, open_log
+from uwserver.recording.joined_log import open_parts
+from uwserver.recording.parts import Rotation
+
+
+def script(dive: Dive) -> None:
+    dive.go(500)
+    dive.call("world/reset")
+    dive.go(500)
+
+
+def test_parts_are_one_log(tmp_path: Path) -> None:
+    recorded(tmp_path / "one.mcap", 600)
+    recorded(tmp_path / "run.mcap", 600, rotation=Rotation(most_s=1.0))
+    one, log = open_log(tmp_path / "one.mcap"), open_parts(tmp_path / "run.mcap")
+    name = "rov/pressure"
+    assert [(d.t_ns, d.value) for d in log.read([name])] == [(d.t_ns, d.value) for d in one.read([name])]
+    assert log.topics[name].count == one.topics[name].count
+    assert (log.start_ns, log.end_ns, log.epoch_ns) == (one.start_ns, one.end_ns, one.epoch_ns)
+    span = (900_000_000, 1_100_000_000)
+    assert [d.t_ns for d in log.read([name], *span)] == [d.t_ns for d in one.read([name], *span)]
+    one.close()
+    log.close()
+    told = CliRunner().invoke(log_command, [str(tmp_path / "run.mcap")]).output
+    assert "recording of uwserver, 2.5" in told
+    for stem in ("one", "run"):
+        arguments = [str(tmp_path / f"{stem}.mcap"), "--to", "csv", "--topics", name]
+        assert CliRunner().invoke(export, arguments).exit_code == 0
+    (table,) = (tmp_path / "run_csv").rglob("*pressure*.csv")
+    (same,) = (tmp_path / "one_csv").rglob("*pressure*.csv")
+    assert table.read_text() == same.read_text()
+
+
+def test_after_a_reset_times_go_on_and_a_missing_part_is_told(tmp_path: Path) -> None:
+    dive = recorded(tmp_path / "run.mcap", script=script, rotation=Rotation(most_s=1.0))
+    log = open_parts(tmp_path / "run.mcap")
+    times = [d.t_ns for d in log.read(["rov/pressure"])]
+    assert times == sorted(times)
+    assert len(times) == len([s for run in dive.samples for s in run if s.port == "rov/pressure"])
+    log.close()
+    (tmp_path / "run.0002.mcap").unlink()
+    with pytest.raises(LogError, match="is missing"):
+        open_parts(tmp_path / "run.mcap")

@@ -1,0 +1,69 @@
+"""A later part of a recording says by itself who is there: it can be played, and opened by viewers of others, without the parts before it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import pytest
+from mcap.reader import make_reader
+from playback_rig import Dive, pool
+
+from uwserver.recording.parts import Rotation
+from uwserver.recording.player_track import Track
+from uwserver.recording.states import CASTS, CastRecord
+
+
+@pytest.fixture(scope="module")
+def parts(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Of a run in which time is set once, and somebody comes in the second second, before the part that begins with the third."""
+    path = tmp_path_factory.mktemp("parts") / "run.mcap"
+    with Dive(path, pool(), rotation=Rotation(most_s=1.0)) as dive:
+        dive.go(100)
+        dive.call("world/reset")
+        dive.go(300)
+        dive.call("world/spawn", name="guest", like="rov", p_NB=[3.0, 0.0, 2.0])
+        dive.go(340)
+    return [path, *(path.with_name(f"run.000{k}.mcap") for k in (2, 3))]
+
+
+def casts(path: Path) -> list[CastRecord]:
+    with path.open("rb") as file:
+        return [
+            msgspec.json.decode(m.data, type=CastRecord) for _, _, m in make_reader(file).iter_messages(topics=[CASTS])
+        ]
+
+
+def test_a_later_part_tells_all_who_are_there(parts: list[Path]) -> None:
+    first = casts(parts[0])[0]
+    came = casts(parts[1])[-1]
+    (told,) = casts(parts[2])
+    assert [body.name for body in told.vehicles] == ["rov", "guest"]
+    assert (told.t_ns, told.tick, told.jumps) == (2_000_000_000, 480, 1)
+    assert told.revision == came.revision, "by which the states of this part name it"
+    assert {port.path for port in told.ports} == {p.path for p in first.ports} | {p.path for p in came.ports}
+    assert {s.path for s in told.services} == {s.path for s in first.services} | {s.path for s in came.services}
+    assert told.water == first.water, "though it was told long before"
+    assert told.water
+
+
+def test_a_later_part_alone_is_played(parts: list[Path]) -> None:
+    track = Track(parts[2])
+    track.seek(0, 2_500_000_000)
+    assert track.state is not None
+    assert [body.name for body in track.state.cast.vehicles] == ["rov", "guest"]
+    assert track.newest("guest/imu", track.scenes[0].ports) is not None
+    assert track.messages.damaged == 0
+    track.close()
+
+
+def test_a_later_part_alone_opens_in_foxglove(parts: list[Path]) -> None:
+    from mcap_protobuf.decoder import DecoderFactory
+
+    with parts[2].open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        found = [(c.topic, m.log_time, d) for _, c, m, d in reader.iter_decoded_messages(topics=["/scene", "/tf"])]
+    scenes = [(t_ns, scene) for topic, t_ns, scene in found if topic == "/scene"]
+    assert scenes[0][0] == 2_000_000_000
+    assert {entity.id for entity in scenes[0][1].entities} >= {"rov", "guest"}
+    assert any(topic == "/tf" for topic, _, _ in found)
