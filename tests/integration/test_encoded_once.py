@@ -25,13 +25,20 @@ TICKS = 5
 def shaped(monkeypatch: pytest.MonkeyPatch) -> Iterator[Counter[str]]:
     """How often the values of a port were shaped for an encoder."""
     count: Counter[str] = Counter()
-    real = SampleForm.value
+    real, encodable = SampleForm.value, SampleForm.encodable
 
     def counting(self: SampleForm, sample: Any, binary: bool = False) -> Any:
         count[sample.port] += 1
         return real(self, sample, binary)
 
+    def once(self: SampleForm, sample: Any, binary: bool = False) -> Any:
+        before = count[sample.port]
+        shaped = encodable(self, sample, binary)  # which may be by `value`
+        count[sample.port] = before + 1
+        return shaped
+
     monkeypatch.setattr(SampleForm, "value", counting)
+    monkeypatch.setattr(SampleForm, "encodable", once)
     return count
 
 

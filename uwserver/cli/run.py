@@ -79,26 +79,11 @@ _SAVE_AT = "Save the state at this simulation time; may be given several times."
 @click.option("--log-level", default="info", type=click.Choice(["debug", "info", "warning", "error"]))
 @click.option("--log-json", is_flag=True, help="One JSON object a log line.")
 def run(
-    scenario: str,
-    port: int | None,
-    bind: str | None,
-    allow_origin: tuple[str, ...],
-    opens: bool,
-    metrics_bind: str | None,
-    seed: int | None,
-    mode: str | None,
-    speed: float | None,
-    paused: bool,
-    until_s: float | None,
-    record: Path | None,
-    rotation: Rotation,
-    no_foxglove: bool,
-    begin: Path | None,
-    save_at: tuple[tuple[float, Path], ...],
-    profile: float | None,
-    log_level: str,
-    log_json: bool,
-) -> None:
+    scenario: str, port: int | None, bind: str | None, allow_origin: tuple[str, ...], opens: bool, metrics_bind: str | None,
+    seed: int | None, mode: str | None, speed: float | None, paused: bool, until_s: float | None, record: Path | None,
+    rotation: Rotation, no_foxglove: bool, begin: Path | None, save_at: tuple[tuple[float, Path], ...], profile: float | None,
+    log_level: str, log_json: bool,
+) -> None:  # fmt: skip
     """Serve SCENARIO (a shipped name or a file; default bluerov2_pool) until SIGINT or SIGTERM."""
     from uwserver.adapter import AdapterNotFound, installed_adapters
     from uwserver.logs import set_up_logging
@@ -139,8 +124,8 @@ def run(
             view,
             announce,
             click.echo,
-            rotation=rotation,
-            foxglove=not no_foxglove,
+            rotation,
+            not no_foxglove,
         )
         with ExitStack() as ending:
             options = replace(options, announce=_then_compile_the_rest(options.announce, ending))

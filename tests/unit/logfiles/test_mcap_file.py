@@ -14,7 +14,7 @@ from mcap_protobuf.writer import Writer as ProtobufWriter
 from uwserver.logfiles import LogError
 from uwserver.logfiles.mcap_file import OURS
 from uwserver.ports import Event, Field, Port, Sample
-from uwserver.recording import format as recording
+from uwserver.recording import writer as recording
 
 S = 1_000_000_000
 UTC = 1_760_000_000 * S

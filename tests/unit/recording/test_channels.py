@@ -8,7 +8,7 @@ import pytest
 
 from uwserver.ports import Field, Layout, Port
 from uwserver.recording.channels import Column, described
-from uwserver.recording.format import port_schema
+from uwserver.recording.schemas import port_schema
 
 FIELDS = (
     Field("heading", "rad", "which way"),
