@@ -31,8 +31,8 @@ HERO = (
 NAV: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("Start", ("README.md", "docs/tutorial.md", "docs/scenarios.md", "CHANGELOG.md")),
     ("Examples", ("examples/README.md",)),
-    ("How-to", ("docs/how-to/your-vehicle.md", "docs/how-to/*.md")),
-    ("Clients", ("clients/*/README.md", "adapters/uwserver_adapters/*/README.md")),
+    ("How-to", ("docs/how-to/your-vehicle.md", "docs/how-to/*.md", "docs/how-to/*/*.md")),
+    ("Clients", ("clients/*/README.md", "clients/*/*/README.md", "adapters/uwserver_adapters/*/README.md")),
     ("Vehicles", ("docs/vehicles.md", "docs/vehicles/*.md")),
     ("Sensors", ("docs/reference/sensors/*.md", "docs/reference/sensors/kinds/*.md")),
     ("Scenario files", ("docs/reference/scenario.md", "docs/reference/scenario/*.md")),

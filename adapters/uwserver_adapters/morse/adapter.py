@@ -21,10 +21,10 @@ from uwserver.adapter import (
     serve_tcp,
     serving,
 )
-from uwserver.ports import Event, Refused, Reply, Sample
+from uwserver.ports import Event, Json, Refused, Reply, Sample
 from uwserver_adapters.morse import codec
 from uwserver_adapters.morse.autopilot import Autopilot
-from uwserver_adapters.morse.components import GOTO, Component, check_names, components
+from uwserver_adapters.morse.components import GOTO, Component, check_names, components, details
 from uwserver_adapters.morse.config import MorseConfig
 from uwserver_adapters.morse.connections import Requests, Stream
 
@@ -54,6 +54,7 @@ class MorseAdapter:
         self._pose: dict[str, Sample] = {}
         self._autopilot: Autopilot | None = None
         self._count = 0
+        self._details: Json = None
         self._next_port = config.stream_port
 
     async def run(self, ready: asyncio.Event) -> None:
@@ -80,6 +81,15 @@ class MorseAdapter:
                 while True:
                     await asyncio.sleep(WATCH_S)
                     await self._listen(stack)
+
+    @property
+    def details(self) -> Json:
+        """See `Stage`: worked out once, as in a swarm it takes a while."""
+        if self._details is None:
+            world = self.context.world
+            names = [each.name for each in world.vehicles]
+            self._details = details(self.components, self.context.services, names, world.scenario)
+        return self._details
 
     # -- streams --------------------------------------------------------------------------------------------------------------------------
 
@@ -168,6 +178,7 @@ class MorseAdapter:
         """Vehicles that came have components; those that went have none."""
         if event.event in ("ports_changed", "reset"):
             self._pose.clear()
+            self._details = None
             self.components = components(self.context.ports, self.context.services, self.config.component_of)
             self.context.follow_wants()
 

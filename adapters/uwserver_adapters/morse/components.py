@@ -122,19 +122,24 @@ def details(
 ) -> Json:
     """What ``simulation details`` answers. A vehicle's services that belong to no port (`autopilot/arm`) are those of the robot, by the name
     with an underscore (`autopilot_arm`)."""
-    robots: list[Json] = []
-    for vehicle in vehicles:
-        told: dict[str, Json] = {}
-        for component in found.values():
-            if component.robot == vehicle:
-                told[component.name] = {
-                    "type": component.kind,
-                    "services": list(component.services),
-                    "service_interfaces": [],
-                    "stream_interfaces": [[CLASS, component.direction]],
-                }
-        own: list[Json] = list(robot_services(vehicle, found, services))
-        robots.append({"name": vehicle, "type": "uwserver", "services": own, "components": told})
+    told: dict[str, dict[str, Json]] = {vehicle: {} for vehicle in vehicles}
+    for component in found.values():
+        told.setdefault(component.robot, {})[component.name] = {
+            "type": component.kind,
+            "services": list(component.services),
+            "service_interfaces": [],
+            "stream_interfaces": [[CLASS, component.direction]],
+        }
+    own: dict[str, list[Json]] = {vehicle: [] for vehicle in told}
+    paths = {component.path for component in found.values() if component.role == "port"}
+    for path in services:
+        vehicle, _, rest = path.partition("/")
+        if vehicle in own and path.rpartition("/")[0] not in paths:
+            own[vehicle].append(rest.replace("/", "_"))
+    robots: list[Json] = [
+        {"name": vehicle, "type": "uwserver", "services": own[vehicle], "components": parts}
+        for vehicle, parts in told.items()
+    ]
     return {"robots": robots, "environment": scene}
 
 

@@ -8,10 +8,13 @@ from typing import Any, Protocol
 from uwserver.adapter import AdapterContext, Conversation, Owed, did_you_mean
 from uwserver.ports import Json, Progress, Refused, Reply, Sample, Service
 from uwserver_adapters.morse import codec
-from uwserver_adapters.morse.components import GOTO, Component, details, robot_services
+from uwserver_adapters.morse.components import GOTO, Component, robot_services
 from uwserver_adapters.morse.grammar import Cancel, Malformed, Request, Status, answer
 
 STATUS = "world/status"
+
+LARGEST = 1e15
+"""Of a number; whole ones of JSON may have hundreds of digits."""
 
 Tell = Callable[[Reply], None]
 
@@ -24,6 +27,10 @@ class Stage(Protocol):
     @property
     def components(self) -> Mapping[str, Component]:
         """All of them, by name."""
+
+    @property
+    def details(self) -> Json:
+        """What ``simulation details`` answers."""
 
     def stream_port(self, name: str) -> int | None:
         """TCP port of a component's stream; None where it has none."""
@@ -52,7 +59,7 @@ class Session:
         self._conversation = Conversation(stage.context, name, Owed(most))
         self._simulation: dict[str, Callable[[Request], None]] = {
             "list_robots": lambda request: self._give(request, [each.name for each in self._context.world.vehicles]),
-            "details": lambda request: self._give(request, self._details()),
+            "details": lambda request: self._give(request, self._stage.details),
             "list_streams": lambda request: self._give(request, [name for name, _ in self._ports()]),
             "get_all_stream_ports": lambda request: self._give(request, dict(self._ports())),
             "get_stream_port": self._stream_port,
@@ -110,16 +117,21 @@ class Session:
             table[service](request)
         elif component in self._stage.components:
             self._of_component(request, self._stage.components[component])
-        elif component == "world":
-            self._call_by_place(request, f"world/{service}")
+        elif component in self._own_places():
+            self._call_by_place(request, f"{component}/{service}")
         elif component in {each.name for each in self._context.world.vehicles}:
             known = robot_services(component, self._stage.components, self._context.services)
             if service not in known:
                 raise Refused("unknown_service", f'no service "{service}" of {component}{_among(service, known)}')
             self._call_by_place(request, known[service])
         else:
-            there = ["simulation", "time", "world", *self._stage.components]
+            there = ["simulation", "time", *self._own_places(), *self._stage.components]
             raise Refused("unknown_service", f'no component "{component[:80]}"{_among(component, there)}')
+
+    def _own_places(self) -> list[str]:
+        """First levels of services that belong to no vehicle: ``world``, and ``playback`` where a recording is played."""
+        vehicles = {each.name for each in self._context.world.vehicles}
+        return sorted({path.partition("/")[0] for path in self._context.services} - vehicles)
 
     # -- components -----------------------------------------------------------------------------------------------------------------------
 
@@ -168,11 +180,6 @@ class Session:
         self._call(request, f"{component.robot}/{GOTO}", args)
 
     # -- simulation and time --------------------------------------------------------------------------------------------------------------
-
-    def _details(self) -> Json:
-        world = self._context.world
-        names = [each.name for each in world.vehicles]
-        return details(self._stage.components, self._context.services, names, world.scenario)
 
     def _ports(self) -> list[tuple[str, int]]:
         numbers = ((name, self._stage.stream_port(name)) for name in self._stage.components)
@@ -280,11 +287,11 @@ def _wrong_number(request: Request, needs: str) -> Refused:
 
 
 def _number(name: str, given: object) -> float:
-    if isinstance(given, bool) or not isinstance(given, int | float):
-        raise Refused("bad_argument", f"{name} is a number")
+    if isinstance(given, bool) or not isinstance(given, int | float) or not abs(given) < LARGEST:
+        raise Refused("bad_argument", f"{name} is a number below {LARGEST:g}")
     return float(given)
 
 
 def _among(word: str, known: Mapping[str, object] | Sequence[str]) -> str:
     hint = did_you_mean(word[:80], known)
-    return hint or f"; there are: {', '.join(list(known)[:40])}"
+    return hint or f"; there are: {', '.join(list(known)[:40]) or 'none'}"

@@ -179,6 +179,8 @@ def test_time(tell: Callable[[Story], None]) -> None:
         ("1 world step [1, 2]", "wrong # of parameters"),
         ('1 time sleep ["x"]', "is a number"),
         ("1 nobody here", "there are"),
+        (f"1 time sleep [{'9' * 400}]", "a number below"),
+        (f"1 rov.waypoint goto [{'9' * 400}, 0, 0]", "a number below"),
     ],
 )
 def test_what_cannot_be_done_is_told(tell: Callable[[Story], None], line: str, text: str) -> None:
@@ -216,5 +218,18 @@ def test_a_client_that_leaves_ends_its_calls(tell: Callable[[Story], None]) -> N
             await asyncio.sleep(0)
         assert asker.context.calls[0].is_done
         assert asker.heard() == ("", "", None)
+
+    tell(story)
+
+
+def test_services_that_belong_to_no_vehicle_are_called_by_their_first_level(tell: Callable[[Story], None]) -> None:
+    """A recording that is played has ``playback``."""
+
+    async def story(asker: Asker) -> None:
+        seek = Service("playback/seek", "x", (Argument("t_s", "float", "x"),))
+        asker.context.services = {**asker.context.services, seek.path: seek}
+        asker.context.held.add(seek.path)
+        await asker.ask("1 playback seek [2.0]")
+        assert asker.context.calls[-1].args == {"t_s": 2.0}
 
     tell(story)
