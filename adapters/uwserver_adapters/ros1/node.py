@@ -196,7 +196,7 @@ class Node:
         if inlet is None:
             return
         try:
-            value = inlet.value(self.types.from_ros1(data, inlet.type))
+            value = inlet.value(self.types.from_ros1(data, inlet.type, self.types.most_bytes(inlet.type)))
             self._conversation.command(inlet.port, value, self._answered(topic))
         except BadMessage as bad:
             self.complain(f"{topic}: {bad}")

@@ -30,6 +30,8 @@ class Writer(Protocol):
 
 Respond = Callable[[bytes], None]
 """Sends the response to a request."""
+WAITING_BYTES = 16 << 20
+"""Of messages and requests that wait for the loop."""
 Heard = Callable[[str, bool], None]
 """Told on the loop that somebody listens to a topic, or nobody any more."""
 
@@ -166,7 +168,7 @@ class Node:
                 self._refuse(reply.fault.code, f"{inlet.topic}: {reply.fault.text}")
 
         try:
-            value = inlet.value(self._types.from_cdr(data, inlet.type))
+            value = inlet.value(self._types.from_cdr(data, inlet.type, self._types.most_bytes(inlet.type)))
             self._conversation.command(inlet.port, value, answered, source=f"{self._context.name}:{sender}")
         except BadMessage as bad:
             self._refuse("message", f"{inlet.topic}: {bad}")
@@ -195,8 +197,9 @@ class Node:
                 response = self._types.make(f"{offer.type}_Response", **self._says_why(offer, text))
             respond(self._types.cdr(response))
 
+        kind = f"{offer.type}_Request"
         try:
-            request = self._types.from_cdr(data, f"{offer.type}_Request")
+            request = self._types.from_cdr(data, kind, self._types.most_bytes(kind))
         except BadMessage as bad:
             answered(None, str(bad))
             return
