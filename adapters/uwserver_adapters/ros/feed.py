@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import Any
 
 from uwserver.adapter import AdapterContext, Conversation
-from uwserver.ports import Cast, Event, Present, Refused, Reply, Sample, SceneState
+from uwserver.ports import Buffer, Cast, Event, Present, Refused, Reply, Sample, SceneState
 from uwserver_adapters.ros.messages.catalogue import CLOCK, TF_STATIC, Catalogue
 from uwserver_adapters.ros.messages.plain import plain
 from uwserver_adapters.ros.messages.services import Ask, Offer
@@ -23,6 +23,15 @@ log = logging.getLogger(__name__)
 
 SCENE_S = 5.0
 """Wall time to wait for where sensors sit; without it their frames are those of the vehicle."""
+
+
+def _size(value: object) -> int:
+    """About, bytes of a sample's value."""
+    if isinstance(value, tuple):
+        return 64 + sum(map(_size, value))
+    if isinstance(value, Buffer):
+        return len(value.data)
+    return len(value) if isinstance(value, str | bytes) else 16
 
 
 class Told:
@@ -52,6 +61,11 @@ class Told:
         if self._outlet is None or self._sample is None:
             return self._made
         return self._outlet.make(self._sample)
+
+    @property
+    def size(self) -> int:
+        """About, bytes that it holds."""
+        return 64 if self._sample is None else _size(self._sample.value)
 
     @cached_property
     def raw(self) -> bytes | None:
