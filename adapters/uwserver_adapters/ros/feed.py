@@ -14,6 +14,7 @@ from typing import Any
 from uwserver.adapter import AdapterContext, Conversation
 from uwserver.ports import Buffer, Cast, Event, Present, Refused, Reply, Sample, SceneState
 from uwserver_adapters.ros.messages.catalogue import CLOCK, TF_STATIC, Catalogue
+from uwserver_adapters.ros.messages.commands import Inlet, Value
 from uwserver_adapters.ros.messages.plain import plain
 from uwserver_adapters.ros.messages.services import Ask, Offer
 from uwserver_adapters.ros.messages.source import Facts, Outlet, mounts_of
@@ -244,15 +245,48 @@ class Feed:
             if self._renewing is not None:
                 self._renewing.cancel()
             self._renewing = asyncio.get_running_loop().create_task(self.renew())
+        elif event.event == "watchdog":
+            self._forget(lambda port: f'"{port}"' in event.text)
         elif event.event == "reset":
+            self._forget(lambda _: True)
             self._next_clock = 0
             self._latched = {TF_STATIC: self._latched[TF_STATIC]}
+
+    def _forget(self, is_neutral: Callable[[str], bool]) -> None:
+        for inlet in self.catalogue.inlets.values():
+            if inlet.held is not None and is_neutral(inlet.port):
+                inlet.held.forget()
 
     async def close(self) -> None:
         """Nothing is looked for any more."""
         if self._renewing is not None:
             self._renewing.cancel()
             await asyncio.gather(self._renewing, return_exceptions=True)
+
+
+def command(
+    conversation: Conversation, inlet: Inlet, value: Value, answered: Callable[[Reply], None], source: str = ""
+) -> None:
+    """Command an actuator with what an inlet made of a message; what thrusters hold is what the world accepts.
+
+    Raises:
+        Refused: see `Conversation.command`.
+    """
+    held, told = inlet.held, value.get(inlet.field)
+
+    def judged(reply: Reply) -> None:
+        if held is not None and isinstance(told, list):
+            held.judge(told, reply.fault is None)
+        answered(reply)
+
+    if held is not None and isinstance(told, list):
+        held.ask(told)
+    try:
+        conversation.command(inlet.port, value, judged, source=source)
+    except Refused:
+        if held is not None and isinstance(told, list):
+            held.judge(told, False)
+        raise
 
 
 Answered = Callable[[object | None, str], None]

@@ -8,7 +8,7 @@ from typing import Protocol
 
 from uwserver.adapter import AdapterContext, Conversation, Refusals
 from uwserver.ports import Event, Refused, Reply, Sample
-from uwserver_adapters.ros.feed import Feed, Told, call
+from uwserver_adapters.ros.feed import Feed, Told, call, command
 from uwserver_adapters.ros.messages.commands import Inlet
 from uwserver_adapters.ros.messages.services import Offer
 from uwserver_adapters.ros.messages.source import Facts
@@ -169,7 +169,7 @@ class Node:
 
         try:
             value = inlet.value(self._types.from_cdr(data, inlet.type, self._types.most_bytes(inlet.type)))
-            self._conversation.command(inlet.port, value, answered, source=f"{self._context.name}:{sender}")
+            command(self._conversation, inlet, value, answered, source=f"{self._context.name}:{sender}")
         except BadMessage as bad:
             self._refuse("message", f"{inlet.topic}: {bad}")
         except Refused as refused:

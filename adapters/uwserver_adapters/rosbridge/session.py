@@ -10,7 +10,7 @@ from functools import partial
 from uwserver.adapter import Conversation, Owed, Undecodable, did_you_mean
 from uwserver.ports import Refused, Reply
 from uwserver_adapters.native.outbox import Outgoing
-from uwserver_adapters.ros.feed import call
+from uwserver_adapters.ros.feed import call, command
 from uwserver_adapters.ros.messages.plain import built, plain
 from uwserver_adapters.ros.messages.types import BadMessage, full_name
 from uwserver_adapters.rosbridge.codec import (
@@ -233,7 +233,7 @@ class Session:
         inlet = self._hub.feed.catalogue.inlets.get(topic)
         if inlet is not None:
             value = inlet.value(built(self._hub.types, inlet.type, given))
-            self._conversation.command(inlet.port, value, partial(self._commanded, topic, message.get("id")))
+            command(self._conversation, inlet, value, partial(self._commanded, topic, message.get("id")))
             return
         if topic not in self._advertised:
             kind = message.get("type")
