@@ -218,6 +218,24 @@ def test_commands_reach_their_actuator_and_wrong_ones_are_told():
     run(story)
 
 
+def test_a_refused_command_and_a_time_out_are_not_held():
+    async def story():
+        async with bridge() as (world, client):
+
+            async def say(topic, data):
+                await client.say(op="publish", topic=f"/rov/thrusters/{topic}", msg={"data": data})
+                await client.settle()
+                return world.commands[-1].value[0]
+
+            assert await say("cmd", [0.1, 0.2, 0.3]) == (0.1, 0.2, 0.3)
+            await say("t1/cmd", 5.0)  # refused
+            assert await say("t2/cmd", 0.5) == (0.1, 0.5, 0.3)
+            world.say(Event("watchdog", 1, 1, 'no command for "rov/thrusters" in 1 s: it went to neutral'))
+            assert await say("t2/cmd", 0.25) == (0.0, 0.25, 0.0)
+
+    run(story)
+
+
 @pytest.mark.parametrize(
     ("message", "text"),
     [
