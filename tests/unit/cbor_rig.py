@@ -36,5 +36,7 @@ def uncbor(data, at=0):
             made[key], at = uncbor(data, at)
         return made, at
     body, at = uncbor(data, at)
+    if number in (2, 3):
+        return (int.from_bytes(body, "big") if number == 2 else -1 - int.from_bytes(body, "big")), at
     kind = {64: "u1", 69: "<u2", 70: "<u4", 72: "i1", 77: "<i2", 78: "<i4", 85: "<f4", 86: "<f8"}[number]
     return (number, np.frombuffer(body, kind).tolist()), at

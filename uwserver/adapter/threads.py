@@ -83,12 +83,21 @@ class Inbox(Generic[T]):
         take: takes an item, on the loop.
         capacity: items that may wait.
         refuse: told of an item too many, on its thread.
+        size: of an item, bytes.
+        most_bytes: of items that may wait, all together; a single one may be larger.
     """
 
-    def __init__(self, take: Callable[[T], None], capacity: int, refuse: Callable[[T], None]) -> None:
+    def __init__(
+        self, take: Callable[[T], None], capacity: int, refuse: Callable[[T], None],
+        size: Callable[[T], int] = lambda _: 0, most_bytes: int = 0,
+    ) -> None:  # fmt: skip
         self._take = take
         self._refuse = refuse
         self._capacity = capacity
+        self._size, self._most_bytes = size, most_bytes
+        self._put_bytes = self._taken_bytes = (
+            0  # what waits is their difference: each has one thread at a time that changes it
+        )
         self._loop = asyncio.get_running_loop()
         self._items: deque[T] = deque()
         self._lock = threading.Lock()
@@ -96,10 +105,13 @@ class Inbox(Generic[T]):
 
     def put(self, item: T) -> None:
         """Hand over. Any thread."""
+        size = self._size(item)
         with self._lock:
-            if len(self._items) >= self._capacity:
+            waiting = self._put_bytes - self._taken_bytes
+            if len(self._items) >= self._capacity or (waiting and waiting + size > self._most_bytes):
                 self._refuse(item)
                 return
+            self._put_bytes += size
             self._items.append(item)
             wake = not self._is_awake
             self._is_awake = True
@@ -114,7 +126,9 @@ class Inbox(Generic[T]):
         end = self._loop.time() + TURN_S
         try:
             while self._items:
-                self._take(self._items.popleft())
+                item = self._items.popleft()
+                self._taken_bytes += self._size(item)
+                self._take(item)
                 if self._loop.time() >= end:
                     return
         finally:

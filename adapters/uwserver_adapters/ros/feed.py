@@ -12,8 +12,9 @@ from functools import cached_property
 from typing import Any
 
 from uwserver.adapter import AdapterContext, Conversation
-from uwserver.ports import Cast, Event, Present, Refused, Reply, Sample, SceneState
+from uwserver.ports import Buffer, Cast, Event, Present, Refused, Reply, Sample, SceneState
 from uwserver_adapters.ros.messages.catalogue import CLOCK, TF_STATIC, Catalogue
+from uwserver_adapters.ros.messages.commands import Inlet, Value
 from uwserver_adapters.ros.messages.plain import plain
 from uwserver_adapters.ros.messages.services import Ask, Offer
 from uwserver_adapters.ros.messages.source import Facts, Outlet, mounts_of
@@ -23,6 +24,15 @@ log = logging.getLogger(__name__)
 
 SCENE_S = 5.0
 """Wall time to wait for where sensors sit; without it their frames are those of the vehicle."""
+
+
+def _size(value: object) -> int:
+    """About, bytes of a sample's value."""
+    if isinstance(value, tuple):
+        return 64 + sum(map(_size, value))
+    if isinstance(value, Buffer):
+        return len(value.data)
+    return len(value) if isinstance(value, str | bytes) else 16
 
 
 class Told:
@@ -52,6 +62,11 @@ class Told:
         if self._outlet is None or self._sample is None:
             return self._made
         return self._outlet.make(self._sample)
+
+    @property
+    def size(self) -> int:
+        """About, bytes that it holds."""
+        return 64 if self._sample is None else _size(self._sample.value)
 
     @cached_property
     def raw(self) -> bytes | None:
@@ -230,15 +245,48 @@ class Feed:
             if self._renewing is not None:
                 self._renewing.cancel()
             self._renewing = asyncio.get_running_loop().create_task(self.renew())
+        elif event.event == "watchdog":
+            self._forget(lambda port: f'"{port}"' in event.text)
         elif event.event == "reset":
+            self._forget(lambda _: True)
             self._next_clock = 0
             self._latched = {TF_STATIC: self._latched[TF_STATIC]}
+
+    def _forget(self, is_neutral: Callable[[str], bool]) -> None:
+        for inlet in self.catalogue.inlets.values():
+            if inlet.held is not None and is_neutral(inlet.port):
+                inlet.held.forget()
 
     async def close(self) -> None:
         """Nothing is looked for any more."""
         if self._renewing is not None:
             self._renewing.cancel()
             await asyncio.gather(self._renewing, return_exceptions=True)
+
+
+def command(
+    conversation: Conversation, inlet: Inlet, value: Value, answered: Callable[[Reply], None], source: str = ""
+) -> None:
+    """Command an actuator with what an inlet made of a message; what thrusters hold is what the world accepts.
+
+    Raises:
+        Refused: see `Conversation.command`.
+    """
+    held, told = inlet.held, value.get(inlet.field)
+
+    def judged(reply: Reply) -> None:
+        if held is not None and isinstance(told, list):
+            held.judge(told, reply.fault is None)
+        answered(reply)
+
+    if held is not None and isinstance(told, list):
+        held.ask(told)
+    try:
+        conversation.command(inlet.port, value, judged, source=source)
+    except Refused:
+        if held is not None and isinstance(told, list):
+            held.judge(told, False)
+        raise
 
 
 Answered = Callable[[object | None, str], None]

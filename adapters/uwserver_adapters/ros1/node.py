@@ -11,7 +11,7 @@ from typing import Any
 
 from uwserver.adapter import AdapterContext, Conversation, Refusals
 from uwserver.ports import Event, Refused, Reply, Sample
-from uwserver_adapters.ros.feed import Feed, Told
+from uwserver_adapters.ros.feed import Feed, Told, command
 from uwserver_adapters.ros.messages.services import Offer
 from uwserver_adapters.ros.messages.source import Facts
 from uwserver_adapters.ros.messages.types import BadMessage, Types
@@ -196,8 +196,8 @@ class Node:
         if inlet is None:
             return
         try:
-            value = inlet.value(self.types.from_ros1(data, inlet.type))
-            self._conversation.command(inlet.port, value, self._answered(topic))
+            value = inlet.value(self.types.from_ros1(data, inlet.type, self.types.most_bytes(inlet.type)))
+            command(self._conversation, inlet, value, self._answered(topic))
         except BadMessage as bad:
             self.complain(f"{topic}: {bad}")
         except Refused as refused:

@@ -254,8 +254,9 @@ class Peer(Connection):
         if not self._rate.take(self.loop.time()):
             self._answer(None, f"more than {self._rate.most} calls a second: max_requests_per_s")
             return
+        kind = f"{offer.type}_Request"
         try:
-            request = types.from_ros1(body, f"{offer.type}_Request")
+            request = types.from_ros1(body, kind, types.most_bytes(kind))
         except BadMessage as bad:
             self._answer(None, str(bad))
             return

@@ -8,7 +8,7 @@ from typing import Protocol
 
 from uwserver.adapter import AdapterContext, Conversation, Refusals
 from uwserver.ports import Event, Refused, Reply, Sample
-from uwserver_adapters.ros.feed import Feed, Told, call
+from uwserver_adapters.ros.feed import Feed, Told, call, command
 from uwserver_adapters.ros.messages.commands import Inlet
 from uwserver_adapters.ros.messages.services import Offer
 from uwserver_adapters.ros.messages.source import Facts
@@ -30,6 +30,8 @@ class Writer(Protocol):
 
 Respond = Callable[[bytes], None]
 """Sends the response to a request."""
+WAITING_BYTES = 16 << 20
+"""Of messages and requests that wait for the loop."""
 Heard = Callable[[str, bool], None]
 """Told on the loop that somebody listens to a topic, or nobody any more."""
 
@@ -166,8 +168,8 @@ class Node:
                 self._refuse(reply.fault.code, f"{inlet.topic}: {reply.fault.text}")
 
         try:
-            value = inlet.value(self._types.from_cdr(data, inlet.type))
-            self._conversation.command(inlet.port, value, answered, source=f"{self._context.name}:{sender}")
+            value = inlet.value(self._types.from_cdr(data, inlet.type, self._types.most_bytes(inlet.type)))
+            command(self._conversation, inlet, value, answered, source=f"{self._context.name}:{sender}")
         except BadMessage as bad:
             self._refuse("message", f"{inlet.topic}: {bad}")
         except Refused as refused:
@@ -195,8 +197,9 @@ class Node:
                 response = self._types.make(f"{offer.type}_Response", **self._says_why(offer, text))
             respond(self._types.cdr(response))
 
+        kind = f"{offer.type}_Request"
         try:
-            request = self._types.from_cdr(data, f"{offer.type}_Request")
+            request = self._types.from_cdr(data, kind, self._types.most_bytes(kind))
         except BadMessage as bad:
             answered(None, str(bad))
             return

@@ -22,7 +22,7 @@ from uwserver.adapter import AdapterStats, Inbox, Worker
 from uwserver_adapters.ros.messages.types import Types
 from uwserver_adapters.ros2.config import Ros2Config
 from uwserver_adapters.ros2.idl import Classes, Raw
-from uwserver_adapters.ros2.node import Heard, Respond
+from uwserver_adapters.ros2.node import WAITING_BYTES, Heard, Respond
 
 LOCALHOST = (
     "<CycloneDDS><Domain><General><AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>"
@@ -116,7 +116,7 @@ class DdsCarrier:
         self._classes = Classes(types)
         self._loop = asyncio.get_running_loop()
         self._inbox: Inbox[tuple[Callable[[bytes], None], bytes]] = Inbox(
-            lambda came: came[0](came[1]), config.queue_requests, self._drop
+            lambda came: came[0](came[1]), config.queue_requests, self._drop, lambda came: len(came[1]), WAITING_BYTES
         )
         domain = config.its_domain
         base = LOCALHOST if config.discovery == "localhost" else ""
@@ -195,10 +195,15 @@ class DdsCarrier:
     def _read(
         self, name: str, kind: Any, type_name: str, reliable: bool, take: Callable[[bytes], None], more: str = ""
     ) -> Callable[[], None]:
+        most = (
+            self._types.most_bytes(f"{type_name}_Request" if reliable else type_name) + 20
+        )  # and the header of a request
+
         def came(reader: Any) -> None:
             for sample in reader.take(TAKEN):
                 if isinstance(sample, Raw):
-                    self._inbox.put((take, sample.data))
+                    # Of what is too long only that is of interest, and to whom an answer goes.
+                    self._inbox.put((take, sample.data[: most + 1]))
 
         qos = endpoint_qos(self._types.hash(type_name), 10 if reliable else 1, reliable=reliable, more=more)
         entity = DataReader(self._participant, self._topic(name, kind), qos=qos, listener=_Came(came))

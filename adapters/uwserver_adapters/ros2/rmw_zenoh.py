@@ -11,7 +11,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from uwserver.adapter import AdapterStats, Inbox, Refusals, Worker
-from uwserver_adapters.ros.messages.types import MOST_BYTES, Types, dds_name
+from uwserver_adapters.ros.messages.types import Types, dds_name
 from uwserver_adapters.ros2.config import Ros2Config
 from uwserver_adapters.ros2.graph import (
     BEST_EFFORT,
@@ -24,7 +24,7 @@ from uwserver_adapters.ros2.graph import (
     gid,
     parsed_token,
 )
-from uwserver_adapters.ros2.node import Heard, Respond
+from uwserver_adapters.ros2.node import WAITING_BYTES, Heard, Respond
 from uwserver_adapters.zenoh_bus.publications import LARGE_BYTES, direct
 
 if TYPE_CHECKING:
@@ -137,7 +137,9 @@ class ZenohCarrier:
         self._number = 0
         self._own: dict[tuple[str, str], tuple[str, str]] = {}
         self._others: set[str] = set()
-        self._inbox: Inbox[_Came] = Inbox(self._take, config.queue_requests, self._drop)
+        self._inbox: Inbox[_Came] = Inbox(
+            self._take, config.queue_requests, self._drop, lambda came: len(came.data), WAITING_BYTES
+        )
         self._tokens: Inbox[tuple[str, bool]] = Inbox(self._token, NODES, self._drop)
         self._liveliness = session.liveliness()
         self._node = self._liveliness.declare_token(self._names.node_token())
@@ -215,9 +217,10 @@ class ZenohCarrier:
         import zenoh
 
         key, token, _ = self.declare("MS", topic, type_name, BEST_EFFORT)
+        most = self._types.most_bytes(type_name)
 
         def came(sample: zenoh.Sample) -> None:
-            self._inbox.put(_Came(take, _bytes(sample.payload), _sender(sample.attachment), None))
+            self._inbox.put(_Came(take, _bytes(sample.payload, most), _sender(sample.attachment), None))
 
         subscriber = self._session.declare_subscriber(key, direct(came), allowed_origin=zenoh.Locality.REMOTE)
         return self._ends(token, subscriber)
@@ -225,6 +228,7 @@ class ZenohCarrier:
     def serve(self, service: str, type_name: str, take: Callable[[bytes, str, Respond], None]) -> Callable[[], None]:
         """See `Carrier`."""
         key, token, _ = self.declare("SS", service, type_name, SERVICE)
+        most = self._types.most_bytes(f"{type_name}_Request")
 
         def came(query: zenoh.Query) -> None:
             attached = attachment(None if query.attachment is None else query.attachment.to_bytes())
@@ -232,7 +236,7 @@ class ZenohCarrier:
                 query.drop()  # no client of ROS: it could not read the answer
                 return
             respond = partial(self._respond, query, key, attached)
-            self._inbox.put(_Came(take, _bytes(query.payload), attached.gid.hex()[:8], respond))
+            self._inbox.put(_Came(take, _bytes(query.payload, most), attached.gid.hex()[:8], respond))
 
         # A client asks those alone that answer for the whole key.
         queryable = self._session.declare_queryable(key, direct(came), complete=True)
@@ -279,9 +283,9 @@ def wall_ns() -> int:
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 
 
-def _bytes(payload: zenoh.ZBytes) -> bytes:
-    """A payload; of one that is too large only its size is of interest."""
-    return bytes(MOST_BYTES + 1) if len(payload) > MOST_BYTES else payload.to_bytes()
+def _bytes(payload: zenoh.ZBytes, most: int) -> bytes:
+    """A payload; of one that is too large only that is of interest."""
+    return bytes(most + 1) if len(payload) > most else payload.to_bytes()
 
 
 def _sender(attached: zenoh.ZBytes | None) -> str:

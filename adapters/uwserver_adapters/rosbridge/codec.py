@@ -137,7 +137,12 @@ def _cbor(value: Any, parts: list[bytes]) -> None:
         parts.append(b"\xf6" if value is None else (b"\xf5" if value else b"\xf4"))
     elif isinstance(value, int | np.integer):
         number = int(value)
-        parts.append(_head(0, number) if number >= 0 else _head(1, -1 - number))
+        if -(1 << 64) <= number < 1 << 64:
+            parts.append(_head(0, number) if number >= 0 else _head(1, -1 - number))
+        else:  # a bignum
+            magnitude = number if number >= 0 else -1 - number
+            data = magnitude.to_bytes(-(-magnitude.bit_length() // 8), "big")
+            parts += (_head(6, 2 if number >= 0 else 3), _head(2, len(data)), data)
     elif isinstance(value, float | np.floating):
         parts.append(struct.pack(">Bd", 0xFB, value))
     elif isinstance(value, str):
@@ -176,10 +181,12 @@ SETS = 16
 
 
 class Gathered:
-    """Messages that a client sends in pieces: bounded in number and size, the oldest incomplete one makes way."""
+    """Messages that a client sends in pieces: bounded in number, and in characters and pieces of all together; the oldest incomplete
+    one makes way."""
 
     def __init__(self) -> None:
         self._sets: dict[str, tuple[int, dict[int, str]]] = {}
+        self._size = 0
 
     def take(self, message: dict[str, Any]) -> bytes | None:
         """One more piece. Gives the message when it is complete.
@@ -197,17 +204,31 @@ class Gathered:
         key = str(name)[:200]
         known = self._sets.get(key)
         if known is None or known[0] != total:
+            self._drop(key)
             while len(self._sets) >= SETS:
-                del self._sets[next(iter(self._sets))]
+                self._drop(next(iter(self._sets)))
             known = self._sets[key] = (total, {})
-        known[1][num] = data
-        if sum(map(len, known[1].values())) > MESSAGE_LIMIT:
-            del self._sets[key]
-            raise Undecodable("too_large", f"a message in fragments holds at most {MESSAGE_LIMIT} characters")
-        if len(known[1]) < total:
+        pieces = known[1]
+        self._size += _cost(data) - (_cost(pieces[num]) if num in pieces else 0)
+        pieces[num] = data
+        while self._size > MESSAGE_LIMIT:
+            oldest = next(iter(self._sets))
+            self._drop(oldest)
+            if oldest == key:
+                raise Undecodable("too_large", f"a message in fragments holds at most {MESSAGE_LIMIT} characters")
+        if len(pieces) < total:
             return None
-        del self._sets[key]
-        return "".join(known[1][k] for k in range(total)).encode()
+        self._drop(key)
+        return "".join(pieces[k] for k in range(total)).encode()
+
+    def _drop(self, key: str) -> None:
+        _, pieces = self._sets.pop(key, (0, {}))
+        self._size -= sum(map(_cost, pieces.values()))
+
+
+def _cost(piece: str) -> int:
+    """Characters that count for a piece: an empty one is not free."""
+    return max(len(piece), 1)
 
 
 __all__ = [

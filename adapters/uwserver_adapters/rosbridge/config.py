@@ -25,9 +25,9 @@ class RosbridgeConfig(AdapterTable, tag="rosbridge", kw_only=True, frozen=True):
     clock_hz: messages of ``/clock`` in a simulated second, at most.
     allowed_origins, allowed_hosts: as for `sockets`.
     tls_cert, tls_key, tls_client_ca: as for `sockets`; the address is wss then.
-    queue_samples, queue_bytes: that wait for a slow client, as for `sockets`.
+    queue_samples, queue_bytes: that wait for a slow client, as for `sockets`; and as many bytes for one that throttles.
     max_requests_per_s: messages of one client; more are refused.
-    max_subscriptions: topics that one client may subscribe to, and as many that it may advertise.
+    max_subscriptions: of one client, over all topics together; and as many advertisements, and services that it offers.
     max_unanswered: commands and calls of one client that wait for the world.
     max_clients: at once.
     max_strangers: connected besides, that have not opened a WebSocket yet; the oldest makes way.

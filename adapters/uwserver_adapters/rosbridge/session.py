@@ -6,16 +6,14 @@ import asyncio
 import contextlib
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any
 
 from uwserver.adapter import Conversation, Owed, Undecodable, did_you_mean
 from uwserver.ports import Refused, Reply
 from uwserver_adapters.native.outbox import Outgoing
-from uwserver_adapters.ros.feed import call
+from uwserver_adapters.ros.feed import call, command
 from uwserver_adapters.ros.messages.plain import built, plain
 from uwserver_adapters.ros.messages.types import BadMessage, full_name
 from uwserver_adapters.rosbridge.codec import (
-    COMPRESSIONS,
     Gathered,
     binary_frame,
     cbor,
@@ -24,20 +22,24 @@ from uwserver_adapters.rosbridge.codec import (
     parsed,
     text_frame,
 )
-from uwserver_adapters.rosbridge.hub import Hub
+from uwserver_adapters.rosbridge.hub import TOPICS, Hub
 from uwserver_adapters.rosbridge.rosapi import Rosapi
-from uwserver_adapters.rosbridge.subscriptions import LONGEST_QUEUE, Message, Subscription, Wish
+from uwserver_adapters.rosbridge.subscriptions import Message, Room, Subscription, Wish
+from uwserver_adapters.rosbridge.wishes import (
+    LONGEST_NAME,
+    Map,
+    Wrong,
+    answerable,
+    service_name,
+    shorten,
+    topic_name,
+    wish_of,
+)
 
 LEVELS = ("none", "error", "warning", "info")
 """Status messages that a client may ask for, and all before it."""
 ANSWER_S = 60.0
 """Wall time that a client has to answer a call of a service that it offers."""
-
-Map = dict[str, Any]
-
-
-class Wrong(Exception):
-    """What a client asked for cannot be done; it is told why."""
 
 
 class Session:
@@ -60,6 +62,8 @@ class Session:
         source = f"{hub.context.name}:{serial}"
         self._conversation = Conversation(hub.context, source, Owed(hub.config.max_unanswered))
         self._subscriptions: dict[str, Subscription] = {}
+        self._room = Room(hub.config.queue_bytes)
+        self._wishes = self._advertisements = 0
         self._advertised: dict[str, set[object]] = {}
         self._calls: dict[str, tuple[Callable[[bool, object], None], asyncio.TimerHandle]] = {}
         self._last_call = self._pieces = 0
@@ -80,6 +84,7 @@ class Session:
         message: Map = {}
         try:
             message = parsed(body)
+            shorten(message)
             operation = message.get("op")
             act = self._operations.get(operation) if isinstance(operation, str) else None
             if act is None:
@@ -99,7 +104,7 @@ class Session:
         self._hub.context.stats.errors += 1
         self._hub.refusals.note(cause, text)
         if message.get("op") == "call_service":
-            self._respond(message, str(message.get("service", "")), False, text)
+            self._respond(message, str(message.get("service", ""))[:LONGEST_NAME], False, text)
         else:
             self.tell("error", text, message.get("id"))
 
@@ -152,20 +157,18 @@ class Session:
     # -- topics -----------------------------------------------------------------------------------------------------------------------------
 
     def _subscribe(self, message: Map) -> None:
-        topic, wish = _topic(message), _wish(message)
+        topic, wish = topic_name(message), wish_of(message)
         asked, known = message.get("type"), self._hub.type_of(topic)
         if isinstance(asked, str) and asked and known and full_name(asked) != known:
             raise Wrong(f'"{topic}" is of type {known}, not {asked[:100]}')
-        subscription = self._subscriptions.get(topic)
+        subscription, key = self._subscriptions.get(topic), message.get("id")
+        if subscription is None or key not in subscription.wishes:
+            if self._wishes >= self._hub.config.max_subscriptions:
+                raise Wrong(f"there are {self._wishes} subscriptions: unsubscribe, or raise max_subscriptions")
+            self._wishes += 1
         if subscription is None:
-            if len(self._subscriptions) >= self._hub.config.max_subscriptions:
-                raise Wrong(
-                    f"{len(self._subscriptions)} topics are subscribed to: unsubscribe, or raise max_subscriptions"
-                )
-            subscription = self._subscriptions[topic] = Subscription(topic, self._outbox, self.flush)
-        elif len(subscription.wishes) >= self._hub.config.max_subscriptions:
-            raise Wrong(f'too many subscriptions of "{topic}"')
-        subscription.ask(_key(message), wish)
+            subscription = self._subscriptions[topic] = Subscription(topic, self._outbox, self.flush, self._room)
+        subscription.ask(key, wish)
         last = self._hub.subscribe(self, topic)
         if last is not None:
             subscription.put(last)
@@ -175,37 +178,50 @@ class Session:
             self.tell("warning", f'nobody tells of "{topic}"{near} yet', message.get("id"))
 
     def _unsubscribe(self, message: Map) -> None:
-        topic = _topic(message)
+        topic = topic_name(message)
         subscription = self._subscriptions.get(topic)
-        if subscription is not None and subscription.give_up(_key(message)):
+        if subscription is None:
+            return
+        before = len(subscription.wishes)
+        is_over = subscription.give_up(message.get("id"))
+        self._wishes -= before - len(subscription.wishes)
+        if is_over:
             self._hub.unsubscribe(self, topic)
             subscription.close()
             del self._subscriptions[topic]
 
     def _advertise(self, message: Map) -> None:
-        topic, kind = _topic(message), message.get("type")
+        topic, kind = topic_name(message), message.get("type")
         if not isinstance(kind, str) or not kind:
             raise Wrong('advertise needs a "type", as "geometry_msgs/msg/Twist"')
-        self._admit(topic, full_name(kind))
-        self._advertised.setdefault(topic, set()).add(_key(message))
+        self._admit(topic, full_name(kind), message.get("id"))
 
-    def _admit(self, topic: str, kind: str) -> None:
-        """Let the client publish on a topic of this type, which may be new."""
+    def _admit(self, topic: str, kind: str, key: object) -> None:
+        """Let the client publish on a topic of this type, which may be new, until it gives up this advertisement of it."""
+        if len(kind) > LONGEST_NAME:
+            raise Wrong(f"a type has at most {LONGEST_NAME} characters")
         if topic in self._hub.feed.topics:
             raise Wrong(f'"{topic}" is told by the simulator alone')
         known = self._hub.type_of(topic)
         if known and known != kind:
             raise Wrong(f'"{topic}" is of type {known}, not {kind[:100]}')
-        if topic not in self._advertised and len(self._advertised) >= self._hub.config.max_subscriptions:
-            raise Wrong(f"{len(self._advertised)} topics are advertised: unadvertise, or raise max_subscriptions")
+        keys = self._advertised.get(topic, set())
+        if key not in keys and self._advertisements >= self._hub.config.max_subscriptions:
+            raise Wrong(f"there are {self._advertisements} advertisements: unadvertise, or raise max_subscriptions")
+        if topic not in self._hub.advertised and len(self._hub.advertised) >= TOPICS:
+            raise Wrong(f"clients have advertised {TOPICS} topics, and no more are taken")
+        self._advertisements += key not in keys
+        self._advertised.setdefault(topic, set()).add(key)
         _, advertisers = self._hub.advertised.setdefault(topic, (kind, set()))
         advertisers.add(self)
 
     def _unadvertise(self, message: Map) -> None:
-        topic, key = _topic(message), _key(message)
+        topic, key = topic_name(message), message.get("id")
         keys = self._advertised.get(topic, set())
-        keys.discard(key)
-        if key is None or not keys:
+        given_up = keys & {key} if key is not None else set(keys)
+        keys -= given_up
+        self._advertisements -= len(given_up)
+        if not keys:
             self._advertised.pop(topic, None)
             _, advertisers = self._hub.advertised.get(topic, ("", set()))
             advertisers.discard(self)
@@ -213,11 +229,11 @@ class Session:
                 self._hub.advertised.pop(topic, None)
 
     def _publish(self, message: Map) -> None:
-        topic, given = _topic(message), message.get("msg", {})
+        topic, given = topic_name(message), message.get("msg", {})
         inlet = self._hub.feed.catalogue.inlets.get(topic)
         if inlet is not None:
             value = inlet.value(built(self._hub.types, inlet.type, given))
-            self._conversation.command(inlet.port, value, partial(self._commanded, topic, message.get("id")))
+            command(self._conversation, inlet, value, partial(self._commanded, topic, message.get("id")))
             return
         if topic not in self._advertised:
             kind = message.get("type")
@@ -226,8 +242,7 @@ class Session:
                 raise Wrong(
                     f'"{topic}" commands nothing{near}; to publish for other clients, advertise it with its type'
                 )
-            self._admit(topic, full_name(kind))
-            self._advertised[topic] = {None}
+            self._admit(topic, full_name(kind), None)
         if not isinstance(given, dict):
             raise BadMessage("msg must be a map")
         kind = self._hub.type_of(topic)
@@ -249,8 +264,8 @@ class Session:
     # -- services ---------------------------------------------------------------------------------------------------------------------------
 
     def _call_service(self, message: Map) -> None:
-        name = "/" + str(message.get("service", "")).strip("/")
-        args = message.get("args", {})
+        name, args = service_name(message), message.get("args", {})
+        message = answerable(message)
         if name.startswith("/rosapi/"):
             answer = self._rosapi.services.get(name.removeprefix("/rosapi/"))
             if answer is None:
@@ -293,13 +308,13 @@ class Session:
             response["id"] = request["id"]
         wish = Wish()
         with contextlib.suppress(Wrong):
-            wish = _wish(request)
+            wish = wish_of(request)
         self._reply(response, wish.compression, wish.fragment_size)
 
     def _advertise_service(self, message: Map) -> None:
-        name, kind = "/" + str(message.get("service", "")).strip("/"), message.get("type")
-        if not isinstance(kind, str) or not kind:
-            raise Wrong('advertise_service needs a "type"')
+        name, kind = service_name(message), message.get("type")
+        if not isinstance(kind, str) or not 0 < len(kind) <= LONGEST_NAME:
+            raise Wrong(f'advertise_service needs a "type" of at most {LONGEST_NAME} characters')
         if name in self._hub.feed.catalogue.offers or name.startswith("/rosapi/"):
             raise Wrong(f'"{name}" is a service of the simulator')
         known = self._hub.served.get(name)
@@ -310,7 +325,7 @@ class Session:
         self._hub.served[name] = (full_name(kind, "srv"), self)
 
     def _unadvertise_service(self, message: Map) -> None:
-        name = "/" + str(message.get("service", "")).strip("/")
+        name = service_name(message)
         if self._hub.served.get(name, ("", None))[1] is self:
             del self._hub.served[name]
 
@@ -321,9 +336,9 @@ class Session:
             return
         self._last_call += 1
         key = f"call_service:{service}:{self._last_call}"
+        self._reply({"op": "call_service", "id": key, "service": service, "args": args})
         timer = asyncio.get_running_loop().call_later(ANSWER_S, self._overdue, key)
         self._calls[key] = (answer, timer)
-        self._reply({"op": "call_service", "id": key, "service": service, "args": args})
 
     def _overdue(self, key: str) -> None:
         answer, _ = self._calls.pop(key)
@@ -352,36 +367,3 @@ class Session:
             timer.cancel()
             answer(False, "the client that offers this service has gone")
         self._calls.clear()
-
-
-def _topic(message: Map) -> str:
-    topic = message.get("topic")
-    if not isinstance(topic, str) or not topic.strip("/"):
-        raise Wrong(f'{message.get("op")} needs a "topic"')
-    if len(topic) > 256:
-        raise Wrong("a topic has at most 256 characters")
-    return "/" + topic.strip("/")
-
-
-def _key(message: Map) -> Any:
-    key = message.get("id")
-    return key if key is None or isinstance(key, str | int | float) else str(key)[:200]
-
-
-def _wish(message: Map) -> Wish:
-    compression = message.get("compression") or "none"
-    if compression not in COMPRESSIONS:
-        raise Wrong(f"compression is one of {', '.join(COMPRESSIONS)}, not {compression!r:.60}")
-    throttle = _whole(message, "throttle_rate", 0, 3_600_000)
-    queue = _whole(message, "queue_length", 0, 1 << 31)
-    size = _whole(message, "fragment_size", 0, 1 << 31)
-    return Wish(throttle / 1000.0, min(queue, LONGEST_QUEUE), max(size, 100) if size else None, compression)
-
-
-def _whole(message: Map, key: str, low: int, high: int) -> int:
-    value = message.get(key)
-    if value is None:
-        return 0
-    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-        raise Wrong(f"{key} must be a number from {low} to {high}, not {value!r:.60}")
-    return int(value)

@@ -8,6 +8,8 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from typing import Protocol
 
+import msgspec
+
 from uwserver_adapters.native.outbox import Outgoing
 from uwserver_adapters.ros.feed import Told
 from uwserver_adapters.rosbridge.codec import fragments, json_text, published, published_raw, text_frame
@@ -34,7 +36,13 @@ class Wish:
 
 
 class Message(Protocol):
-    """What a subscription sends: a message of the world, or of another client."""
+    """What a subscription sends: a message of the world, or of another client.
+
+    Attributes:
+        size: about, bytes that it holds while it waits.
+    """
+
+    size: int
 
     def frame(self, topic: str, compression: str) -> bytes | None:
         """The message in one frame; None where it cannot be said so."""
@@ -48,6 +56,7 @@ class WorldMessage:
 
     def __init__(self, told: Told, t_ns: int) -> None:
         self._told, self._t_ns = told, t_ns
+        self.size = told.size
 
     def frame(self, topic: str, compression: str) -> bytes | None:
         """See `Message`."""
@@ -73,18 +82,38 @@ class WorldMessage:
 
 
 class ClientMessage:
-    """One of another client, passed on as it came."""
+    """One of another client, passed on as it came: each form is made once for all clients."""
 
     def __init__(self, message: object) -> None:
-        self._message = message
+        self._json = json_text(message)
+        self._frames: dict[str, bytes] = {}
+        self.size = len(self._json)
 
     def frame(self, topic: str, compression: str) -> bytes | None:
         """See `Message`; its bytes in ROS' form are not known."""
-        return published(topic, self._message, "cbor" if compression == "cbor-raw" else compression)
+        form = "cbor" if compression == "cbor-raw" else compression
+        known = self._frames.get(form)
+        if known is None:
+            known = self._frames[form] = published(topic, msgspec.json.decode(self._json), form)
+        return known
 
     def text(self, topic: str) -> bytes | None:
         """See `Message`."""
-        return json_text({"op": "publish", "topic": topic, "msg": self._message})
+        return b'{"op":"publish","topic":%b,"msg":%b}' % (json_text(topic), self._json)
+
+
+class Room:
+    """What may wait for one client that throttles, all topics together.
+
+    Args:
+        most_bytes: of messages.
+
+    Attributes:
+        used: bytes that wait.
+    """
+
+    def __init__(self, most_bytes: int) -> None:
+        self.used, self.most_bytes = 0, most_bytes
 
 
 class Subscription:
@@ -94,15 +123,16 @@ class Subscription:
         topic: its name.
         outbox: of the client.
         flush: sends what waits there.
+        room: of the client.
 
     Attributes:
         wishes: by the id of each `subscribe`.
     """
 
-    def __init__(self, topic: str, outbox: Outgoing, flush: Callable[[], None]) -> None:
+    def __init__(self, topic: str, outbox: Outgoing, flush: Callable[[], None], room: Room) -> None:
         self.topic = topic
         self.wishes: dict[Hashable, Wish] = {}
-        self._outbox, self._flush = outbox, flush
+        self._outbox, self._flush, self._room = outbox, flush, room
         self._loop = asyncio.get_running_loop()
         self._wish = Wish()
         self._next = 0.0
@@ -131,7 +161,8 @@ class Subscription:
         self._wish = Wish(
             min(wish.throttle_s for wish in wishes), max(wish.queue_length for wish in wishes), min(sizes, default=None), compression
         )  # fmt: skip
-        self._waiting = deque(self._waiting, maxlen=self._wish.queue_length or None)
+        while len(self._waiting) > self._wish.queue_length:
+            self._oldest()
 
     def put(self, message: Message) -> None:
         """A message of the topic."""
@@ -146,15 +177,32 @@ class Subscription:
             )
             self._send(message)
         elif wish.queue_length:
-            self._waiting.append(message)
-            if self._timer is None:
-                self._timer = self._loop.call_at(self._next, self._release)
+            self._wait(message)
+
+    def _wait(self, message: Message) -> None:
+        """One more that waits; the oldest of the topic make way. What is too large beside other topics' is dropped."""
+        room = self._room
+        while self._waiting and (
+            len(self._waiting) >= self._wish.queue_length or room.used + message.size > room.most_bytes
+        ):
+            self._oldest()
+        if room.used + message.size > room.most_bytes:
+            return
+        room.used += message.size
+        self._waiting.append(message)
+        if self._timer is None:
+            self._timer = self._loop.call_at(self._next, self._release)
+
+    def _oldest(self) -> Message:
+        message = self._waiting.popleft()
+        self._room.used -= message.size
+        return message
 
     def _release(self) -> None:
         self._timer = None
         if not self._waiting:
             return
-        self._send(self._waiting.popleft())
+        self._send(self._oldest())
         self._flush()
         self._next = self._loop.time() + self._wish.throttle_s
         if self._waiting:
@@ -179,6 +227,7 @@ class Subscription:
 
     def close(self) -> None:
         """Nothing is sent any more."""
-        self._waiting.clear()
+        while self._waiting:
+            self._oldest()
         if self._timer is not None:
             self._timer.cancel()

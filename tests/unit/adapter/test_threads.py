@@ -34,6 +34,23 @@ def test_an_inbox_keeps_the_order_and_refuses_what_is_too_much():
     asyncio.run(scene())
 
 
+def test_an_inbox_is_bounded_in_bytes_too():
+    async def scene() -> None:
+        taken: list[bytes] = []
+        refused: list[bytes] = []
+        inbox = Inbox(taken.append, 100, refused.append, len, 10)
+        for item in (b"a" * 50, b"b"):
+            inbox.put(item)
+        assert refused == [b"b"], "one may be larger, and then no other waits"
+        await until(lambda: len(taken) == 1)
+        for item in (b"c" * 6, b"d" * 5, b"e" * 4):
+            inbox.put(item)
+        await until(lambda: len(taken) == 3)
+        assert (taken[1:], refused[1:]) == ([b"c" * 6, b"e" * 4], [b"d" * 5])
+
+    asyncio.run(scene())
+
+
 def test_an_inbox_takes_a_bounded_time_of_a_turn(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(threads, "TURN_S", 0.0)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -17,6 +18,41 @@ Value = Mapping[str, object]
 """Field -> value of a command, as `AdapterContext.command` takes it, which checks it."""
 
 
+class Held:
+    """What was last told to all thrusters of a vehicle: a command is of the whole vector, also where it comes for one.
+
+    Args:
+        size: of the vector.
+    """
+
+    def __init__(self, size: int) -> None:
+        self._neutral = [0.0] * size
+        self._accepted = self._neutral
+        self._asked: deque[list[float]] = deque(maxlen=64)
+
+    @property
+    def newest(self) -> list[float]:
+        """What the world has accepted, or was asked for and has not judged yet."""
+        return self._asked[-1] if self._asked else self._accepted
+
+    def ask(self, told: list[float]) -> None:
+        """The world is asked for it."""
+        self._asked.append(told)
+
+    def judge(self, told: list[float], is_accepted: bool) -> None:
+        """The world has answered, as it does in the order of commands: of those before, nothing more comes."""
+        if any(one is told for one in self._asked):
+            while self._asked.popleft() is not told:
+                pass
+        if is_accepted:
+            self._accepted = told
+
+    def forget(self) -> None:
+        """The actuator went to neutral."""
+        self._accepted = self._neutral
+        self._asked.clear()
+
+
 @dataclass(frozen=True)
 class Inlet:
     """A topic that commands an actuator.
@@ -26,12 +62,16 @@ class Inlet:
         type: ``package/msg/Name``.
         port: path of the actuator.
         value: the command that a message is; raises `BadMessage`.
+        held: of thrusters, what they were told.
+        field: of a command, that is held.
     """
 
     topic: str
     type: str
     port: str
     value: Callable[[Any], Value]
+    held: Held | None = None
+    field: str = ""
 
 
 def inlets(types: Types, port: Port) -> Iterator[Inlet]:
@@ -59,24 +99,19 @@ def _numbers(port: Port, name: str) -> Iterator[Inlet]:
     if not port.fields[0].shape:
         yield Inlet(name + "/cmd", "std_msgs/msg/Float64", port.path, lambda message: {field: message.data})
         return
-    held = [0.0] * port.fields[0].size
+    held = Held(port.fields[0].size)
 
     def all_of(message: Any) -> Value:
-        data = message.data.tolist()
-        if len(data) == len(held):
-            held[:] = data
-        return {field: data}
+        return {field: message.data.tolist()}
 
-    yield Inlet(name + "/cmd", "std_msgs/msg/Float64MultiArray", port.path, all_of)
+    yield Inlet(name + "/cmd", "std_msgs/msg/Float64MultiArray", port.path, all_of, held, field)
     for k, thruster in enumerate(port.propulsors or ()):
         # The others keep what this adapter last told them: a command is of the whole vector.
         def one_of(message: Any, k: int = k) -> Value:
-            told = [*held[:k], message.data, *held[k + 1 :]]
-            if abs(message.data) <= 1.0:
-                held[:] = told
-            return {field: told}
+            others = held.newest
+            return {field: [*others[:k], message.data, *others[k + 1 :]]}
 
-        yield Inlet(f"{name}/{ros_name(thruster.name)}/cmd", "std_msgs/msg/Float64", port.path, one_of)
+        yield Inlet(f"{name}/{ros_name(thruster.name)}/cmd", "std_msgs/msg/Float64", port.path, one_of, held, field)
 
 
 def _generated(types: Types, port: Port, name: str) -> Inlet:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from uwserver.adapter import Undecodable, decode
 from uwserver.ports import Argument, Fault, Json, Service
 from uwserver_adapters.ros.messages.generated import camel
 from uwserver_adapters.ros.messages.source import ros_name
@@ -105,9 +106,11 @@ def _given(arguments: Iterable[Argument], message: Any) -> Iterator[tuple[str, o
 
 def _json(text: str, where: str) -> object:
     try:
-        return json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise BadMessage(f"{where} is no JSON: {str(error)[:100]}") from None
+        return decode(text.encode(), "json")
+    except Undecodable as error:
+        raise BadMessage(f"{where} is no JSON that is taken: {error.fault.text[:200]}") from None
+    except UnicodeEncodeError:
+        raise BadMessage(f"{where} is no JSON: half a surrogate pair") from None
 
 
 def _any_call(message: Any) -> Ask:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from uwserver.adapter import CannotServe
+from uwserver.adapter import MESSAGE_LIMIT, CannotServe
 from uwserver_adapters.ros.messages.definitions import MESSAGES, SERVICES
 
 DISTROS: dict[str, str] = {
@@ -36,7 +36,10 @@ FILLER = "structure_needs_at_least_one_member"
 """The field of messages without fields, in CDR; ROS 1 has none."""
 
 MOST_BYTES = 1 << 24
-"""Longest message that is decoded."""
+"""Longest message that is decoded, of whomever."""
+
+ARRAY_LIMIT = 1 << 20
+"""Longest message of a peer whose only parts without bounds are arrays of numbers, which cost no more than their copy."""
 
 
 class BadMessage(ValueError):
@@ -67,6 +70,7 @@ class Types:
         self.is_ros1 = distro == "noetic"
         self.store: Any = get_typestore(getattr(Stores, DISTROS[distro]))
         self._defaults: dict[str, dict[str, Any]] = {}
+        self._most_bytes: dict[str, int] = {}
         self._services: set[str] = set()
         self.generated: dict[str, str] = {}
         self._register({name: text for name, text in MESSAGES.items() if name not in self.store.fielddefs})
@@ -186,13 +190,30 @@ class Types:
         """CDR (XCDR1, little endian) with its encapsulation."""
         return bytes(self.store.serialize_cdr(message, message.__msgtype__, little_endian=True))
 
-    def from_cdr(self, data: bytes, name: str) -> Any:
-        """A message from CDR with its encapsulation.
+    def most_bytes(self, name: str) -> int:
+        """Longest message of a type that is taken from a peer: decoding a list of texts or messages keeps all others waiting."""
+        known = self._most_bytes.get(name)
+        if known is None:
+            known = self._most_bytes[name] = ARRAY_LIMIT if self._is_cheap((NAME, name)) else MESSAGE_LIMIT
+        return known
+
+    def _is_cheap(self, described: Any) -> bool:
+        """Whether nothing is without bounds but arrays of numbers."""
+        kind, what = described
+        if kind == NAME:
+            return all(self._is_cheap(field) for _, field in self.fields(what))
+        if kind == BASE:
+            return what[0] in DTYPES
+        item, _ = what
+        return (item[0] == BASE and item[1][0] in DTYPES) or (kind == ARRAY and self._is_cheap(item))
+
+    def from_cdr(self, data: bytes, name: str, most: int = MOST_BYTES) -> Any:
+        """A message from CDR with its encapsulation; of a peer, `most` is `most_bytes` of its type.
 
         Raises:
             BadMessage: it is not of this type.
         """
-        return self._decoded(self.store.deserialize_cdr, data, name)
+        return self._decoded(self.store.deserialize_cdr, data, name, most)
 
     def ros1(self, message: Any) -> bytes:
         """ROS 1 bytes, without their length."""
@@ -200,23 +221,23 @@ class Types:
             return b""
         return bytes(self.store.serialize_ros1(message, message.__msgtype__))
 
-    def from_ros1(self, data: bytes, name: str) -> Any:
-        """A message from ROS 1 bytes, without their length.
+    def from_ros1(self, data: bytes, name: str, most: int = MOST_BYTES) -> Any:
+        """A message from ROS 1 bytes, without their length; of a peer, `most` is `most_bytes` of its type.
 
         Raises:
             BadMessage: it is not of this type.
         """
         if self._is_empty(name) and not data:
             return self.make(name)
-        return self._decoded(self.store.deserialize_ros1, data, name)
+        return self._decoded(self.store.deserialize_ros1, data, name, most)
 
     def _is_empty(self, name: str) -> bool:
         """Whether a type has no fields: in ROS 1 that is no byte at all."""
         return [field for field, _ in self.fields(name)] == [FILLER]
 
-    def _decoded(self, decode: Any, data: bytes, name: str) -> Any:
-        if len(data) > MOST_BYTES:
-            raise BadMessage(f"{name}: {len(data)} bytes, at most {MOST_BYTES} are read")
+    def _decoded(self, decode: Any, data: bytes, name: str, most: int) -> Any:
+        if len(data) > most:
+            raise BadMessage(f"{name}: more than {most} bytes, send less at once")
         try:
             return decode(data, name)
         # Bytes of strangers: rosbags raises its own error for most, but not for all that lie about a length.

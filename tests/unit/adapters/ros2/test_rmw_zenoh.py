@@ -259,6 +259,36 @@ def test_services_are_answered_whatever_was_asked():
     run(story)
 
 
+def test_what_would_cost_too_much_is_not_decoded(caplog):
+    async def story():
+        async with node() as (world, peer, aside):
+            kind = "std_msgs/msg/Float64MultiArray"
+            key = peer.key("/rov/thrusters/cmd", kind)
+            many = b"\0\1\0\0" + (10_000).to_bytes(4, "little") + bytes(120_000)  # names of dimensions, all empty
+            await aside(peer.session.put, key, many + bytes(8))
+            await until(lambda: world.stats.errors == 1)
+            assert "more than 65536 bytes" in caplog.text
+            answer = await aside(
+                peer.call,
+                "/uwserver/call",
+                "uwserver_msgs/srv/Call",
+                service="world/pause",
+                arguments=" " * 70_000 + "{}",
+            )
+            assert (answer.success, "more than 65536 bytes" in answer.message) == (False, True)
+            answer = await aside(
+                peer.call,
+                "/uwserver/call",
+                "uwserver_msgs/srv/Call",
+                service="world/step",
+                arguments='{"n": %s}' % ("[" * 40 + "]" * 40),
+            )
+            assert (answer.success, "deeper than" in answer.message) == (False, True)
+            assert not world.calls
+
+    run(story)
+
+
 def test_a_type_that_does_not_match_is_told():
     async def story():
         async with node() as (world, peer, aside):

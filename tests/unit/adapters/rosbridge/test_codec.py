@@ -39,7 +39,9 @@ def unframed(frame):
 @pytest.mark.parametrize(
     "value",
     [
-        None, True, False, 0, 23, 24, 255, 256, 65535, 65536, 1 << 32, (1 << 64) - 1, -1, -24, -25, -(1 << 31), 1.5, -0.0, "", "ü" * 30,
+        None, True, False, 0, 23, 24, 255, 256, 65535, 65536, 1 << 32, (1 << 64) - 1, -1, -24, -25, -(1 << 31),
+        1 << 64, -(1 << 64), -(1 << 64) - 1, 1 << 200,
+        1.5, -0.0, "", "ü" * 30,
         b"", b"x" * 300, [], [1, [2, {"a": [3.5]}]], {"op": "publish", "msg": {"x": -5}},
     ],
 )  # fmt: skip
@@ -130,6 +132,22 @@ def test_pieces_of_a_client_are_bounded():
     for k in range(1000):
         gathered.take({"id": str(k), "data": "x", "num": 0, "total": 2})
     assert len(gathered._sets) <= 16
+
+
+def test_pieces_of_all_messages_count_together_and_empty_ones_too():
+    gathered = Gathered()
+
+    def empty():
+        for num in range(1 << 17):
+            gathered.take({"id": "a", "data": "", "num": num % 65_000, "total": 65_536})
+
+    empty()
+    assert len(gathered._sets["a"][1]) == 65_000
+    for k in range(5):
+        gathered.take({"id": k, "data": "x" * 30_000, "num": 0, "total": 2})
+    assert list(gathered._sets) == ["3", "4"]
+    assert gathered._size == 60_000
+    assert gathered.take({"id": 4, "data": "y", "num": 1, "total": 2}) == b"x" * 30_000 + b"y"
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from adapter_rig import serving
 from cbor_rig import uncbor
 from ros_rig import PORTS, T_NS, context, sample
 from uwserver_adapters.ros.messages import Types
-from uwserver_adapters.rosbridge import RosbridgeAdapter
+from uwserver_adapters.rosbridge import RosbridgeAdapter, subscriptions
 from uwserver_adapters.rosbridge.config import RosbridgeConfig
 
 from uwserver.ports import Event, Refused, Sample
@@ -147,13 +147,15 @@ def test_throttled_messages_are_dropped_or_wait():
 def test_long_messages_come_in_pieces():
     async def story():
         async with bridge() as (world, client):
-            await client.say(op="subscribe", topic="/rov/imu", fragment_size=200)
-            await client.settle()
-            world.put([sample(IMU)])
-            pieces = [await client.hear()]
+            await client.say(op="subscribe", topic="/chat", fragment_size=200)
+            await client.say(op="publish", topic="/chat", type="std_msgs/String", msg={"data": "x" * 3000})
+            while (first := await client.hear())["op"] != "fragment":
+                pass
+            assert (first["total"], len(first["data"])) == (3, 1024)  # smaller pieces cost more than they hold
+            pieces = [first]
             while len(pieces) < pieces[0]["total"]:
                 pieces.append(await client.hear())
-            assert json.loads("".join(piece["data"] for piece in pieces))["topic"] == "/rov/imu"
+            assert json.loads("".join(piece["data"] for piece in pieces))["topic"] == "/chat"
             text = json.dumps({"op": "publish", "topic": "/rov/fin/cmd", "msg": {"data": 0.25}})
             for num in (1, 0):
                 data = text[30 * num : 30 * (num + 1) if num == 0 else None]
@@ -212,6 +214,24 @@ def test_commands_reach_their_actuator_and_wrong_ones_are_told():
                 assert (told["op"], told["level"], told["id"]) == ("status", "error", 7)
                 assert text in told["msg"]
             assert len(world.commands) == before
+
+    run(story)
+
+
+def test_a_refused_command_and_a_time_out_are_not_held():
+    async def story():
+        async with bridge() as (world, client):
+
+            async def say(topic, data):
+                await client.say(op="publish", topic=f"/rov/thrusters/{topic}", msg={"data": data})
+                await client.settle()
+                return world.commands[-1].value[0]
+
+            assert await say("cmd", [0.1, 0.2, 0.3]) == (0.1, 0.2, 0.3)
+            await say("t1/cmd", 5.0)  # refused
+            assert await say("t2/cmd", 0.5) == (0.1, 0.5, 0.3)
+            world.say(Event("watchdog", 1, 1, 'no command for "rov/thrusters" in 1 s: it went to neutral'))
+            assert await say("t2/cmd", 0.25) == (0.0, 0.25, 0.0)
 
     run(story)
 
@@ -523,6 +543,80 @@ def test_hundreds_of_subscriptions_are_bounded():
             for k in range(60):
                 await client.say(op="advertise", topic=f"/u{k}", type="std_msgs/String")
             assert "raise max_subscriptions" in (await client.hear())["msg"]
+
+    run(story)
+
+
+def test_what_is_kept_of_a_client_is_short():
+    long = "x" * 300
+
+    async def story():
+        async with bridge(max_subscriptions=5) as (_, client):
+            for message, text in (
+                ({"op": "subscribe", "topic": "/a", "id": long}, "an id has at most 256"),
+                ({"op": "advertise", "topic": "/a", "type": long}, "a type has at most 256"),
+                ({"op": "publish", "topic": "/a", "type": long, "msg": {}}, "a type has at most 256"),
+                ({"op": "advertise_service", "service": long, "type": "x/Y"}, "a service has at most 256"),
+                ({"op": "advertise_service", "service": "/a", "type": long}, "of at most 256"),
+            ):
+                await client.say(**message)
+                assert text in (await client.hear())["msg"]
+            await client.say(op="unsubscribe", topic="/a")
+            for op, more in (("subscribe", {}), ("advertise", {"type": "std_msgs/String"})):
+                for k in range(7):  # of two topics: all of a client's count
+                    await client.say(op=op, topic=f"/{k % 2}", id=str(k), **more)
+                assert ["raise max_subscriptions" in (await client.hear())["msg"] for _ in range(2)] == [True, True]
+                await client.say(op=f"un{op}", topic="/0", id="0")
+                await client.say(op=op, topic="/1", id="new", **more)  # has the place of that one
+                await client.settle()
+
+    run(story)
+
+
+def test_whole_numbers_of_any_size_pass():
+    async def story():
+        async with bridge(3) as (_, speaks, binary, hears):
+            for client, form in ((binary, "cbor"), (hears, "none")):
+                await client.say(op="subscribe", topic="/x", compression=form)
+                await client.settle()
+            await speaks.say(
+                op="publish", topic="/x", type="some_msgs/Own", msg={"n": [1 << 70, -(1 << 70)]}, id=1 << 70
+            )
+            assert [(await client.hear())["msg"]["n"] for client in (binary, hears)] == [[1 << 70, -(1 << 70)]] * 2
+
+    run(story)
+
+
+def test_messages_of_clients_are_encoded_once_for_all(monkeypatch):
+    made = []
+    published = subscriptions.published
+    monkeypatch.setattr(subscriptions, "published", lambda *args: made.append(args[2]) or published(*args))
+
+    async def story():
+        async with bridge(4) as (_, *clients):
+            for client in clients:
+                await client.say(op="subscribe", topic="/x", compression="png")
+                await client.settle()
+            await clients[0].say(op="publish", topic="/x", type="some_msgs/Own", msg={"data": "y" * 100})
+            for client in clients:
+                assert (await client.hear())["op"] == "png"
+            assert made == ["png"]
+
+    run(story)
+
+
+def test_what_waits_for_a_client_is_bounded_in_bytes():
+    async def story():
+        async with bridge(2, queue_bytes=5000) as (_, speaks, waits):
+            for topic in ("/x", "/y"):
+                await waits.say(op="subscribe", topic=topic, throttle_rate=20, queue_length=100)
+            await waits.settle()
+            for topic in ("/x", "/y"):
+                for k in range(10):
+                    await speaks.say(op="publish", topic=topic, type="some_msgs/Own", msg={"k": k, "data": "y" * 900})
+            await speaks.settle()
+            heard = [(one["topic"], one["msg"]["k"]) for one in [await waits.hear() for _ in range(7)]]
+            assert sorted(heard) == [("/x", 0), *(("/x", k) for k in range(5, 10)), ("/y", 0)]
 
     run(story)
 

@@ -45,10 +45,20 @@ def test_numbers_reach_their_actuator(made):
 
 
 def test_one_thruster_alone_leaves_the_others_as_they_were_told(made):
-    value(made, "/rov/thrusters/cmd", {"data": [0.1, 0.2, 0.3]})
-    assert value(made, "/rov/thrusters/t2/cmd", {"data": -0.5})[1] == {"u": [0.1, -0.5, 0.3]}
-    assert value(made, "/rov/thrusters/t2/cmd", {"data": 7.0})[1] == {"u": [0.1, 7.0, 0.3]}  # the world refuses it
-    assert value(made, "/rov/thrusters/t1/cmd", {"data": 0.0})[1] == {"u": [0.0, -0.5, 0.3]}
+    held = made.inlets["/rov/thrusters/cmd"].held
+
+    def ask(topic, data):
+        told = value(made, f"/rov/thrusters/{topic}", {"data": data})[1]["u"]
+        held.ask(told)
+        return told
+
+    all_of, two, three = ask("cmd", [0.1, 0.2, 0.3]), ask("t2/cmd", -0.5), ask("t3/cmd", 0.7)
+    assert three == [0.1, -0.5, 0.7]  # before the world has answered to any
+    for told, is_accepted in ((all_of, True), (two, True), (three, False)):
+        held.judge(told, is_accepted)
+    assert held.newest == [0.1, -0.5, 0.3]  # what was refused is not held
+    held.forget()
+    assert ask("t1/cmd", 0.25) == [0.25, 0.0, 0.0]
 
 
 def test_vectors_come_in_flu_and_enu(made):

@@ -443,6 +443,21 @@ def test_bytes_of_strangers_are_refused(data):
         Types().from_cdr(data, "sensor_msgs/msg/Imu")
 
 
+@pytest.mark.parametrize(
+    ("name", "most"),
+    [
+        ("geometry_msgs/msg/Twist", 1 << 20), ("uwserver_msgs/msg/Numbers", 1 << 20), ("std_msgs/msg/Float64MultiArray", 1 << 16),
+        ("sensor_msgs/msg/Joy", 1 << 16), ("uwserver_msgs/srv/Call_Request", 1 << 16),
+    ],
+)  # fmt: skip
+def test_a_peer_sends_more_only_of_numbers(name, most):
+    types = Types()
+    types.register("uwserver_msgs/msg/Numbers", "float64[] values\ngeometry_msgs/msg/Point[4] corners")
+    assert types.most_bytes(name) == most
+    with pytest.raises(BadMessage, match=f"more than {most} bytes"):
+        types.from_cdr(bytes(most + 1), name, types.most_bytes(name))
+
+
 def test_a_rotation_of_the_table_is_a_rotation():
     """The constants of frames are unit quaternions of right-handed axes."""
     from uwserver_adapters.ros.messages.frames import BEAM, SONAR, mounted_unflipped
