@@ -33,7 +33,10 @@ class _Speed(click.ParamType[float]):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         if value == "max":
             return 0.0
-        number: float = click.FloatRange(1e-3, 1000.0).convert(value, param, ctx)
+        try:
+            number: float = click.FloatRange(1e-3, 1000.0).convert(value, param, ctx)
+        except click.BadParameter as error:
+            self.fail(f'{error.message} Or say "max".', param, ctx)
         return number
 
 

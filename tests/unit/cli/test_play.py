@@ -17,7 +17,7 @@ from uwserver.cli.play import _renames, play
     ("arguments", "text"),
     [
         (["--speed", "0"], "0.0 is not in the range"),
-        (["--speed", "fast"], "is not a valid float"),
+        (["--speed", "fast"], 'is not a valid float range. Or say "max".'),
         (["--map", "rov"], "--map takes OLD=NEW"),
         (["--map", "rov/imu=x"], "--map takes OLD=NEW"),
         (["--map", "auv=x"], 'nobody is called "auv"; there are: rov'),
