@@ -170,3 +170,12 @@ def test_a_range_is_shown_and_kept(page: Page) -> None:
     assert left == pytest.approx(25.0, abs=0.5)
     page.ask("uw.app.link.call('playback/loop', { on: false, from_s: 0, to_s: 1e9 })")
     page.wait("!uw.app.status.playback.loop", "once")
+
+
+def test_the_page_of_a_recording_offers_no_control(page: Page) -> None:
+    page.wait("!document.querySelector('.rec').hidden", "the badge")
+    assert page.ask("document.querySelector('.rec').textContent") == "recording run.mcap"
+    page.wait("document.querySelector('.owner .who').textContent.startsWith('A recording plays')", "the pilot's panel")
+    assert page.ask("document.querySelector('.owner button').disabled") is True
+    assert "play, pause" in str(page.ask("document.querySelector('dl.keys').textContent"))
+    assert page.ask("uw.pilot.take()") is False

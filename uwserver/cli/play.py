@@ -5,41 +5,24 @@ from __future__ import annotations
 import logging
 import sys
 import tempfile
-from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-import msgspec
 
 from uwserver.cli.colour import styled
+from uwserver.cli.played_adapters import with_played_adapters
 from uwserver.cli.run import announced_address, with_address
 from uwserver.cli.web_view import open_page, where_to_look, with_token, with_view_token, with_web_view
 
 if TYPE_CHECKING:
     from uwserver.recording.player_track import Track
     from uwserver.recording.player_world import Range
-    from uwserver.scenario.load.resolved import Resolved
     from uwserver.simulation.clock import Timing
 
 log = logging.getLogger(__name__)
 
 _SECONDS = click.FloatRange(0.0, 1e9)
-_OF_FILES = (
-    "alog",
-    "serial",
-    "config_file",
-    "config",
-    "tls_cert",
-    "tls_key",
-    "tls_client_ca",
-    "path",
-    "folder",
-    "file",
-    "device",
-)
-"""Keys of adapters by which they would open a file or a device."""  # fmt: skip
 
 
 class _Speed(click.ParamType[float]):
@@ -50,7 +33,10 @@ class _Speed(click.ParamType[float]):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         if value == "max":
             return 0.0
-        number: float = click.FloatRange(1e-3, 1000.0).convert(value, param, ctx)
+        try:
+            number: float = click.FloatRange(1e-3, 1000.0).convert(value, param, ctx)
+        except click.BadParameter as error:
+            self.fail(f'{error.message} Or say "max".', param, ctx)
         return number
 
 
@@ -65,6 +51,7 @@ class _Speed(click.ParamType[float]):
 @click.option("--mapping", type=click.Path(path_type=Path), help="Of a log of another origin (see `uwserver log`).")
 @click.option("--port", type=click.IntRange(0, 65535), help="Port of the sockets adapter; 0 takes free ones.")
 @click.option("--bind", help="Address that it listens on.")
+@click.option("--adapter", "chosen", multiple=True, metavar="NAME", help="Serve this one as it was, on any network.")
 @click.option("--open", "opens", is_flag=True, help="Open the web view in a browser.")
 @click.option("--log-level", default="info", type=click.Choice(["debug", "info", "warning", "error"]))
 def play(
@@ -78,6 +65,7 @@ def play(
     mapping: Path | None,
     port: int | None,
     bind: str | None,
+    chosen: tuple[str, ...],
     opens: bool,
     log_level: str,
 ) -> None:
@@ -107,7 +95,7 @@ def play(
         for remark in track.remarks:
             log.warning("%s: %s", file.name, remark)
         timing = Timing("freerun" if speed == 0.0 else "realtime", speed or 1.0, paused)
-        status = _serve(track, timing, span, (port, bind), opens)
+        status = _serve(track, timing, span, (port, bind), chosen, opens)
     end_undisturbed()
     sys.exit(status)
 
@@ -140,14 +128,26 @@ def _renames(names: tuple[str, ...]) -> dict[str, str]:
     return renames
 
 
-def _serve(track: Track, timing: Timing, span: Range, address: tuple[int | None, str | None], opens: bool) -> int:
+def _serve(
+    track: Track,
+    timing: Timing,
+    span: Range,
+    address: tuple[int | None, str | None],
+    chosen: tuple[str, ...],
+    opens: bool,
+) -> int:
     from uwserver.adapter import installed_adapters
     from uwserver.server.life_cycle import Options, Server, StartFailed
     from uwserver.server.playback import Playback
     from uwserver.server.signals import run as run_loop
 
     adapters = installed_adapters()
-    resolved = with_address(_with_adapters(track.head.resolved, adapters, address[0]), *address, ())
+    try:
+        resolved = with_played_adapters(track.head.resolved, adapters, address[0], chosen)
+    except ValueError as error:
+        track.close()
+        raise click.ClickException(f"{track.path}: {error}") from error
+    resolved = with_address(resolved, *address, ())
     resolved, view = with_web_view(resolved, adapters, address[0])
     resolved, shown = with_view_token(resolved, view, makes=True)
 
@@ -176,43 +176,6 @@ def _serve(track: Track, timing: Timing, span: Range, address: tuple[int | None,
     except (StartFailed, OSError) as error:
         click.echo(f"uwserver: {error}", err=True)
         sys.exit(1)
-
-
-def _with_adapters(resolved: Resolved, known: Mapping[str, type[Any]], port: int | None) -> Resolved:
-    """The scenario with its adapters as their own types, but those that set the pace of a world, or would open files that a recording names."""
-    world, configs = resolved.scenario.world, {}
-    for name, table in resolved.scenario.adapters.items():
-        try:
-            config = _config(table, known)
-            if (getattr(config, "client", None) or name) in world.clock.lockstep_clients:
-                raise ValueError("it sets the pace of a world, and a recording has its own")
-            configs[name] = config
-        except (ValueError, TypeError, AttributeError) as error:
-            log.warning('adapter "%s" of the recording is left out: %s', name, error)
-    if not configs and "sockets" in known:
-        configs["sockets"] = known["sockets"]()
-    if port == 0:  # free ones for all, as beside the server that was recorded
-        configs = {
-            n: msgspec.structs.replace(c, port=0) if isinstance(getattr(c, "port", None), int) else c
-            for n, c in configs.items()
-        }
-    scenario = msgspec.structs.replace(resolved.scenario, adapters=configs)
-    return replace(resolved, scenario=scenario)
-
-
-def _config(table: Any, known: Mapping[str, type[Any]]) -> Any:
-    """The configuration of an adapter, from its table in a recording.
-
-    Raises:
-        ValueError: it is not installed, names files, or does not fit.
-    """
-    kind = table.get("kind")
-    if kind not in known:
-        raise ValueError(f"no adapter of kind {str(kind)[:40]!r} is installed")
-    named = [key for key in _OF_FILES if table.get(key)]
-    if named:
-        raise ValueError(f"it names files or devices ({', '.join(named)}), which a recording does not open")
-    return msgspec.convert(table, known[kind])
 
 
 COMMANDS = (play,)

@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 
 from uwserver.recording.format import FORMAT, METADATA, Head, head_with
+from uwserver.recording.parts import SERVED
 from uwserver.recording.player_file import NotOurs, NotPlayable
 from uwserver.recording.player_parts import PartChunks
 from uwserver.scenario.vehicle.tables import VehicleFile
@@ -29,6 +30,9 @@ def played_head(chunks: PartChunks) -> tuple[Head, tuple[str, ...]]:
     if then != FORMAT:
         text = f"the recording was made by uwserver {record.get('uwserver', 'of old')}, in the format {then}; this version plays {FORMAT}"
         raise NotPlayable(f"{chunks.path}: {text}: play it with that version")
+    if SERVED in record:
+        text = f"`uwserver record` took it from the server at {record[SERVED]}: the scenario is not in it, so that it cannot be played"
+        raise NotPlayable(f"{chunks.path}: {text}; what `uwserver run --record FILE` writes can be")
     try:
         whole = msgspec.json.decode(record["scenario"])
         left_out = _without_extensions(whole)

@@ -35,12 +35,12 @@ from uwserver.scenario.scene.scenery import still_water_view
 from uwserver.scenario.water.sea import water_of
 from uwserver.simulation.clock import Timing
 from uwserver.units import NANOSECONDS
-from uwserver.world.external.track import PoseTrack
+from uwserver.world.external.track import MAX_GAP_S, PoseTrack
 
 RATE_HZ = 120.0
 """Ticks a second on which a foreign log is played."""
 MOST_STATES = 30 * 3600 * 24
-"""Of a log: a day at `STATES_HZ`; a longer one gets fewer a second."""
+"""Of a log: a day at `STATES_HZ`; one that tells more gets fewer a second."""
 _BOX = {"kind": "box", "size_m": [0.6, 0.4, 0.3], "mass_kg": 10.0}
 _SI = {
     "m": ("km", "dm", "cm", "mm", "ft", "fathom", "nmi"),
@@ -160,15 +160,33 @@ def _states(log: Log, tracks: Mapping[str, PoseTrack], cast: Cast, shift: int) -
     """Where all bodies are, from the begin of the log to its end; one that is not told of stands where it was last."""
     first = min([log.start_ns, *(int(track.t_ns[0]) for track in tracks.values())])
     last = max([log.end_ns, *(int(track.t_ns[-1]) for track in tracks.values())])
-    step = max(round(NANOSECONDS / STATES_HZ), (last - first) // MOST_STATES)
-    for t_ns in range(first, last + 1, step):
-        rows = np.zeros((len(tracks), 7))
-        rows[:, 3] = 1.0
+    rows = np.zeros((len(tracks), 7))
+    rows[:, 3] = 1.0
+    for t_ns in _times(tracks, first, last):
+        rows = rows.copy()
         for row, track in zip(rows, tracks.values(), strict=True):
             pose = track.at(t_ns, "hold")
             if pose is not None:
                 row[:3], row[3:] = pose.p_NB, pose.q_NB
         yield Seen(0, SceneState(cast, t_ns - shift, rows, np.zeros(0, np.int8), (0.0, 0.0, 0.0)))
+
+
+def _times(tracks: Mapping[str, PoseTrack], first: int, last: int) -> list[int]:
+    """Times of states: at `STATES_HZ` wherever a track tells something, so that a leap in time, of years maybe, costs nothing; first and last."""
+    step = round(NANOSECONDS / STATES_HZ)
+    while True:
+        bridged = round(MAX_GAP_S * NANOSECONDS) // step + 1
+        starts = [np.unique((track.t_ns - first) // step) for track in tracks.values()]
+        counts = [np.append(np.minimum(np.diff(k), bridged), 2) for k in starts]
+        total = sum(int(each.sum()) for each in counts)
+        if total <= MOST_STATES:
+            break
+        step *= 1 + total // MOST_STATES
+    found = {first, last}
+    for start, count in zip(starts, counts, strict=True):
+        within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+        found.update((first + step * (np.repeat(start, count) + within)).tolist())
+    return sorted(t_ns for t_ns in found if t_ns <= last)
 
 
 def _scenario(log: Log, tracks: Mapping[str, PoseTrack]) -> Resolved:

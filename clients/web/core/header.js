@@ -98,7 +98,9 @@ export class Bars {
     const barred = !app.connected || Boolean(app.world?.read_only);
     for (const control of [this.pause, this.speed, this.reset, this.save, this.back]) control.disabled = barred;
     this.step.disabled = barred || !paused;
-    this.recording.hidden = !status.recording;
+    this.recording.hidden = !status.recording && !status.playback;
+    tell(this.recording, status.playback ? `recording ${status.playback.file}` : "REC");
+    this.recording.title = status.playback ? "A recording plays" : "The server records";
     if (document.activeElement !== this.speed && typeof status.speed === "number") {
       const speed = String(status.speed);
       if (![...this.speed.options].some((option) => option.value === speed)) this.speed.append(h("option", { value: speed }, `${speed} ×`));

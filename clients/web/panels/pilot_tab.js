@@ -12,6 +12,11 @@ const KEY_HELP = [
   [["Space"], "all stop"], [["Enter"], "take control"], [["1", "2", "3", "4"], "orbit, follow, on board, top"], [["N"], "next vehicle"], [["M"], "large map"], [["K"], "pause, go on"], [["L"], "lamps"], [["P"], "panels"], [["↑", "↓"], "tilt of the camera on board"],
 ];
 
+/** Of a recording that plays, whose time is steered. @type {[string[], string][]} */
+const TIME_HELP = [
+  [["Space"], "play, pause"], [["←", "→"], "one frame; with Shift 5 s"], [["[", "]"], "slower, faster"], [["1", "2", "3", "4"], "orbit, follow, on board, top"], [["N"], "next vehicle"], [["M"], "large map"], [["P"], "panels"],
+];
+
 /** @param {App} app @param {Pilot} pilot */
 export function pilotTab(app, pilot) {
   return (/** @type {HTMLElement} */ place) => {
@@ -29,30 +34,38 @@ export function pilotTab(app, pilot) {
     } });
     gain.value = String(pilot.gain);
     const gainText = h("b", { class: "mono" }, `${Math.round(100 * pilot.gain)} %`);
+    const keyList = h("dl", { class: "keys" });
     const padPlace = h("div", { class: "stack" });
     place.append(h("div", { class: "stack" }, owner, modes, note), h("h3", {}, "Sticks"),
       h("div", { class: "sticks" }, ...SHOWN.map((axis, k) => h("div", { class: "stick" }, h("span", {}, NAMES[AXES[axis]]), h("div", { class: "bar" }, bars[k].fill), bars[k].number))),
       h("div", { class: "row", style: "margin-top:8px" }, h("span", { class: "dim" }, "Gain"), gain, gainText),
       h("h3", {}, "Gamepad"), padPlace,
-      h("h3", {}, "Keys"), h("dl", { class: "keys" }, ...KEY_HELP.flatMap(([keys, text]) => [h("dt", {}, ...keys.map((key) => h("kbd", {}, key))), h("dd", {}, text)])));
+      h("h3", {}, "Keys"), keyList);
 
     const show = () => {
-      const { owns, owner: there } = pilot;
+      const { owns, owner: there, barred } = pilot;
       owner.className = `owner ${owns ? "mine" : there ? "theirs" : ""}`;
-      tell(who, !app.vehicle ? "Choose a vehicle" : owns ? `You steer ${app.vehicle}` : there ? `${there.owner} steers ${app.vehicle}` : `Nobody steers ${app.vehicle}`);
+      tell(who, barred ? barred : !app.vehicle ? "Choose a vehicle" : owns ? `You steer ${app.vehicle}` : there ? `${there.owner} steers ${app.vehicle}` : `Nobody steers ${app.vehicle}`);
       tell(take, owns ? "Give up" : "Take control");
       take.className = owns ? "" : "primary";
       take.hidden = Boolean(there) && !owns;
-      take.disabled = !app.vehicle || !app.connected || Boolean(app.world?.read_only);
-      force.hidden = !there || owns;
+      take.disabled = !app.vehicle || !app.connected || Boolean(barred);
+      force.hidden = !there || owns || Boolean(barred);
+      showKeys();
       showModes();
       showPad();
     };
+    const showKeys = () => {
+      const of = app.status.playback ? "time" : "vehicle";
+      if (keyList.dataset.of === of) return;
+      keyList.dataset.of = of;
+      keyList.replaceChildren(...(of === "time" ? TIME_HELP : KEY_HELP).flatMap(([keys, text]) => [h("dt", {}, ...keys.map((key) => h("kbd", {}, key))), h("dd", {}, text)]));
+    };
     const showModes = () => {
       const names = pilot.hasAutopilot ? pilot.modes : [];
-      if (modes.dataset.names !== names.join()) {
-        modes.dataset.names = names.join();
-        modes.replaceChildren(...names.map((mode) => h("button", { "data-mode": mode, title: mode === DIRECT ? "Disarm: sticks go to the actuators" : "Arm the autopilot in this mode", onclick: () => pilot.setMode(mode) }, mode === DIRECT ? "Direct" : spoken(mode))));
+      if (modes.dataset.names !== `${names} ${pilot.barred}`) {
+        modes.dataset.names = `${names} ${pilot.barred}`;
+        modes.replaceChildren(...names.map((mode) => h("button", { "data-mode": mode, title: mode === DIRECT ? "Disarm: sticks go to the actuators" : "Arm the autopilot in this mode", disabled: Boolean(pilot.barred), onclick: () => pilot.setMode(mode) }, mode === DIRECT ? "Direct" : spoken(mode))));
       }
       for (const button of modes.children) button.setAttribute("aria-pressed", String(/** @type {HTMLElement} */ (button).dataset.mode === pilot.mode));
       tell(note, !app.vehicle ? "" : pilot.hasAutopilot ? (pilot.state.failsafe ? `Fail-safe: ${pilot.state.failsafe}` : pilot.armed ? "Armed. A click on the map sends it there." : "Disarmed: sticks go to the actuators. A mode arms the autopilot.")
@@ -81,7 +94,7 @@ export function pilotTab(app, pilot) {
       fill.style.width = `${50 * Math.abs(value)}%`;
       tell(number, value.toFixed(2));
     }), 80);
-    const endings = [app.on("pilot", show), app.on("world", show), app.on("chosen", show), app.on("link", show)];
+    const endings = [app.on("pilot", show), app.on("world", show), app.on("described", show), app.on("status", show), app.on("chosen", show), app.on("link", show)];
     show();
     return () => {
       clearInterval(timer);

@@ -104,10 +104,23 @@ export class Pilot {
     this.app.emit("pilot");
   }
 
+  /** Why nobody can steer the chosen vehicle from here; empty where one can. */
+  get barred() {
+    const { app } = this;
+    if (app.status.playback) return "A recording plays: nothing in it can be steered.";
+    if (app.world?.read_only) return "This page may only watch.";
+    if (app.vehicle && app.description && !app.description.ports.some((port) => port.direction === "actuator" && port.path.startsWith(app.prefix))) return `${app.vehicle} has no actuators: it is moved from elsewhere.`;
+    return "";
+  }
+
   /** Take the lease of the chosen vehicle. @param {boolean} [force] */
   async take(force = false) {
     const vehicle = this.app.vehicle;
     if (!vehicle || this.asked || this.owns) return this.owns;
+    if (this.barred) {
+      toast(this.barred, "bad");
+      return false;
+    }
     this.asked = true;
     try {
       await this.app.link.call("web/lease/take", { vehicle, force });
@@ -204,7 +217,7 @@ export class Pilot {
     if (up) this.tiltBy((up * TILT_RADPS * PERIOD_MS) / 1000);
     AXES.forEach((_, k) => { this.sticks[k] = this.gain * Math.max(-1, Math.min(1, keys[k] + pad[k])); });
     const moves = this.sticks.some((value) => value !== 0);
-    if (moves && !this.owns && this.app.vehicle && !this.owner && !this.app.world?.read_only) void this.take();
+    if (moves && !this.owns && this.app.vehicle && !this.owner && !this.barred) void this.take();
     if (!this.owns || this.app.status.paused) return;
     this.quiet = moves ? 0 : this.quiet + 1;
     if (this.armed) {

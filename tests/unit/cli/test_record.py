@@ -14,9 +14,12 @@ from click.testing import CliRunner
 from mcap.reader import make_reader
 
 from uwserver.cli import record as record_module
+from uwserver.cli.plot import plot
 from uwserver.cli.record import Attached, Failed, record
 from uwserver.ports import Field, Port
 from uwserver.recording.format import EVENTS
+from uwserver.recording.player_file import NotPlayable
+from uwserver.recording.player_track import Track
 from uwserver.recording.reading import NotReplayable, Reading, head_record
 from uwserver.recording.replay import replay
 from uwserver.recording.writer import RecordingWriter
@@ -133,6 +136,22 @@ def test_it_cannot_be_replayed_and_says_so(tmp_path: Path):
     recorded(tmp_path / "a.mcap", Played(say(sample(0, 10), event("shutdown"))))
     with pytest.raises(NotReplayable, match="recorded from outside, by `uwserver record`"):
         replay(tmp_path / "a.mcap")
+
+
+def test_it_has_a_report_of_its_ports_alone(tmp_path: Path):
+    recorded(tmp_path / "a.mcap", Played(say(sample(0, 10), sample(1, 10**9), event("shutdown"))))
+    done = CliRunner().invoke(plot, [str(tmp_path / "a.mcap")])
+    assert done.exit_code == 0, done.output
+    assert "its scenario is not in the file" in done.output
+    assert "2 on 1 ports" in (tmp_path / "a.html").read_text(encoding="utf-8")
+
+
+def test_it_cannot_be_played_and_says_so(tmp_path: Path):
+    recorded(tmp_path / "a.mcap", Played(say(sample(0, 10), event("shutdown"))))
+    with pytest.raises(
+        NotPlayable, match=r"`uwserver record` took it .* cannot be played; what `uwserver run --record"
+    ):
+        Track(tmp_path / "a.mcap")
 
 
 def test_a_lost_connection_is_made_again_and_what_was_missed_is_counted(

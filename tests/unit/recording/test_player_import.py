@@ -15,6 +15,7 @@ from uwserver.recording import player_import
 from uwserver.recording.player_file import NotPlayable
 from uwserver.recording.player_import import import_log
 from uwserver.recording.player_track import Track
+from uwserver.world.external.track import PoseTrack
 
 MAPPING = """
 format = "uwserver-log-mapping-1"
@@ -133,3 +134,24 @@ def test_a_log_that_begins_before_0_is_played_from_0(
     assert track.state is not None
     np.testing.assert_allclose(track.state.poses[0, :3], [10.0, -20.0, 4.0], atol=0.4)
     track.close()
+
+
+def test_a_leap_of_years_has_states_only_where_poses_are() -> None:
+    leap = 60 * 365 * 86400 * 10**9
+    t_ns = np.array([0, 500_000_000, leap, leap + 10**9], dtype=np.int64)
+    poses = PoseTrack(t_ns, np.zeros((4, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (4, 1)))
+    times = np.array(player_import._times({"rov": poses}, 0, leap + 10**9))
+    assert len(times) < 100
+    assert (times[0], times[-1]) == (0, leap + 10**9)
+    for begin, end in ((0, 500_000_000), (leap, leap + 10**9)):
+        within = times[(times >= begin) & (times <= end)]
+        assert np.diff(np.concatenate(([begin], within, [end]))).max() <= 34_000_000
+
+
+def test_dense_logs_of_many_days_get_fewer_states(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(player_import, "MOST_STATES", 1000)
+    t_ns = np.arange(0, 1000 * 10**9, 10**8, dtype=np.int64)
+    poses = PoseTrack(t_ns, np.zeros((len(t_ns), 3)), np.tile([1.0, 0.0, 0.0, 0.0], (len(t_ns), 1)))
+    times = player_import._times({"rov": poses}, 0, int(t_ns[-1]))
+    assert 400 <= len(times) <= 1010
+    assert (times[0], times[-1]) == (0, t_ns[-1])

@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from uwserver.ports import Cast, Event, Field
 from uwserver.recording.format import EVENTS, METADATA
+from uwserver.recording.parts import SERVED
 from uwserver.recording.reading import NotReplayable, parts_of
 from uwserver.recording.states import CASTS, STATES, CastRecord, read_state
 from uwserver.scenario.files.opening import opened
@@ -244,7 +245,7 @@ class _Reading:
                     break
         except (McapError, ZstdError, struct.error, ValueError, MemoryError, EOFError) as error:
             if self._head is None:
-                text = f"{path}: not written by `uwserver run --record FILE`, or damaged at its start: {error}"
+                text = f"{path}: not written by `uwserver run --record FILE`, or damaged at its start{f': {error}' if str(error) else ''}"
                 raise ValueError(text) from error
             rest = "damaged" if file.read(1) else "cut off"
             self._remarks.append(f"The {name} is {rest} at byte {file.tell()}; the report ends there.")
@@ -258,7 +259,11 @@ class _Reading:
         """All that was read."""
         assert self._head is not None
         try:
-            scenario = msgspec.json.decode(self._head["scenario"], type=dict[str, Any])
+            if SERVED in self._head:  # by another process, which never had it
+                scenario: dict[str, Any] = {"scenario": {}}
+                self._remarks.append("Recorded from a running server: its scenario is not in the file.")
+            else:
+                scenario = msgspec.json.decode(self._head["scenario"], type=dict[str, Any])
         except (KeyError, msgspec.MsgspecError) as error:
             raise ValueError(f"{self._path}: its scenario cannot be read: {error}") from error
         for path, count in self._bad.items():

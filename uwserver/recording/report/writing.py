@@ -49,8 +49,9 @@ def write_picture(contents: Contents, path: Path) -> int:
 
 
 def _replaced(path: Path, write: Callable[[Path], object]) -> None:
-    """Write beside the file, then put it in its place: a full disk leaves no half report."""
+    """Write beside the file, then put it in its place: a full disk leaves no half report. Its folder is made."""
     beside = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    path.parent.mkdir(parents=True, exist_ok=True)
     try:
         write(beside)
         beside.replace(path)

@@ -37,7 +37,7 @@ def test_the_name_is_that_of_the_recording(run: Path, tmp_path: Path) -> None:
         (["nothing.mcap"], "nothing.mcap: No such file"),
         (["x.mcap", "--vehicle", "rovv"], 'no vehicle "rovv"'),
         (["x.mcap", "-o", "x.mcap"], "would be overwritten"),
-        (["x.mcap", "-o", "nowhere/x.html"], "No such file"),
+        (["x.mcap", "-o", "/dev/null/x.html"], "/dev/null: "),
     ],
 )
 def test_what_cannot_be_done_is_told(run: Path, arguments: list[str], told: str) -> None:
@@ -48,6 +48,21 @@ def test_what_cannot_be_done_is_told(run: Path, arguments: list[str], told: str)
     assert told in done.output
     assert "Traceback" not in done.output
     assert run.read_bytes() == before
+
+
+def test_the_folder_is_made(run: Path, tmp_path: Path) -> None:
+    file = tmp_path / "results" / "today" / "x.html"
+    done = CliRunner().invoke(plot, [str(run), "-o", str(file), "--vehicle", "other"])
+    assert done.exit_code == 0, done.output
+    assert file.is_file()
+
+
+def test_a_file_that_ends_at_once_has_no_empty_reason(tmp_path: Path) -> None:
+    (tmp_path / "x.mcap").write_bytes(b"")
+    done = CliRunner().invoke(plot, [str(tmp_path / "x.mcap")])
+    assert done.exit_code == 1
+    assert "damaged at its start" in done.output
+    assert not done.output.rstrip().endswith(":")
 
 
 def test_a_failed_write_leaves_what_was_there(

@@ -1,0 +1,126 @@
+"""Which adapters of a recording `uwserver play` serves: a file decides nothing about the network of whoever plays it."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+if TYPE_CHECKING:
+    from uwserver.scenario.load.resolved import Resolved
+
+log = logging.getLogger(__name__)
+
+SERVERS = ("sockets", "web", "foxglove", "rosbridge", "moosdb", "moos_text", "morse", "ros2", "zenoh")
+"""Kinds that listen at one address, and call nobody unless their table says so."""
+_REACHING = ("allow_network", "connect", "scouting", "discovery", "transport", "ardupilot")
+"""Keys by which a table makes one of those reach other machines."""
+_ALLOWING = ("allowed_origins", "allowed_hosts", "frame_ancestors")
+"""Keys that say who else may ask."""
+_OF_FILES = (
+    "alog", "tlog", "serial", "config_file", "config", "tls_cert", "tls_key", "tls_client_ca", "path", "folder", "file", "device",
+)  # fmt: skip
+"""Keys of adapters by which they would open a file or a device."""
+_HERE = re.compile(r"tcp/(127\.0\.0\.1|localhost|\[::1\]):\d{1,5}")
+_LOOPBACK = "127.0.0.1"
+_FREE_ENDPOINT = f"tcp/{_LOOPBACK}:0"
+
+
+def with_played_adapters(
+    resolved: Resolved, known: Mapping[str, type[Any]], port: int | None, chosen: Collection[str] = ()
+) -> Resolved:
+    """The scenario of a recording with the adapters that serve it, as their own types.
+
+    Without being asked for by name, an adapter listens on this machine alone; one that would reach others is left out. No adapter that would open a
+    file or a device, or that set the pace of the world, is served at all.
+
+    Args:
+        resolved: of the recording, whose adapters are plain tables.
+        known: configuration types of adapters, by kind.
+        port: 0 gives all free ports.
+        chosen: names of adapters that may do what their table says.
+
+    Raises:
+        ValueError: the recording has no adapter of a name in `chosen`.
+    """
+    world, tables, configs = resolved.scenario.world, resolved.scenario.adapters, {}
+    for name in chosen:
+        if name not in tables:
+            raise ValueError(f'the recording has no adapter "{name}"; there are: {", ".join(tables) or "none"}')
+    for name, table in tables.items():
+        try:
+            config = _config(table, known)
+            if (getattr(config, "client", None) or name) in world.clock.lockstep_clients:
+                raise ValueError("it sets the pace of a world, and a recording has its own")
+            configs[name] = config if name in chosen else _local(config)
+        except (ValueError, TypeError, AttributeError) as error:
+            log.warning('adapter "%s" of the recording is left out: %s', name, error)
+    if not configs and "sockets" in known:
+        configs["sockets"] = known["sockets"]()
+    if port == 0:  # beside the server that was recorded
+        configs = {name: _with_free_ports(config) for name, config in configs.items()}
+    here: dict[str, Any] = {"metrics_bind": _LOOPBACK, "allowed_hosts": ()}
+    if port == 0:
+        here["metrics_port"] = 0
+    server = msgspec.structs.replace(resolved.scenario.server, **here)
+    return replace(resolved, scenario=msgspec.structs.replace(resolved.scenario, adapters=configs, server=server))
+
+
+def _config(table: Any, known: Mapping[str, type[Any]]) -> Any:
+    """The configuration of an adapter, from its table in a recording.
+
+    Raises:
+        ValueError: it is not installed, names files, or does not fit.
+    """
+    kind = table.get("kind")
+    if kind not in known:
+        raise ValueError(f"no adapter of kind {str(kind)[:40]!r} is installed")
+    named = sorted(_named(table))
+    if named:
+        raise ValueError(f"it names files or devices ({', '.join(named)}), which a recording does not open")
+    return msgspec.convert(table, known[kind])
+
+
+def _named(table: Any) -> set[str]:
+    """Keys of a table, and of those in it, that name files or devices."""
+    if isinstance(table, Mapping):
+        return {
+            key for key in _OF_FILES if table.get(key) and not (key == "device" and isinstance(table[key], Mapping))
+        }.union(*map(_named, table.values()))
+    return set().union(*map(_named, table)) if isinstance(table, list | tuple) else set()
+
+
+def _local(config: Any) -> Any:
+    """An adapter that listens on this machine alone, for those that its kind lets in by itself.
+
+    Raises:
+        ValueError: it would reach further.
+    """
+    hint = "--adapter with its name serves it"
+    if config.__struct_config__.tag not in SERVERS:
+        raise ValueError(f"it speaks to addresses that the recording names: {hint}")
+    usual = {f.name: f.default for f in msgspec.structs.fields(config)}
+    reaching = [key for key in _REACHING if key in usual and getattr(config, key) != usual[key]]
+    if not all(_HERE.fullmatch(endpoint) for endpoint in getattr(config, "listen", None) or ()):
+        reaching.append("listen")
+    if reaching:
+        raise ValueError(f"it would reach other machines ({', '.join(reaching)}): {hint}")
+    changes = {key: usual[key] for key in _ALLOWING if key in usual}
+    if "bind" in usual:
+        changes["bind"] = _LOOPBACK
+    return msgspec.structs.replace(config, **changes)
+
+
+def _with_free_ports(config: Any) -> Any:
+    """An adapter that listens at ports that are free, wherever it has one."""
+    names = {f.name for f in msgspec.structs.fields(config)}
+    changes: dict[str, Any] = {
+        n: 0 for n in names if n.rpartition("_")[2] == "port" and isinstance(getattr(config, n), int)
+    }
+    if "listen" in names and not (config.listen is None and config.mode == "client"):
+        changes["listen"] = (_FREE_ENDPOINT,)
+    return msgspec.structs.replace(config, **changes)
