@@ -166,8 +166,8 @@ class FoxgloveAdapter:
         self.follow()
         try:
             async for message in connection:
-                client.hear(message)
-                await asyncio.sleep(0)  # a client that sends without end leaves the others their turn
+                # A client that sends without end leaves the others their turn; one that floods is not read for a while, so that it must wait.
+                await asyncio.sleep(client.hear(message))
         except ConnectionClosed:
             pass
         finally:

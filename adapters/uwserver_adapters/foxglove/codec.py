@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from uwserver.adapter import Undecodable, decode
 from uwserver.ports import Field, Json, Port, Service
 from uwserver.units import NANOSECONDS
 
@@ -221,10 +222,7 @@ def read_binary(message: bytes) -> ClientData | ServiceCall | PlaybackControl:
 
 def read_text(message: str) -> dict[str, Any]:
     """A text message of a client: an object with a text `op`. BadMessage where it is none."""
-    try:
-        found = msgspec.json.decode(message, type=dict[str, Any])
-    except (msgspec.MsgspecError, RecursionError) as error:
-        raise BadMessage(f"no JSON object: {error}") from error
+    found = _object(message.encode())
     if not isinstance(found.get("op"), str):
         raise BadMessage('a message needs an "op"')
     return found
@@ -232,9 +230,15 @@ def read_text(message: str) -> dict[str, Any]:
 
 def read_object(payload: bytes) -> dict[str, Any]:
     """The JSON object of a call or a published message; an empty payload is an empty one. BadMessage where it is none."""
-    if not payload.strip():
-        return {}
+    return _object(payload) if payload.strip() else {}
+
+
+def _object(text: bytes) -> dict[str, Any]:
+    """Weighed first: see `uwserver.adapter.decode`."""
     try:
-        return msgspec.json.decode(payload, type=dict[str, Any])
-    except (msgspec.MsgspecError, RecursionError) as error:
+        found = decode(text, "json")
+    except Undecodable as error:
         raise BadMessage(f"no JSON object: {error}") from error
+    if not isinstance(found, dict):
+        raise BadMessage("no JSON object")
+    return found

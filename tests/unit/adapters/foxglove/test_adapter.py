@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from uwserver_adapters.foxglove import FoxgloveAdapter
 from uwserver_adapters.foxglove.config import FoxgloveConfig
+from uwserver_adapters.foxglove.outbox import Outbox
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import InvalidStatus
 from websockets.typing import Subprotocol
@@ -437,9 +438,79 @@ def test_who_floods_is_told_once_and_not_heard(caplog: pytest.LogCaptureFixture)
         for _ in range(50):
             await peer.connection.send("{}")
         await peer.until(lambda: [m for m in peer.texts if "max_requests_per_s" in m.get("message", "")])
-        assert len([m for m in peer.texts if m["op"] == "status"]) <= 6
+        assert len([m for m in peer.texts if m["op"] == "status"]) <= 7
 
     run(test, max_requests_per_s=5)
+
+
+def test_a_client_that_floods_waits_and_loses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("uwserver.adapter.limits.WINDOW_S", 0.05)
+
+    async def test(world: FakeContext, peer: Peer) -> None:
+        for n in range(30):
+            await peer.say(op="getParameters", parameterNames=["none"], id=str(n))
+        await peer.until(lambda: [m for m in peer.texts if m.get("id") == "29"])
+        assert [m["id"] for m in peer.texts if m["op"] == "parameterValues"] == [str(n) for n in range(30)]
+
+    assert run(test, max_requests_per_s=5).stats.details["refused"]["flood"] >= 3  # type: ignore[index, call-overload]
+
+
+@pytest.mark.parametrize(
+    ("message", "complaint"),
+    [
+        ({"op": "unsubscribe", "subscriptionIds": [7] * 900}, "no subscription 7 (and 899 more of this message)"),
+        ({"op": "unsubscribe", "subscriptionIds": [7] * 6000}, "6000 entries: at most 1024"),
+        ({"op": "subscribe", "subscriptions": [{"id": n, "channelId": 9999} for n in range(900)]}, "(and 899 more"),
+        ({"op": "subscribe", "subscriptions": [{"id": n, "channelId": 1} for n in range(108)]}, "(and 99 more"),
+        ({"op": "setParameters", "parameters": [{"name": f"rov/gps/{n}", "value": 1} for n in range(600)]}, "(and 599"),
+        ({"op": "subscribeParameterUpdates", "parameterNames": ["x"] * 1025}, "1025 entries"),
+    ],
+)
+def test_a_message_is_answered_with_one_complaint_however_long_it_is(message: dict[str, Any], complaint: str) -> None:
+    async def test(world: FakeContext, peer: Peer) -> None:
+        await peer.say(**message)
+        await peer.say(op="getParameters", parameterNames=["none"], id="after")
+        await peer.until(lambda: [m for m in peer.texts if m.get("id") == "after"])
+        (told,) = [m["message"] for m in peer.texts if m["op"] == "status"]
+        assert complaint in told
+
+    run(test)
+
+
+def test_names_of_parameters_are_compared_with_the_known_ones_once_a_message(monkeypatch: pytest.MonkeyPatch) -> None:
+    compared: list[str] = []
+    monkeypatch.setattr(
+        "uwserver_adapters.foxglove.client.did_you_mean", lambda name, known: compared.append(name) or ""
+    )
+
+    async def test(world: FakeContext, peer: Peer) -> None:
+        await peer.say(op="setParameters", parameters=[{"name": f"no/{n}", "value": 1} for n in range(600)])
+        await peer.text("parameterValues")
+        assert compared == ["no/0"]
+
+    run(test)
+
+
+def test_an_outbox_that_overflows_says_so_once_and_drops_all() -> None:
+    async def whole() -> None:
+        world, overflows = context(), []
+        outbox = Outbox(_never, 10, 1 << 20, world.stats, lambda: overflows.append(1))
+        for _ in range(100):
+            outbox.put(b"x")
+        assert overflows == [1]
+        assert not outbox._waiting
+        assert world.stats.dropped == 100
+
+    asyncio.run(whole())
+
+
+def test_json_that_is_costly_to_decode_is_refused_unread() -> None:
+    async def test(world: FakeContext, peer: Peer) -> None:
+        await peer.connection.send('{"op":"getParameters","parameterNames":[],"id":[' + ",".join(["[]"] * 9000) + "]}")
+        assert "values in one message" in (await peer.text("status"))["message"]
+        assert not [m for m in peer.texts if m["op"] == "parameterValues"]
+
+    run(test)
 
 
 def test_a_client_that_does_not_read_loses_samples_and_nobody_waits() -> None:
