@@ -14,6 +14,7 @@ from uwserver_adapters.foxglove.catalogue import SCENE, Catalogue, parameters_of
 from uwserver_adapters.foxglove.codec import BadMessage, ClientData, PlaybackControl, ServiceCall
 from uwserver_adapters.foxglove.config import FoxgloveConfig
 from uwserver_adapters.foxglove.outbox import Outbox
+from uwserver_adapters.foxglove.playback import Playback
 
 _ERROR = 2
 _SUBSCRIPTIONS_OF_A_CHANNEL = 8
@@ -29,15 +30,13 @@ class Server(Protocol):
     context: AdapterContext
     catalogue: Catalogue
     refusals: Refusals
+    playback: Playback
 
     def follow(self) -> None:
         """What clients have subscribed has changed."""
 
     def newest_scene(self) -> tuple[int, bytes] | None:
         """Time and bytes of the newest scene."""
-
-    def told_playback(self, has_sought: bool, request: str) -> bytes | None:
-        """The state of a playback; None of a world that lives."""
 
 
 class Client:
@@ -273,9 +272,8 @@ class Client:
             nonlocal left
             left -= 1
             self._report(reply)
-            state = self._server.told_playback(message.seek_ns is not None, message.request) if left == 0 else None
-            if state is not None:
-                self.outbox.put(state)
+            if left == 0:
+                self._server.playback.tell(message.seek_ns is not None, message.request, self.outbox.put)
 
         for path, arguments in wanted:
             try:

@@ -150,7 +150,7 @@ def server_info(
     }
     if span_ns is not None:
         for key, t_ns in zip(("dataStartTime", "dataEndTime"), span_ns, strict=True):
-            seconds, nanos = divmod(t_ns, NANOSECONDS)
+            seconds, nanos = divmod(max(0, t_ns), NANOSECONDS)
             told[key] = {"sec": seconds, "nsec": nanos}
     return encode(told)
 
@@ -167,12 +167,12 @@ def call_failed(service: int, call: int, text: str) -> bytes:
 
 def data(subscription: int, t_ns: int, payload: bytes) -> bytes:
     """A message of a channel."""
-    return _HEAD.pack(_DATA, subscription, t_ns) + payload
+    return _HEAD.pack(_DATA, subscription, max(0, t_ns)) + payload
 
 
 def time(t_ns: int) -> bytes:
     """What time it is."""
-    return struct.pack("<BQ", _TIME, t_ns)
+    return struct.pack("<BQ", _TIME, max(0, t_ns))
 
 
 def response(service: int, call: int, payload: bytes) -> bytes:
@@ -183,7 +183,8 @@ def response(service: int, call: int, payload: bytes) -> bytes:
 def playback_state(state: int, t_s: float, speed: float, has_sought: bool, request: str) -> bytes:
     """How the playback of a recording stands."""
     name = request.encode()
-    head = struct.pack("<BBQfBI", _PLAYBACK, state, round(t_s * NANOSECONDS), speed, has_sought, len(name))
+    t_ns = max(0, round(t_s * NANOSECONDS))  # the protocol knows no time before 0
+    head = struct.pack("<BBQfBI", _PLAYBACK, state, t_ns, speed, has_sought, len(name))
     return head + name
 
 

@@ -20,7 +20,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.typing import Subprotocol
 
 from uwserver.adapter import VehicleFacts
-from uwserver.ports import Argument, Cast, Event, Field, Port, Present, SceneState, Service
+from uwserver.ports import Argument, Cast, Event, Field, Port, Present, Reply, SceneState, Service
 from uwserver.testing import FakeContext
 from uwserver.testing.fake_context import PORTS, SERVICES
 
@@ -309,6 +309,7 @@ def test_playback_is_steered() -> None:
         info = await peer.text("serverInfo")
         assert "playbackControl" in info["capabilities"]
         assert info["dataEndTime"] == {"sec": 9, "nsec": 0}
+        await peer.binary(5)  # how it stands, to begin with
         await peer.connection.send(struct.pack("<BBfBQI", 3, 0, 2.0, 1, 3_500_000_000, 2) + b"id")
         answer = await peer.binary(5)
         asked = {call.service: call.args for call in world.calls}
@@ -322,6 +323,35 @@ def test_playback_is_steered() -> None:
     world.scripts |= {f"playback/{name}": lambda args: None for name in ("pause", "resume", "seek", "speed")}
     world.scripts["playback/state"] = lambda args: dict(state)
     run(test, world)
+
+
+def test_a_player_that_answers_later_has_its_play_bar_too() -> None:
+    state = {"t_s": -4.0, "from_s": -5.0, "to_s": 9.0, "speed": 1.0, "paused": False}
+
+    async def whole() -> None:
+        world = context(services=PLAYBACK)
+        world.held = {"playback/state"}
+
+        async def answer() -> None:
+            await _settled(lambda: bool(world.calls))
+            world.calls.pop().finish(Reply(0, 0, dict(state)))
+
+        async with running(world), dial(world) as connection:
+            peer = Peer(connection)
+            await answer()
+            info = await peer.text("serverInfo")
+            assert "playbackControl" in info["capabilities"]
+            assert (info["dataStartTime"]["sec"], info["dataEndTime"]["sec"]) == (0, 9)
+            await answer()
+            assert struct.unpack_from("<BQf", await peer.binary(5), 1) == (0, 0, 1.0)
+            state["to_s"] = 7.0
+            world.say(Event("reset", 0, 0, "another run"))
+            await peer.text("serverInfo")
+            await answer()
+            assert (await peer.text("serverInfo"))["dataEndTime"]["sec"] == 7
+            assert (await peer.binary(5))[14] == 1
+
+    asyncio.run(asyncio.wait_for(whole(), 30.0))
 
 
 def test_a_world_that_lives_cannot_be_sought_in() -> None:
@@ -452,7 +482,8 @@ def test_a_client_that_floods_waits_and_loses_nothing(monkeypatch: pytest.Monkey
         await peer.until(lambda: [m for m in peer.texts if m.get("id") == "29"])
         assert [m["id"] for m in peer.texts if m["op"] == "parameterValues"] == [str(n) for n in range(30)]
 
-    assert run(test, max_requests_per_s=5).stats.details["refused"]["flood"] >= 3  # type: ignore[index, call-overload]
+    refused: Any = run(test, max_requests_per_s=5).stats.details["refused"]
+    assert refused["flood"] >= 3
 
 
 @pytest.mark.parametrize(
@@ -479,9 +510,12 @@ def test_a_message_is_answered_with_one_complaint_however_long_it_is(message: di
 
 def test_names_of_parameters_are_compared_with_the_known_ones_once_a_message(monkeypatch: pytest.MonkeyPatch) -> None:
     compared: list[str] = []
-    monkeypatch.setattr(
-        "uwserver_adapters.foxglove.client.did_you_mean", lambda name, known: compared.append(name) or ""
-    )
+
+    def suggest(name: str, known: object) -> str:
+        compared.append(name)
+        return ""
+
+    monkeypatch.setattr("uwserver_adapters.foxglove.client.did_you_mean", suggest)
 
     async def test(world: FakeContext, peer: Peer) -> None:
         await peer.say(op="setParameters", parameters=[{"name": f"no/{n}", "value": 1} for n in range(600)])
