@@ -126,7 +126,7 @@ class FoxgloveAdapter:
 
         origins = request.headers.get_all("Origin")
         for origin in origins:
-            if not _allows(self.config.allowed_origins, origin):
+            if not _allows((*self.config.allowed_origins, *self.config.watching_origins), origin):
                 text = f"pages of {origin[:200]} may not connect: name that origin in allowed_origins of the adapter"
                 return refuse(HTTPStatus.FORBIDDEN, "origin", text)
         for host in request.headers.get_all("Host"):
@@ -162,7 +162,9 @@ class FoxgloveAdapter:
             lambda: self._send_away(connection),
         )
         host, port = connection.remote_address[:2]
-        client = Client(self, f"{self.context.name}:{address_text(host, port)}", outbox)
+        origins = connection.request.headers.get_all("Origin") if connection.request is not None else []
+        watches = next((o[:200] for o in origins if not _allows(self.config.allowed_origins, o)), None)
+        client = Client(self, f"{self.context.name}:{address_text(host, port)}", outbox, watches)
         sending = self._loop.create_task(outbox.run())
         self.clients[client] = connection
         self.context.stats.peers = len(self.clients)

@@ -46,16 +46,17 @@ class Client:
         server: the adapter.
         name: of the peer, for the world.
         outbox: takes what it is sent.
+        origin: of a page that may only watch; None of who may command.
 
     Attributes:
         subscriptions: number of a channel -> numbers under which it subscribed it.
         outbox: as given.
     """
 
-    def __init__(self, server: Server, name: str, outbox: Outbox) -> None:
+    def __init__(self, server: Server, name: str, outbox: Outbox, origin: str | None = None) -> None:
         self.subscriptions: dict[int, list[int]] = {}
         self.outbox = outbox
-        self._server = server
+        self._server, self._origin = server, origin
         self._channel_of: dict[int, int] = {}
         self._publishes: dict[int, str] = {}
         self._rate = RateMeter(server.config.max_requests_per_s)
@@ -205,6 +206,13 @@ class Client:
             self._publishes.pop(number, None)
 
     def _may_change(self) -> None:
+        self._may_steer()
+        if self._origin is not None:
+            text = f"pages and programs of {self._origin} may only watch: name that origin in allowed_origins of the adapter's table"
+            raise Refused("denied", text)
+
+    def _may_steer(self) -> None:
+        """Whether it may play, pause and seek a recording, which changes no world."""
         if self._server.config.read_only:
             raise Refused("denied", "this server may only be watched: read_only is set in its table")
 
@@ -259,7 +267,7 @@ class Client:
         services = self._server.context.services
         if "playback/state" not in services:
             raise Refused("denied", "this world lives: only a recording that is played can be sought in")
-        self._may_change()
+        self._may_steer()
         wanted: list[tuple[str, dict[str, object]]] = []
         if math.isfinite(message.speed) and message.speed > 0.0:
             wanted.append(("playback/speed", {"speed": message.speed}))

@@ -438,6 +438,31 @@ def test_who_is_let_in(table: dict[str, Any], options: dict[str, Any], path: str
     asyncio.run(asyncio.wait_for(whole(), 30.0))
 
 
+@pytest.mark.parametrize(
+    ("origin", "table", "may"),
+    [
+        ("https://app.foxglove.dev", {}, False), ("file://", {}, False), ("http://localhost:8080", {}, False), (None, {}, True),
+        ("file://", {"allowed_origins": ("file://",)}, True), ("http://localhost:81", {"allowed_origins": ("http://localhost:*",)}, True),
+    ],
+)  # fmt: skip
+def test_pages_that_the_table_does_not_name_only_watch(origin: str | None, table: dict[str, Any], may: bool) -> None:
+    async def whole() -> None:
+        world = context()
+        async with running(world, **table), dial(world, origin=origin) as connection:
+            peer = Peer(connection)
+            services = {s["name"]: s["id"] for s in (await peer.text("advertiseServices"))["services"]}
+            await peer.connection.send(struct.pack("<BIII", 2, services["rov/gps/set"], 1, 4) + b"json{}")
+            await peer.say(op="advertise", channels=[{"id": 1, "topic": ACTUATOR.path, "encoding": "json"}])
+            await peer.say(op="setParameters", parameters=[{"name": "rov/gps/rate_hz", "value": 1}])
+            await peer.say(op="getParameters", parameterNames=["none"], id="watch")
+            await peer.until(lambda: [m for m in peer.texts if m.get("id") == "watch"])
+            refused = [m["message"] for m in peer.texts if "may only watch" in m.get("message", "")]
+            assert len(refused) == (0 if may else 3)
+            assert bool([c for c in world.calls if c.service == "rov/gps/set"]) is may
+
+    asyncio.run(asyncio.wait_for(whole(), 30.0))
+
+
 def test_who_tries_tokens_is_not_heard_for_a_while() -> None:
     async def whole() -> None:
         world = context()
