@@ -34,6 +34,7 @@ from uwserver_adapters.foxglove import codec
 from uwserver_adapters.foxglove.catalogue import FRAMES, LOG, SCENE, Catalogue
 from uwserver_adapters.foxglove.client import Client
 from uwserver_adapters.foxglove.config import FoxgloveConfig
+from uwserver_adapters.foxglove.door import Door
 from uwserver_adapters.foxglove.outbox import Outbox
 from uwserver_adapters.foxglove.playback import Playback
 from uwserver_adapters.native.limits import Lockout
@@ -81,6 +82,7 @@ class FoxgloveAdapter:
         self._told_t_ns = -1
         self._session = 0
         self._lockout = Lockout()
+        self._door = Door(self.refusals)
         self._watched: frozenset[int] = frozenset()
 
     async def run(self, ready: asyncio.Event) -> None:
@@ -91,7 +93,7 @@ class FoxgloveAdapter:
                 self._converse, config.bind, config.port, ssl=tls_context(config.tls_cert, config.tls_key, config.tls_client_ca),
                 subprotocols=[Subprotocol(name) for name in codec.SUBPROTOCOLS], process_request=self._objection,
                 open_timeout=config.hello_timeout_s, close_timeout=_CLOSE_S, ping_interval=_PING_S, ping_timeout=_PING_S,
-                max_size=MESSAGE_LIMIT, max_queue=4, compression=None, logger=_quiet, server_header=None,
+                max_size=MESSAGE_LIMIT, max_queue=4, compression=None, create_connection=self._door.connections(), logger=_quiet, server_header=None,
             )  # fmt: skip
         except OSError as error:
             raise cannot_listen(error, config.bind, config.port) from error
@@ -153,6 +155,7 @@ class FoxgloveAdapter:
 
     async def _converse(self, connection: ServerConnection) -> None:
         """One client from its greeting to its end."""
+        self._door.leave(connection)
         await self.playback.follow()
         outbox = Outbox(
             connection.send,

@@ -611,3 +611,20 @@ def test_beyond_loopback_a_token_is_made(monkeypatch: pytest.MonkeyPatch, caplog
 
     asyncio.run(asyncio.wait_for(whole(), 30.0))
     assert "one was made for this run" in caplog.text
+
+
+def test_silent_strangers_have_few_places_and_the_oldest_makes_way() -> None:
+    async def whole() -> None:
+        world = context()
+        async with running(world):
+            port = int(world.stats.address.rpartition(":")[2])
+            silent = [await asyncio.open_connection("127.0.0.1", port) for _ in range(70)]
+            assert await asyncio.wait_for(silent[0][0].read(), 5.0) == b""
+            async with dial(world) as connection:
+                await Peer(connection).text("serverInfo")
+            refused: Any = world.stats.details["refused"]
+            assert refused["strangers"] >= 6
+            for _, writer in silent:
+                writer.close()
+
+    asyncio.run(asyncio.wait_for(whole(), 30.0))
