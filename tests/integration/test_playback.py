@@ -6,6 +6,7 @@ import contextlib
 import json
 import re
 import signal
+import struct
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -15,6 +16,8 @@ import pytest
 import uwclient
 from chromium_rig import chromium_or_skip
 from mcap.reader import make_reader
+from websockets.sync.client import connect
+from websockets.typing import Subprotocol
 
 from uwserver.cli.chromium import PATIENCE_S, Browser, Page, browsing
 
@@ -35,6 +38,8 @@ position_ned_m = [0.0, 0.0, 2.0]
 kind = "sockets"
 [adapters.page]
 kind = "web"
+[adapters.viewer]
+kind = "foxglove"
 [server]
 metrics_port = 0
 """
@@ -54,6 +59,16 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @contextlib.contextmanager
 def playing(path: Path, *options: str) -> Iterator[tuple[int, str]]:
     """`uwserver play`: the port of its sockets, and the address of its page."""
+    with playing_said(path, *options) as said:
+        port, page = re.search(r"tcp: 127\.0\.0\.1:(\d+)", said), re.search(r"http://127\.0\.0\.1:\d+/", said)
+        assert port is not None, said
+        assert page is not None, said
+        yield int(port[1]), page[0]
+
+
+@contextlib.contextmanager
+def playing_said(path: Path, *options: str) -> Iterator[str]:
+    """`uwserver play`: what it says at its start."""
     command = [sys.executable, "-m", "uwserver", "play", str(path), "--port", "0", *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
         try:
@@ -63,14 +78,34 @@ def playing(path: Path, *options: str) -> Iterator[tuple[int, str]]:
                 said += line
                 if line.startswith("Ctrl-C"):
                     break
-            port, page = re.search(r"tcp: 127\.0\.0\.1:(\d+)", said), re.search(r"http://127\.0\.0\.1:\d+/", said)
-            assert port is not None, said
-            assert page is not None, said
-            yield int(port[1]), page[0]
+            yield said
             process.send_signal(signal.SIGTERM)
             assert process.wait(PATIENCE_S) == 0
         finally:
             process.kill()
+
+
+def test_the_play_bar_of_foxglove_steers_it(recording: Path) -> None:
+    with playing_said(recording, "--paused") as said:
+        address = re.search(r"viewer: (ws://127\.0\.0\.1:\d+)", said)
+        assert address is not None, said
+        with connect(address[1], subprotocols=[Subprotocol("foxglove.sdk.v1")]) as viewer:
+            info = json.loads(viewer.recv(PATIENCE_S))
+            assert "playbackControl" in info["capabilities"]
+            assert (info["dataStartTime"]["sec"], info["dataEndTime"]["sec"]) == (0, 20)
+
+            def state() -> tuple[int, int, float, int, bytes]:
+                while not isinstance(message := viewer.recv(PATIENCE_S), bytes) or message[0] != 5:
+                    pass
+                return (*struct.unpack_from("<BQfB", message, 1), message[19:])
+
+            first = state()
+            assert (first[0], *first[2:]) == (1, 1.0, 0, b"")
+            viewer.send(struct.pack("<BBfBQI", 3, 1, 2.0, 1, 3_500_000_000, 2) + b"id")
+            while (told := state())[-1] != b"id":
+                pass
+            assert (told[0], told[2], told[3]) == (1, 2.0, 1)
+            assert abs(told[1] - 3_500_000_000) < 100_000_000
 
 
 def recorded_samples(path: Path, topic: str) -> list[dict[str, object]]:

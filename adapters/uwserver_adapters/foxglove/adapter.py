@@ -29,12 +29,14 @@ from uwserver.adapter import (
     tls_context,
 )
 from uwserver.adapter.foxglove import SceneChannels
-from uwserver.ports import Event, Json, Port, Progress, Refused, Reply, Sample, SceneState
+from uwserver.ports import Event, Port, Refused, Sample, SceneState
 from uwserver_adapters.foxglove import codec
 from uwserver_adapters.foxglove.catalogue import FRAMES, LOG, SCENE, Catalogue
 from uwserver_adapters.foxglove.client import Client
 from uwserver_adapters.foxglove.config import FoxgloveConfig
+from uwserver_adapters.foxglove.door import Door
 from uwserver_adapters.foxglove.outbox import Outbox
+from uwserver_adapters.foxglove.playback import Playback
 from uwserver_adapters.native.limits import Lockout
 
 log = logging.getLogger(__name__)
@@ -53,6 +55,7 @@ class FoxgloveAdapter:
 
     Attributes:
         catalogue: what is offered.
+        playback: of a recording.
         clients: who is there.
     """
 
@@ -68,6 +71,7 @@ class FoxgloveAdapter:
         self._loop = asyncio.get_running_loop()
         self.refusals = Refusals(context.name, context.stats, self._loop.time)
         self.catalogue = Catalogue(context, config.shows_poses)
+        self.playback = Playback(context)
         self.clients: dict[Client, ServerConnection] = {}
         self._channels = SceneChannels(_found(context.mesh), _found(context.looks))
         self._scene: tuple[int, bytes] | None = None
@@ -78,6 +82,7 @@ class FoxgloveAdapter:
         self._told_t_ns = -1
         self._session = 0
         self._lockout = Lockout()
+        self._door = Door(self.refusals)
         self._watched: frozenset[int] = frozenset()
 
     async def run(self, ready: asyncio.Event) -> None:
@@ -88,7 +93,7 @@ class FoxgloveAdapter:
                 self._converse, config.bind, config.port, ssl=tls_context(config.tls_cert, config.tls_key, config.tls_client_ca),
                 subprotocols=[Subprotocol(name) for name in codec.SUBPROTOCOLS], process_request=self._objection,
                 open_timeout=config.hello_timeout_s, close_timeout=_CLOSE_S, ping_interval=_PING_S, ping_timeout=_PING_S,
-                max_size=MESSAGE_LIMIT, max_queue=4, compression=None, logger=_quiet, server_header=None,
+                max_size=MESSAGE_LIMIT, max_queue=4, compression=None, create_connection=self._door.connections(), logger=_quiet, server_header=None,
             )  # fmt: skip
         except OSError as error:
             raise cannot_listen(error, config.bind, config.port) from error
@@ -123,7 +128,7 @@ class FoxgloveAdapter:
 
         origins = request.headers.get_all("Origin")
         for origin in origins:
-            if not _allows(self.config.allowed_origins, origin):
+            if not _allows((*self.config.allowed_origins, *self.config.watching_origins), origin):
                 text = f"pages of {origin[:200]} may not connect: name that origin in allowed_origins of the adapter"
                 return refuse(HTTPStatus.FORBIDDEN, "origin", text)
         for host in request.headers.get_all("Host"):
@@ -150,6 +155,8 @@ class FoxgloveAdapter:
 
     async def _converse(self, connection: ServerConnection) -> None:
         """One client from its greeting to its end."""
+        self._door.leave(connection)
+        await self.playback.follow()
         outbox = Outbox(
             connection.send,
             self.config.queue_messages,
@@ -158,16 +165,19 @@ class FoxgloveAdapter:
             lambda: self._send_away(connection),
         )
         host, port = connection.remote_address[:2]
-        client = Client(self, f"{self.context.name}:{address_text(host, port)}", outbox)
+        origins = connection.request.headers.get_all("Origin") if connection.request is not None else []
+        watches = next((o[:200] for o in origins if not _allows(self.config.allowed_origins, o)), None)
+        client = Client(self, f"{self.context.name}:{address_text(host, port)}", outbox, watches)
         sending = self._loop.create_task(outbox.run())
         self.clients[client] = connection
         self.context.stats.peers = len(self.clients)
         self._greet(client)
+        self.playback.tell(False, "", outbox.put)
         self.follow()
         try:
             async for message in connection:
-                client.hear(message)
-                await asyncio.sleep(0)  # a client that sends without end leaves the others their turn
+                # A client that sends without end leaves the others their turn; one that floods is not read for a while, so that it must wait.
+                await asyncio.sleep(client.hear(message))
         except ConnectionClosed:
             pass
         finally:
@@ -185,7 +195,7 @@ class FoxgloveAdapter:
 
     def _greet(self, client: Client) -> None:
         capabilities = ["clientPublish", "parameters", "services", "time"]
-        span = self._span_ns()
+        span = self.playback.span_ns
         if span is not None:
             capabilities.append("playbackControl")
         world = self.context.world
@@ -201,38 +211,6 @@ class FoxgloveAdapter:
             client.tell(op="advertise", channels=[codec.told_channel(n, known[n]) for n in channels])
         if services:
             client.tell(op="advertiseServices", services=[codec.told_service(n, offered[n]) for n in services])
-
-    # -- playback ---------------------------------------------------------------------------------------------------------------------
-
-    def _playback(self) -> dict[str, Json] | None:
-        """What ``playback/state`` says; None of a world that lives."""
-        answers: list[Reply | Progress] = []
-        if "playback/state" in self.context.services:
-            with contextlib.suppress(Refused):
-                self.context.call("playback/state", {}, self.context.name, answers.append)
-        result = answers[0].result if answers and isinstance(answers[0], Reply) else None
-        return result if isinstance(result, dict) else None
-
-    def _span_ns(self) -> tuple[int, int] | None:
-        state = self._playback() or {}
-        begin, end = state.get("from_s"), state.get("to_s")
-        if not isinstance(begin, int | float) or not isinstance(end, int | float):
-            return None
-        return codec.nanoseconds(begin), codec.nanoseconds(end)
-
-    def told_playback(self, has_sought: bool, request: str) -> bytes | None:
-        """The state of a playback as a message; None of a world that lives."""
-        state = self._playback()
-        if state is None:
-            return None
-        t_s, speed = state.get("t_s"), state.get("speed")
-        return codec.playback_state(
-            codec.PAUSED if state.get("paused") else codec.PLAYING,
-            float(t_s) if isinstance(t_s, int | float) else 0.0,
-            float(speed) if isinstance(speed, int | float) else 1.0,
-            has_sought,
-            request,
-        )
 
     # -- states -----------------------------------------------------------------------------------------------------------------------
 
@@ -330,13 +308,23 @@ class FoxgloveAdapter:
                 if self._scene is not None and self.config.shows_poses:
                     client.show(self.catalogue.numbers[SCENE], event.t_ns, self._scene[1])
         if event.event in ("paused", "resumed", "reset"):
-            state = self.told_playback(event.event == "reset", "") if self.clients else None
-            if state is not None:
-                for client in self.clients:
-                    client.outbox.put(state)
+            self._tell_playback(event.event == "reset")
         if self.clients:
             message = self._channels.event(event)
             self._show(LOG, message.t_ns, message.data)
+
+    def _tell_playback(self, has_sought: bool) -> None:
+        known = self.playback.span_ns
+
+        def send(message: bytes) -> None:
+            is_another_run = has_sought and self.playback.span_ns != known
+            for client in self.clients:
+                if is_another_run:
+                    self._greet(client)
+                client.outbox.put(message)
+
+        if self.clients:
+            self.playback.tell(has_sought, "", send)
 
     def _offer_anew(self) -> None:
         came, went, services, services_gone = self.catalogue.follow()

@@ -14,8 +14,12 @@ from uwserver_adapters.foxglove.catalogue import SCENE, Catalogue, parameters_of
 from uwserver_adapters.foxglove.codec import BadMessage, ClientData, PlaybackControl, ServiceCall
 from uwserver_adapters.foxglove.config import FoxgloveConfig
 from uwserver_adapters.foxglove.outbox import Outbox
+from uwserver_adapters.foxglove.playback import Playback
 
 _ERROR = 2
+_SUBSCRIPTIONS_OF_A_CHANNEL = 8
+_ENTRIES_OF_A_REQUEST = 8
+"""Of a list, that count as one more request of a client."""
 _TEXT_LIMIT = 2000
 
 
@@ -26,15 +30,13 @@ class Server(Protocol):
     context: AdapterContext
     catalogue: Catalogue
     refusals: Refusals
+    playback: Playback
 
     def follow(self) -> None:
         """What clients have subscribed has changed."""
 
     def newest_scene(self) -> tuple[int, bytes] | None:
         """Time and bytes of the newest scene."""
-
-    def told_playback(self, has_sought: bool, request: str) -> bytes | None:
-        """The state of a playback; None of a world that lives."""
 
 
 class Client:
@@ -44,19 +46,19 @@ class Client:
         server: the adapter.
         name: of the peer, for the world.
         outbox: takes what it is sent.
+        origin: of a page that may only watch; None of who may command.
 
     Attributes:
         subscriptions: number of a channel -> numbers under which it subscribed it.
         outbox: as given.
     """
 
-    def __init__(self, server: Server, name: str, outbox: Outbox) -> None:
+    def __init__(self, server: Server, name: str, outbox: Outbox, origin: str | None = None) -> None:
         self.subscriptions: dict[int, list[int]] = {}
         self.outbox = outbox
-        self._server = server
+        self._server, self._origin = server, origin
         self._channel_of: dict[int, int] = {}
         self._publishes: dict[int, str] = {}
-        self._parameters: set[str] = set()
         self._rate = RateMeter(server.config.max_requests_per_s)
         self._asked = Conversation(server.context, name, Owed(server.config.max_unanswered))
         self._loop = asyncio.get_running_loop()
@@ -66,15 +68,19 @@ class Client:
         self._asked.close()
         self.subscriptions.clear()
 
-    def hear(self, message: str | bytes) -> None:
-        """A message of the client; what is wrong with it is told to it, and changes nothing."""
-        if not self._rate.take(self._loop.time()):
-            if self._rate.count == self._rate.most + 1:
-                self._server.refusals.note("flood", "a client asks more than max_requests_per_s")
-                self.complain(
-                    f"more than {self._rate.most} requests a second: the others are not heard (max_requests_per_s)"
-                )
-            return
+    def hear(self, message: str | bytes) -> float:
+        """A message of the client; what is wrong with it is told to it, once, and changes nothing. Gives the wall time for which no more of it
+        should be read, s: 0 unless it asks too much."""
+        now = self._loop.time()
+        self._rate.take(now)
+        self._obey(message)
+        if not self._rate.is_flooded(now):
+            return 0.0
+        self._server.refusals.note("flood", "a client asks more than max_requests_per_s")
+        self.complain(f"more than {self._rate.most} requests a second: the others wait (max_requests_per_s)")
+        return self._rate.end - now
+
+    def _obey(self, message: str | bytes) -> None:
         try:
             if isinstance(message, bytes):
                 self._binary(codec.read_binary(message))
@@ -86,9 +92,14 @@ class Client:
         except Refused as refused:
             self.complain(refused.fault.text)
 
-    def complain(self, text: str) -> None:
-        """Tell the person at the client."""
-        self.outbox.put(codec.status(_ERROR, text[:_TEXT_LIMIT]), is_text=True)
+    def complain(self, text: str, more: int = 0) -> None:
+        """Tell the person at the client, and how many more faults its message has."""
+        others = f" (and {more} more of this message)" if more > 0 else ""
+        self.outbox.put(codec.status(_ERROR, text[:_TEXT_LIMIT] + others), is_text=True)
+
+    def _complain_of(self, faults: list[str]) -> None:
+        if faults:
+            self.complain(faults[0], len(faults) - 1)
 
     def tell(self, **message: Any) -> None:
         """Send a text message."""
@@ -110,40 +121,64 @@ class Client:
             "getParameters": self._get_parameters,
             "setParameters": self._set_parameters,
             "subscribeParameterUpdates": self._watch,
-            "unsubscribeParameterUpdates": self._unwatch,
+            "unsubscribeParameterUpdates": self._watch,
         }
         handler = handlers.get(message["op"])
         if handler is None:
             raise BadMessage(f'no "op" is "{message["op"][:100]}"; there are: {", ".join(handlers)}')
         handler(message)
 
+    def _entries(self, message: Mapping[str, Any], key: str, kind: type) -> list[Any]:
+        """A list of a message. BadMessage: it has none, or one that is too long."""
+        found, most = message.get(key), self._server.config.max_subscriptions
+        if not isinstance(found, list) or not all(isinstance(entry, kind) for entry in found):
+            raise BadMessage(f'"{message["op"]}" needs a list "{key}"')
+        if len(found) > most:
+            raise BadMessage(f'"{key}" has {len(found)} entries: at most {most} a message (max_subscriptions)')
+        self._rate.take(self._loop.time(), len(found) // _ENTRIES_OF_A_REQUEST)
+        return found
+
     def _subscribe(self, message: dict[str, Any]) -> None:
-        scene = self._server.catalogue.numbers.get(SCENE)
-        for entry in _list_of(message, "subscriptions", dict):
+        faults: list[str] = []
+        for entry in self._entries(message, "subscriptions", dict):
             number, channel = _number(entry, "id"), _number(entry, "channelId")
-            if channel not in self._server.catalogue.channels:
-                self.complain(f"there is no channel {channel}")
-            elif number in self._channel_of:
-                self.complain(f"subscription {number} is there already")
-            elif len(self._channel_of) >= self._server.config.max_subscriptions:
-                self.complain(f"at most {self._server.config.max_subscriptions} subscriptions (max_subscriptions)")
-            else:
-                self._channel_of[number] = channel
-                self.subscriptions.setdefault(channel, []).append(number)
-                newest = self._server.newest_scene() if channel == scene else None
-                if newest is not None:
-                    self.outbox.put(codec.data(number, *newest))
+            fault = self._add_subscription(number, channel)
+            if fault is not None:
+                faults.append(fault)
+        self._complain_of(faults)
         self._server.follow()
 
+    def _add_subscription(self, number: int, channel: int) -> str | None:
+        """Gives why not."""
+        catalogue, most = self._server.catalogue, self._server.config.max_subscriptions
+        if channel not in catalogue.channels:
+            return f"there is no channel {channel}"
+        if number in self._channel_of:
+            return f"subscription {number} is there already"
+        if len(self._channel_of) >= most:
+            return f"at most {most} subscriptions (max_subscriptions)"
+        if len(self.subscriptions.get(channel, ())) >= _SUBSCRIPTIONS_OF_A_CHANNEL:
+            return (
+                f"channel {channel} is subscribed {_SUBSCRIPTIONS_OF_A_CHANNEL} times already: unsubscribe one of these"
+            )
+        self._channel_of[number] = channel
+        self.subscriptions.setdefault(channel, []).append(number)
+        newest = self._server.newest_scene() if channel == catalogue.numbers.get(SCENE) else None
+        if newest is not None:
+            self.outbox.put(codec.data(number, *newest))
+        return None
+
     def _unsubscribe(self, message: dict[str, Any]) -> None:
-        for number in _list_of(message, "subscriptionIds", int):
+        faults: list[str] = []
+        for number in self._entries(message, "subscriptionIds", int):
             channel = self._channel_of.pop(number, None)
             if channel is None:
-                self.complain(f"there is no subscription {number}")
+                faults.append(f"there is no subscription {number}"[:_TEXT_LIMIT])
                 continue
             self.subscriptions[channel].remove(number)
             if not self.subscriptions[channel]:
                 del self.subscriptions[channel]
+        self._complain_of(faults)
         self._server.follow()
 
     def forget(self, channels: Collection[int]) -> None:
@@ -154,7 +189,7 @@ class Client:
 
     def _advertise(self, message: dict[str, Any]) -> None:
         self._may_change()
-        for entry in _list_of(message, "channels", dict):
+        for entry in self._entries(message, "channels", dict):
             topic, encoding = entry.get("topic"), entry.get("encoding")
             if not isinstance(topic, str) or encoding != "json":
                 raise BadMessage('a channel needs a "topic", and "json" as its encoding')
@@ -167,10 +202,17 @@ class Client:
             self._publishes[_number(entry, "id")] = path
 
     def _unadvertise(self, message: dict[str, Any]) -> None:
-        for number in _list_of(message, "channelIds", int):
+        for number in self._entries(message, "channelIds", int):
             self._publishes.pop(number, None)
 
     def _may_change(self) -> None:
+        self._may_steer()
+        if self._origin is not None:
+            text = f"pages and programs of {self._origin} may only watch: name that origin in allowed_origins of the adapter's table"
+            raise Refused("denied", text)
+
+    def _may_steer(self) -> None:
+        """Whether it may play, pause and seek a recording, which changes no world."""
         if self._server.config.read_only:
             raise Refused("denied", "this server may only be watched: read_only is set in its table")
 
@@ -225,7 +267,7 @@ class Client:
         services = self._server.context.services
         if "playback/state" not in services:
             raise Refused("denied", "this world lives: only a recording that is played can be sought in")
-        self._may_change()
+        self._may_steer()
         wanted: list[tuple[str, dict[str, object]]] = []
         if math.isfinite(message.speed) and message.speed > 0.0:
             wanted.append(("playback/speed", {"speed": message.speed}))
@@ -238,9 +280,8 @@ class Client:
             nonlocal left
             left -= 1
             self._report(reply)
-            state = self._server.told_playback(message.seek_ns is not None, message.request) if left == 0 else None
-            if state is not None:
-                self.outbox.put(state)
+            if left == 0:
+                self._server.playback.tell(message.seek_ns is not None, message.request, self.outbox.put)
 
         for path, arguments in wanted:
             try:
@@ -251,10 +292,9 @@ class Client:
     # -- parameters -------------------------------------------------------------------------------------------------------------------
 
     def _get_parameters(self, message: dict[str, Any]) -> None:
-        names = _list_of(message, "parameterNames", str)
-        self._answer_parameters(names, message.get("id"))
+        self._answer_parameters(frozenset(self._entries(message, "parameterNames", str)), message.get("id"))
 
-    def _answer_parameters(self, names: list[str], request: object) -> None:
+    def _answer_parameters(self, names: frozenset[str], request: object) -> None:
         """Ask each component of which a setting is wanted, and tell all of them together."""
         known = parameters_of(self._server.context.services)
         wanted = [name for name in known if not names or name in names]
@@ -288,21 +328,24 @@ class Client:
     def _set_parameters(self, message: dict[str, Any]) -> None:
         self._may_change()
         known = parameters_of(self._server.context.services)
-        entries = [entry for entry in _list_of(message, "parameters", dict) if isinstance(entry.get("name"), str)]
+        entries = [e for e in self._entries(message, "parameters", dict) if isinstance(e.get("name"), str)]
         names = [entry["name"] for entry in entries]
         left = len(entries)
+        faults: list[str] = []
 
         def done(reply: Reply) -> None:
             nonlocal left
             left -= 1
-            self._report(reply)
+            if reply.fault is not None:
+                faults.append(reply.fault.text)
             if left == 0:
-                self._answer_parameters([name for name in names if name in known] or ["-"], message.get("id"))
+                self._complain_of(faults)
+                self._answer_parameters(frozenset(n for n in names if n in known) or frozenset("-"), message.get("id"))
 
         for entry in entries:
             name = entry["name"]
             if name not in known:
-                text = f'no parameter "{name[:200]}"{did_you_mean(name, known)}'
+                text = f'no parameter "{name[:200]}"{"" if faults else did_you_mean(name, known)}'
                 done(Reply(0, 0, fault=Fault("bad_argument", text)))
                 continue
             component, setting = known[name]
@@ -312,17 +355,8 @@ class Client:
                 done(Reply(0, 0, fault=refused.fault))
 
     def _watch(self, message: dict[str, Any]) -> None:
-        self._parameters |= set(_list_of(message, "parameterNames", str)[: self._server.config.max_subscriptions])
-
-    def _unwatch(self, message: dict[str, Any]) -> None:
-        self._parameters -= set(_list_of(message, "parameterNames", str))
-
-
-def _list_of(message: Mapping[str, Any], key: str, kind: type) -> list[Any]:
-    found = message.get(key)
-    if not isinstance(found, list) or not all(isinstance(entry, kind) for entry in found):
-        raise BadMessage(f'"{message["op"]}" needs a list "{key}"')
-    return found
+        """Taken, for viewers ask for it; changes of settings are not told by themselves."""
+        self._entries(message, "parameterNames", str)
 
 
 def _number(entry: Mapping[str, Any], key: str) -> int:

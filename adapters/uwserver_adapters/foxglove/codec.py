@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from uwserver.adapter import Undecodable, decode
 from uwserver.ports import Field, Json, Port, Service
 from uwserver.units import NANOSECONDS
 
@@ -149,7 +150,7 @@ def server_info(
     }
     if span_ns is not None:
         for key, t_ns in zip(("dataStartTime", "dataEndTime"), span_ns, strict=True):
-            seconds, nanos = divmod(t_ns, NANOSECONDS)
+            seconds, nanos = divmod(max(0, t_ns), NANOSECONDS)
             told[key] = {"sec": seconds, "nsec": nanos}
     return encode(told)
 
@@ -166,12 +167,12 @@ def call_failed(service: int, call: int, text: str) -> bytes:
 
 def data(subscription: int, t_ns: int, payload: bytes) -> bytes:
     """A message of a channel."""
-    return _HEAD.pack(_DATA, subscription, t_ns) + payload
+    return _HEAD.pack(_DATA, subscription, max(0, t_ns)) + payload
 
 
 def time(t_ns: int) -> bytes:
     """What time it is."""
-    return struct.pack("<BQ", _TIME, t_ns)
+    return struct.pack("<BQ", _TIME, max(0, t_ns))
 
 
 def response(service: int, call: int, payload: bytes) -> bytes:
@@ -182,7 +183,8 @@ def response(service: int, call: int, payload: bytes) -> bytes:
 def playback_state(state: int, t_s: float, speed: float, has_sought: bool, request: str) -> bytes:
     """How the playback of a recording stands."""
     name = request.encode()
-    head = struct.pack("<BBQfBI", _PLAYBACK, state, round(t_s * NANOSECONDS), speed, has_sought, len(name))
+    t_ns = max(0, round(t_s * NANOSECONDS))  # the protocol knows no time before 0
+    head = struct.pack("<BBQfBI", _PLAYBACK, state, t_ns, speed, has_sought, len(name))
     return head + name
 
 
@@ -221,10 +223,7 @@ def read_binary(message: bytes) -> ClientData | ServiceCall | PlaybackControl:
 
 def read_text(message: str) -> dict[str, Any]:
     """A text message of a client: an object with a text `op`. BadMessage where it is none."""
-    try:
-        found = msgspec.json.decode(message, type=dict[str, Any])
-    except (msgspec.MsgspecError, RecursionError) as error:
-        raise BadMessage(f"no JSON object: {error}") from error
+    found = _object(message.encode())
     if not isinstance(found.get("op"), str):
         raise BadMessage('a message needs an "op"')
     return found
@@ -232,9 +231,15 @@ def read_text(message: str) -> dict[str, Any]:
 
 def read_object(payload: bytes) -> dict[str, Any]:
     """The JSON object of a call or a published message; an empty payload is an empty one. BadMessage where it is none."""
-    if not payload.strip():
-        return {}
+    return _object(payload) if payload.strip() else {}
+
+
+def _object(text: bytes) -> dict[str, Any]:
+    """Weighed first: see `uwserver.adapter.decode`."""
     try:
-        return msgspec.json.decode(payload, type=dict[str, Any])
-    except (msgspec.MsgspecError, RecursionError) as error:
+        found = decode(text, "json")
+    except Undecodable as error:
         raise BadMessage(f"no JSON object: {error}") from error
+    if not isinstance(found, dict):
+        raise BadMessage("no JSON object")
+    return found

@@ -20,7 +20,9 @@ class FoxgloveConfig(AdapterTable, tag="foxglove", kw_only=True, frozen=True):
         UWSERVER_TOKEN where bind is not loopback; one is made and told where there is none then.
     read_only: clients may only watch: no commands, no services that change something, no parameters set.
     exact_poses: clients see where vehicles really are, which is ground truth; default: on loopback.
-    allowed_origins: pages that may connect, as for `sockets`. Default: Foxglove in a browser, and the desktop programs.
+    allowed_origins: pages that may connect and command, as for `sockets`; by default none may.
+    watching_origins: pages that may connect and watch, and steer a recording that is played, but change nothing else. Default: Foxglove in a
+        browser, the desktop programs, and pages of this machine.
     allowed_hosts: names by which this server may be asked, beside its addresses and localhost; "*" for any.
     tls_cert, tls_key, tls_client_ca: as for `sockets`; the address is wss then.
     frames_hz: poses and times a second of wall time, at most.
@@ -36,7 +38,8 @@ class FoxgloveConfig(AdapterTable, tag="foxglove", kw_only=True, frozen=True):
     token: Name | None = None
     read_only: bool = False
     exact_poses: bool | UnsetType = UNSET
-    allowed_origins: tuple[Name, ...] = (
+    allowed_origins: tuple[Name, ...] = ()
+    watching_origins: tuple[Name, ...] = (
         "https://app.foxglove.dev",
         "file://",
         "http://localhost:*",

@@ -16,7 +16,7 @@ class Outbox:
         send: sends one message, text or binary; waits while the client does not read.
         most, most_bytes: that may wait.
         stats: counts.
-        overflow: called when more than samples waits than may: the client reads too slowly.
+        overflow: called once, when more than samples waits than may: the client reads too slowly. All that waits is dropped then, and all that comes.
     """
 
     def __init__(
@@ -31,10 +31,14 @@ class Outbox:
         self._stats, self._overflow = stats, overflow
         self._waiting: deque[tuple[str | bytes, bool]] = deque()
         self._bytes = 0
+        self._is_over = False
         self._wake = asyncio.Event()
 
     def put(self, message: bytes, *, is_text: bool = False, is_sample: bool = False) -> None:
         """Queue a message."""
+        if self._is_over:
+            self._stats.dropped += 1
+            return
         self._waiting.append((message.decode() if is_text else message, is_sample))
         self._bytes += len(message)
         self._wake.set()
@@ -47,6 +51,10 @@ class Outbox:
         self._waiting = kept
         self._bytes = sum(len(entry[0]) for entry in kept)
         if len(kept) > self._most or self._bytes > self._most_bytes:
+            self._is_over = True
+            self._stats.dropped += len(kept)
+            self._waiting.clear()
+            self._bytes = 0
             self._overflow()
 
     async def run(self) -> None:

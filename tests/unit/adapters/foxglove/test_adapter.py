@@ -14,12 +14,13 @@ import numpy as np
 import pytest
 from uwserver_adapters.foxglove import FoxgloveAdapter
 from uwserver_adapters.foxglove.config import FoxgloveConfig
+from uwserver_adapters.foxglove.outbox import Outbox
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import InvalidStatus
 from websockets.typing import Subprotocol
 
 from uwserver.adapter import VehicleFacts
-from uwserver.ports import Argument, Cast, Event, Field, Port, Present, SceneState, Service
+from uwserver.ports import Argument, Cast, Event, Field, Port, Present, Reply, SceneState, Service
 from uwserver.testing import FakeContext
 from uwserver.testing.fake_context import PORTS, SERVICES
 
@@ -308,6 +309,7 @@ def test_playback_is_steered() -> None:
         info = await peer.text("serverInfo")
         assert "playbackControl" in info["capabilities"]
         assert info["dataEndTime"] == {"sec": 9, "nsec": 0}
+        await peer.binary(5)  # how it stands, to begin with
         await peer.connection.send(struct.pack("<BBfBQI", 3, 0, 2.0, 1, 3_500_000_000, 2) + b"id")
         answer = await peer.binary(5)
         asked = {call.service: call.args for call in world.calls}
@@ -321,6 +323,35 @@ def test_playback_is_steered() -> None:
     world.scripts |= {f"playback/{name}": lambda args: None for name in ("pause", "resume", "seek", "speed")}
     world.scripts["playback/state"] = lambda args: dict(state)
     run(test, world)
+
+
+def test_a_player_that_answers_later_has_its_play_bar_too() -> None:
+    state = {"t_s": -4.0, "from_s": -5.0, "to_s": 9.0, "speed": 1.0, "paused": False}
+
+    async def whole() -> None:
+        world = context(services=PLAYBACK)
+        world.held = {"playback/state"}
+
+        async def answer() -> None:
+            await _settled(lambda: bool(world.calls))
+            world.calls.pop().finish(Reply(0, 0, dict(state)))
+
+        async with running(world), dial(world) as connection:
+            peer = Peer(connection)
+            await answer()
+            info = await peer.text("serverInfo")
+            assert "playbackControl" in info["capabilities"]
+            assert (info["dataStartTime"]["sec"], info["dataEndTime"]["sec"]) == (0, 9)
+            await answer()
+            assert struct.unpack_from("<BQf", await peer.binary(5), 1) == (0, 0, 1.0)
+            state["to_s"] = 7.0
+            world.say(Event("reset", 0, 0, "another run"))
+            await peer.text("serverInfo")
+            await answer()
+            assert (await peer.text("serverInfo"))["dataEndTime"]["sec"] == 7
+            assert (await peer.binary(5))[14] == 1
+
+    asyncio.run(asyncio.wait_for(whole(), 30.0))
 
 
 def test_a_world_that_lives_cannot_be_sought_in() -> None:
@@ -407,6 +438,31 @@ def test_who_is_let_in(table: dict[str, Any], options: dict[str, Any], path: str
     asyncio.run(asyncio.wait_for(whole(), 30.0))
 
 
+@pytest.mark.parametrize(
+    ("origin", "table", "may"),
+    [
+        ("https://app.foxglove.dev", {}, False), ("file://", {}, False), ("http://localhost:8080", {}, False), (None, {}, True),
+        ("file://", {"allowed_origins": ("file://",)}, True), ("http://localhost:81", {"allowed_origins": ("http://localhost:*",)}, True),
+    ],
+)  # fmt: skip
+def test_pages_that_the_table_does_not_name_only_watch(origin: str | None, table: dict[str, Any], may: bool) -> None:
+    async def whole() -> None:
+        world = context()
+        async with running(world, **table), dial(world, origin=origin) as connection:
+            peer = Peer(connection)
+            services = {s["name"]: s["id"] for s in (await peer.text("advertiseServices"))["services"]}
+            await peer.connection.send(struct.pack("<BIII", 2, services["rov/gps/set"], 1, 4) + b"json{}")
+            await peer.say(op="advertise", channels=[{"id": 1, "topic": ACTUATOR.path, "encoding": "json"}])
+            await peer.say(op="setParameters", parameters=[{"name": "rov/gps/rate_hz", "value": 1}])
+            await peer.say(op="getParameters", parameterNames=["none"], id="watch")
+            await peer.until(lambda: [m for m in peer.texts if m.get("id") == "watch"])
+            refused = [m["message"] for m in peer.texts if "may only watch" in m.get("message", "")]
+            assert len(refused) == (0 if may else 3)
+            assert bool([c for c in world.calls if c.service == "rov/gps/set"]) is may
+
+    asyncio.run(asyncio.wait_for(whole(), 30.0))
+
+
 def test_who_tries_tokens_is_not_heard_for_a_while() -> None:
     async def whole() -> None:
         world = context()
@@ -437,9 +493,83 @@ def test_who_floods_is_told_once_and_not_heard(caplog: pytest.LogCaptureFixture)
         for _ in range(50):
             await peer.connection.send("{}")
         await peer.until(lambda: [m for m in peer.texts if "max_requests_per_s" in m.get("message", "")])
-        assert len([m for m in peer.texts if m["op"] == "status"]) <= 6
+        assert len([m for m in peer.texts if m["op"] == "status"]) <= 7
 
     run(test, max_requests_per_s=5)
+
+
+def test_a_client_that_floods_waits_and_loses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("uwserver.adapter.limits.WINDOW_S", 0.05)
+
+    async def test(world: FakeContext, peer: Peer) -> None:
+        for n in range(30):
+            await peer.say(op="getParameters", parameterNames=["none"], id=str(n))
+        await peer.until(lambda: [m for m in peer.texts if m.get("id") == "29"])
+        assert [m["id"] for m in peer.texts if m["op"] == "parameterValues"] == [str(n) for n in range(30)]
+
+    refused: Any = run(test, max_requests_per_s=5).stats.details["refused"]
+    assert refused["flood"] >= 3
+
+
+@pytest.mark.parametrize(
+    ("message", "complaint"),
+    [
+        ({"op": "unsubscribe", "subscriptionIds": [7] * 900}, "no subscription 7 (and 899 more of this message)"),
+        ({"op": "unsubscribe", "subscriptionIds": [7] * 6000}, "6000 entries: at most 1024"),
+        ({"op": "subscribe", "subscriptions": [{"id": n, "channelId": 9999} for n in range(900)]}, "(and 899 more"),
+        ({"op": "subscribe", "subscriptions": [{"id": n, "channelId": 1} for n in range(108)]}, "(and 99 more"),
+        ({"op": "setParameters", "parameters": [{"name": f"rov/gps/{n}", "value": 1} for n in range(600)]}, "(and 599"),
+        ({"op": "subscribeParameterUpdates", "parameterNames": ["x"] * 1025}, "1025 entries"),
+    ],
+)
+def test_a_message_is_answered_with_one_complaint_however_long_it_is(message: dict[str, Any], complaint: str) -> None:
+    async def test(world: FakeContext, peer: Peer) -> None:
+        await peer.say(**message)
+        await peer.say(op="getParameters", parameterNames=["none"], id="after")
+        await peer.until(lambda: [m for m in peer.texts if m.get("id") == "after"])
+        (told,) = [m["message"] for m in peer.texts if m["op"] == "status"]
+        assert complaint in told
+
+    run(test)
+
+
+def test_names_of_parameters_are_compared_with_the_known_ones_once_a_message(monkeypatch: pytest.MonkeyPatch) -> None:
+    compared: list[str] = []
+
+    def suggest(name: str, known: object) -> str:
+        compared.append(name)
+        return ""
+
+    monkeypatch.setattr("uwserver_adapters.foxglove.client.did_you_mean", suggest)
+
+    async def test(world: FakeContext, peer: Peer) -> None:
+        await peer.say(op="setParameters", parameters=[{"name": f"no/{n}", "value": 1} for n in range(600)])
+        await peer.text("parameterValues")
+        assert compared == ["no/0"]
+
+    run(test)
+
+
+def test_an_outbox_that_overflows_says_so_once_and_drops_all() -> None:
+    async def whole() -> None:
+        world, overflows = context(), []
+        outbox = Outbox(_never, 10, 1 << 20, world.stats, lambda: overflows.append(1))
+        for _ in range(100):
+            outbox.put(b"x")
+        assert overflows == [1]
+        assert not outbox._waiting
+        assert world.stats.dropped == 100
+
+    asyncio.run(whole())
+
+
+def test_json_that_is_costly_to_decode_is_refused_unread() -> None:
+    async def test(world: FakeContext, peer: Peer) -> None:
+        await peer.connection.send('{"op":"getParameters","parameterNames":[],"id":[' + ",".join(["[]"] * 9000) + "]}")
+        assert "values in one message" in (await peer.text("status"))["message"]
+        assert not [m for m in peer.texts if m["op"] == "parameterValues"]
+
+    run(test)
 
 
 def test_a_client_that_does_not_read_loses_samples_and_nobody_waits() -> None:
@@ -481,3 +611,20 @@ def test_beyond_loopback_a_token_is_made(monkeypatch: pytest.MonkeyPatch, caplog
 
     asyncio.run(asyncio.wait_for(whole(), 30.0))
     assert "one was made for this run" in caplog.text
+
+
+def test_silent_strangers_have_few_places_and_the_oldest_makes_way() -> None:
+    async def whole() -> None:
+        world = context()
+        async with running(world):
+            port = int(world.stats.address.rpartition(":")[2])
+            silent = [await asyncio.open_connection("127.0.0.1", port) for _ in range(70)]
+            assert await asyncio.wait_for(silent[0][0].read(), 5.0) == b""
+            async with dial(world) as connection:
+                await Peer(connection).text("serverInfo")
+            refused: Any = world.stats.details["refused"]
+            assert refused["strangers"] >= 6
+            for _, writer in silent:
+                writer.close()
+
+    asyncio.run(asyncio.wait_for(whole(), 30.0))
