@@ -16,7 +16,7 @@ globalThis.probe = {
     uw.app.emit("layers");
     uw.app.choose(uw.app.bodies.findIndex((body) => body.name === name));
     const { scene, stage } = uw.drawing;
-    const craft = scene.crafts[uw.app.chosen].group;
+    const craft = scene.crafts[uw.app.chosen].looks;
     const shown = probe.pixels();
     craft.visible = false;
     const without = probe.pixels();

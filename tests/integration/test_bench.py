@@ -33,6 +33,7 @@ GROUPS = [
     "net",
     "moos",
     "mavlink",
+    "ros",
     "sil",
     "web",
     "logs",

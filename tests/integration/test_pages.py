@@ -28,6 +28,7 @@ ELSEWHERE = {
     "docs/how-to/install.md": "tests/integration/test_distributions.py",
     "docs/how-to/logs.md": "tests/unit/cli/test_export.py",
     "docs/how-to/moos.md": "tests/unit/adapters/moos/test_how_to.py",
+    "docs/how-to/playback.md": "tests/integration/test_playback.py",
     "docs/how-to/morse.md": "tests/integration/test_morse.py",
     "docs/how-to/ros1.md": "tests/integration/test_ros1.py",
     "docs/how-to/px4.md": "tests/integration/test_real_px4.py",
