@@ -117,7 +117,7 @@ def _protobuf(name: str, schema: bytes) -> Decoding:
         message.ParseFromString(data)
         return _plain(message)
 
-    return Decoding(tuple(islice(_protobuf_fields(descriptor, "", "", 0), _MOST_FIELDS)), decode)
+    return Decoding(tuple(islice(_protobuf_fields(descriptor, "", "", ()), _MOST_FIELDS)), decode)
 
 
 def _plain(message: Any) -> dict[str, object]:
@@ -140,17 +140,20 @@ def _plain(message: Any) -> dict[str, object]:
     return found
 
 
-def _protobuf_fields(descriptor: Any, prefix: str, unit: str, depth: int) -> Iterator[LogField]:
-    if depth > _DEEPEST:
-        return
+def _protobuf_fields(descriptor: Any, prefix: str, unit: str, inside: tuple[str, ...]) -> Iterator[LogField]:
+    """Fields of a type, `inside` of others. One that holds itself, or is empty or too deep, is one field: so every type that is looked at gives
+    at least one, and who takes the first of them takes no longer than they are many."""
     names = ("double", "float", "int64", "uint64", "int32", "fixed64", "fixed32", "bool", "string", "group", "message", "bytes",
              "uint32", "enum", "sfixed32", "sfixed64", "sint32", "sint64")  # fmt: skip
+    inside = (*inside, descriptor.full_name)
     for field in descriptor.fields:
         its_unit = (
             _FOXGLOVE_UNITS.get(field.name, unit) if descriptor.full_name.startswith(("foxglove.", "google.")) else ""
         )
-        if field.message_type is not None and not field.is_repeated:
-            yield from _protobuf_fields(field.message_type, f"{prefix}{field.name}.", its_unit, depth + 1)
+        nested = field.message_type
+        can_open = nested is not None and not field.is_repeated and len(inside) <= _DEEPEST and nested.fields
+        if can_open and nested.full_name not in inside:
+            yield from _protobuf_fields(nested, f"{prefix}{field.name}.", its_unit, inside)
         else:
-            type_ = field.message_type.full_name if field.message_type is not None else names[field.type - 1]
+            type_ = nested.full_name if nested is not None else names[field.type - 1]
             yield LogField(f"{prefix}{field.name}", type_ + ("[]" if field.is_repeated else ""), its_unit)

@@ -12,6 +12,12 @@ _NAME = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*){1,3}", re.ASCII)
 """Only such names get near rosbags, which makes Python code of them."""
 _DEEPEST = 8
 _MOST_FIELDS = 400
+_MOST_UNROLLED = 4096
+"""Entries of fixed arrays of messages and texts: rosbags writes lines of code for each of them."""
+_SIZES = {
+    "int16": 2, "uint16": 2, "int32": 4, "uint32": 4, "int64": 8, "uint64": 8, "float32": 4, "float64": 8, "float128": 16, "string": 4, "wstring": 4,
+}  # fmt: skip
+"""Least bytes of a value where they are more than one."""
 _UNITS = {
     "sensor_msgs/msg/Imu": {"orientation": "1", "angular_velocity": "rad/s", "linear_acceleration": "m/s^2"},
     "sensor_msgs/msg/FluidPressure": {"fluid_pressure": "Pa", "variance": "Pa^2"},
@@ -74,10 +80,15 @@ class RosTypes:
         self._store.register(found)
 
     def decoder(self, name: str, ros1: bool) -> Callable[[bytes], Mapping[str, object]] | None:
-        """What makes the plain fields of a message of this type; None when nobody knows the type."""
+        """What makes the plain fields of a message of this type; None when nobody knows the type.
+
+        Raises:
+            LogError: a few bytes of it could ask for any amount of memory, or a type in it is not defined.
+        """
         name = full_name(name)
         if name not in self._store.fielddefs:
             return None
+        _Sizes(self._store.fielddefs).least(name)
         decode = self._store.deserialize_ros1 if ros1 else self._store.deserialize_cdr
 
         def decoded(data: bytes) -> Mapping[str, object]:
@@ -96,7 +107,9 @@ class RosTypes:
         return tuple(found)
 
     def _fields(self, name: str, prefix: str, unit: str, depth: int) -> Iterator[LogField]:
+        # `decoder` has refused types that hold themselves or nothing: each that is looked at gives a field.
         if depth > _DEEPEST or name not in self._store.fielddefs:
+            yield LogField(prefix.removesuffix("."), name, unit)
             return
         units = _UNITS.get(name, {})
         for field, described in self._store.fielddefs[name][1]:
@@ -110,6 +123,54 @@ class RosTypes:
                 inner, length = more
                 of = str(inner[1][0]) if int(inner[0]) == 1 else str(inner[1])
                 yield LogField(path, f"{of}[{length if kind == 3 and length else ''}]", its_unit)
+
+
+class _Sizes:
+    """Least sizes of the messages of these types, which keep what is decoded in proportion to the bytes of a message."""
+
+    def __init__(self, types: Mapping[str, Any]) -> None:
+        self._types = types
+        self._known: dict[str, int | None] = {}
+        self._unrolled = 0
+
+    def least(self, name: str) -> int:
+        """Bytes of the shortest message of a type.
+
+        Raises:
+            LogError: it holds itself, a message without a byte, an undefined one, or too long fixed arrays of messages or texts.
+        """
+        if name in self._known:
+            known = self._known[name]
+            if known is None:
+                raise LogError(f"{name} holds itself, as no type of ROS may")
+            return known
+        if name not in self._types:
+            raise LogError(f"{name} is not defined")
+        self._known[name] = None  # as long as it is open
+        total = 0
+        for field, (kind, more) in self._types[name][1]:
+            if field == "structure_needs_at_least_one_member":
+                continue  # of an empty type; in ROS 1 it is not there
+            if kind <= 2:
+                total += self._entry(name, field, kind, more)
+                continue
+            (of, what), length = more
+            size = self._entry(name, field, of, what)
+            if kind == 3 and (of == 2 or what[0] in ("string", "wstring")):
+                self._unrolled += length
+                if self._unrolled > _MOST_UNROLLED:
+                    raise LogError(f"{name}.{field}: more than {_MOST_UNROLLED} entries in fixed arrays of messages")
+            total += length * size if kind == 3 else 4
+        self._known[name] = total
+        return total
+
+    def _entry(self, name: str, field: str, kind: int, what: Any) -> int:
+        if kind == 1:
+            return _SIZES.get(str(what[0]), 1)
+        size = self.least(str(what))
+        if not size:
+            raise LogError(f"{name}.{field}: a {what} has not one byte: any number of them fits into a message")
+        return size
 
 
 def full_name(name: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping
 from contextlib import redirect_stdout
 from io import StringIO
@@ -17,6 +18,8 @@ from uwserver.logfiles.timebase import log_times, seconds
 
 _MEMBER = re.compile(r"(.+)\[(\d{1,4})\]")
 _LAST_NS = 1 << 62
+_MOST_COLUMNS = 131_072
+"""Of all topics; a log of PX4 has some ten thousand."""
 
 
 def open_file(path: Path, limits: Limits) -> IndexedLog:
@@ -25,14 +28,12 @@ def open_file(path: Path, limits: Limits) -> IndexedLog:
     Raises:
         LogError: there is not one datum in it, or it is too large to be kept in memory.
     """
-    from pyulog import ULog
-
     size = path.stat().st_size
     if size > 8 * limits.record_bytes:
         raise LogError(f"{path}: {size} bytes, of which no more than {8 * limits.record_bytes} are kept in memory")
     # It prints what it does not like, and leaves a file open that it does not understand.
     with path.open("rb") as file, redirect_stdout(StringIO()):
-        log: Any = ULog(file)
+        log: Any = _parser()(file)
     if len(log.data_list) > limits.topics:
         raise LogError(f"{path}: {len(log.data_list)} topics, more than {limits.topics}")
     remarks = []
@@ -66,13 +67,45 @@ def open_file(path: Path, limits: Limits) -> IndexedLog:
     return IndexedLog(path, "ulg", sources, entries, base, remarks=remarks)
 
 
+class _TooMany(Exception):
+    """Not a `LogError`, as pyulog takes every ValueError for damage and reads on."""
+
+
+def _parser() -> Any:
+    """pyulog's, that counts the columns of a topic before it makes them: arrays of types of arrays multiply."""
+    from pyulog import ULog
+
+    left = _MOST_COLUMNS
+
+    class Subscribed(ULog._MessageAddLogged):  # type: ignore[misc] # noqa: SLF001
+        def _parse_format(self, message_formats: Mapping[str, Any]) -> None:
+            nonlocal left
+            left -= _columns(self.message_name, message_formats, {})
+            if left < 0:
+                raise _TooMany(f"{self.message_name} and those before it have more than {_MOST_COLUMNS} values")
+            super()._parse_format(message_formats)
+
+    return type("BoundedULog", (ULog,), {"_MessageAddLogged": Subscribed})
+
+
+def _columns(name: str, formats: Mapping[str, Any], known: dict[str, int]) -> int:
+    """How many values a type has with all that is nested in it; an empty one counts as well."""
+    if name not in formats:
+        return 1  # a number, or unknown, which pyulog tells
+    if name not in known:
+        known[name] = _MOST_COLUMNS + 1  # if it holds itself
+        counts = (max(1, size) * _columns(type_, formats, known) for type_, size, _ in formats[name].fields)
+        known[name] = max(1, sum(counts))
+    return known[name]
+
+
 def _fields(topic: Any) -> tuple[LogField, ...]:
     found: dict[str, LogField] = {}
+    lengths = Counter(name.rpartition("[")[0] for name in topic.data)
     for name, column in topic.data.items():
         is_member = _MEMBER.fullmatch(name)
         if is_member:
-            length = sum(other.startswith(f"{is_member[1]}[") for other in topic.data)
-            found.setdefault(is_member[1], LogField(is_member[1], f"{column.dtype}[{length}]"))
+            found.setdefault(is_member[1], LogField(is_member[1], f"{column.dtype}[{lengths[is_member[1]]}]"))
         else:
             found[name] = LogField(name, str(column.dtype), "us" if name in ("timestamp", "timestamp_sample") else "")
     return tuple(found.values())

@@ -4,6 +4,7 @@ import struct
 
 import numpy as np
 import pytest
+from pyulog import ULog
 
 from uwserver.logfiles import LogError
 from uwserver.logfiles.poses import pose_tracks
@@ -80,3 +81,22 @@ def test_without_data(opened):
 def test_what_does_not_fit_memory_is_refused(opened):
     with pytest.raises(LogError, match="kept in memory"):
         opened(px4(), "flight.ulg", record_bytes=100)
+
+
+@pytest.mark.parametrize(
+    "formats",
+    [
+        ["x:uint64_t timestamp;y[100] a;", "y:z[100] a;", "z:w[100] a;", "w:uint8_t[3] b;"],
+        ["x:uint64_t timestamp;y[60000] a;", "y:z[60000] a;", "z:"],
+        ["x:uint64_t timestamp;y a;", "y:x[2] a;"],
+    ],
+)
+def test_arrays_of_types_of_arrays_are_counted_before_they_are_made(opened, formats, monkeypatch):
+    raw = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0)
+    raw += b"".join(message("F", text.encode()) for text in formats)
+    raw += message("A", struct.pack("<BH", 0, 0) + b"x") + message("D", struct.pack("<H", 0) + bytes(64)) * 2
+    made = []
+    monkeypatch.setattr(ULog._MessageAddLogged, "_parse_nested_type", lambda self, *a: made.append(a))
+    with pytest.raises(LogError, match="more than 131072 values"):
+        opened(raw, "flight.ulg")
+    assert not made
