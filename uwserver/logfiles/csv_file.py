@@ -49,9 +49,10 @@ def _open(path: Path, data: mmap.mmap, limits: Limits) -> IndexedLog:
         raise LogError(f"{path}:{line}: a header of {end - at} bytes: no table")
     header = data[at:end].decode(errors="replace").strip()
     separator = max(",;\t", key=header.count)
-    names = _unique([name.strip() for name in _cells(header, separator)])
-    if len(names) > limits.topics or not any(names):
-        raise LogError(f"{path}:{line}: {len(names)} columns: no table")
+    cells = [name.strip() for name in _cells(header, separator)]
+    if len(cells) > limits.topics or not any(cells):
+        raise LogError(f"{path}:{line}: {len(cells)} columns: no table")
+    names = _unique(cells)
     fields = tuple(field_of(name, "number or text") for name in names)
     time = time_column(fields)
     if time is None:
@@ -112,8 +113,8 @@ def _value(cell: str) -> object:
 
 
 def _unique(names: Sequence[str]) -> list[str]:
-    found: list[str] = []
+    found: dict[str, None] = {}
     for k, name in enumerate(names):
         name = name or f"column_{k + 1}"
-        found.append(name if name not in found else f"{name}_{k + 1}")
-    return found
+        found[name if name not in found else f"{name}_{k + 1}"] = None
+    return list(found)

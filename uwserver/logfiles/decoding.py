@@ -14,6 +14,8 @@ from uwserver.logfiles.ros_messages import Definition, RosTypes
 
 _DEEPEST = 8
 _MOST_FIELDS = 400
+_OF_PLAYERS = "uwserver-state"
+"""Where all bodies are, in a recording of ours: bytes for who plays it, of which nothing is lost here, as the same poses have ports."""
 _ABOUT = re.compile(r"; unit ([^;]+)|; frame ([^;]+)")
 _FOXGLOVE_UNITS = {
     "position": "m",
@@ -55,6 +57,8 @@ def decoding(encoding: str, schema_name: str, schema_encoding: str, schema: byte
         decode = types.decoder(schema_name, encoding == "ros1")
         if decode is not None:
             return Decoding(types.fields(schema_name), decode)
+    if encoding == _OF_PLAYERS:
+        return Decoding((LogField("data", "bytes"),), lambda data: {"data": data})
     return undecoded(
         f"messages are {encoding or 'of no encoding'} with a schema {schema_encoding or 'of none'}: only their bytes are given"
     )

@@ -14,6 +14,9 @@ from uwserver.logfiles.indexed import Entries, IndexedLog, Source
 from uwserver.logfiles.log import Limits, LogError
 from uwserver.logfiles.timebase import time_base
 
+_CELL_BYTES = 16
+"""Of memory that a cell takes at least once it is unpacked."""
+
 
 def open_file(path: Path, limits: Limits) -> IndexedLog:
     """The log in a Parquet file. Units and frames are read from the metadata ``unit`` and ``frame`` of its columns.
@@ -33,6 +36,12 @@ def open_file(path: Path, limits: Limits) -> IndexedLog:
             size = about.row_group(k).total_byte_size
             if not 0 <= size <= limits.record_bytes:
                 raise LogError(f"{path}: row group {k} has {size} bytes unpacked, more than {limits.record_bytes}")
+            # Pages tell their size as encoded: a run of equal values takes none.
+            rows = about.row_group(k).num_rows
+            if rows * about.num_columns * _CELL_BYTES > limits.record_bytes:
+                raise LogError(
+                    f"{path}: row group {k} has {rows} rows of {about.num_columns} columns: write smaller row groups"
+                )
         fields = []
         for column in schema:
             said = {

@@ -1,5 +1,7 @@
 """Tables as text."""
 
+import time
+
 import numpy as np
 import pytest
 
@@ -71,3 +73,16 @@ def test_hostile_bytes_never_crash(opened):
         except LogError:
             continue
         assert times == sorted(times)
+
+
+def test_a_header_of_commas_costs_little(opened):
+    """Each name was compared with all before it: an hour for a megabyte."""
+    start = time.process_time()
+    with pytest.raises(LogError, match="columns"):
+        opened(b"t" + b"," * 900_000 + b"\n", "commas.csv")
+    assert time.process_time() - start < 5.0
+
+
+def test_names_that_stand_twice_are_told_apart(opened):
+    log = opened(b"t_s,a,a,,a\n0,1,2,3,4\n", "twice.csv")
+    assert [field.name for field in log.topics["twice"].fields] == ["t_s", "a", "a_3", "column_4", "a_5"]

@@ -64,3 +64,13 @@ def test_damaged_files_never_crash(tmp_path, read_log):
         except LogError:
             continue
         assert times == sorted(times)
+
+
+def test_equal_rows_that_take_no_room_are_refused_before_they_are_unpacked(tmp_path, read_log):
+    """A page tells its size as encoded: twenty million equal rows are some kilobytes of file."""
+    file = tmp_path / "bomb.parquet"
+    n = 3_000_000
+    table = pa.table({"t_s": pa.array(np.zeros(n)), "x": pa.array(np.zeros(n))})
+    pq.write_table(table, file, row_group_size=n)
+    with pytest.raises(LogError, match="smaller row groups"):
+        read_log(file, record_bytes=64 << 20)
