@@ -20,6 +20,8 @@ from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
 from uwserver.cli.chromium import PATIENCE_S, Browser, Page, browsing
+from uwserver.cli.play import COMMANDS as PLAY
+from uwserver.recording.player_services import PLAYBACK_SERVICES
 
 PROBES = Path(__file__).parents[1] / "page_probes.js"
 SCENARIO = """
@@ -214,3 +216,13 @@ def test_the_page_of_a_recording_offers_no_control(page: Page) -> None:
     assert page.ask("document.querySelector('.owner button').disabled") is True
     assert "play, pause" in str(page.ask("document.querySelector('dl.keys').textContent"))
     assert page.ask("uw.pilot.take()") is False
+
+
+def test_the_page_names_options_and_services_that_there_are() -> None:
+    """docs/how-to/playback.md: its listings need logs of the reader's own."""
+    page = (Path(__file__).parents[2] / "docs/how-to/playback.md").read_text()
+    (play,) = (command for command in PLAY if command.name == "play")
+    options = {name for parameter in play.params for name in parameter.opts} | {"--mapping", "--help"}
+    assert set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", page)) <= options
+    there = {service.path for service in PLAYBACK_SERVICES}
+    assert set(re.findall(r"playback/[a-z]+", page)) <= there
