@@ -92,6 +92,12 @@ def test_a_dive_is_recorded_read_drawn_and_replayed(tmp_path):
     assert "replay" in " ".join(said)
 
 
+def test_a_report_is_written(tmp_path):
+    follow("docs/how-to/report.md", tmp_path)
+    assert "</html>" in (tmp_path / "dive.html").read_text()
+    assert {path.suffix for path in (tmp_path / "results").iterdir()} == {".html", ".png", ".pdf"}
+
+
 def test_the_sea_moves(tmp_path):
     said = follow("docs/how-to/sea.md", tmp_path)
     velocity = re.findall(r"-?\d\.\d+(?:e-\d+)?", printed(said, "ScenarioBuilder"))

@@ -222,7 +222,7 @@ def test_the_page_names_options_and_services_that_there_are() -> None:
     """docs/how-to/playback.md: its listings need logs of the reader's own."""
     page = (Path(__file__).parents[2] / "docs/how-to/playback.md").read_text()
     (play,) = (command for command in PLAY if command.name == "play")
-    options = {name for parameter in play.params for name in parameter.opts} | {"--mapping", "--help"}
+    options = {name for parameter in play.params for name in parameter.opts} | {"--mapping", "--record"}
     assert set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", page)) <= options
     there = {service.path for service in PLAYBACK_SERVICES}
     assert set(re.findall(r"playback/[a-z]+", page)) <= there
