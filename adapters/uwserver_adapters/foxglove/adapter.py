@@ -84,6 +84,7 @@ class FoxgloveAdapter:
         self._lockout = Lockout()
         self._door = Door(self.refusals)
         self._watched: frozenset[int] = frozenset()
+        self._ending: asyncio.Future[None] = self._loop.create_future()
 
     async def run(self, ready: asyncio.Event) -> None:
         """Serve until cancelled. CannotListen: see there."""
@@ -106,6 +107,7 @@ class FoxgloveAdapter:
         finally:
             if self._timer is not None:
                 self._timer.cancel()
+            self._ending.set_result(None)
             server.close()
             for connection in list(self.clients.values()):
                 connection.transport.abort()
@@ -177,7 +179,10 @@ class FoxgloveAdapter:
         try:
             async for message in connection:
                 # A client that sends without end leaves the others their turn; one that floods is not read for a while, so that it must wait.
-                await asyncio.sleep(client.hear(message))
+                # Not for longer than the adapter serves.
+                await asyncio.wait({self._ending}, timeout=client.hear(message))
+                if self._ending.done():
+                    return
         except ConnectionClosed:
             pass
         finally:
