@@ -145,6 +145,7 @@ class Adcp(Sensor):
     )
     settings: AdcpSettings
     memory: AdcpMemory
+    paces = True  # an ideal one does not look at the errors that its memory holds besides
 
     def __init__(self, mount: Pose, config: AdcpConfig) -> None:
         self._mount, self._config = mount, config
