@@ -7,7 +7,6 @@ and ends with its standard input: it cannot outlive who started it.
 from __future__ import annotations
 
 import asyncio
-import secrets
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
@@ -80,7 +79,7 @@ async def _serve(resolved: Resolved, seed: int | None, token: str) -> int:
 
 
 def _main(scenario: str, seed: str = "") -> int:
-    from uwserver.adapter import installed_adapters
+    from uwserver.adapter import installed_adapters, new_token
     from uwserver.logs import set_up_logging
     from uwserver.scenario.files.errors import ScenarioError
     from uwserver.scenario.load.scenario import load
@@ -88,7 +87,7 @@ def _main(scenario: str, seed: str = "") -> int:
     from uwserver.server.signals import end_undisturbed, run
 
     set_up_logging("error", False)
-    adapters, token = installed_adapters(), secrets.token_hex(24)
+    adapters, token = installed_adapters(), new_token()
     try:
         resolved = seen_alone(load(scenario, adapters=adapters), adapters, token)
         status = run(_serve(resolved, int(seed) if seed else None, token))

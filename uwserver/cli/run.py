@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import math
 import os
-import secrets
 import shutil
 import sys
 from collections.abc import Callable, Mapping
@@ -20,9 +19,10 @@ import msgspec
 
 from uwserver.cli.colour import coloured_problems, styled
 from uwserver.cli.rotation import rotated
-from uwserver.cli.web_view import ViewToken, open_page, where_to_look, with_token, with_view_token, with_web_view
+from uwserver.cli.web_view import open_page, where_to_look, with_token, with_view_token, with_web_view
 
 if TYPE_CHECKING:
+    from uwserver.adapter import Token
     from uwserver.recording.parts import Rotation
     from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
     from uwserver.server.life_cycle import Options
@@ -188,17 +188,19 @@ def _with_adapter(resolved: Resolved, name: str, changes: dict[str, Any]) -> Res
 
 def _with_new_token(resolved: Resolved) -> tuple[Resolved, str]:
     """The scenario with the token that its first sockets adapter would make itself, so that the printed commands hold it; "" for none."""
-    from uwserver.adapter import is_loopback
+    from uwserver.adapter import is_loopback, new_token
 
     name = _first_sockets(resolved)
     if name is None or _has_token(resolved, name) or is_loopback(_config(resolved, name).bind):
         return resolved, ""
-    token = secrets.token_hex(24)  # no hyphen in front, which a command line takes for an option
+    token = new_token()
     return _with_adapter(resolved, name, {"token": token}), token
 
 
 def _has_token(resolved: Resolved, name: str) -> bool:
-    return bool(_config(resolved, name).token or os.environ.get("UWSERVER_TOKEN"))
+    from uwserver.adapter import known_token
+
+    return known_token(_config(resolved, name).token) is not None
 
 
 def _config(resolved: Resolved, name: str) -> Any:
@@ -239,7 +241,7 @@ def _announce(
     addresses: dict[str, str],
     *,
     view: str = "",
-    shown: ViewToken = ViewToken(),  # noqa: B008  # immutable
+    shown: Token | None = None,
     opens: bool = False,
 ) -> None:
     """Say where to look, where to connect and what to type next.
@@ -250,14 +252,14 @@ def _announce(
         token: that was made for this run; "" for one that the user knows, or none.
         addresses: of the adapters, by name.
         view: name of the adapter of the web view; "" for none.
-        shown: token that its pages need.
+        shown: token that its pages need; None for none.
         opens: open it.
     """
     from uwserver.cli.scenario import alike
 
     page = addresses.get(view, "")
     if opens:
-        open_page(with_token(page, shown.text))
+        open_page(with_token(page, shown and shown.text))
     if quiet:
         return
     first_said, last_said = where_to_look(resolved, view, page, shown)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import secrets
 import threading
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, urlsplit
 
 import click
@@ -16,6 +14,7 @@ import msgspec
 from uwserver.cli.colour import styled
 
 if TYPE_CHECKING:
+    from uwserver.adapter import Token
     from uwserver.scenario.load.resolved import Resolved
 
 KIND = "web"
@@ -47,19 +46,7 @@ def with_web_view(resolved: Resolved, adapters: Mapping[str, type[Any]], port: i
     return replace(resolved, scenario=scenario), name
 
 
-class ViewToken(NamedTuple):
-    """What pages must show.
-
-    Attributes:
-        text: the token; "" where none is needed, or the adapter makes and logs one.
-        is_new: it was made for this run, so that nobody knows it yet.
-    """
-
-    text: str = ""
-    is_new: bool = False
-
-
-def with_view_token(resolved: Resolved, name: str, makes: bool) -> tuple[Resolved, ViewToken]:
+def with_view_token(resolved: Resolved, name: str, makes: bool) -> tuple[Resolved, Token]:
     """The scenario with the token that its web view would make itself, so that the printed address holds it.
 
     Args:
@@ -67,35 +54,34 @@ def with_view_token(resolved: Resolved, name: str, makes: bool) -> tuple[Resolve
         name: of the adapter; "" for no view.
         makes: otherwise none is made here.
     """
+    from uwserver.adapter import Token, known_token, token_for
+
     config: Any = resolved.scenario.adapters.get(name)
     if not hasattr(config, "needs_token"):
-        return resolved, ViewToken()
-    if known := config.token or os.environ.get("UWSERVER_TOKEN"):
-        return resolved, ViewToken(known)
-    if not (makes and config.needs_token):
-        return resolved, ViewToken()
-    token = secrets.token_hex(24)
-    adapters = {**resolved.scenario.adapters, name: msgspec.structs.replace(config, token=token)}
-    return replace(resolved, scenario=msgspec.structs.replace(resolved.scenario, adapters=adapters)), ViewToken(
-        token, True
-    )
+        return resolved, Token(None)
+    token = token_for(known_token(config.token), makes and config.needs_token)
+    if not token.is_new:
+        return resolved, token
+    adapters = {**resolved.scenario.adapters, name: msgspec.structs.replace(config, token=token.text)}
+    return replace(resolved, scenario=msgspec.structs.replace(resolved.scenario, adapters=adapters)), token
 
 
-def where_to_look(resolved: Resolved, name: str, address: str, token: ViewToken) -> tuple[str, str]:
+def where_to_look(resolved: Resolved, name: str, address: str, token: Token | None) -> tuple[str, str]:
     """What is said of the page before all else, and what after the other addresses; "" for nothing.
 
     Args:
         resolved: of the scenario.
         name: of the view's adapter.
         address: of the page, on this machine; "" where there is none.
-        token: that it needs.
+        token: that it needs; None for none.
     """
     from uwserver.adapter import is_loopback
 
     if not address:
         return "", ""
-    page = with_token(address, token.text) if token.is_new else address
-    known = " (with #token= and the server's token behind it)" if token.text and not token.is_new else ""
+    shown, is_new = token or (None, False)
+    page = with_token(address, shown if is_new else None)
+    known = " (with #token= and the server's token behind it)" if shown and not is_new else ""
     adapters = resolved.scenario.adapters
     bind = _bind(adapters.get(name))
     if bind in _ALL:
@@ -118,7 +104,7 @@ def _bind(config: Any) -> str:
     return str(getattr(config, "bind", "127.0.0.1"))
 
 
-def with_token(address: str, token: str) -> str:
+def with_token(address: str, token: str | None) -> str:
     """The address by which a page comes with its token, which browsers send to nobody."""
     return f"{address}#token={quote(token, safe='')}" if address and token else address
 

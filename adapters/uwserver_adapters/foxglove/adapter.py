@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import os
 import secrets
 from collections.abc import Callable, Collection, Sequence
 from http import HTTPStatus
@@ -17,6 +16,7 @@ from websockets.typing import Subprotocol
 
 from uwserver.adapter import (
     MESSAGE_LIMIT,
+    TOKEN_VARIABLE,
     AdapterContext,
     Refusals,
     SampleForm,
@@ -25,8 +25,10 @@ from uwserver.adapter import (
     host_of,
     is_host_known,
     is_loopback,
+    known_token,
     serving,
     tls_context,
+    token_for,
 )
 from uwserver.adapter.foxglove import SceneChannels
 from uwserver.ports import Event, Port, Refused, Sample, SceneState
@@ -41,7 +43,6 @@ from uwserver_adapters.native.limits import Lockout
 
 log = logging.getLogger(__name__)
 
-TOKEN_VARIABLE = "UWSERVER_TOKEN"
 _CLOSE_S = 1.0
 _PING_S = 20.0
 _TOO_SLOW = 1013
@@ -64,10 +65,8 @@ class FoxgloveAdapter:
     def __init__(self, config: FoxgloveConfig, context: AdapterContext) -> None:
         self.config, self.context = config, context
         is_open = not is_loopback(config.bind)
-        self._token = config.token or (os.environ.get(TOKEN_VARIABLE) if is_open else None) or None
-        self._token_is_new = self._token is None and is_open
-        if self._token_is_new:
-            self._token = secrets.token_hex(24)
+        # Foxglove shows none by itself: at loopback that of the environment is not asked for.
+        self._token = token_for(known_token(config.token) if is_open else config.token, is_open)
         self._loop = asyncio.get_running_loop()
         self.refusals = Refusals(context.name, context.stats, self._loop.time)
         self.catalogue = Catalogue(context, config.shows_poses)
@@ -100,9 +99,9 @@ class FoxgloveAdapter:
             raise cannot_listen(error, config.bind, config.port) from error
         try:
             with serving(self.context, self, self._address(server), ready):
-                if self._token_is_new:
+                if self._token.is_new:
                     text = "%s can be reached from elsewhere, and no token was set (token, or %s): one was made for this run. Open\n    %s/%s"
-                    log.warning(text, self.context.name, TOKEN_VARIABLE, self._address(server), self._token)
+                    log.warning(text, self.context.name, TOKEN_VARIABLE, self._address(server), self._token.text)
                 await self._loop.create_future()  # until cancelled
         finally:
             if self._timer is not None:
@@ -139,12 +138,12 @@ class FoxgloveAdapter:
                     f"{host[:200]} is no name of this server that it knows: add it to allowed_hosts, or use the address"
                 )
                 return refuse(HTTPStatus.FORBIDDEN, "host", text)
-        if self._token is not None:
+        if (token := self._token.text) is not None:
             host, now = host_of(connection.remote_address), self._loop.time()
             if self._lockout.is_out(host, now):
                 return refuse(HTTPStatus.TOO_MANY_REQUESTS, "lockout", self._lockout.fault.text)
             given = request.path.partition("?")[0].strip("/")
-            if not secrets.compare_digest(given.encode(), self._token.encode()):
+            if not secrets.compare_digest(given.encode(), token.encode()):
                 self._lockout.wrong(host, now)
                 return refuse(HTTPStatus.UNAUTHORIZED, "denied", "this server wants a token: ws://HOST:PORT/TOKEN")
         if len(self.clients) >= self.config.max_clients:

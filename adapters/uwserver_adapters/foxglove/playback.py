@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from uwserver.adapter import AdapterContext
+from uwserver.adapter import AdapterContext, within
 from uwserver.ports import Json, Progress, Refused, Reply
 from uwserver_adapters.foxglove import codec
 
@@ -42,8 +42,8 @@ class Playback:
         answered = asyncio.Event()
         self._ask(lambda _: answered.set(), answered.set)
         try:
-            await asyncio.wait_for(answered.wait(), _PATIENCE_S)
-        except asyncio.TimeoutError:
+            await within(_PATIENCE_S, answered.wait(), "no answer")
+        except TimeoutError:
             return
 
     def _ask(self, then: Callable[[dict[str, Json]], None], otherwise: Callable[[], None] = lambda: None) -> None:

@@ -24,7 +24,7 @@ from uwserver.adapter import (
 from uwserver.ports import Event, Json, Refused, Reply, Sample
 from uwserver_adapters.morse import codec
 from uwserver_adapters.morse.autopilot import Autopilot
-from uwserver_adapters.morse.components import GOTO, Component, check_names, components, details
+from uwserver_adapters.morse.components import GOTO, Component, check_names, components, details, places
 from uwserver_adapters.morse.config import MorseConfig
 from uwserver_adapters.morse.connections import Requests, Stream
 
@@ -54,6 +54,7 @@ class MorseAdapter:
         self._pose: dict[str, Sample] = {}
         self._autopilot: Autopilot | None = None
         self._count = 0
+        self._places: dict[str, dict[str, str]] | None = None
         self._details: Json = None
         self._next_port = config.stream_port
 
@@ -83,12 +84,20 @@ class MorseAdapter:
                     await self._listen(stack)
 
     @property
+    def places(self) -> dict[str, dict[str, str]]:
+        """See `Stage`: worked out once, as `details` are."""
+        if self._places is None:
+            names = [each.name for each in self.context.world.vehicles]
+            self._places = places(self.components, self.context.services, names)
+        return self._places
+
+    @property
     def details(self) -> Json:
         """See `Stage`: worked out once, as in a swarm it takes a while."""
         if self._details is None:
             world = self.context.world
             names = [each.name for each in world.vehicles]
-            self._details = details(self.components, self.context.services, names, world.scenario)
+            self._details = details(self.components, self.places, names, world.scenario)
         return self._details
 
     # -- streams --------------------------------------------------------------------------------------------------------------------------
@@ -178,7 +187,7 @@ class MorseAdapter:
         """Vehicles that came have components; those that went have none."""
         if event.event in ("ports_changed", "reset"):
             self._pose.clear()
-            self._details = None
+            self._places = self._details = None
             self.components = components(self.context.ports, self.context.services, self.config.component_of)
             self.context.follow_wants()
 

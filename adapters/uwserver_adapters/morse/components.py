@@ -117,11 +117,24 @@ def _of_autopilots(ports: Mapping[str, Port], services: Mapping[str, Service]) -
             yield Component(f"{vehicle}.waypoint", "waypoint", None, "waypoint", ("goto", "stop"), path)
 
 
+def places(
+    found: Mapping[str, Component], services: Mapping[str, Service], vehicles: Iterable[str]
+) -> dict[str, dict[str, str]]:
+    """Services that belong to no port, by name -> path, for each vehicle and each other first level (``world``; ``playback`` where a recording
+    is played). What has more levels (`autopilot/arm`) has an underscore in its name (`autopilot_arm`)."""
+    ports = {component.path for component in found.values() if component.role == "port"}
+    there: dict[str, dict[str, str]] = {vehicle: {} for vehicle in vehicles}
+    for path in services:
+        if path.rpartition("/")[0] not in ports:
+            place, _, rest = path.partition("/")
+            there.setdefault(place, {})[rest.replace("/", "_")] = path
+    return there
+
+
 def details(
-    found: Mapping[str, Component], services: Mapping[str, Service], vehicles: Iterable[str], scene: str
+    found: Mapping[str, Component], there: Mapping[str, Mapping[str, str]], vehicles: Iterable[str], scene: str
 ) -> Json:
-    """What ``simulation details`` answers. A vehicle's services that belong to no port (`autopilot/arm`) are those of the robot, by the name
-    with an underscore (`autopilot_arm`)."""
+    """What ``simulation details`` answers; `there` are the `places`."""
     told: dict[str, dict[str, Json]] = {vehicle: {} for vehicle in vehicles}
     for component in found.values():
         told.setdefault(component.robot, {})[component.name] = {
@@ -130,24 +143,8 @@ def details(
             "service_interfaces": [],
             "stream_interfaces": [[CLASS, component.direction]],
         }
-    own: dict[str, list[Json]] = {vehicle: [] for vehicle in told}
-    paths = {component.path for component in found.values() if component.role == "port"}
-    for path in services:
-        vehicle, _, rest = path.partition("/")
-        if vehicle in own and path.rpartition("/")[0] not in paths:
-            own[vehicle].append(rest.replace("/", "_"))
     robots: list[Json] = [
-        {"name": vehicle, "type": "uwserver", "services": own[vehicle], "components": parts}
+        {"name": vehicle, "type": "uwserver", "services": list(there.get(vehicle, ())), "components": parts}
         for vehicle, parts in told.items()
     ]
     return {"robots": robots, "environment": scene}
-
-
-def robot_services(vehicle: str, found: Mapping[str, Component], services: Mapping[str, Service]) -> dict[str, str]:
-    """Name as a service of the robot -> path, of all that belong to no port."""
-    paths = {component.path for component in found.values() if component.role == "port"}
-    return {
-        path.partition("/")[2].replace("/", "_"): path
-        for path in services
-        if path.startswith(f"{vehicle}/") and path.rpartition("/")[0] not in paths
-    }

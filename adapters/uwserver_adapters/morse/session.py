@@ -8,7 +8,7 @@ from typing import Any, Protocol
 from uwserver.adapter import AdapterContext, Conversation, Owed, did_you_mean
 from uwserver.ports import Json, Progress, Refused, Reply, Sample, Service
 from uwserver_adapters.morse import codec
-from uwserver_adapters.morse.components import GOTO, Component, robot_services
+from uwserver_adapters.morse.components import GOTO, Component
 from uwserver_adapters.morse.grammar import Cancel, Malformed, Request, Status, answer
 
 STATUS = "world/status"
@@ -27,6 +27,10 @@ class Stage(Protocol):
     @property
     def components(self) -> Mapping[str, Component]:
         """All of them, by name."""
+
+    @property
+    def places(self) -> Mapping[str, Mapping[str, str]]:
+        """Services that belong to no component, by name -> path, for each vehicle, and for ``world`` and its like."""
 
     @property
     def details(self) -> Json:
@@ -117,21 +121,14 @@ class Session:
             table[service](request)
         elif component in self._stage.components:
             self._of_component(request, self._stage.components[component])
-        elif component in self._own_places():
-            self._call_by_place(request, f"{component}/{service}")
-        elif component in {each.name for each in self._context.world.vehicles}:
-            known = robot_services(component, self._stage.components, self._context.services)
+        elif component in self._stage.places:
+            known = self._stage.places[component]
             if service not in known:
                 raise Refused("unknown_service", f'no service "{service}" of {component}{_among(service, known)}')
             self._call_by_place(request, known[service])
         else:
-            there = ["simulation", "time", *self._own_places(), *self._stage.components]
+            there = ["simulation", "time", *self._stage.places, *self._stage.components]
             raise Refused("unknown_service", f'no component "{component[:80]}"{_among(component, there)}')
-
-    def _own_places(self) -> list[str]:
-        """First levels of services that belong to no vehicle: ``world``, and ``playback`` where a recording is played."""
-        vehicles = {each.name for each in self._context.world.vehicles}
-        return sorted({path.partition("/")[0] for path in self._context.services} - vehicles)
 
     # -- components -----------------------------------------------------------------------------------------------------------------------
 
@@ -235,7 +232,7 @@ class Session:
     def _call_by_place(self, request: Request, path: str) -> None:
         """A service of ours with its arguments in their order, or one object with their names."""
         service = self._context.services.get(path)
-        if service is None:
+        if service is None:  # it went, and the event has not come yet
             raise Refused("unknown_service", f"no service {path}{_among(path, self._context.services)}")
         self._call(request, path, _args(request, service))
 

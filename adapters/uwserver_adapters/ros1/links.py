@@ -5,15 +5,13 @@ from __future__ import annotations
 import asyncio
 import ipaddress
 import socket
-from collections.abc import Awaitable, Callable, Sequence
-from typing import Any, TypeVar
+from collections.abc import Callable, Sequence
+from typing import Any
 from urllib.parse import urlsplit
 
-from uwserver.adapter import RateMeter
+from uwserver.adapter import RateMeter, within
 from uwserver.ports import Refused
 from uwserver_adapters.ros1 import wire, xmlrpc
-
-T = TypeVar("T")
 
 CALL_S = 5.0
 """Wall time in which another node must answer."""
@@ -45,24 +43,6 @@ def is_allowed(host: str, allowed: Sequence[str]) -> bool:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
         return False
-
-
-async def within(seconds: float, what: Awaitable[T], text: str) -> T:
-    """Wait for something, but no longer; `asyncio.wait_for` would lose a cancellation that comes together with the answer.
-
-    Raises:
-        OSError: it took too long; says the text.
-    """
-    task = asyncio.ensure_future(what)
-    try:
-        await asyncio.wait({task}, timeout=seconds)
-    finally:
-        if not task.done():
-            task.cancel()
-            await asyncio.gather(task, return_exceptions=True)
-    if task.cancelled():
-        raise OSError(f"{text} in {seconds:g} s")
-    return task.result()
 
 
 async def ask(uri: str, method: str, *args: Any) -> Any:

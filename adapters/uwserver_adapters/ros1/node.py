@@ -9,7 +9,7 @@ import os
 from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
-from uwserver.adapter import AdapterContext, Conversation, Refusals
+from uwserver.adapter import AdapterContext, Conversation, Refusals, within
 from uwserver.ports import Event, Refused, Reply, Sample
 from uwserver_adapters.ros.feed import Feed, Told, command
 from uwserver_adapters.ros.messages.services import Offer
@@ -17,7 +17,7 @@ from uwserver_adapters.ros.messages.source import Facts
 from uwserver_adapters.ros.messages.types import BadMessage, Types
 from uwserver_adapters.ros1 import xmlrpc
 from uwserver_adapters.ros1.config import Ros1Config
-from uwserver_adapters.ros1.links import Subscription, ask, place_of, within
+from uwserver_adapters.ros1.links import Subscription, ask, place_of
 from uwserver_adapters.ros1.peers import Peer, short_name
 
 log = logging.getLogger(__name__)

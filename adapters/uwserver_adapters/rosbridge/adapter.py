@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import os
-import secrets
 from typing import TYPE_CHECKING
 
 from uwserver.adapter import (
+    TOKEN_VARIABLE,
     AdapterContext,
     Peer,
     Peers,
     Refusals,
     address_text,
     is_loopback,
+    known_token,
     serve_tcp,
     serving,
     tls_context,
+    token_for,
 )
 from uwserver_adapters.rosbridge.config import RosbridgeConfig
 
@@ -27,30 +28,29 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-TOKEN_VARIABLE = "UWSERVER_TOKEN"
-
 
 class RosbridgeAdapter:
     """Serves rosbridge v2 on one TCP port.
 
     Attributes:
         peers: all connections.
-        token: that clients must show; None where none is needed.
     """
 
     Config = RosbridgeConfig
 
     def __init__(self, config: RosbridgeConfig, context: AdapterContext) -> None:
         self.config, self.context = config, context
-        self.token = config.token or os.environ.get(TOKEN_VARIABLE) or None
-        self._token_is_new = self.token is None and not is_loopback(config.bind)
-        if self._token_is_new:
-            self.token = secrets.token_hex(24)
+        self._token = token_for(known_token(config.token), not is_loopback(config.bind))
         self._refusals = Refusals(context.name, context.stats, asyncio.get_running_loop().time)
         self.peers: Peers[Peer] = Peers(
             config.max_clients, self._refusals, context.stats, strangers=config.max_strangers
         )
         self._last_serial = 0
+
+    @property
+    def token(self) -> str | None:
+        """That clients must show; None where none is needed."""
+        return self._token.text
 
     async def run(self, ready: asyncio.Event) -> None:
         """Serve until cancelled.
@@ -84,7 +84,7 @@ class RosbridgeAdapter:
             address = f"{scheme}://{address_text(config.bind, server.port)}"
             try:
                 with serving(self.context, hub, address, ready):
-                    if self._token_is_new:
+                    if self._token.is_new:
                         log.warning(
                             "%s listens at %s, which others can reach, and no token was set (token, or %s): one was made for this run."
                             " Connect to\n    %s/?token=%s",

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import os
-import secrets
 import socket
 import ssl
 
 from uwserver.adapter import (
+    TOKEN_VARIABLE,
     AdapterContext,
     CannotListen,
     Listener,
@@ -18,9 +17,11 @@ from uwserver.adapter import (
     address_text,
     cannot_listen,
     is_loopback,
+    known_token,
     serve_tcp,
     serving,
     tls_context,
+    token_for,
 )
 from uwserver_adapters.native.service import NativeService
 from uwserver_adapters.native.session import Allowance
@@ -29,8 +30,6 @@ from uwserver_adapters.sockets.connection import Connection
 from uwserver_adapters.sockets.datagrams import RECEIVE_BUFFER, DatagramEndpoint
 
 log = logging.getLogger(__name__)
-
-TOKEN_VARIABLE = "UWSERVER_TOKEN"
 
 
 class SocketsAdapter:
@@ -46,12 +45,9 @@ class SocketsAdapter:
     def __init__(self, config: SocketsConfig, context: AdapterContext) -> None:
         self.config = config
         self.context = context
-        token = config.token or os.environ.get(TOKEN_VARIABLE) or None
-        self._token_is_new = token is None and not is_loopback(config.bind)
-        if self._token_is_new:
-            token = secrets.token_hex(24)  # no hyphen in front, which a command line takes for an option
+        self._token = token_for(known_token(config.token), not is_loopback(config.bind))
         allowance = Allowance(config.max_subscriptions, config.max_unanswered)
-        self.service = NativeService(context, token, allowance, config.max_requests_per_s)
+        self.service = NativeService(context, self._token.text, allowance, config.max_requests_per_s)
         self.peers: Peers[Peer] = Peers(
             config.max_clients,
             self.service.refusals,
@@ -78,7 +74,7 @@ class SocketsAdapter:
                 if config.udp_port is not None:
                     datagrams = await self._listen_for_datagrams(server, config.udp_port)
                 with serving(self.context, self.service.fanout, address_text(config.bind, port), ready):
-                    if self._token_is_new:
+                    if self._token.is_new:
                         self._announce_token(port)
                     await asyncio.get_running_loop().create_future()  # until cancelled
             finally:
@@ -130,5 +126,5 @@ class SocketsAdapter:
         log.warning(
             "%s listens at %s, which others can reach, and no token was set (token, or %s): one was made for this run. Connect with\n"
             "    uwclient --host %s --port %d --token %s topics",
-            self.context.name, bind, TOKEN_VARIABLE, host, port, self.service.token,
+            self.context.name, bind, TOKEN_VARIABLE, host, port, self._token.text,
         )  # fmt: skip

@@ -5,12 +5,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import os
-import secrets
 from collections.abc import AsyncIterator, Collection, Sequence
 from typing import TYPE_CHECKING
 
 from uwserver.adapter import (
+    TOKEN_VARIABLE,
     AdapterContext,
     CannotListen,
     Listener,
@@ -20,9 +19,11 @@ from uwserver.adapter import (
     Thinned,
     address_text,
     is_loopback,
+    known_token,
     serve_tcp,
     serving,
     tls_context,
+    token_for,
 )
 from uwserver.ports import Event, Sample
 from uwserver_adapters.web.config import WebConfig
@@ -32,15 +33,12 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-TOKEN_VARIABLE = "UWSERVER_TOKEN"
-
 
 class WebAdapter:
     """Serves the web view on one TCP port; it is its own `Subscriber`.
 
     Attributes:
         peers: all connections.
-        token: that pages must show; None where none is needed.
     """
 
     Config = WebConfig
@@ -48,16 +46,18 @@ class WebAdapter:
     def __init__(self, config: WebConfig, context: AdapterContext) -> None:
         self.config = config
         self.context = context
-        self.token = config.token or os.environ.get(TOKEN_VARIABLE) or None
         # A token that only lets watch protects nothing while whoever shows none may do all.
-        self._token_is_new = self.token is None and config.needs_token
-        if self._token_is_new:
-            self.token = secrets.token_hex(24)
+        self._token = token_for(known_token(config.token), config.needs_token)
         refusals = Refusals(context.name, context.stats, asyncio.get_running_loop().time)
         self.peers: Peers[Peer] = Peers(
             config.max_pages, refusals, context.stats, strangers=config.max_strangers, key="max_pages"
         )
         self._front: Front | None = None
+
+    @property
+    def token(self) -> str | None:
+        """That pages must show; None where none is needed."""
+        return self._token.text
 
     @property
     def front(self) -> Front:
@@ -81,7 +81,7 @@ class WebAdapter:
             address = self._address(server.port)
             try:
                 with serving(self.context, self, address, ready):
-                    if self._token_is_new:
+                    if self._token.is_new:
                         log.warning(
                             "%s %s, and no token was set (token, or %s): one was made for this run. Open\n    %s#token=%s",
                             self.context.name, self._reason(), TOKEN_VARIABLE, address, self.token,

@@ -11,9 +11,9 @@ import click
 import msgspec
 import pytest
 
-from uwserver.adapter import AdapterTable, installed_adapters
+from uwserver.adapter import AdapterTable, Token, installed_adapters
 from uwserver.cli.run import _announce
-from uwserver.cli.web_view import ViewToken, open_page, with_view_token, with_web_view
+from uwserver.cli.web_view import open_page, with_view_token, with_web_view
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.load.scenario import load
 
@@ -110,7 +110,7 @@ def test_a_browser_that_keeps_us_waiting_holds_up_nothing(pool: Resolved, monkey
     thread.join(10.0)
 
 
-def announced(resolved: Resolved, token: ViewToken, capsys: pytest.CaptureFixture[str]) -> list[str]:
+def announced(resolved: Resolved, token: Token, capsys: pytest.CaptureFixture[str]) -> list[str]:
     addresses = {"tcp": "127.0.0.1:7600", "web": "http://127.0.0.1:7680/"}
     _announce(resolved, False, "", addresses, view="web", shown=token)
     return [click.unstyle(line) for line in capsys.readouterr().out.splitlines() if line]
@@ -132,16 +132,16 @@ def test_a_token_that_pages_of_this_machine_need_is_in_the_address(
     opened: list[str] = []
     monkeypatch.setattr("uwserver.cli.run.open_page", opened.append)
     plain = with_real_view(pool)
-    assert with_view_token(plain, "web", True) == (plain, ViewToken())
-    assert with_view_token(changed(pool, {"web": View()}), "web", True)[1] == ViewToken()
+    assert with_view_token(plain, "web", True) == (plain, Token(None))
+    assert with_view_token(changed(pool, {"web": View()}), "web", True)[1] == Token(None)
     watched, token = with_view_token(with_real_view(pool, view_token="peek"), "web", True)
     assert token.is_new
     assert watched.scenario.adapters["web"].token == token.text  # type: ignore[attr-defined]
     assert announced(watched, token, capsys)[0] == f"Open http://127.0.0.1:7680/#token={token.text}"
-    assert with_view_token(with_real_view(pool, view_token="peek"), "web", False)[1] == ViewToken()
+    assert with_view_token(with_real_view(pool, view_token="peek"), "web", False)[1] == Token(None)
     monkeypatch.setenv("UWSERVER_TOKEN", "a b")
     known, token = with_view_token(plain, "web", True)
-    assert (known, token) == (plain, ViewToken("a b"))
+    assert (known, token) == (plain, Token("a b"))
     first = announced(known, token, capsys)[0]
     assert first.startswith("Open http://127.0.0.1:7680/ (with #token=")
     assert "a b" not in first, "a secret of the user's own is not printed"
@@ -152,7 +152,7 @@ def test_a_token_that_pages_of_this_machine_need_is_in_the_address(
 def test_an_address_that_others_cannot_reach_is_not_said_first(
     pool: Resolved, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    alone = announced(with_real_view(pool, bind="0.0.0.0"), ViewToken(), capsys)
+    alone = announced(with_real_view(pool, bind="0.0.0.0"), Token(None), capsys)
     assert alone[0].startswith("uwserver runs")
     (said,) = [line for line in alone if "7680" in line]
     assert "this machine alone" in said
@@ -160,6 +160,6 @@ def test_an_address_that_others_cannot_reach_is_not_said_first(
     for_all = with_real_view(pool)
     view = msgspec.structs.replace(for_all.scenario.adapters["web"], bind="0.0.0.0")  # type: ignore[call-arg]
     for_all = changed(for_all, {**for_all.scenario.adapters, "web": view})
-    first = announced(for_all, ViewToken("secret", True), capsys)[0]
+    first = announced(for_all, Token("secret", True), capsys)[0]
     assert first.startswith("Open http://ADDRESS:7680/#token=secret, where ADDRESS is")
     assert first.endswith("on this machine http://127.0.0.1:7680/#token=secret")

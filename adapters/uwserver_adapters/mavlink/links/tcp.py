@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import math
 
-from uwserver.adapter import Connection, Peers, serve_tcp
+from uwserver.adapter import Connection, Peers, serve_tcp, within
 from uwserver.ports import Fault
 from uwserver_adapters.mavlink.links.endpoint import PORT_KEY, READY, RETRY_S, RIVAL, WAITING, Address, Link, shown
 from uwserver_adapters.mavlink.links.router import Router
@@ -116,11 +116,11 @@ class TcpOut(Link):
         while True:
             try:
                 making = loop.create_connection(lambda: TcpPeer(self._router, self._peers, self.address), *self._to)
-                _, peer = await asyncio.wait_for(making, CONNECT_S)
+                _, peer = await within(CONNECT_S, making, "no answer")
                 await peer.gone
                 self._stats.last_error = f"link {self.address}: the connection ended; it is tried again"
-            except (OSError, asyncio.TimeoutError) as error:
-                self._stats.last_error = f"link {self.address}: {error or 'no answer'}; it is tried again"
+            except OSError as error:
+                self._stats.last_error = f"link {self.address}: {error}; it is tried again"
             await asyncio.sleep(RETRY_S / 4)
 
     async def close(self) -> None:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Collection, Coroutine, Sequence
-from typing import Any
+from collections.abc import Collection, Sequence
 
-from uwserver.adapter import AdapterContext, serving
+from uwserver.adapter import AdapterContext, serving, within
 from uwserver.ports import Event, Sample
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.alog import Alog
@@ -120,8 +119,8 @@ class Community:
         link: Link
         link = Link(table.client, self._clock, lambda messages: self._take(link, messages))
         try:
-            await _within(CONNECT_S, loop.create_connection(lambda: link, table.host, table.port))
-            await _within(CONNECT_S, link.join())
+            await within(CONNECT_S, loop.create_connection(lambda: link, table.host, table.port), "no answer")
+            await within(CONNECT_S, link.join(), "no answer")
             if not self._clock.is_credible:
                 gap = f"{self._clock.skew:g} s, is its MOOSTimeWarp {self._clock.warp:g}?"
                 stats.last_error = f"the clock of the MOOSDB at {self.address} differs by {gap}"
@@ -142,23 +141,6 @@ class Community:
         finally:
             link.abort()
             await asyncio.sleep(0)  # its socket is closed with the next turn of the loop
-
-
-async def _within(seconds: float, work: Coroutine[Any, Any, object]) -> None:
-    """Do it in this time. `asyncio.wait_for` would lose a cancellation that comes as the work ends.
-
-    Raises:
-        LinkLost: it took longer.
-    """
-    task = asyncio.ensure_future(work)
-    try:
-        await asyncio.wait([task], timeout=seconds)
-        if not task.done():
-            raise LinkLost("no answer")
-        task.result()
-    finally:
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
 
 
 class MoosAdapter:

@@ -3,7 +3,7 @@
 from typing import Any
 
 import pytest
-from uwserver_adapters.morse.components import check_names, components, details, robot_services
+from uwserver_adapters.morse.components import check_names, components, details, places
 
 from uwserver.adapter import CannotServe
 from uwserver.ports import Argument, Field, Port, Service
@@ -82,7 +82,7 @@ def test_a_name_for_a_port_that_is_not_there() -> None:
 
 def test_details() -> None:
     found = components(PORTS, SERVICES)
-    said: Any = details(found, SERVICES, ["rov"], "pool")
+    said: Any = details(found, places(found, SERVICES, ["rov"]), ["rov"], "pool")
     (robot,) = said["robots"]
     assert said["environment"] == "pool"
     assert robot["name"] == "rov"
@@ -99,8 +99,9 @@ def test_details() -> None:
     )  # pymorse takes a second dot for a component of a component
 
 
-def test_services_of_a_robot() -> None:
-    assert robot_services("rov", components(PORTS, SERVICES), SERVICES) == {
-        "autopilot_goto": "rov/autopilot/goto",
-        "autopilot_arm": "rov/autopilot/arm",
-    }
+def test_places() -> None:
+    there = places(components(PORTS, SERVICES), SERVICES, ["rov", "bare"])
+    assert there["rov"] == {"autopilot_goto": "rov/autopilot/goto", "autopilot_arm": "rov/autopilot/arm"}
+    assert there["bare"] == {}
+    others = {path for path in SERVICES if not path.startswith("rov/")}
+    assert {path for place in there if place not in ("rov", "bare") for path in there[place].values()} == others

@@ -173,7 +173,7 @@ def test_time(tell: Callable[[Story], None]) -> None:
         ("1 rov.imo get_local_data", 'did you mean "rov.imu"'),
         ("1 rov.imu get_locl_data", 'did you mean "get_local_data"'),
         ("1 rov autopilot_arn", 'did you mean "autopilot_arm"'),
-        ("1 world resett", 'did you mean "world/reset"'),
+        ("1 world resett", 'did you mean "reset"'),
         ("1 simulation get_stream_port []", "wrong # of parameters"),
         ("1 rov.waypoint goto [1]", "wrong # of parameters"),
         ("1 world step [1, 2]", "wrong # of parameters"),

@@ -439,6 +439,7 @@ async def test_a_serial_line(bridge, until, monkeypatch):
             context.put([POSE])
             await until(lambda: heard.extend(read()) or b"NAV_X=20.0\r\n" in heard, "a sample")
             assert heard.startswith(b"#1 ERROR bad_argument")
+            await until(lambda: bool(context.commands), "the command")
             assert context.commands[-1].value == ((0.5,),)
             os.write(ours, b"LIST\r\n" * 20)
             await until(lambda: heard.extend(read()) or heard.count(b"\nOK ") >= 21, "all listings")

@@ -1,0 +1,27 @@
+"""Waiting that ends in time."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable
+from typing import TypeVar
+
+T = TypeVar("T")
+
+
+async def within(seconds: float, what: Awaitable[T], text: str) -> T:
+    """Wait for something, but no longer; `asyncio.wait_for` would lose a cancellation that comes together with the answer.
+
+    Raises:
+        TimeoutError: it took too long; says the text. It is an `OSError`, as other losses of a peer are.
+    """
+    task = asyncio.ensure_future(what)
+    try:
+        await asyncio.wait({task}, timeout=seconds)
+    finally:
+        if not task.done():
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+    if task.cancelled():
+        raise TimeoutError(f"{text} in {seconds:g} s")
+    return task.result()
