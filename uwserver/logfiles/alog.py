@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import mmap
-import os
 import re
 from array import array
 from collections.abc import Callable, Mapping
@@ -11,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from uwserver.logfiles.indexed import Decode, Entries, IndexedLog, Source
+from uwserver.logfiles.indexed import Decode, Entries, IndexedLog, Source, mapped
 from uwserver.logfiles.log import Limits, LogError, LogField
 from uwserver.logfiles.timebase import time_base
 from uwserver.units import NANOSECONDS
@@ -33,10 +32,7 @@ def open_file(path: Path, limits: Limits) -> IndexedLog:
     Raises:
         LogError: no line of it is a posting.
     """
-    with path.open("rb") as file:
-        if not os.fstat(file.fileno()).st_size:
-            raise LogError(f"{path}: the file is empty")
-        data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    data = mapped(path)
     names, stamps, numbers, places, left_out = _scan(path, data, limits)
     if not stamps:
         data.close()

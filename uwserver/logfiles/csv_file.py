@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import mmap
-import os
 from array import array
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from uwserver.logfiles.columns import field_of, stamp_of, time_column
-from uwserver.logfiles.indexed import Entries, IndexedLog, Source
+from uwserver.logfiles.indexed import Entries, IndexedLog, Source, mapped
 from uwserver.logfiles.log import Limits, LogError
 from uwserver.logfiles.timebase import time_base
 
@@ -27,10 +26,7 @@ def open_file(path: Path, limits: Limits) -> IndexedLog:
     Raises:
         LogError: it has no header, no column of time, or not one row with a time; the text names the line.
     """
-    with path.open("rb") as file:
-        if not os.fstat(file.fileno()).st_size:
-            raise LogError(f"{path}: the file is empty")
-        data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    data = mapped(path)
     try:
         return _open(path, data, limits)
     except BaseException:

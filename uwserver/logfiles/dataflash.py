@@ -7,7 +7,6 @@ found and unpacked here, as its reader prints what it does not like, and keeps e
 from __future__ import annotations
 
 import mmap
-import os
 import re
 import struct
 from array import array
@@ -17,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from uwserver.logfiles.indexed import Decode, Entries, IndexedLog, Source
+from uwserver.logfiles.indexed import Decode, Entries, IndexedLog, Source, mapped
 from uwserver.logfiles.log import Limits, LogError, LogField
 from uwserver.logfiles.timebase import Timebase, time_base
 from uwserver.units import NANOSECONDS
@@ -65,10 +64,7 @@ def open_file(path: Path, limits: Limits) -> IndexedLog:
     Raises:
         LogError: no record is described in it.
     """
-    with path.open("rb") as file:
-        if not os.fstat(file.fileno()).st_size:
-            raise LogError(f"{path}: the file is empty")
-        data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    data = mapped(path)
     scan = _Scan(data)
     if not scan.layouts:
         lost = len(data)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import mmap
+import os
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uwserver.logfiles.foreign import foreign
-from uwserver.logfiles.log import Datum, Kind, LogField, Topic
+from uwserver.logfiles.log import Datum, Kind, LogError, LogField, Topic
 from uwserver.logfiles.timebase import Timebase, gaps, shortened
 
 Decode = Callable[[int], Mapping[str, object] | None]
@@ -31,6 +33,19 @@ class Entries(NamedTuple):
 
     sources: NDArray[np.int32]
     places: NDArray[np.int64]
+
+
+def mapped(path: Path) -> mmap.mmap:
+    """The bytes of a file, to be looked at in any order.
+
+    Raises:
+        OSError: it cannot be opened.
+        LogError: it is empty.
+    """
+    with path.open("rb") as file:
+        if not os.fstat(file.fileno()).st_size:
+            raise LogError(f"{path}: the file is empty")
+        return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
 
 
 class IndexedLog:

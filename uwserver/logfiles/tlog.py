@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import importlib
 import mmap
-import os
 import re
 import struct
 from array import array
@@ -20,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from uwserver.logfiles.indexed import Decode, Entries, IndexedLog, Source
+from uwserver.logfiles.indexed import Decode, Entries, IndexedLog, Source, mapped
 from uwserver.logfiles.log import Limits, LogError, LogField
 from uwserver.logfiles.timebase import time_base
 
@@ -44,10 +43,7 @@ def open_file(path: Path, limits: Limits) -> IndexedLog:
     Raises:
         LogError: there is not one frame in it.
     """
-    with path.open("rb") as file:
-        if not os.fstat(file.fileno()).st_size:
-            raise LogError(f"{path}: the file is empty")
-        data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    data = mapped(path)
     messages = _messages()
     stamps, keys, places, lost, unknown = _scan(data, messages)
     if not stamps:

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from uwserver.ports import Cast, Event, Field
 from uwserver.recording.format import EVENTS, METADATA
 from uwserver.recording.parts import SERVED
-from uwserver.recording.reading import NotReplayable, parts_of
+from uwserver.recording.reading import MOST_CHUNK_BYTES, MOST_RECORD_BYTES, NotReplayable, parts_of
 from uwserver.recording.states import CASTS, STATES, CastRecord, read_state
 from uwserver.scenario.files.opening import opened
 from uwserver.units import NANOSECONDS
@@ -27,10 +27,6 @@ from uwserver.units import NANOSECONDS
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-MOST_RECORD_BYTES = 1 << 30
-"""Of a record of a file: the scenario, whose seabed may be large."""
-MOST_CHUNK_BYTES = 1 << 28
-"""Of a chunk when it is unpacked; the recorder begins a new one after `writer.CHUNK_BYTES`."""
 MOST_EVENTS = 20_000
 """That a report keeps."""
 

@@ -189,46 +189,32 @@ def truth_pose(source: Source) -> Iterator[Outlet]:
 
 def truth_velocity(source: Source) -> Iterator[Outlet]:
     """TwistStamped in base_link; Odometry has it too."""
-    types, get = source.types, source.bind("v_NB_B", "w_NB_B")
-
-    def make(sample: Sample) -> object | None:
-        v, w = get(sample.value)
-        if not (sample.valid and is_whole(v) and is_whole(w)):
-            return None
-        twist = types.make("geometry_msgs/msg/Twist", linear=types.vector(flu(v)), angular=types.vector(flu(w)))
-        return types.make("geometry_msgs/msg/TwistStamped", header=source.header(sample, source.base), twist=twist)
-
-    yield source.outlet("", "geometry_msgs/msg/TwistStamped", make)
+    yield _stamped_pair(source, ("v_NB_B", "w_NB_B"), "Twist", ("linear", "angular"))
 
 
 def truth_acceleration(source: Source) -> Iterator[Outlet]:
     """AccelStamped in base_link."""
-    types, get = source.types, source.bind("v_dot_B", "w_dot_B")
-
-    def make(sample: Sample) -> object | None:
-        v, w = get(sample.value)
-        if not (sample.valid and is_whole(v) and is_whole(w)):
-            return None
-        accel = types.make("geometry_msgs/msg/Accel", linear=types.vector(flu(v)), angular=types.vector(flu(w)))
-        return types.make("geometry_msgs/msg/AccelStamped", header=source.header(sample, source.base), accel=accel)
-
-    yield source.outlet("", "geometry_msgs/msg/AccelStamped", make)
+    yield _stamped_pair(source, ("v_dot_B", "w_dot_B"), "Accel", ("linear", "angular"))
 
 
 def truth_wrench(source: Source) -> Iterator[Outlet]:
     """WrenchStamped in base_link."""
-    types, get = source.types, source.bind("force_B", "torque_B")
+    yield _stamped_pair(source, ("force_B", "torque_B"), "Wrench", ("force", "torque"))
+
+
+def _stamped_pair(source: Source, fields: tuple[str, str], kind: str, names: tuple[str, str]) -> Outlet:
+    """Two vectors of the body as the stamped form of a message of geometry_msgs, in base_link."""
+    types, get = source.types, source.bind(*fields)
+    inner, outer = f"geometry_msgs/msg/{kind}", f"geometry_msgs/msg/{kind}Stamped"
 
     def make(sample: Sample) -> object | None:
-        force, torque = get(sample.value)
-        if not (sample.valid and is_whole(force) and is_whole(torque)):
+        a, b = get(sample.value)
+        if not (sample.valid and is_whole(a) and is_whole(b)):
             return None
-        wrench = types.make(
-            "geometry_msgs/msg/Wrench", force=types.vector(flu(force)), torque=types.vector(flu(torque))
-        )
-        return types.make("geometry_msgs/msg/WrenchStamped", header=source.header(sample, source.base), wrench=wrench)
+        pair = types.make(inner, **{names[0]: types.vector(flu(a)), names[1]: types.vector(flu(b))})
+        return types.make(outer, header=source.header(sample, source.base), **{kind.lower(): pair})
 
-    yield source.outlet("", "geometry_msgs/msg/WrenchStamped", make)
+    return source.outlet("", outer, make)
 
 
 def estimate(source: Source) -> Iterator[Outlet]:
