@@ -48,7 +48,8 @@ class Fan(NamedTuple):
 @inlined
 def sine(turning: float, c: float) -> float:
     """Of a ray's grazing angle where the sound speed is c; exactly 0 where it turns, and beyond."""
-    return math.sqrt(max((turning - c) / turning * (1.0 + c / turning), 0.0))
+    p = 1.0 / turning
+    return math.sqrt(max((turning - c) * p * (1.0 + c * p), 0.0))
 
 
 @inlined
@@ -296,28 +297,40 @@ def ways(m: Medium, fan: Fan, nodes: Nodes, rays: Angles, begin: int, end: int, 
 
 
 @inlined
-def delay_of(
-    m: Medium, table: Array, nodes: Nodes, turning: float, row: int, above: int, below: int, times: tuple[int, int, int]
-) -> float:
-    """Time less way times slowness (s) of a ray of the fan that runs so often through A, D and B, and turns before two nodes (-1: none)."""
-    total, last = 0.0, len(m.c) - 1
+def delays_of(
+    z: Array, c: Array, k: Array, g: Array, table: Array, own: Array, after: Array, before: Array, upper: int, lower: int, turning: float,
+    row: int, above: int, below: int
+) -> tuple[float, float, float]:  # fmt: skip
+    """Time less way times slowness (s) of a ray of the fan on A, D and B.
+
+    Args:
+        z, c, k, g, upper, lower: of the medium. Its arrays come one by one, as a tuple of them costs more than what is asked here.
+        table, row: delays of the fan, and its ray.
+        own, after, before: of the nodes.
+        turning: of the ray, m/s.
+        above, below: node before which it turns; -1: it does not.
+    """
+    up, middle, down = 0.0, 0.0, 0.0
     for part in range(3):
-        if times[part] == 0:
-            continue
         v = above if part == 0 else (below if part == 2 else -1)
-        inside = m.lower if part == 1 else _inside(v, part // 2, last)
-        start, stop = (inside, m.upper) if part == 0 else ((m.upper, inside) if part == 1 else (m.lower, inside))
-        first, final = nodes.next[start], nodes.last[stop]
+        inside = lower if part == 1 else _inside(v, part // 2, len(c) - 1)
+        start, stop = (inside, upper) if part == 0 else ((upper, inside) if part == 1 else (lower, inside))
+        first, final = after[start], before[stop]
         if first >= final:
-            late = _direct(m.z, m.c, m.k, turning, start, stop, True)
+            late = _direct(z, c, k, turning, start, stop, True)
         else:
-            late = table[row, nodes.own[final]] - table[row, nodes.own[first]]
+            late = table[row, own[final]] - table[row, own[first]]
             if start < first:
-                late += _direct(m.z, m.c, m.k, turning, start, first, True)
+                late += _direct(z, c, k, turning, start, first, True)
             if final < stop:
-                late += _direct(m.z, m.c, m.k, turning, final, stop, True)
+                late += _direct(z, c, k, turning, final, stop, True)
         if v >= 0:
-            s = sine(turning, m.c[inside])
-            late += (math.atanh(s) - s) / m.g[min(v, inside)]
-        total += times[part] * late
-    return total
+            s = sine(turning, c[inside])
+            late += (math.atanh(s) - s) / g[min(v, inside)]
+        if part == 0:
+            up = late
+        elif part == 1:
+            middle = late
+        else:
+            down = late
+    return up, middle, down

@@ -12,12 +12,16 @@ from typing import NamedTuple
 import numpy as np
 
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.deferred import compiled
+from uwserver.physics.kernel.deferred import compiled, inlined
 
 _SAME_M = 1e-9
 """Depths this near are one."""
 ENDLESS_M = 1e15
 """A way that is longer than any."""
+_SMALL = 1e-3
+"""Of which five terms of a series are exact to the last digit."""
+_FLAT = 1e-2
+"""Of which four terms are."""
 _SPREAD = 6
 """Nodes before the turning point about which a bend of the profile is spread."""
 _SMOOTH = 2.0
@@ -112,6 +116,15 @@ def advance_slope(m: Medium, p: float, q: float, begin: int, end: int) -> tuple[
     return x, slope
 
 
+@inlined
+def _squared_asin(v: float) -> float:
+    """The square of the angle of a sine."""
+    if abs(v) < _FLAT:
+        u = v * v
+        return u * (1.0 + u * (1.0 / 3.0 + u * (8.0 / 45.0 + u * (4.0 / 35.0 + u * (128.0 / 1575.0)))))
+    return math.asin(min(abs(v), 1.0)) ** 2
+
+
 class Leg(NamedTuple):
     """A way between two nodes, or to where the ray turns.
 
@@ -148,8 +161,8 @@ def leg(m: Medium, p: float, q: float, begin: int, end: int) -> Leg:
         run = p * ratio
         x, tube = x + run, tube + ratio
         time += thick * slowness(p, c0, c1, near, far)
-        turn = math.asin(min(abs(near * c1 - far * c0) * p, 1.0))
-        length = math.hypot(run, thick) * (1.0 + turn * turn / 24.0 + 7.0 * turn**4 / 5760.0)
+        turn = _squared_asin((near * c1 - far * c0) * p)
+        length = math.sqrt(run * run + thick * thick) * (1.0 + turn * (1.0 / 24.0 + turn * (7.0 / 5760.0)))
         loss += 0.5 * (m.alpha[node] + m.alpha[node - step]) * length
         near = far
         layer += step
@@ -198,4 +211,6 @@ def slowness(p: float, c0: float, c1: float, near: float, far: float) -> float:
     flat = p * p * (c0 + c1) / ((near + far) * (1.0 + far))
     rate = 1.0 / c0 + flat + flat * (c1 - c0) / c0
     u = (c1 - c0) * rate
-    return rate * (1.0 + u * (u / 3.0 - 0.5) if abs(u) < 1e-5 else math.log1p(u) / u)
+    if abs(u) < _SMALL:
+        return rate * (1.0 + u * (-1.0 / 2.0 + u * (1.0 / 3.0 + u * (-1.0 / 4.0 + u * (1.0 / 5.0 - u * (1.0 / 6.0))))))
+    return rate * (math.log1p(u) / u)

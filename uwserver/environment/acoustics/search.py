@@ -16,8 +16,9 @@ import math
 
 import numpy as np
 
-from uwserver.environment.acoustics.fan import Angles, Fan, Nodes, angle_of, angles, delay_of, find_nodes, ways
-from uwserver.environment.acoustics.layers import Medium, advance_slope, leg, medium, sine_at, widening
+from uwserver.environment.acoustics.aim import solve, turn
+from uwserver.environment.acoustics.fan import Angles, Fan, Nodes, angle_of, angles, delays_of, find_nodes, ways
+from uwserver.environment.acoustics.layers import Medium, leg, medium, sine_at, widening
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled, entry, inlined
 
@@ -32,8 +33,6 @@ MOST_TURNS = 16
 """Of a ray, reflections apart: in a duct there is no end of them."""
 
 _FLATTEST = 1e-30
-_ASIDE = 1e-9
-"""Relative distance from an angle at which a ray just passes a node."""
 _NO_TIME_S = 1e-9
 """What bounds of times may be wrong by."""
 _AT_ONCE = 8
@@ -41,85 +40,11 @@ _AT_ONCE = 8
 EARLIEST, PLACE, BOUNCES, KIND, FIRST, SECOND = range(6)
 """Columns of the queue of kinds of rays that may lie between two neighbours: s, number of the flatter one, times through both vertices, the
 vertices that are passed once more (1: upper, 2: lower), and how much too far both neighbours go, m."""
-_EXACT_M = 1e-7
 _NEAR_M = 1e-9
 _BESIDE = 0.03
 """Relative distance to the angles that tell how the widening of a tube changes."""
 _AIRY = 0.7955
 """Slope times (frequency / bend^2)^(1/3), in rad/s, of a ray whose level equals that of a wave on a fold caustic: 2 pi / (2 pi Ai(0) 2^(1/3))^2."""
-
-
-@compiled
-def _reach(m: Medium, theta: float, i: int, d: int, j: int) -> tuple[float, float]:
-    """How far a ray goes that runs so often through A, D and B, m, and the derivative with theta."""
-    sine = math.sin(theta)
-    q, p = sine * sine, math.cos(theta) / m.fastest
-    x, slope = advance_slope(m, p, q, m.upper, m.lower)
-    x, slope = d * x, d * slope
-    if i:
-        way, more = advance_slope(m, p, q, m.upper, 0)
-        x, slope = x + i * way, slope + i * more
-    if j:
-        way, more = advance_slope(m, p, q, m.lower, len(m.c) - 1)
-        x, slope = x + j * way, slope + j * more
-    return x, -slope * sine / m.fastest
-
-
-@compiled
-def _drop(m: Medium, i: int, d: int, j: int) -> float:
-    """How far up and down a ray goes altogether that is reflected, m."""
-    last = len(m.c) - 1
-    drop: float = d * (m.z[m.lower] - m.z[m.upper]) + i * (m.z[m.upper] - m.z[0]) + j * (m.z[last] - m.z[m.lower])
-    return drop
-
-
-@compiled
-def _solve(
-    m: Medium, low: float, high: float, at_low: float, at_high: float, x: float, i: int, d: int, j: int
-) -> float:
-    """The angle between two at which a ray goes x far; it goes too far by `at_low` and `at_high` there. Newton's rule, kept between them."""
-    theta = math.atan2(_drop(m, i, d, j), x)
-    if not low < theta < high:
-        theta = low + (high - low) * min(max(at_low / (at_low - at_high), 0.05), 0.95)
-    before = math.inf
-    for _ in range(100):
-        way, slope = _reach(m, theta, i, d, j)
-        over = way - x
-        if abs(over) < _EXACT_M:
-            break
-        if (over > 0.0) == (at_low > 0.0):
-            low = theta
-        else:
-            high = theta
-        step = theta - over / slope if slope != 0.0 else low
-        if not low < step < high or abs(over) > 0.5 * before:
-            # An angle near 0 is looked for by its order of magnitude.
-            step = math.sqrt(low * high) if high > 4.0 * low else 0.5 * (low + high)
-        if step == theta or not low < step < high:
-            break
-        before, theta = abs(over), step
-    return theta
-
-
-@compiled
-def _turn(m: Medium, low: float, high: float, at_low: float, x: float, i: int, d: int, j: int) -> float:
-    """Between two angles at which a ray goes too far, or not far enough, one at which it is the other way round; nan when there is none."""
-    _, slope = _reach(m, low * (1.0 + _ASIDE), i, d, j)
-    _, after = _reach(m, high * (1.0 - _ASIDE), i, d, j)
-    if slope * at_low >= 0.0 or after * at_low <= 0.0:
-        return math.nan
-    for _ in range(60):
-        middle = math.sqrt(low * high) if high > 4.0 * low else 0.5 * (low + high)
-        way, slope = _reach(m, middle, i, d, j)
-        if (way - x) * at_low <= 0.0:
-            return middle
-        if abs(slope) * (high - low) < _EXACT_M:
-            return math.nan
-        if slope * at_low < 0.0:
-            low = middle
-        else:
-            high = middle
-    return math.nan
 
 
 @compiled
@@ -158,9 +83,10 @@ def _tube(m: Medium, theta: float, i: int, d: int, j: int, omega: float) -> tupl
 
 @compiled
 def _keep(
-    m: Medium, theta: float, x: float, i: int, d: int, j: int, downward: bool, omega: float, out: Array, count: int
+    m: Medium, theta: float, x: float, i: int, d: int, j: int, downward: bool, rays: Array, out: Array, count: int
 ) -> int:
-    """Put a ray among those found, by its time; `downward` where it leaves the upper end. Returns how many there are."""
+    """Put a ray among those found, by its time; `downward` where it leaves the upper end. How wide its tube is waits for `_widen` and is noted in
+    `rays`. Returns how many there are."""
     q, p, last = math.sin(theta) ** 2, math.cos(theta) / m.fastest, len(m.c) - 1
     up, between, down = leg(m, p, q, m.upper, 0), leg(m, p, q, m.upper, m.lower), leg(m, p, q, m.lower, last)
     way = i * up.x + d * between.x + j * down.x
@@ -174,14 +100,14 @@ def _keep(
         return count
     count = min(count + 1, len(out))
     for row in range(count - 1, place, -1):
-        out[row] = out[row - 1]
-    slope, bounded = _tube(m, theta, i, d, j, omega)
+        out[row], rays[row] = out[row - 1], rays[row - 1]
+    rays[place, 0], rays[place, 1], rays[place, 2], rays[place, 3] = theta, i, d, j
     tube = i * up.tube + d * between.tube + j * down.tube
     ends = sine_at(m, m.upper, q) * sine_at(m, m.lower, q) / (m.c[m.upper] * m.c[m.lower])
     vertices = (i // 2 * (not up.turned), j // 2 * (not down.turned))
     arrives = downward == (i == j)
     row = out[place]
-    row[TIME], row[AREA], row[CAUSTIC] = time, tube * slope * ends, bounded
+    row[TIME], row[AREA], row[CAUSTIC] = time, tube * ends, False
     row[UPPER_DIP] = _dip(m, m.upper, p, q, downward)
     row[LOWER_DIP] = _dip(m, m.lower, p, q, arrives)
     row[ABSORPTION] = i * up.loss + d * between.loss + j * down.loss
@@ -190,6 +116,16 @@ def _keep(
     row[SURFACE_GRAZING] = math.atan2(sine_at(m, 0, q), p * m.c[0])
     row[BOTTOM_GRAZING] = math.atan2(sine_at(m, last, q), p * m.c[last])
     return count
+
+
+@compiled
+def _widen(m: Medium, rays: Array, omega: float, out: Array, count: int) -> None:
+    """Complete the areas of those found, of which `rays` has (count, 4) theta, i, d and j; d = 0 where nothing is missing."""
+    for place in range(count):
+        theta, i, d, j = rays[place, 0], int(rays[place, 1]), int(rays[place, 2]), int(rays[place, 3])
+        if d:
+            slope, bounded = _tube(m, theta, i, d, j, omega)
+            out[place, AREA], out[place, CAUSTIC] = out[place, AREA] * slope, bounded
 
 
 @compiled
@@ -224,27 +160,16 @@ def _exists(
 
 @inlined
 def _bounds(
-    m: Medium,
-    fan: Fan,
-    nodes: Nodes,
-    rays: Angles,
-    k: int,
-    x: float,
-    miss: float,
-    falls: bool,
-    times: tuple[int, int, int],
+    flatter: float, steeper: float, known: float, late: float, x: float, miss: float, falls: bool
 ) -> tuple[float, float]:
     """Times (s) between which rays of a kind between two neighbours arrive, whose ways differ from x by `miss` at most, and fall or not.
 
-    With p x + delay, whose derivative with p is x less the ray's way: where that falls it is greatest at the ray. No time is less than p x.
+    With p x + `late`, of the ray that turns at the speed `known` (0: of neither), whose derivative with p is x less the ray's way: where that
+    falls it is greatest at the ray. No time is less than p x.
     """
-    flatter, steeper = rays.turning[k], rays.turning[k + 1]
-    at = k + 1 if rays.row[k + 1] >= 0 else k
-    if rays.row[at] < 0 or len(fan.delay) == 0:
+    if known == 0.0:
         return x / steeper, math.inf
-    turning = rays.turning[at]
-    late = delay_of(m, fan.delay, nodes, turning, rays.row[at], rays.vertex[k, 0], rays.vertex[k, 1], times)
-    time, width = x / turning + late, (1.0 / flatter - 1.0 / steeper) * miss + _NO_TIME_S
+    time, width = x / known + late, (1.0 / flatter - 1.0 / steeper) * miss + _NO_TIME_S
     return max(time - (_NO_TIME_S if falls else width), x / steeper), time + width
 
 
@@ -260,7 +185,10 @@ def _scan(
         How many wait there, and a time (s) before which one of them arrives, or `latest`.
     """
     upper, lower, last, closed = m.upper, m.lower, len(m.c) - 1, m.closed
+    z, c, sums, g, own, after, before = m.z, m.c, m.k, m.g, nodes.own, nodes.next, nodes.last
+    turnings, rows, vertex, table, kept = rays.turning, rays.row, rays.vertex, fan.delay, len(fan.delay) > 0
     for k in range(end - 1, begin - 1, -1):
+        has_delays, known, up_s, between_s, down_s = False, 0.0, 0.0, 0.0, 0.0
         up, down, row = k >= rays.to_surface, k >= rays.to_bottom, k - begin
         a0, a1 = at[row, 0, 0] + at[row, 0, 1], at[row, 1, 0] + at[row, 1, 1]
         d0, d1 = at[row, 0, 2], at[row, 1, 2]
@@ -282,7 +210,15 @@ def _scan(
                 falls = (up or i == 0) and (down or j == 0)
                 if falls and not crosses:
                     continue
-                early, late = _bounds(m, fan, nodes, rays, k, x, max(x - least, most - x), falls, (i, d, j))
+                if not has_delays:
+                    has_delays, ray = True, k + 1 if rows[k + 1] >= 0 else k
+                    if rows[ray] >= 0 and kept:
+                        known = turnings[ray]
+                        up_s, between_s, down_s = delays_of(
+                            z, c, sums, g, table, own, after, before, upper, lower, known, rows[ray], vertex[k, 0], vertex[k, 1]
+                        )  # fmt: skip
+                late_s = i * up_s + d * between_s + j * down_s
+                early, late = _bounds(turnings[k], turnings[k + 1], known, late_s, x, max(x - least, most - x), falls)
                 if early > latest:
                     continue
                 if crosses and alone:
@@ -294,26 +230,26 @@ def _scan(
 
 
 @compiled
-def _settle(m: Medium, rays: Angles, span: Array, x: float, omega: float, out: Array, count: int) -> int:
+def _settle(m: Medium, rays: Angles, span: Array, x: float, found: Array, out: Array, count: int) -> int:
     """Find the rays that a row of the queue stands for, and keep them. Returns how many there are."""
     k, bounces, kind, first, second = int(span[PLACE]), int(span[BOUNCES]), int(span[KIND]), span[FIRST], span[SECOND]
     i, j, d, downward = 2 * (bounces + kind % 2), 2 * (bounces + kind // 2), 2 * bounces + 1, kind % 2 == 0
     low, high = max(angle_of(m.fastest, rays.turning[k]), _FLATTEST), angle_of(m.fastest, rays.turning[k + 1])
     if first * second < 0.0 or (first == 0.0 and second < 0.0):
-        theta = _solve(m, low, high, first, second, x, i, d, j)
-        kept: int = _keep(m, theta, x, i, d, j, downward, omega, out, count)
+        theta = solve(m, low, high, first, second, x, i, d, j)
+        kept: int = _keep(m, theta, x, i, d, j, downward, found, out, count)
         return kept
-    middle = _turn(m, low, high, first, x, i, d, j)
+    middle = turn(m, low, high, first, x, i, d, j)
     if not math.isnan(middle):
         for left, right, start in ((low, middle, first), (middle, high, -first)):
-            theta = _solve(m, left, right, start, -start, x, i, d, j)
-            count = _keep(m, theta, x, i, d, j, downward, omega, out, count)
+            theta = solve(m, left, right, start, -start, x, i, d, j)
+            count = _keep(m, theta, x, i, d, j, downward, found, out, count)
     return count
 
 
 @compiled
 def _settle_all(
-    m: Medium, rays: Angles, queue: Array, size: int, x: float, omega: float, out: Array, count: int
+    m: Medium, rays: Angles, queue: Array, size: int, x: float, found: Array, out: Array, count: int
 ) -> int:
     """Find the rays of a queue, those that may be the earliest first, until the others are too late to be kept. Returns how many there are."""
     for done in range(size):
@@ -325,19 +261,19 @@ def _settle_all(
             queue[done, column], queue[best, column] = queue[best, column], queue[done, column]
         if count == len(out) and queue[done, EARLIEST] > out[count - 1, TIME]:
             break
-        count = _settle(m, rays, queue[done], x, omega, out, count)
+        count = _settle(m, rays, queue[done], x, found, out, count)
     return count
 
 
 @compiled
-def _vertical(m: Medium, order: int, omega: float, out: Array) -> int:
+def _vertical(m: Medium, order: int, found: Array, out: Array) -> int:
     """Rays straight up and down."""
     count = 0
     for k in range(order + 1):
         for kind in range(4):
             i, j, d = 2 * (k + kind % 2), 2 * (k + kind // 2), 2 * k + 1
             if _exists(m.upper, m.lower, len(m.c) - 1, m.closed, i, j, kind % 2 == 0, order, True, True):
-                count = _keep(m, 0.5 * math.pi, 0.0, i, d, j, kind % 2 == 0, omega, out, count)
+                count = _keep(m, 0.5 * math.pi, 0.0, i, d, j, kind % 2 == 0, found, out, count)
     return count
 
 
@@ -373,13 +309,14 @@ def find_rays(
     Returns:
         How many were found.
     """
-    m = medium(depth, speed, alpha, a, b, bottom)
+    m, found = medium(depth, speed, alpha, a, b, bottom), np.zeros((len(out), 4))
     if x < _NEAR_M:
-        vertical: int = _vertical(m, order, omega, out)
-        return vertical
+        count: int = _vertical(m, order, found, out)
+        _widen(m, found, omega, out, count)
+        return count
     fan, nodes = Fan(turning, row, way, delays), find_nodes(m, depth, speed)
     rays = angles(m, fan, nodes)
-    count: int = _level(m, x, out)
+    count = _level(m, x, out)
     queue, size, last = np.empty((8 * _AT_ONCE * (MOST_TURNS // 2 + order + 1), SECOND + 1)), 0, len(rays.turning) - 1
     at, alone = np.empty((_AT_ONCE, 2, 5)), len(out) == 1
     latest = out[0, TIME] if alone and count else math.inf
@@ -391,7 +328,8 @@ def find_rays(
         ways(m, fan, nodes, rays, begin, end, order, at)
         size, latest = _scan(m, fan, nodes, rays, begin, end, at, x, order, alone, latest, queue, size)
         if size > len(queue) // 2:
-            count, size = _settle_all(m, rays, queue, size, x, omega, out, count), 0
+            count, size = _settle_all(m, rays, queue, size, x, found, out, count), 0
             latest = out[count - 1, TIME] if count == len(out) else latest
-    found: int = _settle_all(m, rays, queue, size, x, omega, out, count)
-    return found
+    count = _settle_all(m, rays, queue, size, x, found, out, count)
+    _widen(m, found, omega, out, count)
+    return count
