@@ -96,7 +96,8 @@ def ventilated(submergence: float) -> float:
     """Thrust of a ventilating propeller over that deep below, by the depth of its hub in radii.
 
     1 - 0.675 (1 - 0.769 h/R)^1.258 from -0.48, where nothing is left, to 1.3: loss of disc area and ventilation together (Minsaas, Faltinsen
-    and Persson 1983; Smogeli 2006; recalled, not read there), of a propeller under heavy load, in calm water. How ventilation comes and goes in time is left out.
+    and Persson 1983; Smogeli 2006; recalled, not read there), of a propeller under heavy load, in calm water. How ventilation comes and goes
+    in time is left out.
     """
     if submergence >= 1.3:
         return 1.0
