@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from uwserver_adapters.devices.device import Device, Reader
 
 from uwserver.ports import Argument, Field, Port, Sample, Service, Value
@@ -96,8 +98,12 @@ SERVICES = (
     Service(
         "rov/sonar/set",
         "Change.",
-        tuple(
-            Argument(name, "float", "x", required=False) for name in ("range", "step", "sector_center", "sector_width")
+        (
+            Argument("range", "float", "x", "m", False, minimum=2, maximum=50),
+            Argument("gain", "float", "x", "dB", False, minimum=-60, maximum=60),
+            Argument("step", "float", "x", "rad", False, minimum=1e-3, maximum=0.6),
+            Argument("sector_center", "float", "x", "rad", False, minimum=-math.pi, maximum=math.pi),
+            Argument("sector_width", "float", "x", "rad", False, minimum=1e-3, maximum=2 * math.pi + 1e-9),
         ),
     ),
 )
