@@ -89,7 +89,22 @@ IMU = Port(
     200.0,
 )
 COMPASS = Port("rov/compass", "sensor", "magnetometer", (Field("field_S", "T", "x", "S", (3,)),), "Compass.", 20.0)
-PORTS = (DVL, ATTITUDE, GPS, ALTIMETER, DEPTH, SONAR, IMU, COMPASS)
+USBL = Port(
+    "rov/usbl",
+    "sensor",
+    "usbl",
+    (
+        Field("beacon", "1", "x", type="str"),
+        Field("range", "m", "x"),
+        Field("bearing", "rad", "x"),
+        Field("elevation", "rad", "x"),
+        Field("p_beacon_S", "m", "x", "S", (3,)),
+        Field("travel_time", "s", "x"),
+    ),
+    "USBL.",
+    2.0,
+)
+PORTS = (DVL, ATTITUDE, GPS, ALTIMETER, DEPTH, SONAR, IMU, COMPASS, USBL)
 SERVICES = (
     Service(
         "rov/dvl/set",

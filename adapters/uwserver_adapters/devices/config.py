@@ -11,10 +11,11 @@ from uwserver.table import Name
 from uwserver_adapters.devices.nmea0183 import Nmea0183Table
 from uwserver_adapters.devices.ping1d import Ping1DTable
 from uwserver_adapters.devices.ping360 import Ping360Table
+from uwserver_adapters.devices.seatrac import SeaTracTable
 from uwserver_adapters.devices.vectornav import VectorNavTable
 from uwserver_adapters.devices.water_linked_a50 import WaterLinkedA50Table
 
-AnyDevice = WaterLinkedA50Table | Nmea0183Table | Ping1DTable | Ping360Table | VectorNavTable
+AnyDevice = WaterLinkedA50Table | Nmea0183Table | Ping1DTable | Ping360Table | VectorNavTable | SeaTracTable
 
 
 class DevicesConfig(AdapterTable, tag="devices", kw_only=True, frozen=True):
