@@ -9,6 +9,7 @@ from uwserver_adapters.devices.inertial import GPS_ZERO, LEAP_S, WEEK_S, Fix, Re
 
 from uwserver.frames import quat_from_rpy
 from uwserver.ports import Argument, Field, Port, Sample, Service, Value
+from uwserver.ports.buffer import Layout
 from uwserver.testing import FakeContext
 
 EPOCH_NS = 1_704_067_200_000_000_000
@@ -104,7 +105,20 @@ USBL = Port(
     "USBL.",
     2.0,
 )
-PORTS = (DVL, ATTITUDE, GPS, ALTIMETER, DEPTH, SONAR, IMU, COMPASS, USBL)
+MULTIBEAM = Port(
+    "rov/multibeam",
+    "sensor",
+    "multibeam",
+    (
+        Field("image", "1", "x", type="buffer", buffer=Layout("uint8", (-1, -1))),
+        Field("range", "m", "x"),
+        Field("range_start", "m", "x"),
+        Field("azimuth", "rad", "x", type="buffer", buffer=Layout("float32", (-1,))),
+    ),
+    "Imaging sonar.",
+    15.0,
+)
+PORTS = (DVL, ATTITUDE, GPS, ALTIMETER, DEPTH, SONAR, IMU, COMPASS, USBL, MULTIBEAM)
 SERVICES = (
     Service(
         "rov/dvl/set",
@@ -120,6 +134,15 @@ SERVICES = (
         (
             Argument("range", "float", "x", "m", False, minimum=0.3, maximum=100),
             Argument("sound_speed", "float", "x", "m/s", False, minimum=0, maximum=2000),
+        ),
+    ),
+    Service(
+        "rov/multibeam/set",
+        "Change.",
+        (
+            Argument("range", "float", "x", "m", False, minimum=0.5, maximum=40),
+            Argument("gain", "float", "x", "dB", False, minimum=-60, maximum=60),
+            Argument("mode", "str", "x", required=False, choices=("low", "high")),
         ),
     ),
     Service(

@@ -9,13 +9,16 @@ from msgspec import Meta
 from uwserver.adapter import AdapterTable
 from uwserver.table import Name
 from uwserver_adapters.devices.nmea0183 import Nmea0183Table
+from uwserver_adapters.devices.oculus import OculusTable
 from uwserver_adapters.devices.ping1d import Ping1DTable
 from uwserver_adapters.devices.ping360 import Ping360Table
 from uwserver_adapters.devices.seatrac import SeaTracTable
 from uwserver_adapters.devices.vectornav import VectorNavTable
 from uwserver_adapters.devices.water_linked_a50 import WaterLinkedA50Table
 
-AnyDevice = WaterLinkedA50Table | Nmea0183Table | Ping1DTable | Ping360Table | VectorNavTable | SeaTracTable
+AnyDevice = (
+    WaterLinkedA50Table | Nmea0183Table | Ping1DTable | Ping360Table | VectorNavTable | SeaTracTable | OculusTable
+)
 
 
 class DevicesConfig(AdapterTable, tag="devices", kw_only=True, frozen=True):

@@ -26,6 +26,19 @@ class Garbage:
     text: str
 
 
+@dataclass(frozen=True)
+class Report:
+    """What peers of some ways get of a device that says different things by TCP and by UDP.
+
+    Attributes:
+        data: the message.
+        by_datagram: by UDP alone; otherwise by TCP and serial line alone.
+    """
+
+    data: bytes
+    by_datagram: bool
+
+
 class Reader(Protocol):
     """The bytes of one peer, to messages."""
 
@@ -51,7 +64,7 @@ class Device(Protocol):
     def take(self, message: Any, reply: Reply) -> str:
         """A message of a peer. Returns why it cannot be obeyed, which is counted; "" where it is, or where the peer itself was told."""
 
-    def see(self, sample: Sample) -> list[bytes]:
+    def see(self, sample: Sample) -> Sequence[bytes | Report]:
         """A sample of a port that it wants. Returns messages for all peers."""
 
     def reset(self) -> None:
