@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated
 
 from msgspec import Meta
@@ -26,3 +27,9 @@ class DevicesConfig(AdapterTable, tag="devices", kw_only=True, frozen=True):
     device: by names of your own: which sensor is served as which device, and where."""
 
     device: Annotated[dict[Name, AnyDevice], Meta(min_length=1)]
+
+    def parts(self) -> Mapping[str, str]:
+        """Each device: its kind, its sensors, its addresses."""
+        return {
+            f"device.{name}": f"{table.__struct_config__.tag} {table.told()}" for name, table in self.device.items()
+        }
