@@ -26,6 +26,8 @@ from uwserver_adapters.devices import (
     vectornav,
     vectornav_text,
     water_linked_a50,
+    xbus,
+    xsens,
 )
 from uwserver_adapters.mavlink.wire import frames as mavlink_frames
 from uwserver_adapters.mavlink.wire.dialect import Dialect
@@ -708,6 +710,7 @@ class DeviceMessages(InLoop):
             "ping360": ping360.Ping360Table(sensor="rov/sonar", **table).build(self._context),
             "vectornav": vectornav.VectorNavTable(**inertial, **table).build(self._context),
             "seatrac": seatrac.SeaTracTable(usbl="rov/usbl", attitude="rov/attitude", beacons=beacons, **table).build(self._context),
+            "xsens": xsens.XsensTable(imu="rov/imu", attitude="rov/attitude", **table).build(self._context),
             "oculus": oculus.OculusTable(sonar="rov/multibeam", **table).build(self._context),
         }  # fmt: skip
         level = (1.0, 0.0, 0.0, 0.0)
@@ -752,6 +755,7 @@ class DeviceMessages(InLoop):
             "ping360": ping_protocol.encode(ping_protocol.Frame(5)),
             "vectornav": vectornav_text.line("VNRRG", "1"),
         }
+        probe["xsens"] = xbus.encode(xbus.Message(0))
         probe["seatrac"] = seatrac_messages.encode(seatrac_messages.Message(1), b"#")
         replies, bad = devices_rig.ask(device, probe.get(name, b""))
         assert bad == [], data
@@ -761,6 +765,8 @@ class DeviceMessages(InLoop):
             assert 200 <= device.settings.number_of_samples <= 1200, data
         elif name == "vectornav":
             assert device.settings.async_hz <= 200, data
+        elif name == "xsens":
+            assert all(rate <= 2000 or rate == 0xFFFF for _, rate in device.items), data
         elif name == "oculus":
             assert device.fire.mode in (1, 2), data
             assert 0.0 < device.fire.reach <= 1000.0, data
@@ -807,6 +813,13 @@ class DeviceMessages(InLoop):
         ascii_values = [value for value in values if value.isascii()]
         verb = dice.one(("VNWRG", "VNWRG", "VNRRG", "VNASY", "VNBOM", "VNWNV", "VNRST", "VNRFS", "VNTAR"))
         return vectornav_text.line(verb, *(dice.one(ascii_values) for _ in range(dice.below(8))))
+
+    def _xsens(self) -> bytes:
+        dice = self._dice
+        numbers, rates = (0x2010, 0x4022, 0x1060, 0x5042, dice.below(1 << 16)), (0, 100, 0xFFFF, dice.below(3000))
+        items = [struct.pack(">HH", dice.one(numbers), dice.one(rates)) for _ in range(dice.below(36))]
+        number = dice.one((0xC0, 0xC0, 0x30, 0x10, 0x40, 0x00, dice.below(256)))
+        return xbus.encode(xbus.Message(number, dice.one((b"".join(items), dice.bytes(300)))))
 
     def _seatrac(self) -> bytes:
         dice = self._dice

@@ -16,9 +16,17 @@ from uwserver_adapters.devices.ping360 import Ping360Table
 from uwserver_adapters.devices.seatrac import SeaTracTable
 from uwserver_adapters.devices.vectornav import VectorNavTable
 from uwserver_adapters.devices.water_linked_a50 import WaterLinkedA50Table
+from uwserver_adapters.devices.xsens import XsensTable
 
 AnyDevice = (
-    WaterLinkedA50Table | Nmea0183Table | Ping1DTable | Ping360Table | VectorNavTable | SeaTracTable | OculusTable
+    WaterLinkedA50Table
+    | Nmea0183Table
+    | Ping1DTable
+    | Ping360Table
+    | VectorNavTable
+    | SeaTracTable
+    | OculusTable
+    | XsensTable
 )
 
 
