@@ -10,12 +10,25 @@ import struct
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import devices_rig
 import msgpack
 from dice import Dice
 from msgspec import structs
 from uwserver_adapters.ardupilot import wire as ardupilot
 from uwserver_adapters.devices import device as devices
-from uwserver_adapters.devices import water_linked_a50
+from uwserver_adapters.devices import (
+    oculus,
+    oculus_messages,
+    ping360,
+    ping_protocol,
+    seatrac,
+    seatrac_messages,
+    vectornav,
+    vectornav_text,
+    water_linked_a50,
+    xbus,
+    xsens,
+)
 from uwserver_adapters.mavlink.wire import frames as mavlink_frames
 from uwserver_adapters.mavlink.wire.dialect import Dialect
 from uwserver_adapters.mavlink.wire.json_form import BadJson, frame_of
@@ -36,7 +49,7 @@ from uwserver_adapters.zenoh_bus.keys import KeyScheme
 from uwserver_adapters.zenoh_bus.requests import Put, Question, Requests
 
 from uwserver.adapter import AdapterStats, Refusals
-from uwserver.ports import Field, Port, Refused
+from uwserver.ports import Buffer, Field, Port, Refused
 from uwserver.server.http import Service
 from uwserver.testing import FakeContext, Loopback
 from uwserver.testing.codecs import read_all
@@ -683,6 +696,149 @@ class DeviceLines(Target):
         assert 0 <= config["mounting_rotation_offset"] <= 360, data
 
 
+class DeviceMessages(InLoop):
+    """Messages to devices of binary and text protocols, changed before they get their check sums or after: no exception, settings that the device
+    may have, and a new peer is answered as ever."""
+
+    def __init__(self, dice: Dice) -> None:
+        super().__init__(dice)
+        self._context = devices_rig.make_context()
+        table: Any = {"tcp_port": 0}
+        beacons = {"pole": seatrac.SeaTracBeacon(id=1)}
+        inertial = {"imu": "rov/imu", "attitude": "rov/attitude", "gps": "rov/gps", "model": "VN-200"}
+        self._devices: dict[str, Any] = {
+            "ping360": ping360.Ping360Table(sensor="rov/sonar", **table).build(self._context),
+            "vectornav": vectornav.VectorNavTable(**inertial, **table).build(self._context),
+            "seatrac": seatrac.SeaTracTable(usbl="rov/usbl", attitude="rov/attitude", beacons=beacons, **table).build(self._context),
+            "xsens": xsens.XsensTable(imu="rov/imu", attitude="rov/attitude", **table).build(self._context),
+            "oculus": oculus.OculusTable(sonar="rov/multibeam", **table).build(self._context),
+        }  # fmt: skip
+        level = (1.0, 0.0, 0.0, 0.0)
+        picture = (
+            Buffer(dtype="uint8", shape=(2, 2), data=b"abcd"),
+            2.0,
+            0.5,
+            Buffer(dtype="float32", shape=(2,), data=bytes(8)),
+        )
+        self._samples = [
+            devices_rig.sample(devices_rig.ATTITUDE, (level, 0.0)),
+            devices_rig.sample(devices_rig.GPS, (1.0, 0.2, 3.0, (1.0, 2.0, 3.0), 9, 3)),
+            devices_rig.sample(devices_rig.IMU, ((0.0, 0.0, -9.8), (0.1, 0.2, 0.3), 12.5)),
+            devices_rig.sample(devices_rig.USBL, ("pole", 15.0, 0.0, 0.0, (15.0, 0.0, 0.0), 0.02)),
+            devices_rig.sample(devices_rig.SONAR, (0.0, 2.0, -12.0, (1,) * 8)),
+            devices_rig.sample(devices_rig.MULTIBEAM, picture),
+        ]
+        self._see()
+
+    def _see(self) -> None:
+        for sample in self._samples:
+            for device in self._devices.values():
+                if sample.port in device.wanted:
+                    device.see(sample)
+
+    async def _once(self) -> None:
+        name = self._dice.one(tuple(self._devices))
+        device = self._devices[name]
+        data: bytes = getattr(self, f"_{name}")()
+        if not self._dice.below(3):
+            data = self._dice.damaged(data)
+        replies: list[bytes] = []
+        for event in read_all(device.reader(), self._dice.pieces(data), None):  # type: ignore[arg-type]  # reads only
+            if not isinstance(event, devices.Garbage):
+                device.take(event, replies.append)
+        self._see()
+        await asyncio.sleep(0)
+        self._check(name, device, data)
+
+    def _check(self, name: str, device: Any, data: bytes) -> None:
+        probe = {
+            "ping360": ping_protocol.encode(ping_protocol.Frame(5)),
+            "vectornav": vectornav_text.line("VNRRG", "1"),
+        }
+        probe["xsens"] = xbus.encode(xbus.Message(0))
+        probe["seatrac"] = seatrac_messages.encode(seatrac_messages.Message(1), b"#")
+        replies, bad = devices_rig.ask(device, probe.get(name, b""))
+        assert bad == [], data
+        assert len(replies) == (0 if name == "oculus" else 1), data
+        if name == "ping360":
+            assert device.settings.angle < 400, data
+            assert 200 <= device.settings.number_of_samples <= 1200, data
+        elif name == "vectornav":
+            assert device.settings.async_hz <= 200, data
+        elif name == "xsens":
+            assert all(rate <= 2000 or rate == 0xFFFF for _, rate in device.items), data
+        elif name == "oculus":
+            assert device.fire.mode in (1, 2), data
+            assert 0.0 < device.fire.reach <= 1000.0, data
+
+    def _ping360(self) -> bytes:
+        dice = self._dice
+        numbers = (1, 2, 100, 32, 444, 740, 800)
+        fields = [dice.one((n, dice.below(1 << 16))) for n in numbers[2:]]
+        body = bytes((1, dice.below(4))) + struct.pack("<5H", *fields) + bytes((dice.below(2), 0))
+        scan = (
+            bytes((1, dice.below(4)))
+            + struct.pack("<6H", *fields, dice.below(500))
+            + bytes((dice.below(12), dice.below(120)))
+        )
+        payload = dice.one((body, scan, dice.bytes(20), b""))
+        number = dice.one((2601, 2601, 2602, 2602, 2600, 2903, 2000, 100, 6, 2300, dice.below(1 << 16)))
+        return ping_protocol.encode(ping_protocol.Frame(number, payload))
+
+    def _vectornav(self) -> bytes:
+        dice = self._dice
+        values = (
+            "75",
+            "6",
+            "7",
+            "8",
+            "1",
+            "0",
+            "2",
+            "14",
+            "40",
+            "80",
+            "800",
+            "01",
+            "FF",
+            "0108",
+            "ffff",
+            "-1",
+            "",
+            "x",
+            "1e9",
+            "\u0661",
+            "9" * 30,
+        )
+        ascii_values = [value for value in values if value.isascii()]
+        verb = dice.one(("VNWRG", "VNWRG", "VNRRG", "VNASY", "VNBOM", "VNWNV", "VNRST", "VNRFS", "VNTAR"))
+        return vectornav_text.line(verb, *(dice.one(ascii_values) for _ in range(dice.below(8))))
+
+    def _xsens(self) -> bytes:
+        dice = self._dice
+        numbers, rates = (0x2010, 0x4022, 0x1060, 0x5042, dice.below(1 << 16)), (0, 100, 0xFFFF, dice.below(3000))
+        items = [struct.pack(">HH", dice.one(numbers), dice.one(rates)) for _ in range(dice.below(36))]
+        number = dice.one((0xC0, 0xC0, 0x30, 0x10, 0x40, 0x00, dice.below(256)))
+        return xbus.encode(xbus.Message(number, dice.one((b"".join(items), dice.bytes(300)))))
+
+    def _seatrac(self) -> bytes:
+        dice = self._dice
+        number = dice.one((0x01, 0x02, 0x03, 0x10, 0x11, 0x12, 0x3A, 0x40, 0x40, 0x50, dice.below(256)))
+        payload = dice.one((b"\x01\x04", b"\x01\x0f\x00", b"\x02\x04", b"", dice.bytes(8)))
+        return seatrac_messages.encode(seatrac_messages.Message(number, payload), b"#")
+
+    def _oculus(self) -> bytes:
+        dice = self._dice
+        payload = oculus_messages.Fire(2, 0, extended=dice.one(((), (0,) * 9))).payload()
+        number = dice.one((0x15, 0x15, 0x15, 0x55, 0xFF, dice.below(256)))
+        at = dice.below(len(payload) - 8)
+        odd = struct.pack("<d", dice.one((0.0, -1.0, 1e308, math.nan, math.inf, 12.5)))
+        changed = dice.one(
+            (payload, payload[:at] + odd + payload[at + 8 :], bytes((dice.below(4), dice.below(8))) + payload[2:])
+        )
+        return oculus_messages.encode(oculus_messages.Message(number, changed, dice.below(3)))
+
+
 TARGETS: Mapping[str, Callable[[Dice], Target]] = {
     "json": Json,
     "msgpack": Msgpack,
@@ -694,6 +850,7 @@ TARGETS: Mapping[str, Callable[[Dice], Target]] = {
     "morse_lines": MorseLines,
     "tcpros": Tcpros,
     "devices": DeviceLines,
+    "device_messages": DeviceMessages,
     "ardupilot": ArdupilotFrames,
     "px4": Px4,
     "zenoh": Zenoh,

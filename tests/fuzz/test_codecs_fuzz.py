@@ -62,6 +62,10 @@ FAULTS: dict[str, tuple[str, object]] = {
     "moos_packets": ("uwserver_adapters.moos.wire.NAMES_LIMIT", 5),
     "moos_lines": ("uwserver_adapters.moos.text.lines._TAG", re.compile(r"#(\d{1,3})\s")),
     "devices": ("uwserver_adapters.devices.water_linked_a50.decode", None),
+    "device_messages": (
+        "uwserver_adapters.devices.ping360.LIMITS",
+        {"gain_setting": (0, 2), "sample_period": (80, 40_000), "number_of_samples": (200, 1200), "num_steps": (1, 10)},
+    ),
     "ardupilot": ("uwserver_adapters.ardupilot.wire._FORMS", {ardupilot.MAGIC_16: struct.Struct("<HIH16H")}),
     "px4": ("uwserver_adapters.px4.codec.CONTROLS", 15),
     "zenoh": ("uwserver_adapters.zenoh_bus.requests.decode_caller", None),

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from uwserver_adapters.devices.device import Device, Reader
+import math
 
+from uwserver_adapters.devices.device import Device, Reader
+from uwserver_adapters.devices.inertial import GPS_ZERO, LEAP_S, WEEK_S, Fix, Readings, Vector
+
+from uwserver.frames import quat_from_rpy
 from uwserver.ports import Argument, Field, Port, Sample, Service, Value
+from uwserver.ports.buffer import Layout
 from uwserver.testing import FakeContext
 
 EPOCH_NS = 1_704_067_200_000_000_000
 """2024-01-01T00:00:00Z, of `FakeContext`."""
 S = 1_000_000_000
+ZERO: Vector = (0.0, 0.0, 0.0)
 
 DVL = Port(
     "rov/dvl",
@@ -75,7 +81,44 @@ SONAR = Port(
     "Sonar.",
     20.0,
 )
-PORTS = (DVL, ATTITUDE, GPS, ALTIMETER, DEPTH, SONAR)
+IMU = Port(
+    "rov/imu",
+    "sensor",
+    "imu",
+    (Field("f_S", "m/s^2", "x", "S", (3,)), Field("w_S", "rad/s", "x", "S", (3,)), Field("temperature", "degC", "x")),
+    "Inertial unit.",
+    200.0,
+)
+COMPASS = Port("rov/compass", "sensor", "magnetometer", (Field("field_S", "T", "x", "S", (3,)),), "Compass.", 20.0)
+USBL = Port(
+    "rov/usbl",
+    "sensor",
+    "usbl",
+    (
+        Field("beacon", "1", "x", type="str"),
+        Field("range", "m", "x"),
+        Field("bearing", "rad", "x"),
+        Field("elevation", "rad", "x"),
+        Field("p_beacon_S", "m", "x", "S", (3,)),
+        Field("travel_time", "s", "x"),
+    ),
+    "USBL.",
+    2.0,
+)
+MULTIBEAM = Port(
+    "rov/multibeam",
+    "sensor",
+    "multibeam",
+    (
+        Field("image", "1", "x", type="buffer", buffer=Layout("uint8", (-1, -1))),
+        Field("range", "m", "x"),
+        Field("range_start", "m", "x"),
+        Field("azimuth", "rad", "x", type="buffer", buffer=Layout("float32", (-1,))),
+    ),
+    "Imaging sonar.",
+    15.0,
+)
+PORTS = (DVL, ATTITUDE, GPS, ALTIMETER, DEPTH, SONAR, IMU, COMPASS, USBL, MULTIBEAM)
 SERVICES = (
     Service(
         "rov/dvl/set",
@@ -94,10 +137,23 @@ SERVICES = (
         ),
     ),
     Service(
+        "rov/multibeam/set",
+        "Change.",
+        (
+            Argument("range", "float", "x", "m", False, minimum=0.5, maximum=40),
+            Argument("gain", "float", "x", "dB", False, minimum=-60, maximum=60),
+            Argument("mode", "str", "x", required=False, choices=("low", "high")),
+        ),
+    ),
+    Service(
         "rov/sonar/set",
         "Change.",
-        tuple(
-            Argument(name, "float", "x", required=False) for name in ("range", "step", "sector_center", "sector_width")
+        (
+            Argument("range", "float", "x", "m", False, minimum=2, maximum=50),
+            Argument("gain", "float", "x", "dB", False, minimum=-60, maximum=60),
+            Argument("step", "float", "x", "rad", False, minimum=1e-3, maximum=0.6),
+            Argument("sector_center", "float", "x", "rad", False, minimum=-math.pi, maximum=math.pi),
+            Argument("sector_width", "float", "x", "rad", False, minimum=1e-3, maximum=2 * math.pi + 1e-9),
         ),
     ),
 )
@@ -145,3 +201,15 @@ def ask(device: Device, data: bytes) -> tuple[list[bytes], list[str]]:
         if reason:
             bad.append(reason)
     return replies, bad
+
+
+def inertial_readings(
+    rpy_deg: Vector = ZERO, f_S: Vector = ZERO, w_S: Vector = ZERO, gauss: Vector = ZERO, temperature: float = 0.0,
+    fix: Fix | None = None, week: int = 0, tow: float = 0.0,
+) -> Readings:  # fmt: skip
+    """What an inertial unit measures at a time of a GPS week (s)."""
+    epoch_ns = (int(GPS_ZERO.timestamp()) - LEAP_S + week * WEEK_S) * S
+    roll, pitch, yaw = map(math.radians, rpy_deg)
+    field_S = (gauss[0] * 1e-4, gauss[1] * 1e-4, gauss[2] * 1e-4)
+    q_NS = quat_from_rpy(roll, pitch, yaw)
+    return Readings(round(tow * S), epoch_ns, f_S, w_S, field_S, temperature, q_NS, fix or Fix())

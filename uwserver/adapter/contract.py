@@ -41,6 +41,10 @@ class AdapterTable(Table, tag_field="kind", kw_only=True, frozen=True):
         """
         return {}
 
+    def parts(self) -> Mapping[str, str]:
+        """What it serves where, if that is more than one thing: a text by the key of its table, which `uwserver check` tells."""
+        return {}
+
 
 @dataclass
 class AdapterStats:

@@ -50,6 +50,8 @@ def check(files: tuple[str, ...], explain: bool) -> None:
             continue
         # With --explain, standard output is TOML and nothing else.
         click.echo(styled("ok", fg="green") + summary(file, resolved).removeprefix("ok"), err=explain)
+        for line in parts(resolved):
+            click.echo(f"  {line}", err=explain)
     sys.exit(1 if failed else 0)
 
 
@@ -76,6 +78,13 @@ def summary(file: str, resolved: Resolved) -> str:
         f"adapters: {', '.join(adapters) or 'none'}"
         f"{'; ran ' + ', '.join(scenario.extensions) if scenario.extensions else ''}"
     )
+
+
+def parts(resolved: Resolved) -> Iterator[str]:
+    """A line for each part of an adapter that serves more than one thing: ``devices.device.dvl: ...``."""
+    for name, config in resolved.scenario.adapters.items():
+        for key, text in config.parts().items():
+            yield f"{name}.{key}: {text}"
 
 
 def alike(resolved: Resolved) -> dict[str, ResolvedVehicle]:

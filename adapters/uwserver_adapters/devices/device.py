@@ -8,7 +8,7 @@ from typing import Annotated, Any, Protocol
 
 from msgspec import Meta
 
-from uwserver.adapter import AdapterContext, CannotServe, Lines, TooLong, port_of
+from uwserver.adapter import AdapterContext, CannotServe, Lines, TooLong, address_text, port_of
 from uwserver.ports import Port, Sample, Value
 from uwserver.table import Name, Table
 
@@ -24,6 +24,19 @@ class Garbage:
     """Bytes that are no message of the protocol; `text` says why."""
 
     text: str
+
+
+@dataclass(frozen=True)
+class Report:
+    """What peers of some ways get of a device that says different things by TCP and by UDP.
+
+    Attributes:
+        data: the message.
+        by_datagram: by UDP alone; otherwise by TCP and serial line alone.
+    """
+
+    data: bytes
+    by_datagram: bool
 
 
 class Reader(Protocol):
@@ -51,7 +64,7 @@ class Device(Protocol):
     def take(self, message: Any, reply: Reply) -> str:
         """A message of a peer. Returns why it cannot be obeyed, which is counted; "" where it is, or where the peer itself was told."""
 
-    def see(self, sample: Sample) -> list[bytes]:
+    def see(self, sample: Sample) -> Sequence[bytes | Report]:
         """A sample of a port that it wants. Returns messages for all peers."""
 
     def reset(self) -> None:
@@ -88,6 +101,20 @@ class DeviceTable(Table, tag_field="kind", kw_only=True, frozen=True):
             host_and_port(address)
         if self.tcp_port is None and self.udp_port is None and not self.udp_to and self.serial is None:
             raise ValueError("the device has no address: give tcp_port, udp_port, udp_to or serial")
+
+    def told(self) -> str:
+        """Which sensors it serves, and where: ``of rov/gps (gps), rov/ahrs (heading) at tcp 127.0.0.1:10110``."""
+        own = (name for name in self.__struct_fields__ if name not in DeviceTable.__struct_fields__)
+        said = ((name, getattr(self, name)) for name in own)
+        sensors = [f"{value} ({name})" for name, value in said if isinstance(value, str) and "/" in value]
+        ways = [
+            f"{way} {address_text(self.bind, port) if port else f'{self.bind}, a free port'}"
+            for way, port in (("tcp", self.tcp_port), ("udp", self.udp_port))
+            if port is not None
+        ]
+        ways += [f"udp to {address}" for address in self.udp_to]
+        ways += [f"serial {self.serial}"] if self.serial is not None else []
+        return f"of {', '.join(sensors) or 'no sensor'} at {', '.join(ways)}"
 
     def build(self, context: AdapterContext) -> Device:
         """The device.

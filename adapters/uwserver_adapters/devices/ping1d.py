@@ -152,14 +152,10 @@ class Ping1D:
         return encode(Frame(message_id, self._gets[message_id](), self.settings.device_id))
 
     def _acknowledge(self, message_id: int, reply: Reply) -> None:
-        reply(encode(Frame(ping.ACK, struct.pack("<H", message_id), self.settings.device_id)))
+        reply(ping.acknowledgement(message_id, self.settings.device_id))
 
     def _refuse(self, message_id: int, reason: str, reply: Reply) -> str:
-        reply(
-            encode(
-                Frame(ping.NACK, struct.pack("<H", message_id) + reason.encode()[:200] + b"\0", self.settings.device_id)
-            )
-        )
+        reply(ping.refusal(message_id, reason, self.settings.device_id))
         return f"message {message_id}: {reason}"
 
     def _keep(self, name: str, value: int, largest: int) -> str:

@@ -34,6 +34,16 @@ def encode(frame: Frame) -> bytes:
     return head + frame.payload + CHECK.pack(sum(head + frame.payload) & 0xFFFF)
 
 
+def acknowledgement(message_id: int, source: int) -> bytes:
+    """ACK of a message."""
+    return encode(Frame(ACK, struct.pack("<H", message_id), source))
+
+
+def refusal(message_id: int, reason: str, source: int) -> bytes:
+    """NACK of a message, with its text."""
+    return encode(Frame(NACK, struct.pack("<H", message_id) + reason.encode()[:200] + b"\0", source))
+
+
 class FrameReader:
     """Bytes to frames. What is between them is garbage, told once a piece; after a broken frame the next one is looked for from its second
     byte on."""

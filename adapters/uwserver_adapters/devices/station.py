@@ -7,7 +7,7 @@ import contextlib
 import socket
 
 from uwserver.adapter import AdapterContext, Peers, Refusals, address_text, cannot_listen, serve_tcp
-from uwserver_adapters.devices.device import Device, DeviceTable, host_and_port
+from uwserver_adapters.devices.device import Device, DeviceTable, Report, host_and_port
 from uwserver_adapters.devices.wires import Address, Desk, SerialWire, TcpWire, UdpWire
 
 RIVAL = "another simulator, or the maker's own tool"
@@ -92,12 +92,18 @@ class Station:
         if self._serial is not None:
             self._serial.attend()
 
-    def report(self, data: bytes) -> None:
-        """Send to all peers."""
+    def report(self, message: bytes | Report) -> None:
+        """Send to all peers, or to those of the ways that it is for."""
+        if isinstance(message, bytes):
+            data, by_datagram, by_stream = message, True, True
+        else:
+            data, by_datagram, by_stream = message.data, message.by_datagram, not message.by_datagram
+        if self._udp is not None and by_datagram:
+            self._udp.report(data)
+        if not by_stream:
+            return
         for peer in self._peers:
             peer.report(data)
-        if self._udp is not None:
-            self._udp.report(data)
         if self._serial is not None:
             self._serial.report(data)
 

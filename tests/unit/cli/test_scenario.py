@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import re
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
@@ -26,9 +27,16 @@ class SocketsTable(AdapterTable, tag="sockets", kw_only=True, frozen=True):
     port: int = 7600
 
 
+class SeveralTable(AdapterTable, tag="several", kw_only=True, frozen=True):
+    """Serves more than one thing."""
+
+    def parts(self) -> Mapping[str, str]:
+        return {"echo": "rov/ping at 9090", "dvl": "rov/dvl at 9091"}
+
+
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr(commands, "installed_adapters", lambda: {"sockets": SocketsTable})
+    monkeypatch.setattr(commands, "installed_adapters", lambda: {"sockets": SocketsTable, "several": SeveralTable})
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -46,6 +54,15 @@ def test_check_sums_up_what_is_right() -> None:
     )
     assert "bluerov2/mocap 60 Hz" in result.stdout
     assert result.stdout.endswith("; adapters: tcp (sockets, port 7600)\n")
+
+
+def test_check_tells_what_an_adapter_serves_where(folder: Path) -> None:
+    (folder / "a.toml").write_text('schema = 1\n[adapters.d]\nkind = "several"\n')
+    result = run("check", "a.toml")
+    assert result.stdout.endswith("; adapters: d (several)\n  d.echo: rov/ping at 9090\n  d.dvl: rov/dvl at 9091\n")
+    explained = run("check", "--explain", "a.toml")
+    assert tomllib.loads(explained.stdout)["adapters"]["d"]["kind"] == "several"
+    assert "d.echo: rov/ping at 9090" in explained.stderr
 
 
 def test_check_tells_all_faults_of_all_files_and_fails(folder: Path) -> None:

@@ -260,3 +260,14 @@ def test_tables_are_read_by_kind():
     ):
         with pytest.raises(msgspec.ValidationError, match=word):
             msgspec.convert({"kind": "devices", "device": {"x": wrong}}, DevicesAdapter.Config)
+
+
+def test_a_table_tells_its_parts():
+    devices = {
+        "bridge": Nmea0183Table(gps="a/gps", heading="a/ahrs", tcp_port=0, udp_to=("127.0.0.1:10110",)),
+        "dvl": WaterLinkedA50Table(sensor="a/dvl", bind="::1"),
+    }
+    assert DevicesAdapter.Config(device=devices).parts() == {
+        "device.bridge": "nmea0183 of a/gps (gps), a/ahrs (heading) at tcp 127.0.0.1, a free port, udp to 127.0.0.1:10110",
+        "device.dvl": "water_linked_a50 of a/dvl (sensor) at tcp [::1]:16171",
+    }

@@ -1,0 +1,284 @@
+"""Blueprint Subsea SeaTrac X150: positions of other beacons by PING and NAV, and its own status."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from typing import Annotated, Any, cast
+
+from msgspec import Meta
+from msgspec.structs import replace
+
+from uwserver.adapter import AdapterContext
+from uwserver.frames import rotate
+from uwserver.ports import Sample
+from uwserver.table import Name, Table
+from uwserver_adapters.devices import seatrac_messages as wire
+from uwserver_adapters.devices.codec import NANOSECONDS
+from uwserver_adapters.devices.device import DeviceTable, Reply, Source
+from uwserver_adapters.devices.seatrac_messages import CommandReader, Found, Local, Message, encode
+
+BeaconId = Annotated[int, Meta(ge=1, le=15)]
+PART_X150, SERIAL_NUMBER, FIRMWARE = 795, 1, (2, 4, 1000)
+_FIX = ("beacon", "range", "bearing", "elevation", "p_beacon_S", "travel_time")
+
+
+class SeaTracBeacon(Table, kw_only=True, frozen=True):
+    """Attributes:
+    id: by which clients call it.
+    depth: depth sensor of the vehicle that carries it, which it tells of itself.
+    attitude: likewise.
+    """
+
+    id: BeaconId
+    depth: Name | None = None
+    attitude: Name | None = None
+
+
+class SeaTracTable(DeviceTable, tag="seatrac", kw_only=True, frozen=True):
+    """Attributes:
+    usbl: the sensor, of kind `usbl`.
+    beacons: by the names that the sensor has for them.
+    id: of this beacon.
+    attitude: of this beacon, mounted as the sensor; without it there are no positions, only directions.
+    depth: of this beacon, a sensor with a field `depth`.
+    """
+
+    usbl: Name
+    beacons: Annotated[dict[str, SeaTracBeacon], Meta(min_length=1)]
+    id: BeaconId = 15
+    attitude: Name | None = None
+    depth: Name | None = None
+
+    def __post_init__(self) -> None:
+        """ValueError where two beacons have one number."""
+        super().__post_init__()
+        numbers = [beacon.id for beacon in self.beacons.values()] + [self.id]
+        if len(set(numbers)) < len(numbers):
+            raise ValueError("two beacons have the same id: that of this beacon and those of `beacons` must differ")
+
+    def build(self, context: AdapterContext) -> SeaTrac:
+        """The device."""
+        return SeaTrac(self, context)
+
+
+class _Senses:
+    """Attitude and depth sensors of one beacon, and what they told last."""
+
+    def __init__(self, role: str, attitude: str | None, depth: str | None, context: AdapterContext) -> None:
+        ports = context.ports
+        self._attitude = Source(f"{role}attitude", attitude, ports, ("q_NS",)) if attitude else None
+        self._depth = Source(f"{role}depth", depth, ports, ("depth",), ("temperature", "pressure")) if depth else None
+        self.wanted = {source.path for source in (self._attitude, self._depth) if source is not None}
+        self.local = Local()
+
+    def see(self, sample: Sample) -> None:
+        """A sample of one of them."""
+        if not sample.valid:
+            return
+        if self._attitude is not None and self._attitude.path == sample.port:
+            self.local = replace(self.local, q_NS=self._attitude.values(sample)["q_NS"])
+        if self._depth is not None and self._depth.path == sample.port:
+            said = self._depth.values(sample)
+            self.local = replace(self.local, **{name: value for name, value in said.items() if value is not None})
+
+    def reset(self) -> None:
+        """Nothing is known."""
+        self.local = Local(sound_speed=self.local.sound_speed)
+
+
+@dataclass(frozen=True)
+class _Awaited:
+    """What a peer waits for: a fix of this beacon. `name` is empty where there is none of this number: it will not answer."""
+
+    name: str
+    number: int
+    request: int
+    query: int | None
+    reply: Reply
+
+
+class SeaTrac:
+    """The device.
+
+    Attributes:
+        wanted: its ports.
+    """
+
+    def __init__(self, table: SeaTracTable, context: AdapterContext) -> None:
+        self._table = table
+        self._usbl = Source("usbl", table.usbl, context.ports, _FIX)
+        self._own = _Senses("", table.attitude, table.depth, context)
+        self._others = {
+            name: _Senses(f"beacons.{name}.", beacon.attitude, beacon.depth, context)
+            for name, beacon in table.beacons.items()
+        }
+        self.wanted: Collection[str] = {self._usbl.path}.union(
+            self._own.wanted, *(other.wanted for other in self._others.values())
+        )
+        self._there = (wire.ATTITUDE if table.attitude else 0) | (wire.ENVIRONMENT if table.depth else 0)
+        self._content = self._there
+        self._mode = 1
+        self._t_ns = 0
+        self._period = -1
+        self._awaited: _Awaited | None = None
+        self._answers: dict[int, Callable[[bytes, Reply], str]] = {
+            wire.SYS_ALIVE: self._alive, wire.SYS_INFO: self._information, wire.SYS_REBOOT: self._reboot,
+            wire.STATUS: self._tell_status, wire.STATUS_CFG_GET: self._tell_configuration, wire.STATUS_CFG_SET: self._configure,
+            wire.XCVR_STATUS: self._tell_transceiver, wire.PING_SEND: self._ping, wire.NAV_QUERY_SEND: self._query,
+        }  # fmt: skip
+
+    def reader(self) -> CommandReader:
+        """Commands."""
+        return CommandReader()
+
+    def reset(self) -> None:
+        """The time of the world begins again; the configuration stays."""
+        self._fail()
+        self._t_ns, self._period = 0, -1
+        for senses in (self._own, *self._others.values()):
+            senses.reset()
+
+    # -- requests -------------------------------------------------------------------------------------------------------------------
+
+    def take(self, message: Message, reply: Reply) -> str:
+        """A command; its answer has the same number."""
+        answer = self._answers.get(message.number)
+        if answer is None:
+            return f"command 0x{message.number:02X} is not simulated"
+        return answer(message.payload, reply)
+
+    def _alive(self, _: bytes, reply: Reply) -> str:
+        reply(encode(Message(wire.SYS_ALIVE, struct.pack("<I", self._t_ns // NANOSECONDS))))
+        return ""
+
+    def _information(self, _: bytes, reply: Reply) -> str:
+        hardware = struct.pack("<HBIHH", PART_X150, 1, SERIAL_NUMBER, 0, 0)
+        firmware = struct.pack("<BHBBHI", 1, PART_X150, *FIRMWARE, 0)
+        head = struct.pack("<IB", self._t_ns // NANOSECONDS, 1)
+        reply(encode(Message(wire.SYS_INFO, head + hardware + firmware + firmware + b"\x01")))
+        return ""
+
+    def _reboot(self, _: bytes, reply: Reply) -> str:
+        self._fail()
+        self._content, self._mode = self._there, 1
+        reply(encode(Message(wire.SYS_REBOOT, bytes((wire.OK,)))))
+        return ""
+
+    def _tell_status(self, _: bytes, reply: Reply) -> str:
+        reply(self._status())
+        return ""
+
+    def _tell_configuration(self, _: bytes, reply: Reply) -> str:
+        reply(encode(Message(wire.STATUS_CFG_GET, bytes((self._content, self._mode)))))
+        return ""
+
+    def _configure(self, payload: bytes, reply: Reply) -> str:
+        reason, code = "", wire.OK
+        if len(payload) != 2:
+            reason, code = "status configuration: two bytes are needed", wire.PARAM_MISSING
+        elif payload[0] & ~self._there:
+            reason, code = f"status content 0x{payload[0]:02X}: there is 0x{self._there:02X}", wire.PARAM_INVALID
+        elif payload[1] >= len(wire.STATUS_HZ):
+            reason, code = f"status mode {payload[1]}: 0 to {len(wire.STATUS_HZ) - 1}", wire.PARAM_INVALID
+        else:
+            self._content, self._mode = payload
+        reply(encode(Message(wire.STATUS_CFG_SET, bytes((code,)))))
+        return reason
+
+    def _tell_transceiver(self, _: bytes, reply: Reply) -> str:
+        state = wire.IDLE if self._awaited is None else wire.REQUESTING
+        reply(encode(Message(wire.XCVR_STATUS, bytes((state,)))))
+        return ""
+
+    def _ping(self, payload: bytes, reply: Reply) -> str:
+        return self._send(wire.PING_SEND, payload, None, reply)
+
+    def _query(self, payload: bytes, reply: Reply) -> str:
+        query = payload[1] if len(payload) > 1 else 0
+        return self._send(
+            wire.NAV_QUERY_SEND, payload[:1] + bytes((wire.REQX,)) if len(payload) > 1 else b"", query, reply
+        )
+
+    def _send(self, command: int, payload: bytes, query: int | None, reply: Reply) -> str:
+        """Ask another beacon: `payload` is its number and the kind of request."""
+        number, request = (*payload, 0, 0)[:2]
+        reason, code = "", wire.OK
+        if len(payload) < 2:
+            reason, code = "a request: the number of the beacon and the kind are needed", wire.PARAM_MISSING
+        elif not 1 <= number <= 15 or number == self._table.id:
+            reason, code = f"beacon {number}: 1 to 15, and not its own", wire.PARAM_INVALID
+        elif request not in (wire.REQ, wire.REQU, wire.REQX):
+            reason, code = f"message type {request} asks for no answer", wire.PARAM_INVALID
+        elif self._awaited is not None:
+            code = wire.BUSY
+        reply(encode(Message(command, bytes((code, number)))))
+        if code == wire.OK:
+            name = next((name for name, beacon in self._table.beacons.items() if beacon.id == number), "")
+            self._awaited = _Awaited(name, number, request, query, reply)
+        return reason
+
+    # -- readings -------------------------------------------------------------------------------------------------------------------
+
+    def see(self, sample: Sample) -> list[bytes]:
+        """A sample: the fix that a peer waits for goes to it, the status to all when it is due."""
+        self._own.see(sample)
+        for other in self._others.values():
+            other.see(sample)
+        if sample.port == self._usbl.path:
+            self._see_fix(sample)
+        self._t_ns = max(self._t_ns, sample.t_ns)
+        rate = wire.STATUS_HZ[self._mode]
+        period = int(self._t_ns * rate / NANOSECONDS)
+        if not rate or period == self._period:
+            return []
+        self._period = period
+        return [self._status()]
+
+    def _see_fix(self, sample: Sample) -> None:
+        said = cast(dict[str, Any], self._usbl.values(sample))
+        if sample.valid and said["travel_time"] > 0.0:
+            speed = 2.0 * said["range"] / said["travel_time"]
+            self._own.local = replace(self._own.local, sound_speed=speed)
+        awaited = self._awaited
+        if awaited is None or awaited.name not in ("", said["beacon"]):
+            return  # the sensor asks its beacons in turn: the answer of this one is not the one that is waited for
+        if not awaited.name or not sample.valid:
+            self._fail()
+            return
+        self._awaited = None
+        awaited.reply(self._answer(awaited, said))
+
+    def _answer(self, awaited: _Awaited, said: dict[str, Any]) -> bytes:
+        local, remote = self._own.local, self._others[awaited.name].local
+        p_N = None if local.q_NS is None else rotate(local.q_NS, said["p_beacon_S"])
+        found = Found(said["range"], said["travel_time"], said["bearing"], said["elevation"], p_N, remote.depth)
+        record = wire.fix(self._table.id, awaited.number, awaited.request, local, found)
+        if awaited.query is None:
+            return encode(Message(wire.PING_RESP, record))
+        flags, values = 0, b""
+        if awaited.query & wire.QUERY_DEPTH and remote.depth is not None:
+            flags, values = flags | wire.QUERY_DEPTH, values + struct.pack("<i", wire.i32(wire.DECI * remote.depth))
+        if awaited.query & wire.QUERY_TEMPERATURE and remote.depth is not None:
+            flags, values = (
+                flags | wire.QUERY_TEMPERATURE,
+                values + struct.pack("<h", wire.i16(wire.DECI * remote.temperature)),
+            )
+        if awaited.query & wire.QUERY_ATTITUDE and remote.q_NS is not None:
+            flags, values = flags | wire.QUERY_ATTITUDE, values + remote.attitude()
+        return encode(Message(wire.NAV_QUERY_RESP, record + bytes((flags,)) + values + b"\x01"))
+
+    def _fail(self) -> None:
+        """Tell who waits that no answer came."""
+        awaited, self._awaited = self._awaited, None
+        if awaited is not None:
+            error = wire.PING_ERROR if awaited.query is None else wire.NAV_ERROR
+            awaited.reply(encode(Message(error, bytes((wire.TIMED_OUT, awaited.number)))))
+
+    def _status(self) -> bytes:
+        local, content = self._own.local, self._content
+        body = struct.pack("<BQ", content, self._t_ns // 1_000_000)
+        body += local.environment() if content & wire.ENVIRONMENT else b""
+        body += local.attitude() if content & wire.ATTITUDE else b""
+        return encode(Message(wire.STATUS, body))

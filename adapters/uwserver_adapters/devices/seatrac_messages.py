@@ -1,0 +1,187 @@
+"""SeaTrac's serial protocol: ``#`` (to the beacon) or ``$`` (from it), bytes as hexadecimal digits, CRC16, CR and LF (Blueprint Subsea, SeaTrac
+Serial Interface, as public drivers have it). All numbers are little-endian."""
+
+from __future__ import annotations
+
+import math
+import struct
+from dataclasses import dataclass
+
+from msgspec import Struct
+
+from uwserver.frames import rpy_from_quat
+from uwserver_adapters.devices.codec import FULL_TURN_DEG, deg
+from uwserver_adapters.devices.device import Garbage, LineReader
+
+LINE_LIMIT = 1024
+"""Longest line that is read of a peer, bytes: the settings of a beacon take some 400."""
+SYS_ALIVE, SYS_INFO, SYS_REBOOT = 0x01, 0x02, 0x03
+STATUS, STATUS_CFG_GET, STATUS_CFG_SET = 0x10, 0x11, 0x12
+XCVR_STATUS, PING_SEND, PING_RESP, PING_ERROR = 0x3A, 0x40, 0x42, 0x43
+NAV_QUERY_SEND, NAV_QUERY_RESP, NAV_ERROR = 0x50, 0x52, 0x53
+OK, PARAM_MISSING, PARAM_INVALID, BUSY, TIMED_OUT, IDLE, REQUESTING = 0x00, 0x04, 0x05, 0x30, 0x34, 0x3B, 0x3D
+ENVIRONMENT, ATTITUDE = 0x01, 0x02
+"""What a status message may hold."""
+REQ, REQU, REQX = 2, 4, 6
+"""Requests: for a range, for a direction too, and for the other's depth too. The answer has the next number."""
+RANGE_VALID, USBL_VALID, POSITION_VALID, POSITION_ENHANCED = 0x01, 0x02, 0x04, 0x08
+QUERY_DEPTH, QUERY_SUPPLY, QUERY_TEMPERATURE, QUERY_ATTITUDE = 0x01, 0x02, 0x04, 0x08
+STATUS_HZ = (0.0, 1.0, 2.5, 5.0, 10.0, 25.0)
+"""By the number of the mode."""
+TIMER_HZ = 16_000
+CHANNELS = 4
+"""Hydrophones of an X150."""
+DECI, TENTH_US = 10.0, 1e7
+
+
+@dataclass(frozen=True)
+class Message:
+    """A command to the beacon, or one of its messages."""
+
+    number: int
+    payload: bytes = b""
+
+
+def _step(value: int) -> int:
+    for _ in range(8):
+        value = value >> 1 ^ (0xA001 if value & 1 else 0)
+    return value
+
+
+_TABLE = [_step(value) for value in range(256)]
+
+
+def crc16(data: bytes) -> int:
+    """CRC-16/ARC."""
+    crc = 0
+    for byte in data:
+        crc = crc >> 8 ^ _TABLE[(crc ^ byte) & 0xFF]
+    return crc
+
+
+def encode(message: Message, mark: bytes = b"$") -> bytes:
+    """The line; `mark` is ``#`` for a command."""
+    body = bytes((message.number,)) + message.payload
+    return mark + (body + crc16(body).to_bytes(2, "little")).hex().upper().encode() + b"\r\n"
+
+
+def decode(line: bytes) -> Message | Garbage:
+    """A command, without the end of its line."""
+    if not line.startswith(b"#"):
+        return Garbage("a line is no command of the SeaTrac protocol: those begin with #")
+    try:
+        body = bytes.fromhex(line[1:].decode("ascii"))
+    except ValueError:
+        return Garbage("a command of the SeaTrac protocol holds what is no pair of hexadecimal digits")
+    if len(body) < 3:
+        return Garbage("a command of the SeaTrac protocol is too short")
+    if crc16(body[:-2]) != int.from_bytes(body[-2:], "little"):
+        return Garbage("the checksum of a command of the SeaTrac protocol is wrong")
+    return Message(body[0], body[1:-2])
+
+
+class CommandReader:
+    """Lines to commands."""
+
+    def __init__(self) -> None:
+        self._lines = LineReader(LINE_LIMIT)
+
+    def receive(self, data: bytes) -> None:
+        """Store bytes."""
+        self._lines.receive(data)
+
+    def next_event(self) -> Message | Garbage | None:
+        """The next command; None until more bytes come."""
+        line = self._lines.next_event()
+        return line if line is None or isinstance(line, Garbage) else decode(line)
+
+
+# -- values ---------------------------------------------------------------------------------------------------------------------------
+
+
+def i16(value: float) -> int:
+    """The nearest that 16 bits hold."""
+    return min(0x7FFF, max(-0x8000, round(value)))
+
+
+def i32(value: float) -> int:
+    """Likewise of 32 bits."""
+    return min(0x7FFFFFFF, max(-0x80000000, round(value)))
+
+
+def u16(value: float) -> int:
+    """Likewise, without a sign."""
+    return min(0xFFFF, max(0, round(value)))
+
+
+class Local(Struct, frozen=True):
+    """What the beacon, or another one, measures of itself.
+
+    Attributes:
+        q_NS: attitude, w x y z; None where nothing tells it.
+        depth: m; None likewise.
+        temperature: degC.
+        pressure: Pa.
+        sound_speed: that it counts with, m/s.
+    """
+
+    q_NS: tuple[float, float, float, float] | None = None
+    depth: float | None = None
+    temperature: float = 0.0
+    pressure: float = 0.0
+    sound_speed: float = 1500.0
+
+    def attitude(self) -> bytes:
+        """Yaw, pitch and roll in tenths of a degree."""
+        roll, pitch, yaw = (0.0, 0.0, 0.0) if self.q_NS is None else rpy_from_quat(self.q_NS)
+        return struct.pack(
+            "<3h", *(i16(DECI * deg(angle)) for angle in (math.remainder(yaw, 2 * math.pi), pitch, roll))
+        )
+
+    def environment(self) -> bytes:
+        """Supply (which nothing measures, 0), temperature, pressure, depth, sound speed."""
+        depth = i32(DECI * (self.depth or 0.0))
+        return struct.pack(
+            "<HhiiH", 0, i16(DECI * self.temperature), i32(self.pressure / 100.0), depth, u16(DECI * self.sound_speed)
+        )  # fmt: skip
+
+
+class Found(Struct, frozen=True):
+    """Where another beacon is.
+
+    Attributes:
+        reach: m.
+        travel_time: there and back, s.
+        bearing, elevation: rad; the elevation towards z, downwards.
+        p_N: from this beacon, m; None without an attitude.
+        depth: told by the other one, m; None where it does not.
+    """
+
+    reach: float
+    travel_time: float
+    bearing: float
+    elevation: float
+    p_N: tuple[float, float, float] | None = None
+    depth: float | None = None
+
+
+def fix(own: int, other: int, request: int, local: Local, found: Found) -> bytes:
+    """ACOFIX: the record of a fix. Signal strengths and the error of the fit, which nothing measures, are 0."""
+    has_direction = request != REQ
+    flags = RANGE_VALID | (USBL_VALID if has_direction else 0)
+    position = b""
+    if has_direction and found.p_N is not None:
+        north, east, down = found.p_N
+        flags |= POSITION_VALID
+        depth = (local.depth or 0.0) + down
+        if request == REQX and found.depth is not None:
+            flags, depth = flags | POSITION_ENHANCED, found.depth
+        position = struct.pack("<3h", i16(DECI * east), i16(DECI * north), i16(DECI * depth))
+    head = struct.pack("<BBBB", own, other, flags, request + 1) + local.attitude()
+    head += struct.pack("<HHh", u16(DECI * (local.depth or 0.0)), u16(DECI * local.sound_speed), 0)
+    count, one_way = i32(TIMER_HZ * found.travel_time), i32(0.5 * TENTH_US * found.travel_time)
+    body = struct.pack("<IiH", max(0, count), one_way, u16(DECI * found.reach))
+    if has_direction:
+        azimuth, upwards = deg(found.bearing) % FULL_TURN_DEG, -deg(found.elevation)
+        body += struct.pack("<B4hhhh", CHANNELS, 0, 0, 0, 0, i16(DECI * azimuth), i16(DECI * upwards), 0)
+    return head + body + position

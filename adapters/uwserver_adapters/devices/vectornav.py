@@ -1,0 +1,277 @@
+"""VectorNav VN-100 and VN-200: registers and asynchronous messages in ASCII, binary outputs."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Literal
+
+from msgspec import Struct, field
+from msgspec.structs import replace
+
+from uwserver.adapter import AdapterContext
+from uwserver.ports import Sample
+from uwserver_adapters.devices import vectornav_binary as binary
+from uwserver_adapters.devices import vectornav_text as text
+from uwserver_adapters.devices.codec import NANOSECONDS
+from uwserver_adapters.devices.device import Garbage, LineReader, Reply
+from uwserver_adapters.devices.inertial import InertialSensors, InertialTable, Readings
+from uwserver_adapters.devices.vectornav_binary import BinaryOutput
+from uwserver_adapters.devices.vectornav_text import OUTPUTS, Command, Misread
+
+ASYNC_TYPE, ASYNC_HZ, FIRST_BINARY, BINARIES = 6, 7, 75, 3
+FIRMWARE = "2.1.0.0"
+_READ_ONLY: Mapping[int, tuple[str, ...]] = {
+    2: ("4",), 3: ("0100000001",), 4: (FIRMWARE,),
+    # Sensors are turned in the scenario, not here: a rotation that is kept but not obeyed would be worse than a refusal.
+    26: ("+1.000000", "+0.000000", "+0.000000", "+0.000000", "+1.000000", "+0.000000", "+0.000000", "+0.000000", "+1.000000"),
+}  # fmt: skip
+_KEPT: Mapping[int, tuple[str, ...]] = {
+    0: ("",), 5: ("115200",), 30: ("0", "0", "0", "0", "1", "0", "1"), 32: ("3", "0", "0", "0", "6", "1", "0", "100000000", "0"),
+    35: ("1", "1", "1", "1"),
+}  # fmt: skip
+"""Registers that can be written and read, and change nothing: user tag, baud rate, protocol, synchronisation, attitude filter."""
+_BY_REGISTER = {output.register: output for output in OUTPUTS.values()}
+
+
+class VectorNavTable(InertialTable, tag="vectornav", kw_only=True, frozen=True):
+    """Attributes:
+    model: VN-200 has a satellite receiver, and needs `gps`.
+    """
+
+    model: Literal["VN-100", "VN-200"] = "VN-100"
+
+    def __post_init__(self) -> None:
+        """ValueError where it does not fit together."""
+        super().__post_init__()
+        if (self.model == "VN-200") != (self.gps is not None):
+            raise ValueError("gps goes with the VN-200, and with it alone: a VN-100 has no satellite receiver")
+
+    def build(self, context: AdapterContext) -> VectorNav:
+        """The device."""
+        return VectorNav(self, context)
+
+
+class Settings(Struct, frozen=True):
+    """What can be written.
+
+    Attributes:
+        async_type: of `OUTPUTS`; 0 for none.
+        async_hz: of that message.
+        binary: the three outputs.
+        kept: other registers.
+    """
+
+    async_type: int
+    async_hz: int = 40
+    binary: tuple[BinaryOutput, ...] = (BinaryOutput(),) * BINARIES
+    kept: Mapping[int, tuple[str, ...]] = field(default_factory=lambda: _KEPT)
+
+
+class CommandReader:
+    """Lines to commands."""
+
+    def __init__(self) -> None:
+        self._lines = LineReader(text.LINE_LIMIT)
+
+    def receive(self, data: bytes) -> None:
+        """Store bytes."""
+        self._lines.receive(data)
+
+    def next_event(self) -> Command | Misread | Garbage | None:
+        """The next command; None until more bytes come."""
+        while (found := self._lines.next_event()) is not None:
+            event = found if isinstance(found, Garbage) else text.read(found)
+            if event is not None:
+                return event
+        return None
+
+
+class _Refused(Exception):
+    def __init__(self, number: int, reason: str) -> None:
+        super().__init__(reason)
+        self.number = number
+
+
+class VectorNav:
+    """The device.
+
+    Attributes:
+        wanted: its ports.
+        settings: as they are now.
+    """
+
+    def __init__(self, table: VectorNavTable, context: AdapterContext) -> None:
+        self._sensors = InertialSensors(table, context)
+        self._model = table.model
+        self.wanted: Collection[str] = self._sensors.wanted
+        self._factory = Settings(22 if table.gps else 14)
+        self._saved = self.settings = self._factory
+        self._is_paused = False
+        self._sent: dict[int, int] = {}
+
+    def reader(self) -> CommandReader:
+        """Commands."""
+        return CommandReader()
+
+    def reset(self) -> None:
+        """The time of the world begins again; settings stay."""
+        self._sensors.reset()
+        self._sent.clear()
+
+    # -- requests -------------------------------------------------------------------------------------------------------------------
+
+    def take(self, message: Command | Misread, reply: Reply) -> str:
+        """A command; it is answered by its echo with what it asked for, or by an error."""
+        if isinstance(message, Misread):
+            reply(text.error(text.BAD_CHECKSUM))
+            return "the checksum of a message is wrong"
+        try:
+            reply(self._obeyed(message))
+        except _Refused as refused:
+            reply(text.error(refused.number))
+            return f"{message.verb}: {refused}"
+        return ""
+
+    def _obeyed(self, command: Command) -> bytes:
+        values = command.values
+        if command.verb == "VNRRG":
+            number = _register(values, 1, 1)
+            return text.line("VNRRG", f"{number:02d}", *self._read(number))
+        if command.verb == "VNWRG":
+            number = _register(values, 2, None)
+            self._write(number, values[1:])
+            return text.line("VNWRG", f"{number:02d}", *values[1:])
+        if command.verb == "VNBOM":
+            return self._poll(_register(values, 1, 1))
+        if command.verb == "VNASY":
+            self._is_paused = _whole(values[0] if values else "", 0, 1) == 0
+        elif command.verb == "VNWNV":
+            self._saved = self.settings
+        elif command.verb == "VNRFS":
+            self._saved = self.settings = self._factory
+        elif command.verb == "VNRST":
+            self.settings, self._is_paused = self._saved, False
+        else:
+            raise _Refused(text.UNKNOWN_COMMAND, "this simulated device does not know the command")
+        return text.line(command.verb, *values)
+
+    def _read(self, number: int) -> tuple[str, ...]:
+        settings = self.settings
+        if number == 1:
+            return (self._model,)
+        if number in _READ_ONLY:
+            return _READ_ONLY[number]
+        if number in settings.kept:
+            return settings.kept[number]
+        if number == ASYNC_TYPE:
+            return (str(settings.async_type),)
+        if number == ASYNC_HZ:
+            return (str(settings.async_hz),)
+        if 0 <= number - FIRST_BINARY < BINARIES:
+            output = settings.binary[number - FIRST_BINARY]
+            fields = (f"{bits:04X}" for bits in output.fields)
+            return str(output.ports), str(output.divisor), f"{output.groups:02X}", *fields
+        output_of = _BY_REGISTER.get(number)
+        if output_of is None or (output_of.needs_gps and self._model == "VN-100"):
+            raise _Refused(text.UNKNOWN_REGISTER, f"register {number} is not simulated")
+        return (output_of.values(self._readings()),)
+
+    def _readings(self) -> Readings:
+        newest = self._sensors.newest
+        if newest is None:
+            raise _Refused(text.BAD_PARAMETER, "nothing is measured yet")
+        return newest
+
+    def _write(self, number: int, values: tuple[str, ...]) -> None:
+        settings = self.settings
+        if number in (ASYNC_TYPE, ASYNC_HZ):
+            _counted(values, 1, 2)  # the second names one of the device's two lines, of which one is there
+            value = _whole(values[0], 0, 255)
+            if number == ASYNC_HZ and value not in text.FREQUENCIES_HZ:
+                raise _Refused(text.BAD_PARAMETER, f"{value} Hz: it is one of {text.FREQUENCIES_HZ}")
+            if number == ASYNC_TYPE and value and not self._has(value):
+                raise _Refused(text.BAD_PARAMETER, f"asynchronous message {value} is not simulated")
+            name = "async_type" if number == ASYNC_TYPE else "async_hz"
+            self.settings = replace(settings, **{name: value})
+        elif 0 <= number - FIRST_BINARY < BINARIES:
+            outputs = list(settings.binary)
+            outputs[number - FIRST_BINARY] = _binary(values)
+            self.settings = replace(settings, binary=tuple(outputs))
+        elif number in settings.kept:
+            most = len(_KEPT[number])
+            _counted(values, min(1, most), max(most, 2) if number == 5 else most)
+            self.settings = replace(settings, kept={**settings.kept, number: values})
+        elif number == 1 or number in _READ_ONLY or number in _BY_REGISTER:
+            raise _Refused(text.NOT_ALLOWED, f"register {number} cannot be written")
+        else:
+            raise _Refused(text.UNKNOWN_REGISTER, f"register {number} is not simulated")
+
+    def _has(self, async_type: int) -> bool:
+        output = OUTPUTS.get(async_type)
+        return output is not None and (self._model == "VN-200" or not output.needs_gps)
+
+    def _poll(self, number: int) -> bytes:
+        if not 1 <= number <= BINARIES or not self.settings.binary[number - 1].groups:
+            raise _Refused(text.BAD_PARAMETER, f"there is no binary output {number}")
+        return binary.encode(self.settings.binary[number - 1], self._readings())
+
+    # -- readings -------------------------------------------------------------------------------------------------------------------
+
+    def see(self, sample: Sample) -> list[bytes]:
+        """Messages that are due with a reading of the IMU."""
+        readings = self._sensors.see(sample)
+        if readings is None or self._is_paused:
+            return []
+        settings, said = self.settings, []
+        if settings.async_type and self._is_due(0, readings.t_ns, NANOSECONDS // settings.async_hz):
+            output = OUTPUTS[settings.async_type]
+            said.append(text.line(output.header, output.values(readings)))
+        for number, output_to in enumerate(settings.binary, start=1):
+            if not (output_to.ports and output_to.groups and output_to.divisor):
+                continue
+            if self._is_due(number, readings.t_ns, output_to.divisor * NANOSECONDS // binary.IMU_RATE_HZ):
+                said.append(binary.encode(output_to, readings))
+        return said
+
+    def _is_due(self, which: int, t_ns: int, period_ns: int) -> bool:
+        """Once in each period, on its grid, so that the rate is right with an IMU of any rate above it."""
+        period = t_ns // period_ns
+        before, self._sent[which] = self._sent.get(which, -1), period
+        return period != before
+
+
+def _counted(values: tuple[str, ...], least: int, most: int) -> None:
+    if len(values) < least:
+        raise _Refused(text.TOO_FEW, f"{len(values)} values, at least {least} are needed")
+    if len(values) > most:
+        raise _Refused(text.TOO_MANY, f"{len(values)} values, at most {most} are taken")
+
+
+def _register(values: tuple[str, ...], least: int, most: int | None) -> int:
+    _counted(values, least, len(values) if most is None else most)
+    return _whole(values[0], 0, 255)
+
+
+def _whole(value: str, least: int, most: int, base: int = 10) -> int:
+    try:
+        number = int(value, base)
+    except ValueError:
+        raise _Refused(text.BAD_PARAMETER, f'"{value[:20]}" is no whole number') from None
+    if not least <= number <= most:
+        raise _Refused(text.BAD_PARAMETER, f"{number} is not in {least} to {most}")
+    return number
+
+
+def _binary(values: tuple[str, ...]) -> BinaryOutput:
+    _counted(values, 3, 3 + len(binary.FIELDS))
+    ports, divisor = _whole(values[0], 0, 3), _whole(values[1], 0, 0xFFFF)
+    groups = _whole(values[2], 0, 0xFF, 16)
+    # An output that is switched off may carry fields of groups that are not named: the maker's own library sends zeros.
+    fields = tuple(_whole(value, 0, 0xFFFF, 16) for value in values[3:])
+    output = BinaryOutput(ports, divisor, groups, fields if groups else ())
+    if output.ports and output.groups and not divisor:
+        raise _Refused(text.BAD_PARAMETER, "the divisor of the rate is 0")
+    fault = binary.fault_of(output)
+    if fault:
+        raise _Refused(text.BAD_PARAMETER, fault)
+    return output

@@ -1,0 +1,179 @@
+"""Xsens' Xbus messages: 0xFA, 0xFF, message id, length, data, sum; and the items of MTData2 (MT Low Level Communication Protocol). Big-endian."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from uwserver.frames import matrix, multiply, rotate, rpy_from_quat
+from uwserver_adapters.devices.codec import deg
+from uwserver_adapters.devices.device import Garbage
+from uwserver_adapters.devices.inertial import Quaternion, Readings, Vector
+
+PREAMBLE, MASTER, EXTENDED = 0xFA, 0xFF, 0xFF
+DATA_LIMIT = 2048
+"""Longest data of a command, bytes; the protocol allows as many."""
+REQ_DID, DEVICE_ID, GO_TO_MEASUREMENT, REQ_FIRMWARE, FIRMWARE_REV = 0x00, 0x01, 0x10, 0x12, 0x13
+REQ_BAUDRATE, REQ_PRODUCT_CODE, PRODUCT_CODE, GO_TO_CONFIG, MT_DATA_2 = 0x18, 0x1C, 0x1D, 0x30, 0x36
+RESET, ERROR, OUTPUT_CONFIGURATION = 0x40, 0x42, 0xC0
+INVALID_MESSAGE, INVALID_PARAMETER = 0x04, 0x21
+EVERY = 0xFFFF
+"""A rate: with every message."""
+ENU, NED, NWU = 0x0, 0x4, 0x8
+"""Local frames, by bits 2 and 3 of an item's number."""
+FIELD_UNIT_T = 5e-5
+"""Field that is told as 1: the device tells it relative to where it was calibrated, some 50 uT."""
+_HALF = math.sqrt(0.5)
+# The device's own axes are forward, left, up: those of the sensor turned by half a turn about x.
+_FLIP: Quaternion = (0.0, 1.0, 0.0, 0.0)
+_FROM_NED: Mapping[int, Quaternion] = {ENU: (0.0, _HALF, _HALF, 0.0), NWU: _FLIP}
+
+
+@dataclass(frozen=True)
+class Message:
+    """Any message."""
+
+    number: int
+    data: bytes = b""
+
+
+def encode(message: Message) -> bytes:
+    """The bytes of a message."""
+    size = len(message.data)
+    length = bytes((size,)) if size < EXTENDED else bytes((EXTENDED,)) + size.to_bytes(2, "big")
+    body = bytes((MASTER, message.number)) + length + message.data
+    return bytes((PREAMBLE,)) + body + bytes((-sum(body) & 0xFF,))
+
+
+class MessageReader:
+    """Bytes to messages. What is between them is garbage, told once a piece; after a broken one the next is looked for from its second byte."""
+
+    def __init__(self) -> None:
+        self._buffer = bytearray()
+
+    def receive(self, data: bytes) -> None:
+        """Store bytes."""
+        self._buffer += data
+
+    def next_event(self) -> Message | Garbage | None:
+        """The next message; None until more bytes come."""
+        buffer = self._buffer
+        start = buffer.find(PREAMBLE)
+        if start < 0:
+            start = len(buffer)
+        if start > 0:
+            del buffer[:start]
+            return Garbage(f"{start} bytes are no message of the Xbus protocol")
+        if len(buffer) < 4 or (buffer[3] == EXTENDED and len(buffer) < 6):
+            return None
+        begin, size = (6, int.from_bytes(buffer[4:6], "big")) if buffer[3] == EXTENDED else (4, buffer[3])
+        if buffer[1] not in (MASTER, 1) or size > DATA_LIMIT:
+            return self._skip("the head of a message is wrong")
+        end = begin + size
+        if len(buffer) <= end:
+            return None
+        if sum(buffer[1 : end + 1]) & 0xFF:
+            return self._skip("the checksum of a message is wrong")
+        message = Message(buffer[2], bytes(buffer[begin:end]))
+        del buffer[: end + 1]
+        return message
+
+    def _skip(self, text: str) -> Garbage:
+        del self._buffer[:1]
+        return Garbage(text)
+
+
+# -- items ----------------------------------------------------------------------------------------------------------------------------
+
+
+def _own_axes(v: Vector) -> Vector:
+    return v[0], -v[1], -v[2]
+
+
+def orientation(q_NS: Quaternion, local: int) -> Quaternion:
+    """Of the device's axes in its local frame, w x y z; w is not negative."""
+    w, x, y, z = multiply(multiply(_FROM_NED[local], q_NS), _FLIP)
+    return (w, x, y, z) if w >= 0.0 else (-w, -x, -y, -z)
+
+
+def _euler(r: Readings, local: int) -> tuple[float, ...]:
+    roll, pitch, yaw = rpy_from_quat(orientation(r.q_NS, local))
+    return deg(roll), deg(pitch), deg(math.remainder(yaw, 2.0 * math.pi))
+
+
+def _rows(r: Readings, local: int) -> tuple[float, ...]:
+    return tuple(value for row in matrix(orientation(r.q_NS, local)) for value in row)
+
+
+def _utc(r: Readings) -> bytes:
+    t = r.utc
+    return struct.pack(">IH6B", t.microsecond * 1000, t.year, t.month, t.day, t.hour, t.minute, t.second, 0x07)
+
+
+def _status(r: Readings) -> int:
+    return 0x3 | (0x4 if r.fix.kind else 0)  # self test, filter valid, fix
+
+
+REALS: Mapping[int, Callable[[Readings, int], tuple[float, ...]]] = {
+    0x0810: lambda r, _: (r.temperature,),
+    0x2010: lambda r, local: orientation(r.q_NS, local),
+    0x2020: _rows,
+    0x2030: _euler,
+    0x4020: lambda r, _: _own_axes(r.f_S),
+    0x5020: lambda r, _: (r.fix.height,),
+    0x5040: lambda r, _: (deg(r.fix.latitude), deg(r.fix.longitude)),
+    0x8020: lambda r, _: _own_axes(r.w_S),
+    0xC020: lambda r, _: tuple(value / FIELD_UNIT_T for value in _own_axes(r.field_S)),
+    0xD010: lambda r, local: rotate(_FROM_NED[local], r.fix.v_N),
+}
+"""Items whose numbers have a precision and a local frame, which the last four bits of the item's number name."""
+WHOLE: Mapping[int, Callable[[Readings, int], bytes]] = {
+    0x1010: lambda r, _: _utc(r),
+    0x1020: lambda _, count: struct.pack(">H", count & 0xFFFF),
+    0x1060: lambda r, _: struct.pack(">I", r.t_ns // 100_000 & 0xFFFFFFFF),
+    0x1070: lambda r, _: struct.pack(">I", r.t_ns // 1_000_000_000),
+    0xE010: lambda r, _: bytes((_status(r) & 0xFF,)),
+    0xE020: lambda r, _: struct.pack(">I", _status(r)),
+}
+"""Items that have none; the second argument counts the messages."""
+NEED_GPS = frozenset((0x5020, 0x5040, 0xD010))
+
+
+def fault_of(number: int, has_gps: bool) -> str:
+    """Why an item cannot be told; "" where it can."""
+    if number in WHOLE:
+        return ""
+    base, local = number & 0xFFF0, number & 0xC
+    if base not in REALS or (base in NEED_GPS and not has_gps):
+        return f"item 0x{number:04X} is not simulated"
+    if local not in _FROM_NED:
+        return f"item 0x{number:04X}: the local frames are ENU and NWU"
+    return ""
+
+
+def real(value: float, precision: int) -> bytes:
+    """A number as float (0), fixed point 12.20 (1), fixed point 16.32 (2) or double (3)."""
+    if precision == 0:
+        return struct.pack(">f", value)
+    if precision == 3:
+        return struct.pack(">d", value)
+    bits, size = (20, 32) if precision == 1 else (32, 48)
+    most = 1 << (size - 1)
+    fixed = min(most - 1, max(-most, round(value * (1 << bits)))) & (2 * most - 1)
+    if precision == 1:
+        return fixed.to_bytes(4, "big")
+    # The fraction stands before the whole part.
+    return (fixed & 0xFFFFFFFF).to_bytes(4, "big") + (fixed >> 32).to_bytes(2, "big")
+
+
+def item(number: int, readings: Readings, count: int) -> bytes:
+    """An item of MTData2: its number, length and value."""
+    whole = WHOLE.get(number)
+    if whole is not None:
+        data = whole(readings, count)
+    else:
+        values = REALS[number & 0xFFF0](readings, number & 0xC)
+        data = b"".join(real(value, number & 0x3) for value in values)
+    return number.to_bytes(2, "big") + bytes((len(data),)) + data

@@ -1,0 +1,81 @@
+"""Binary outputs: lengths of the maker's table, values, check sums; what is not simulated is refused."""
+
+from __future__ import annotations
+
+import math
+import struct
+
+import pytest
+from devices_rig import inertial_readings
+from uwserver_adapters.devices.inertial import Fix
+from uwserver_adapters.devices.vectornav_binary import FIELDS, BinaryOutput, ecef, encode, fault_of
+from uwserver_adapters.devices.vectornav_text import crc16
+
+# Bytes of each field of groups 1 to 6, as the maker's library has them.
+LENGTHS = (
+    (8, 8, 8, 12, 16, 12, 24, 12, 12, 24, 20, 28, 2, 4, 8),
+    (8, 8, 8, 2, 8, 8, 8, 4, 4, 1),
+    (2, 12, 12, 12, 4, 4, 16, 12, 12, 12, 12, 2, 40),
+    (8, 8, 2, 1, 1, 24, 24, 12, 12, 12, 4, 4, 2, 28),
+    (2, 12, 16, 36, 12, 12, 12, 12, 12, 12, 28, 24),
+    (2, 24, 24, 12, 12, 12, 12, 12, 12, 4, 4, 68, 64),
+)
+PLACE = (math.radians(60.0), math.radians(10.0), 20.0, (1.0, 0.0, 0.0))
+SAID = inertial_readings(
+    (10, 20, 30), (0.0, 0.0, -9.8), (0.1, 0.2, 0.3), (0.1, 0.0, 0.5), 11.5, Fix(3, 7, *PLACE, 2.0, 3.0, 0.1), 2300, 5.25
+)
+
+
+@pytest.mark.parametrize("group", range(6))
+def test_each_field_has_the_makers_length(group: int):
+    for bit, field in FIELDS[group].items():
+        assert len(field(SAID)) == LENGTHS[group][bit], bit
+
+
+def test_a_message_whole():
+    output = BinaryOutput(1, 8, 0b1, (1 << 3 | 1 << 5,))
+    data = encode(output, SAID)
+    assert data[:4] == b"\xfa\x01\x28\x00"
+    assert struct.unpack("<6f", data[4:-2]) == pytest.approx((30, 20, 10, 0.1, 0.2, 0.3), abs=1e-5)
+    # The sum of all behind the first byte, with the sum itself, is 0: so the maker's manual has it checked.
+    assert crc16(data[1:]) == 0
+
+
+def test_fields_stand_in_the_order_of_groups_and_bits():
+    data = encode(BinaryOutput(1, 8, 0b100010, (1 << 2 | 1 << 3 | 1 << 6, 1 << 0 | 1 << 1)), SAID)
+    assert data[:6] == b"\xfa\x22\x4c\x00\x03\x00"
+    tow, week, year, month, day, hour, minute, second, ms = struct.unpack("<QHbBBBBBH", data[6:24])
+    assert (tow, week) == (5_250_000_000, 2300)
+    assert (year, month, day, hour, minute, second, ms) == (24, 2, 3, 23, 59, 47, 250)
+    status, latitude, longitude, height = struct.unpack("<H3d", data[24:-2])
+    assert (status, height) == (6, 20.0)
+    assert (latitude, longitude) == pytest.approx((60.0, 10.0))
+
+
+def test_the_earths_axes():
+    # Three points of which the answer is known without a formula.
+    assert ecef(0.0, 0.0, 10.0) == pytest.approx((6_378_147.0, 0.0, 0.0))
+    assert ecef(0.0, math.pi / 2, 0.0) == pytest.approx((0.0, 6_378_137.0, 0.0), abs=1e-6)
+    assert ecef(math.pi / 2, 0.0, 0.0) == pytest.approx((0.0, 0.0, 6_356_752.3142), abs=1e-3)
+    north_at_equator = inertial_readings(fix=Fix(3, 7, 0.0, math.pi / 2, 0.0, (1.0, 2.0, 3.0)))
+    assert struct.unpack("<3f", FIELDS[5][5](north_at_equator)) == pytest.approx((-2.0, -3.0, 1.0))
+
+
+def test_body_and_navigation_frames():
+    said = inertial_readings((0, 0, 90), (1.0, 0.0, -9.8), gauss=(0.5, 0.0, 0.0), fix=Fix(3, 7, *PLACE))
+    assert struct.unpack("<3f", FIELDS[5][3](said)) == pytest.approx((0.0, -1.0, 0.0), abs=1e-6)
+    assert struct.unpack("<3f", FIELDS[4][5](said)) == pytest.approx((0.0, 1.0, -9.8), abs=1e-6)
+    assert struct.unpack("<3f", FIELDS[4][4](said)) == pytest.approx((0.0, 0.5, 0.0), abs=1e-6)
+    # Columns of the matrix from N to the body: north is -y of the body.
+    assert struct.unpack("<9f", FIELDS[4][3](said))[:3] == pytest.approx((0.0, -1.0, 0.0), abs=1e-6)
+
+
+def test_without_a_fix_there_is_no_place():
+    assert FIELDS[3][6](inertial_readings()) == bytes(24)
+
+
+@pytest.mark.parametrize(
+    "output", [BinaryOutput(1, 8, 0x40, (1,)), BinaryOutput(1, 8, 1, ()), BinaryOutput(1, 8, 1, (1 << 11,)), BinaryOutput(1, 8, 3, (1,))]
+)  # fmt: skip
+def test_what_is_not_simulated_is_told(output: BinaryOutput):
+    assert fault_of(output)
