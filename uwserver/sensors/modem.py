@@ -63,7 +63,7 @@ class ModemTable(SensorTable, kw_only=True, frozen=True):
     broadcast_address: _Address = 255
     highest_address: _Address = 254
     protocol: Name = "modem"
-    bits_per_s: Positive
+    bits_per_s: Positive = 1000.0
     overhead_s: NonNegative = 0.0
     fixed_bytes: Annotated[int, Meta(ge=0, le=MOST_BYTES)] = 0
     max_bytes: Annotated[int, Meta(ge=1, le=MOST_BYTES)] = 64
@@ -71,7 +71,7 @@ class ModemTable(SensorTable, kw_only=True, frozen=True):
     acknowledges: bool = True
     turn_around_s: NonNegative = 0.1
     retries: Annotated[int, Meta(ge=0, le=16)] = 0
-    max_range_m: Positive
+    max_range_m: Positive = 2000.0
     assumed_sound_speed_mps: Positive | UnsetType = UNSET
     direction_sigma_deg: NonNegative | UnsetType = UNSET
     clearance_m: NonNegative = 0.5

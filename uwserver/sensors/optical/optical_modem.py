@@ -34,11 +34,11 @@ class OpticalModemConfig(ModemTable, tag="optical_modem", kw_only=True, frozen=T
     """
 
     wavelength_nm: Annotated[float, Meta(ge=400, le=700)] = 470.0
-    power_w: Positive
-    beam_width_deg: Annotated[float, Meta(gt=0, le=170)]
-    aperture_m2: Positive
-    view_width_deg: Annotated[float, Meta(gt=0, le=170)]
-    sensitivity_w: Positive
+    power_w: Positive = 1.0
+    beam_width_deg: Annotated[float, Meta(gt=0, le=170)] = 60.0
+    aperture_m2: Positive = 1e-3
+    view_width_deg: Annotated[float, Meta(gt=0, le=170)] = 60.0
+    sensitivity_w: Positive = 1e-8
 
     def build(self, mount: Pose) -> OpticalModem:
         return OpticalModem(mount, self)
