@@ -33,13 +33,13 @@ class AcousticModemConfig(ModemTable, tag="acoustic_modem", kw_only=True, frozen
         threshold_db: signal over noise in the band at which the receiver notices a packet.
         modulation: how the rate of bit errors follows from the signal: "psk" (coherent), or "fsk" (non-coherent).
         coding_gain_db: what its code is worth.
-        guard_s: arrivals that are later than the signal by no more do no harm: a symbol's guard time, or what the equaliser reaches.
-        multipath_rejection_db: by which those that are later still are weakened, as by spreading or hopping.
+        guard_s: arrivals that are later than the signal by no more add to it: a symbol's guard time, or what the equaliser reaches.
+        multipath_rejection_db: by which the others are weakened, as by spreading or hopping.
         fading_sigma_db, fading_time_s: slow normal variation of the level between two modems, the same both ways; so losses come in bursts.
     """
 
     propagation: Literal["straight", "layered"] = "layered"
-    arrival: Literal["first", "strongest"] = "strongest"
+    arrival: Literal["first", "strongest"] = "first"
     reflections: Annotated[int, Meta(ge=0, le=8)] = 2
     frequency_hz: Positive = 26e3
     bandwidth_hz: Positive = 4e3
@@ -111,10 +111,11 @@ class AcousticModem(Modem):
         heard = [path for path in paths if path.loss <= most]
         main = heard[0] if heard and c.arrival == "first" else min(paths, key=lambda path: path.loss)
         power = [10.0 ** (0.1 * (signal.level + gain - path.loss)) for path in paths]
-        late = math.fsum(p for p, path in zip(power, paths, strict=True) if abs(path.time - main.time) > c.guard_s)
-        level = signal.level + gain - main.loss
+        near = [0.0 <= path.time - main.time <= c.guard_s for path in paths]
+        useful = math.fsum(p for p, is_near in zip(power, near, strict=True) if is_near)
+        late = math.fsum(p for p, is_near in zip(power, near, strict=True) if not is_near)
         rejected = late * 10.0 ** (-0.1 * c.multipath_rejection_db)
-        return Crossing(main.time, 10.0 ** (0.1 * level), noise, rejected, level, _towards(a, b, main))
+        return Crossing(main.time, useful, noise, rejected, 10.0 * math.log10(useful), _towards(a, b, main))
 
     def noise(self, scope: Scope) -> float:
         """Of the sea and its own vehicle in the band, uPa^2."""
