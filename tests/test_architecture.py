@@ -541,7 +541,7 @@ TESTED_WITH = {
         "si": "logfiles/test_mapping",
         **dict.fromkeys(("export.alog", "export.rosbag2", "export.tlog"), "logfiles/export/test_there_and_back"),
     },
-    "scenario": {"scene.palette": "scenario/scene/test_scenery"},
+    "scenario": {"build.modems": "world/modems/test_medium", "scene.palette": "scenario/scene/test_scenery"},
     "sensors": {
         "acoustic.echo": "sensors/acoustic/test_altimeter", "acoustic.fan": "sensors/acoustic/test_scanning_sonar",
         "acoustic.current_profile": "sensors/acoustic/test_adcp", "acoustic.janus": "sensors/acoustic/test_dvl",
@@ -557,7 +557,8 @@ TESTED_WITH = {
     "world": {
         "faults.hull": "world/faults/test_faults", "faults.table": "world/faults/test_faults",
         "faults.targets": "world/faults/test_faults", "faults.timeline": "world/faults/test_faults",
-        "due": "world/test_sensing", "streams": "world/test_delivery",
+        "due": "world/test_sensing", "modems.node": "world/modems/test_medium", "modems.packets": "world/modems/test_medium",
+        "streams": "world/test_delivery",
     },
 }  # fmt: skip
 """Modules that a file named otherwise tests, most often together with their siblings."""

@@ -74,6 +74,8 @@ MODELS = {
     "scanning_sonar": "scanning_sonar",
     "usbl": "usbl",
     "lbl": "lbl",
+    "acoustic_modem": "modem",
+    "optical_modem": "modem",
 }
 """Pages that are not about navigation."""
 

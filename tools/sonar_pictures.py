@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib
@@ -10,6 +11,7 @@ import msgspec
 import numpy as np
 from msgspec import structs
 
+from uwserver.environment.acoustics.noise import ambient_db
 from uwserver.environment.materials import lambert
 from uwserver.environment.water import Water
 from uwserver.frames import quat_from_rpy
@@ -17,12 +19,14 @@ from uwserver.physics.geometry.shapes import Box, Cylinder, Placed, Solid, Trian
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.rays.casting import Rays
 from uwserver.physics.rays.raycast import Geometry
-from uwserver.scenario.files.documents import shipped
+from uwserver.scenario.files.documents import read, shipped
 from uwserver.scenario.vehicle.profiles import check_profile
 from uwserver.sensors import (
+    AcousticModemConfig,
     AltimeterConfig,
     DvlConfig,
     LblConfig,
+    OpticalModemConfig,
     Pose,
     ScanningSonarConfig,
     Scope,
@@ -31,6 +35,7 @@ from uwserver.sensors import (
     UsblConfig,
 )
 from uwserver.sensors.acoustic.interrogation import Beacon
+from uwserver.sensors.modem import Modem
 from uwserver.testing import FakeGeometry
 from uwserver.testing.fake_geometry import Plane
 from uwserver.units import deg, rad
@@ -55,6 +60,8 @@ def main() -> None:
         ("adcp", adcp),
         ("usbl", usbl),
         ("lbl", lbl),
+        ("acoustic_modem", acoustic_modem),
+        ("optical_modem", optical_modem),
     ):
         figure = draw(geometry)
         IMAGES.mkdir(parents=True, exist_ok=True)
@@ -288,6 +295,60 @@ def lbl(geometry: Geometry) -> Figure:
         axis.plot(*zip(*((t, math.nan if r is None else r) for t, r in chosen), strict=True), ".", ms=3, label=name)
     axis.set(xlabel="time (s)", ylabel="range (m)", title="three beacons in turn; gaps: hidden behind wall and piles")
     axis.legend(fontsize=8)
+    axis.grid(visible=True, alpha=0.3)
+    return figure
+
+
+def modem(name: str, **keys: object) -> Modem:
+    """A shipped one."""
+    given = check_profile(read(shipped("devices")[name]).raw, lambda *problem: None)
+    assert given is not None
+    kind = {"acoustic_modem": AcousticModemConfig, "optical_modem": OpticalModemConfig}[given.pop("kind")]
+    return msgspec.convert({**given, "rate_hz": 1.0, **keys}, kind).build(Pose())
+
+
+def acoustic_modem(geometry: Geometry) -> Figure:
+    """How often a full packet is understood over range, in a calm and in a rough sea."""
+    figure, axis = plt.subplots(figsize=(9.0, 3.8), layout="constrained")
+    scope, level = instant(geometry, (0.0, 0.0, 10.0)), (1.0, 0.0, 0.0, 0.0)
+    ranges = np.geomspace(50.0, 12_000.0, 120)
+    for k, name in enumerate(("m64", "seatrac_x150_modem", "micromodem", "s2cr_18_34")):
+        for wind, style in ((0.0, "-"), (10.0, "--")):
+            device = modem(name, propagation="straight")
+            device = modem(
+                name, propagation="straight", noise_level_db=ambient_db(device.signal(level).frequency, wind)
+            )
+            understood = []
+            for r in ranges:
+                c = device.crossing(scope, device.signal(level), (0.0, 0.0, 10.0), (r, 0.0, 10.0), level, 0.0)
+                assert c is not None
+                snr = c.signal / c.noise
+                understood.append(1.0 - device.error_rate(snr, device.table.max_bytes) if device.notices(snr) else 0.0)
+            axis.semilogx(ranges, understood, style, color=f"C{k}", label=name if wind == 0.0 else None)
+    axis.set(
+        xlabel="range (m)", ylabel="packets understood", title="full packets in still water; dashed: a wind of 10 m/s"
+    )
+    axis.legend(fontsize=8)
+    axis.grid(visible=True, alpha=0.3)
+    return figure
+
+
+def optical_modem(geometry: Geometry) -> Figure:
+    """The same of light, in each type of water."""
+    figure, axis = plt.subplots(figsize=(9.0, 3.8), layout="constrained")
+    device, level, back = modem("luma"), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
+    ranges = np.linspace(1.0, 80.0, 200)
+    for jerlov in ("I", "IA", "IB", "II", "III", "1C", "3C", "5C", "9C"):
+        scope = replace(instant(geometry, (0.0, 0.0, 10.0)), water=replace(WATER, jerlov=jerlov))
+        understood = []
+        for r in ranges:
+            c = device.crossing(scope, device.signal(level), (0.0, 0.0, 10.0), (r, 0.0, 10.0), back, 0.0)
+            understood.append(
+                0.0 if c is None or not device.notices(c.signal) else 1.0 - device.error_rate(c.signal, 1000)
+            )
+        axis.plot(ranges, understood, label=jerlov)
+    axis.set(xlabel="range (m)", ylabel="packets understood", title="luma, 1000 bytes, on the axis, by type of water")
+    axis.legend(fontsize=8, ncols=3)
     axis.grid(visible=True, alpha=0.3)
     return figure
 

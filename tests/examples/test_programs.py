@@ -21,6 +21,7 @@ sys.path.insert(0, str(ROOT / "tests"))
 
 from server_process import serving  # noqa: E402
 
+import uwserver  # noqa: E402
 from uwserver.scenario.files.documents import shipped  # noqa: E402
 
 
@@ -69,6 +70,31 @@ def test_it_docks_without_a_bump(picture: Path) -> None:
     assert 0.0 < off < 0.2
     assert bumps == 0
     assert picture.exists()
+
+
+def test_a_survey_is_shared_by_modem(picture: Path) -> None:
+    cells, known, off = run("share_survey.toml", "share_survey.py", "--out", str(picture))
+    assert cells == known == 42
+    assert off < 0.1
+    assert picture.exists()
+
+
+def test_the_page_on_modems_says_what_happens(tmp_path: Path) -> None:
+    """Of docs/how-to/modem.md: its listing, and its scenario as it stands there."""
+    page = (ROOT / "docs/how-to/modem.md").read_text()
+    (listing,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    done = subprocess.run([sys.executable, "-c", listing], cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE_S)
+    assert done.returncode == 0, done.stderr
+    first, second = done.stdout.splitlines()
+    assert re.fullmatch(r"0\.20\d s east/modem/received: data b'hello' range None", first)
+    # By the sound speed where it is; the first sound went through warmer water.
+    assert float(second.rpartition(" ")[2]) == pytest.approx(300.0, abs=4.0)
+    (scenario,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
+    (tmp_path / "page.toml").write_text(f"schema = 1\n{scenario}")
+    world = uwserver.load(tmp_path / "page.toml")
+    world.command("auv/modem/send", destination=2, acknowledge=1)
+    events = [s.value[0] for s in world.step(1200) if s.port == "auv/modem/received"]
+    assert events == ["delivered"]
 
 
 @pytest.mark.slow

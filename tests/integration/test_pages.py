@@ -27,6 +27,7 @@ ELSEWHERE = {
     "docs/how-to/browser.md": "tests/unit/adapters/sockets/test_websocket.py",
     "docs/how-to/install.md": "tests/integration/test_distributions.py",
     "docs/how-to/logs.md": "tests/unit/cli/test_export.py",
+    "docs/how-to/modem.md": "tests/examples/test_programs.py",
     "docs/how-to/moos.md": "tests/unit/adapters/moos/test_how_to.py",
     "docs/how-to/playback.md": "tests/integration/test_playback.py",
     "docs/how-to/morse.md": "tests/integration/test_morse.py",

@@ -23,7 +23,7 @@ from uwserver.scenario.files.errors import ScenarioError, suggestion
 from uwserver.scenario.load.export import explain as explain_resolved
 from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.load.scenario import load
-from uwserver.sensors import SensorConfig
+from uwserver.sensors import ModemTable, SensorConfig
 
 
 @click.command(short_help="Check scenario files, or shipped scenarios by name.")
@@ -63,7 +63,8 @@ def summary(file: str, resolved: Resolved) -> str:
         f"{vehicle}/{name}{rate}"
         for vehicle, v in alike(resolved).items()
         for name, rate in [
-            *((name, f" {sensor.rate_hz:g} Hz") for name, sensor in v.vehicle.sensors.items()),
+            *((sensor.port_of("", name)[1:], f" {sensor.rate_hz:g} Hz") for name, sensor in v.vehicle.sensors.items()),
+            *((f"{name}/send", "") for name, sensor in v.vehicle.sensors.items() if isinstance(sensor, ModemTable)),
             *((f"{name}/{key}", "") for name, sensor in v.vehicle.sensors.items() for key in sensor.streams),
             *((name, "") for name in v.vehicle.actuators),
             *((name, "") for name in v.external_ports),

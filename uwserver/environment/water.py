@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from uwserver.environment.column import WaterColumn, uniform_column
+from uwserver.environment.light import WaterType
 from uwserver.environment.sea import Sea
 from uwserver.frames import Vec3
 
@@ -22,6 +23,7 @@ class Water:
         sea: other currents, and waves.
         given: the water over depth; default: uniform water of this density and temperature.
         growth: of gravity with depth, relative, 1/m.
+        jerlov: how clear it is.
         column: what is used of the two.
     """
 
@@ -33,6 +35,7 @@ class Water:
     sea: Sea | None = None
     given: WaterColumn | None = None
     growth: float = 0.0
+    jerlov: WaterType = "II"
     column: WaterColumn = field(init=False, repr=False)
 
     def __post_init__(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from uwserver.sensors.acoustic.acoustic_modem import AcousticModemConfig
 from uwserver.sensors.acoustic.adcp import AdcpConfig
 from uwserver.sensors.acoustic.altimeter import AltimeterConfig
 from uwserver.sensors.acoustic.dvl import DvlConfig
@@ -11,6 +12,7 @@ from uwserver.sensors.acoustic.scanning_sonar import ScanningSonarConfig
 from uwserver.sensors.acoustic.usbl import UsblConfig
 from uwserver.sensors.base import IdealSensor, Pose, Scope, Sensor, SensorTable, Settings, StreamTable
 from uwserver.sensors.compound import CompoundConfig
+from uwserver.sensors.modem import ModemTable
 from uwserver.sensors.motion.attitude import AttitudeConfig
 from uwserver.sensors.motion.gps import GpsConfig
 from uwserver.sensors.motion.imu import ImuConfig
@@ -21,6 +23,7 @@ from uwserver.sensors.onboard.clock import ClockConfig
 from uwserver.sensors.onboard.contact import ContactConfig
 from uwserver.sensors.onboard.leak import LeakConfig
 from uwserver.sensors.onboard.rpm import RpmConfig
+from uwserver.sensors.optical.optical_modem import OpticalModemConfig
 from uwserver.sensors.optical.range_array import RangeArrayConfig
 from uwserver.sensors.water.ctd import CtdConfig
 from uwserver.sensors.water.pressure import PressureConfig
@@ -36,6 +39,8 @@ SensorConfig = (
     | ScanningSonarConfig
     | UsblConfig
     | LblConfig
+    | AcousticModemConfig
+    | OpticalModemConfig
     | MagnetometerConfig
     | AttitudeConfig
     | GpsConfig
@@ -51,8 +56,9 @@ SensorConfig = (
 )
 
 __all__ = [
-    "AdcpConfig", "AltimeterConfig", "AttitudeConfig", "BatteryConfig", "ClockConfig", "CompoundConfig", "ContactConfig",
+    "AcousticModemConfig", "AdcpConfig", "AltimeterConfig", "AttitudeConfig", "BatteryConfig", "ClockConfig", "CompoundConfig", "ContactConfig",
     "CtdConfig", "DvlConfig", "GpsConfig", "IdealSensor", "ImuConfig", "LblConfig", "LeakConfig", "MagnetometerConfig",
-    "MotionCaptureConfig", "Pose", "PressureConfig", "RangeArrayConfig", "RpmConfig", "ScanningSonarConfig", "Scope", "Sensor",
+    "ModemTable", "MotionCaptureConfig", "OpticalModemConfig",
+    "Pose", "PressureConfig", "RangeArrayConfig", "RpmConfig", "ScanningSonarConfig", "Scope", "Sensor",
     "SensorConfig", "SensorTable", "Settings", "SoundSpeedConfig", "StreamTable", "UsblConfig", "carriers",
 ]  # fmt: skip

@@ -62,6 +62,10 @@ class SensorTable(Table, tag_field="kind", kw_only=True, frozen=True):
     modifiers: dict[str, ModifierConfig] = msgspec.field(default_factory=dict)
     streams: dict[str, StreamTable] = msgspec.field(default_factory=dict)
 
+    def port_of(self, vehicle: str, name: str) -> str:
+        """Path of the port of a sensor that has this table under a name, on a vehicle."""
+        return f"{vehicle}/{name}"
+
 
 @dataclass(frozen=True, slots=True)
 class Pose:

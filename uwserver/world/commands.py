@@ -37,7 +37,8 @@ class Commands(Part):
         self._newest: dict[str, Command] = {}
 
     def accept(self, command: Command, tick: int) -> bool:
-        """Take a command over; of several to one actuator before the next `apply` only the last can act.
+        """Take a command over; of several to one actuator before the next `apply` only the last can act,
+        but for one that takes each.
 
         Returns:
             Whether somebody else commands that actuator too.
@@ -58,11 +59,13 @@ class Commands(Part):
         except ValueError as error:  # a body of another kind came under the name since
             text = f'"{path}" is another actuator than when this was sent ({error}); "describe" lists its fields'
             raise Refused("bad_argument", text, path) from None
+        if slot.takes_each and path in self._newest:
+            slot.actuator.apply(self._newest.pop(path).value)
         objection = slot.objection(command.value)
         if objection:
             raise Refused("bad_argument", f'"{path}" {objection}', path)
         conflict = False
-        if slot.source and slot.source != command.source:
+        if slot.source and slot.source != command.source and not slot.takes_each:
             conflict = tick - slot.last_tick <= self._window
             if conflict and tick - slot.other_tick > self._window:
                 self._say(

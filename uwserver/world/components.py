@@ -138,6 +138,11 @@ class ActuatorSlot(Part):
         """Of the port."""
         return self.port.path
 
+    @property
+    def takes_each(self) -> bool:
+        """Whether every command counts, as of a modem: none replaces another, and two sources are no conflict."""
+        return bool(getattr(self.actuator, "takes_each", False))
+
     def objection(self, value: Items) -> str:
         """Why the device takes no such value, though its fields allow it; "" where it does. It changes nothing."""
         object_to = getattr(self.actuator, "objection", None)

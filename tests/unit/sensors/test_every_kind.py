@@ -220,12 +220,36 @@ def compound(world):
     assert last(world, "navigation", "compass_field_S") == last(world, "compass", "field_S")
 
 
-IN_A_WORLD = {"gps": gps, "battery": battery, "rpm": rpm, "contact": contact, "leak": leak, "compound": compound}
+def acoustic_modem(world):
+    begin, away = world.t_ns, math.dist(world.vehicles["small"].p_NB, world.vehicles["heavy"].p_NB)
+    world.command("small/modem/send", destination=1, data=b"hello")
+    world.step(240)
+    assert [last(world, "modem/received", name) for name in ("event", "source", "destination")] == ["data", 2, 1]
+    assert last(world, "modem/received", "data").data == b"hello"
+    taken = (world.sensors["heavy/modem/received"].held_ns - begin) * 1e-9
+    assert taken == pytest.approx(
+        away / world.water.sound_speed(5.0), abs=1e-3
+    )  # both move, and the modems are not in the middle
+
+
+def optical_modem(world):
+    sensor = world.sensors["heavy/light/received"].sensor
+    there = sensor.crossing(
+        SCOPE, sensor.signal((1.0, 0.0, 0.0, 0.0)), (0.0, 0.0, 5.0), (3.0, 0.0, 5.0), (0.0, 0.0, 0.0, 1.0), 0.0
+    )
+    assert there.time == pytest.approx(3.0 * 1.34 / 2.998e8)
+    assert there.towards == pytest.approx((-1.0, 0.0, 0.0), abs=1e-9)
+
+
+IN_A_WORLD = {
+    "gps": gps, "battery": battery, "rpm": rpm, "contact": contact, "leak": leak, "compound": compound, "acoustic_modem": acoustic_modem,
+    "optical_modem": optical_modem,
+}  # fmt: skip
 
 
 def test_no_kind_is_forgotten():
     assert ALONE.keys() | IN_A_WORLD.keys() == set(KINDS)
-    assert BLIND.keys() | NEVER_BLIND.keys() | {"compound"} == set(KINDS)
+    assert BLIND.keys() | NEVER_BLIND.keys() | {"compound", "acoustic_modem", "optical_modem"} == set(KINDS)
     assert SETTINGS.keys() | PLAIN == set(KINDS)
 
 
@@ -289,6 +313,8 @@ SETTINGS = {
     "scanning_sonar": {"range": 8.0, "gain": 3.0, "step": 0.1, "sector_center": 0.5, "sector_width": 1.0},
     "usbl": {"max_range": 300.0, "gain": -3.0, "sound_speed": 1480.0},
     "lbl": {"max_range": 300.0, "gain": -3.0, "sound_speed": 1480.0},
+    "acoustic_modem": {"address": 7, "gain": -3.0, "sound_speed": 1480.0},
+    "optical_modem": {"address": 7, "gain": -3.0, "sound_speed": 1480.0},
     "range_array": {"max_range_m": 3.0},
     "gps": {"satellites": 6},
     "battery": {"hotel_load_W": 50.0},

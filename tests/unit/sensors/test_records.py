@@ -76,6 +76,12 @@ def drawn(kind: inspect.Type, rng: np.random.Generator) -> Any:
             return bool(rng.random() < 0.5)
         case inspect.LiteralType():
             return one_of(rng, kind.values)
+        case inspect.BytesType():
+            return bytes(rng.integers(0, 256, one_of(rng, (0, 1, 40)), np.uint8))
+        case inspect.NoneType():
+            return None
+        case inspect.UnionType():
+            return drawn(one_of(rng, kind.types), rng)
         case inspect.TupleType():
             return [drawn(item, rng) for item in kind.item_types]
         case inspect.VarTupleType():

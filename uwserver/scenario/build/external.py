@@ -8,7 +8,8 @@ from msgspec import UnsetType
 
 from uwserver.ports import Port
 from uwserver.scenario.build.autopilot import divisor_of
-from uwserver.scenario.build.members import truth_slots
+from uwserver.scenario.build.members import mount_of, sensor_slot, truth_slots
+from uwserver.scenario.build.modems import send_slots
 from uwserver.scenario.load.resolved import ResolvedVehicle
 from uwserver.sensors import Pose
 from uwserver.sensors.base import Sensor
@@ -40,12 +41,20 @@ def external_member(world: World, resolved: ResolvedVehicle, row: int, name: str
         port = Port(f"{name}/pose", "actuator", "pose", live.fields, live.doc)
         slots.append(ActuatorSlot(port, live, world.rate_hz, 0))
     sensors = list(_shown(world, resolved, row, name, source))
+    sensors += _modems(world, resolved, row, name)
+    slots += send_slots(world, sensors)
     if not isinstance(entry.truth, UnsetType):
         sensors += truth_slots(world, name, entry.truth.rate_hz, row)
     part = External(name, world.hydro, row, source, ghost=not entry.solid)
     services = tuple(component_services(world, sensors, slots))
     vehicle = Vehicle(name, resolved.vehicle.name, row, world.hydro)
     return Member(vehicle, tuple(sensors), tuple(slots), services, resolved.solid, (part,), led=True)
+
+
+def _modems(world: World, resolved: ResolvedVehicle, row: int, name: str) -> Iterator[SensorSlot]:
+    for key, config in resolved.vehicle.sensors.items():
+        mount = mount_of(config, resolved.vehicle)
+        yield sensor_slot(world, config.port_of(name, key), config, config.build(mount), row, mount, {})
 
 
 def _shown(world: World, resolved: ResolvedVehicle, row: int, name: str, source: Source) -> Iterator[SensorSlot]:

@@ -5,7 +5,14 @@ from __future__ import annotations
 from uwserver.physics.dynamics.appendage_params import Appendages
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.vehicle.body import body_params
-from uwserver.sensors import AltimeterConfig, DvlConfig, LblConfig, ScanningSonarConfig, UsblConfig
+from uwserver.sensors import (
+    AcousticModemConfig,
+    AltimeterConfig,
+    DvlConfig,
+    LblConfig,
+    ScanningSonarConfig,
+    UsblConfig,
+)
 
 
 def kernels_of(resolved: Resolved, sea: bool) -> frozenset[str]:
@@ -32,7 +39,10 @@ def kernels_of(resolved: Resolved, sea: bool) -> frozenset[str]:
         needs.add("sensors")
     if any(isinstance(config, AltimeterConfig | DvlConfig) for config in sensors):
         needs.add("soundings")
-    if any(isinstance(config, LblConfig | UsblConfig) and config.propagation == "layered" for config in sensors):
+    if any(
+        isinstance(config, LblConfig | UsblConfig | AcousticModemConfig) and config.propagation == "layered"
+        for config in sensors
+    ):
         needs.add("sound")
     if any(vehicle.entry.autopilot is not None for vehicle in vehicles):
         needs.add("autopilots")

@@ -14,6 +14,7 @@ from uwserver.modifiers import Modifier, ModifierConfig, Stream
 from uwserver.physics.kernel.random import key_of
 from uwserver.ports import Field, Port
 from uwserver.scenario.build.autopilot import build_autopilot
+from uwserver.scenario.build.modems import send_slots
 from uwserver.scenario.load.resolved import Resolved, ResolvedObject, ResolvedVehicle
 from uwserver.scenario.vehicle.body import own_rows
 from uwserver.scenario.vehicle.tables import Electric as ElectricTable
@@ -72,7 +73,8 @@ def vehicle_member(world: World, resolved: ResolvedVehicle, row: int, name: str)
     made = {key: config.build(mounts[key]) for key, config in file.sensors.items()}
     built: dict[str, SensorSlot] = {}
     for key, sensor in sorted(made.items(), key=lambda item: item[1].repeats):
-        built[key] = _sensor(world, f"{name}/{key}", file.sensors[key], sensor, row, mounts[key], built)
+        path = file.sensors[key].port_of(name, key)
+        built[key] = sensor_slot(world, path, file.sensors[key], sensor, row, mounts[key], built)
     for slot in built.values():
         slot.wiring = wiring
     sensors = list(built.values())
@@ -83,7 +85,7 @@ def vehicle_member(world: World, resolved: ResolvedVehicle, row: int, name: str)
     }
     ports = {slot.port.path: slot.port for slot in built.values()}
     piloted = build_autopilot(world, resolved, params, name, row, mounts, ports, actuators)
-    slots = list(actuators.values())
+    slots = [*actuators.values(), *send_slots(world, sensors)]
     if piloted is not None:
         sensors.append(piloted.state)
         slots += piloted.set_points
@@ -112,7 +114,7 @@ def mount_of(config: SensorConfig, file: VehicleFile) -> Pose:
     return Pose.from_degrees(place.rpy_deg, place.position_frd_m)
 
 
-def _sensor(
+def sensor_slot(
     world: World,
     path: str,
     config: SensorConfig,
@@ -121,6 +123,15 @@ def _sensor(
     mount: Pose,
     built: Mapping[str, SensorSlot],
 ) -> SensorSlot:
+    """A sensor in a world.
+
+    Args:
+        world: where it is to be.
+        path: of its port.
+        config, sensor, mount: its table, and what was made of it.
+        row: of the body.
+        built: others of the vehicle.
+    """
     divisor = round(world.rate_hz / physics_rate(config.rate_hz))
     sensor.dt = float(divisor / world.rate_hz)
     sensor.start(key_of(world.seed, path))

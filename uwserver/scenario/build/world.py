@@ -9,6 +9,7 @@ from uwserver.environment.materials import lambert, sediments
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.scenario.build.kernels import kernels_of
 from uwserver.scenario.build.members import build_scene, physics_rate, stream_of
+from uwserver.scenario.build.modems import add_medium
 from uwserver.scenario.build.population import ScenarioPopulation
 from uwserver.scenario.load.export import identity
 from uwserver.scenario.load.resolved import Resolved
@@ -54,6 +55,7 @@ def build(resolved: Resolved, seed: int | None = None, *, prepared: bool = False
         lambda text: world.say("fault", text),
     )  # fmt: skip
     world.add(faults)
+    add_medium(world, resolved)
     world.population = ScenarioPopulation(world, resolved)
     world.add(world.population)
     world.identity = cache(partial(identity, resolved))

@@ -54,7 +54,7 @@ def _targets(scenario: Node, vehicles: Mapping[str, VehicleFile], environment: E
                 thrusters[f"{name}/{key}"] = actuator.members or tuple(vehicle.thrusters)
             elif isinstance(actuator, ThrusterConfig):
                 thrusters[f"{name}/{key}"] = (actuator.member,)
-        sensors += [f"{name}/{key}" for key in vehicle.sensors]
+        sensors += [config.port_of(name, key) for key, config in vehicle.sensors.items()]
         if "truth" in scenario.at("vehicles", table).parts:
             sensors += [f"{name}/truth/{key}" for key in TRUTH]
         M_RB, r_g = matrices(vehicle).M_RB, vehicle.rigid_body.center_of_mass_frd_m

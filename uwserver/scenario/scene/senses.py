@@ -31,7 +31,9 @@ def sensor_views(name: str, file: VehicleFile) -> tuple[SensorView, ...]:
         mount = mount_of(config, file)
         kind = str(config.__struct_config__.tag)
         exact = sigmas(config) or UNSET
-        views.append(SensorView(f"{name}/{key}", kind, mount.p, mount.q, tuple(beams(config)), fan(config), exact))
+        views.append(
+            SensorView(config.port_of(name, key), kind, mount.p, mount.q, tuple(beams(config)), fan(config), exact)
+        )
     return tuple(views)
 
 

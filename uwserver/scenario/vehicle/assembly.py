@@ -107,6 +107,8 @@ def merged_file(scenario: Document, name: str, entry: Mapping[str, Any], file: D
         raw["sensors"] = {**(present if isinstance(present, dict) else {}), **added}
     if entry.get("kind") == "external":
         raw = {key: table for key, table in raw.items() if key not in ACTIVE_TABLES}
+        if isinstance(added, dict):
+            raw["sensors"] = dict(added)
     return MergedFile(scenario, file, name, raw)
 
 

@@ -10,6 +10,7 @@ from uwserver.scenario.files.convert import Node, Report
 from uwserver.scenario.files.errors import KeyPath, suggestion
 from uwserver.scenario.world.checks import check_rate
 from uwserver.scenario.world.epoch import instant
+from uwserver.sensors import ModemTable
 from uwserver.table import Name, NonNegative, Positive, Table, Vector3
 from uwserver.world.external.source import PREDICT_S
 from uwserver.world.external.track import MAX_GAP_S
@@ -83,7 +84,11 @@ def check_external(name: str, scenario: Node, report: Report) -> None:
             if key in node.parts and key != "kind":
                 report((*path, key), f'"{key}" is for vehicles of kind = "external"')
         return
-    for key in ("sensors", "autopilot", "velocity_frd_mps", "angular_velocity_frd_degps"):
+    for name, sensor in node.at("sensors").parts.items():
+        if sensor.value is not None and not isinstance(sensor.value, ModemTable):
+            text = "an external vehicle has no dynamics and measures nothing: of sensors it may carry modems alone"
+            report((*path, "sensors", name), text)
+    for key in ("autopilot", "velocity_frd_mps", "angular_velocity_frd_degps"):
         if key in node.parts:
             report(
                 (*path, key),

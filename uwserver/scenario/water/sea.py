@@ -39,6 +39,7 @@ def water_of(environment: Environment, rate_hz: float, streams: Streams) -> Wate
         sea=_sea(environment, flows, rate_hz, streams),
         given=None if isinstance(column, UnsetType) else WaterColumn(column, gravity, density, environment.growth),
         growth=environment.growth,
+        jerlov=environment.water_type,
     )
 
 

@@ -74,7 +74,7 @@ def test_sensors_and_actuators_are_told_by_their_ports(name: str) -> None:
             if view.port is not None:
                 assert view.port.removeprefix(f"{vehicle.name}/") in vehicle.vehicle.actuators
         sensors = {view.path.removeprefix(f"{vehicle.name}/") for view in sensor_views(vehicle.name, vehicle.vehicle)}
-        assert sensors == set(vehicle.vehicle.sensors)
+        assert sensors == {config.port_of("", key)[1:] for key, config in vehicle.vehicle.sensors.items()}
 
 
 def test_the_waves_are_those_of_the_physics() -> None:

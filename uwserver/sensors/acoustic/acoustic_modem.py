@@ -1,0 +1,159 @@
+"""Acoustic modem: packets of sound between addressable nodes."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from msgspec import UNSET, Meta, UnsetType
+
+from uwserver.environment.acoustics.channel import Path
+from uwserver.environment.acoustics.noise import ambient_db, wind_of
+from uwserver.frames import Quat, Vec3
+from uwserver.sensors.acoustic.link import Link, LinkTable
+from uwserver.sensors.base import Pose, Scope
+from uwserver.sensors.modem import Crossing, Modem, ModemTable, Signal
+from uwserver.table import NonNegative, Positive, Probability
+
+_FASTEST = 1700.0
+"""m/s: no sea is as quick."""
+
+
+class AcousticModemConfig(ModemTable, tag="acoustic_modem", kw_only=True, frozen=True):
+    """An acoustic modem, on the acoustic channel of USBL and LBL: sound along bent rays, by surface and bottom too.
+
+    Attributes:
+        propagation, arrival, reflections: as of `usbl`; the receiver locks to the first of the arrivals that it notices, or to the strongest.
+        frequency_hz, bandwidth_hz: middle and width of the band.
+        source_level_db: dB re 1 uPa at 1 m.
+        noise_level_db: at the receiver, dB re 1 uPa^2/Hz; default: ambient noise by frequency, by the wind that made the scenario's waves, and
+            by `shipping`.
+        shipping: distant ships, 0 to 1.
+        self_noise_db: of its own vehicle, dB re 1 uPa^2/Hz, besides; default: none.
+        threshold_db: signal over noise in the band at which the receiver notices a packet.
+        modulation: how the rate of bit errors follows from the signal: "psk" (coherent), or "fsk" (non-coherent).
+        coding_gain_db: what its code is worth.
+        guard_s: arrivals that are later than the signal by no more add to it: a symbol's guard time, or what the equaliser reaches.
+        multipath_rejection_db: by which the others are weakened, as by spreading or hopping.
+        fading_sigma_db, fading_time_s: slow normal variation of the level between two modems, the same both ways; so losses come in bursts.
+    """
+
+    propagation: Literal["straight", "layered"] = "layered"
+    arrival: Literal["first", "strongest"] = "first"
+    reflections: Annotated[int, Meta(ge=0, le=8)] = 2
+    frequency_hz: Positive = 26e3
+    bandwidth_hz: Positive = 4e3
+    source_level_db: float = 185.0
+    noise_level_db: float | UnsetType = UNSET
+    shipping: Probability = 0.5
+    self_noise_db: float | UnsetType = UNSET
+    threshold_db: float = 3.0
+    modulation: Literal["psk", "fsk"] = "psk"
+    coding_gain_db: float = 0.0
+    guard_s: NonNegative = 0.01
+    multipath_rejection_db: NonNegative = 0.0
+    fading_sigma_db: NonNegative = 0.0
+    fading_time_s: Positive = 5.0
+
+    def build(self, mount: Pose) -> AcousticModem:
+        return AcousticModem(mount, self)
+
+
+class AcousticModem(Modem):
+    """Powers are those in the band, uPa^2."""
+
+    speed = _FASTEST
+
+    def __init__(self, mount: Pose, config: AcousticModemConfig) -> None:
+        self._config = config
+        self._link = Link(
+            LinkTable(
+                rate_hz=config.rate_hz,
+                propagation=config.propagation,
+                reflections=config.reflections,
+                frequency_hz=config.frequency_hz,
+                bandwidth_hz=config.bandwidth_hz,
+            )
+        )
+        super().__init__(mount, config)
+
+    def load_kernels(self) -> None:
+        self._link.load_kernels()
+
+    def blur(self, distance: float) -> float:
+        """See `Modem`."""
+        return 0.5 * math.sqrt(1500.0 / self._config.frequency_hz * distance)
+
+    def signal(self, q_NS: Quat) -> Signal:
+        """See `Modem`; it goes to all sides."""
+        c = self._config
+        return Signal(c.protocol, c.frequency_hz, c.bandwidth_hz, c.source_level_db + self.settings.gain)
+
+    def overlap(self, signal: Signal) -> float:
+        """See `Modem`: its spectrum is flat in its band."""
+        c = self._config
+        half, other = 0.5 * c.bandwidth_hz, 0.5 * signal.bandwidth
+        low, high = (
+            max(c.frequency_hz - half, signal.frequency - other),
+            min(c.frequency_hz + half, signal.frequency + other),
+        )
+        return max(0.0, high - low) / signal.bandwidth
+
+    def crossing(self, scope: Scope, signal: Signal, a: Vec3, b: Vec3, q_NS: Quat, gain: float) -> Crossing | None:
+        """See `Modem`. What cannot be noticed at all may still disturb: so it has a time and a level too."""
+        c = self._config
+        # From the receiver to the sender, as then `dip_a` is the angle at which it comes in; the sea is the same from both ends.
+        paths = self._link.paths(scope, b, a)
+        if not paths:
+            return None
+        noise = self.noise(scope)
+        most = signal.level + gain - 10.0 * math.log10(noise) - c.threshold_db
+        heard = [path for path in paths if path.loss <= most]
+        main = heard[0] if heard and c.arrival == "first" else min(paths, key=lambda path: path.loss)
+        power = [10.0 ** (0.1 * (signal.level + gain - path.loss)) for path in paths]
+        near = [0.0 <= path.time - main.time <= c.guard_s for path in paths]
+        useful = math.fsum(p for p, is_near in zip(power, near, strict=True) if is_near)
+        late = math.fsum(p for p, is_near in zip(power, near, strict=True) if not is_near)
+        rejected = late * 10.0 ** (-0.1 * c.multipath_rejection_db)
+        return Crossing(main.time, useful, noise, rejected, 10.0 * math.log10(useful), _towards(a, b, main))
+
+    def noise(self, scope: Scope) -> float:
+        """Of the sea and its own vehicle in the band, uPa^2."""
+        c = self._config
+        if isinstance(c.noise_level_db, float):
+            sea = c.noise_level_db
+        else:
+            roughness = 0.0 if scope.water.sea is None else scope.water.sea.roughness
+            sea = ambient_db(c.frequency_hz, wind_of(roughness, scope.water.gravity), c.shipping)
+        own = 0.0 if isinstance(c.self_noise_db, UnsetType) else 10.0 ** (0.1 * c.self_noise_db)
+        return float(c.bandwidth_hz * (10.0 ** (0.1 * sea) + own))
+
+    def notices(self, snr: float) -> bool:
+        """See `Modem`."""
+        return bool(snr >= 10.0 ** (0.1 * self._config.threshold_db))
+
+    def error_rate(self, snr: float, size: int) -> float:
+        """See `Modem`: independent bit errors, and one spoils the packet (Proakis, Digital Communications, 4th ed. 2001, section 5.2)."""
+        c = self._config
+        per_bit = snr * c.bandwidth_hz / c.bits_per_s * 10.0 ** (0.1 * c.coding_gain_db)
+        if c.modulation == "fsk":
+            wrong = 0.5 * math.exp(-0.5 * min(per_bit, 1400.0))
+        else:
+            wrong = 0.5 * math.erfc(math.sqrt(per_bit))
+        return -math.expm1(8 * max(size, 1) * math.log1p(-wrong))
+
+    def jitter(self, snr: float) -> float:
+        """See `Modem`."""
+        return 1.0 / (self._config.bandwidth_hz * math.sqrt(snr))
+
+    @property
+    def fading(self) -> tuple[float, float]:
+        """See `Modem`."""
+        return self._config.fading_sigma_db, self._config.fading_time_s
+
+
+def _towards(a: Vec3, b: Vec3, path: Path) -> Vec3:
+    """Unit vector (N) at b towards where a ray from a comes from: its dip is that of the ray from b."""
+    heading = math.atan2(a[1] - b[1], a[0] - b[0])
+    flat = math.cos(path.dip_a)
+    return (flat * math.cos(heading), flat * math.sin(heading), math.sin(path.dip_a))

@@ -1,0 +1,104 @@
+"""Optical modem: packets of light over a few tens of metres, in a cone, as far as the water is clear."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Annotated
+
+from msgspec import Meta
+
+from uwserver.environment.light import WATER_TYPES, WAVELENGTHS_NM
+from uwserver.frames import Quat, Vec3, rotate
+from uwserver.sensors.base import Pose, Scope
+from uwserver.sensors.modem import Crossing, Modem, ModemTable, Signal
+from uwserver.table import Positive
+from uwserver.units import rad
+
+_SPEED = 2.998e8 / 1.34
+"""Of light in water, m/s."""
+_Q_AT_SENSITIVITY = 3.0902
+"""Argument of the normal tail that is 1e-3."""
+
+
+class OpticalModemConfig(ModemTable, tag="optical_modem", kw_only=True, frozen=True):
+    """A modem that shines along the x axis of its mount, and sees along it.
+
+    Attributes:
+        wavelength_nm: of the light.
+        power_w: optical, within the cone.
+        beam_width_deg: whole angle of the cone, evenly lit.
+        aperture_m2: of the receiver.
+        view_width_deg: whole angle that the receiver sees.
+        sensitivity_w: received power at which one bit of a thousand is wrong.
+    """
+
+    wavelength_nm: Annotated[float, Meta(ge=400, le=700)] = 470.0
+    power_w: Positive = 1.0
+    beam_width_deg: Annotated[float, Meta(gt=0, le=170)] = 60.0
+    aperture_m2: Positive = 1e-3
+    view_width_deg: Annotated[float, Meta(gt=0, le=170)] = 60.0
+    sensitivity_w: Positive = 1e-8
+
+    def build(self, mount: Pose) -> OpticalModem:
+        return OpticalModem(mount, self)
+
+
+class OpticalModem(Modem):
+    """Powers are of what the receiver makes of light, over its noise: squares of light power."""
+
+    speed = _SPEED
+    fading = (0.0, 1.0)
+
+    def __init__(self, mount: Pose, config: OpticalModemConfig) -> None:
+        self._config = config
+        self._cone, self._view = (math.cos(0.5 * rad(w)) for w in (config.beam_width_deg, config.view_width_deg))
+        super().__init__(mount, config)
+
+    def signal(self, q_NS: Quat) -> Signal:
+        """See `Modem`; `bandwidth` is the cosine of half of the cone."""
+        c = self._config
+        level = 10.0 * math.log10(c.power_w) + self.settings.gain
+        return Signal(c.protocol, 2.998e17 / c.wavelength_nm, self._cone, level, rotate(q_NS, (1.0, 0.0, 0.0)))
+
+    def overlap(self, signal: Signal) -> float:
+        """See `Modem`: it sees light of any colour, and no sound."""
+        return 1.0 if signal.frequency > 1e9 else 0.0
+
+    def crossing(self, scope: Scope, signal: Signal, a: Vec3, b: Vec3, q_NS: Quat, gain: float) -> Crossing | None:
+        """See `Modem`; out of the cone, or of what the receiver sees, there is nothing."""
+        c = self._config
+        distance = max(math.dist(a, b), 0.1)
+        way = tuple((q - p) / distance for p, q in zip(a, b, strict=True))
+        sent = math.fsum(u * v for u, v in zip(way, signal.axis, strict=True))
+        facing = -math.fsum(u * v for u, v in zip(way, rotate(q_NS, (1.0, 0.0, 0.0)), strict=True))
+        if sent < signal.bandwidth or facing < self._view:
+            return None
+        spot = 2.0 * math.pi * (1.0 - signal.bandwidth) * distance * distance
+        caught = min(1.0, c.aperture_m2 * facing / spot) * math.exp(-self.attenuation(scope) * distance)
+        power = 10.0 ** (0.1 * (signal.level + gain)) * caught
+        if power <= 0.0:
+            return None
+        towards: Vec3 = (-way[0], -way[1], -way[2])
+        strength = (_Q_AT_SENSITIVITY * power / c.sensitivity_w) ** 2
+        return Crossing(distance / _SPEED, strength, 1.0, 0.0, 10.0 * math.log10(power), towards)
+
+    def attenuation(self, scope: Scope) -> float:
+        """Of its light in this water, 1/m: straight lines between the colours that are known."""
+        known = sorted(zip(WAVELENGTHS_NM, WATER_TYPES[scope.water.jerlov].attenuation, strict=True))
+        w = min(max(self._config.wavelength_nm, known[0][0]), known[-1][0])
+        (w0, c0), (w1, c1) = next(pair for pair in pairwise(known) if w <= pair[1][0])
+        return c0 + (c1 - c0) * (w - w0) / (w1 - w0)
+
+    def notices(self, snr: float) -> bool:
+        """See `Modem`: at a third of the sensitivity."""
+        return snr >= (_Q_AT_SENSITIVITY / 3.0) ** 2
+
+    def error_rate(self, snr: float, size: int) -> float:
+        """See `Modem`: on and off, told apart by a threshold in the middle."""
+        wrong = 0.5 * math.erfc(math.sqrt(0.5 * snr))
+        return -math.expm1(8 * max(size, 1) * math.log1p(-wrong))
+
+    def jitter(self, snr: float) -> float:
+        """See `Modem`: a tenth of a bit."""
+        return 0.1 / self._config.bits_per_s

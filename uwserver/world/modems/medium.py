@@ -1,0 +1,390 @@
+"""The water between modems: which packets are in it, when they reach whom, and which are understood.
+
+A packet begins to arrive at each modem when its sound has come to where that is by then. While it arrives it is disturbed by noise, by its own late
+arrivals, and by all other packets that are there meanwhile; a modem that sends is deaf. When its end has come it is understood or lost, by
+a random number of the receiver and the packet alone. Nothing is done in ticks in which nothing begins or ends.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+from msgspec import structs
+
+from uwserver.frames import Vec3
+from uwserver.modifiers.base import Draws
+from uwserver.physics.kernel.random import EVENT, key_of
+from uwserver.ports import Sample
+from uwserver.sensors.base import Scope
+from uwserver.sensors.modem import MOST_SEEN, Crossing, Message, Modem, Outgoing, Waiting
+from uwserver.units import NANOSECONDS
+from uwserver.world.modems.node import Node, nodes_of
+from uwserver.world.modems.packets import COMING, MOST_LEGS, MOST_PACKETS, PAST, THERE, Leg, MediumState, Packet
+from uwserver.world.part import Part, Stage
+from uwserver.world.world import World
+
+_CLOSING = 0.02
+"""Sender and receiver come nearer to each other at most with this part of the speed of the signal, or an arrival is noticed a little late."""
+_FAINTEST = 1e-3
+"""What is weaker than this part of the noise neither is heard nor disturbs."""
+_EXACT_S = 1e-12
+_PATIENCE_S = 0.5
+"""For so long an answer is waited for beyond the time in which it must have come."""
+
+
+class Medium(Part):
+    """All packets of a world."""
+
+    path = "world/modems"
+    state_type = MediumState
+    stage: ClassVar[Stage] = Stage.WATER
+    order: ClassVar[int] = 1  # after the water of the tick
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._count = 0
+        self._packets: dict[int, Packet] = {}
+        self._legs: list[Leg] = []
+        self._wake_ns = 0
+        self._known: tuple[Mapping[str, Any] | None, dict[str, Node]] = (None, {})
+        self._pairs: dict[tuple[str, str], Draws] = {}
+
+    # -- who is there ---------------------------------------------------------------------------------------------------------------------
+
+    @property
+    def _nodes(self) -> dict[str, Node]:
+        ports = self._world.ports  # replaced when anybody comes or goes
+        if self._known[0] is not ports:
+            self._known = ports, nodes_of(self._world.sensors, self._world.vehicles)
+        return self._known[1]
+
+    def _scope(self, node: Node) -> Scope:
+        world, vehicle = self._world, node.vehicle
+        nu = vehicle.nu
+        return Scope(
+            world.t_ns, vehicle.p_NB, vehicle.q_NB, (nu[0], nu[1], nu[2]), (nu[3], nu[4], nu[5]), world.water,
+            geometry=world.geometry, vehicles=world.vehicles, earth=world.earth, sediments=world.sediments,
+        )  # fmt: skip
+
+    @property
+    def _now(self) -> float:
+        return self._world.t_ns / NANOSECONDS
+
+    # -- sending --------------------------------------------------------------------------------------------------------------------------
+
+    def submitter(self, path: str) -> Callable[[int, bytes, bool], None]:
+        """What has messages sent by the modem with this port."""
+
+        def submit(destination: int, data: bytes, wanted: bool) -> None:
+            node = self._nodes.get(path)
+            if node is None or not node.slot.active:
+                return
+            memory, tries = node.modem.memory, 1 + node.modem.table.retries if wanted else 0
+            self._count += 1
+            memory.queue = (*memory.queue, Outgoing(self._count, destination, data, False, wanted, self._now, tries))
+            self._send_next(node)
+            self._schedule()
+
+        return submit
+
+    def _send_next(self, node: Node) -> None:
+        """Send what waits and may be sent now: answers first, as they are due at a time."""
+        memory, now = node.modem.memory, self._now
+        while memory.busy <= now:
+            ready = [each for each in memory.queue if each.after <= now]
+            if not ready:
+                return
+            message = next((each for each in ready if each.answer), ready[0])
+            memory.queue = tuple([each for each in memory.queue if each is not message])
+            self._send(node, message)
+
+    def _send(self, node: Node, message: Outgoing) -> None:
+        modem, now = node.modem, self._now
+        left = max(message.after, modem.memory.busy)
+        p, q = node.pose(now - left)
+        lasts = modem.duration(message.data)
+        modem.memory.busy = left + lasts
+        modem.count("sent")
+        if message.wanted:
+            answered = 2.0 * modem.table.max_range_m / min(modem.speed, 1400.0) + modem.table.turn_around_s
+            until = left + lasts + answered + modem.duration(b"") + _PATIENCE_S
+            modem.memory.waiting = (*modem.memory.waiting, Waiting(message, left + lasts, until))
+        if self._scope(node).submergence(p) <= 0.0:
+            return
+        self._count += 1
+        held = left - message.heard if message.answer else 0.0
+        packet = Packet(
+            self._count, message.id, node.path, modem.settings.address, message.destination, message.data, message.answer,
+            message.wanted, held, left, lasts, p, modem.signal(q),
+        )  # fmt: skip
+        self._packets[packet.number] = packet
+        for path, other in self._nodes.items():
+            if path != node.path and other.modem.overlap(packet.signal) > 0.0:
+                soonest = math.dist(p, other.pose()[0]) / other.modem.speed
+                self._legs.append(Leg(packet.number, path, left + (1.0 - _CLOSING) * soonest))
+        if len(self._packets) > MOST_PACKETS or len(self._legs) > MOST_LEGS:
+            del self._packets[next(iter(self._packets))]
+            self._legs = [leg for leg in self._legs if leg.packet in self._packets][-MOST_LEGS:]
+
+    # -- on the way -----------------------------------------------------------------------------------------------------------------------
+
+    def after(self, tick: int, t_ns: int, samples: list[Sample]) -> None:
+        """Carry out what is due: arrivals, then ends, then answers and messages that wait."""
+        if t_ns < self._wake_ns:
+            return
+        now, nodes = t_ns / NANOSECONDS, self._nodes
+        legs = []
+        for leg in self._legs:
+            node = nodes.get(leg.receiver)
+            if node is None or not node.slot.active:
+                continue
+            arrived = self._meet(leg, node, now) if leg.stage == COMING and leg.wake <= now else leg
+            if arrived is not None:
+                legs.append(arrived)
+        self._legs = legs
+        ended = [leg for leg in legs if leg.stage == THERE and leg.over <= now]
+        for leg in sorted(ended, key=lambda leg: (leg.over, leg.packet, leg.receiver)):
+            self._decide(leg, nodes[leg.receiver])
+        done = {id(leg) for leg in ended}
+        self._legs = [structs.replace(leg, stage=PAST) if id(leg) in done else leg for leg in legs]
+        for node in nodes.values():
+            self._look_after(node, now)
+        self._forget_past(now)
+        self._schedule()
+
+    def _meet(self, leg: Leg, node: Node, now: float) -> Leg | None:
+        """A leg under way, a little later: still under way, or there; None where it leads nowhere."""
+        packet = self._packets[leg.packet]
+        gain = self._fading(packet, node)
+        scope, ago = self._scope(node), 0.0
+        (p, q), crossing = node.pose(), None
+        for _ in range(20):
+            crossing = node.modem.crossing(scope, packet.signal, packet.p, p, q, gain)
+            if crossing is None:
+                return None
+            late = now - ago - packet.left - crossing.time
+            if ago == 0.0 and late < 0.0:
+                return structs.replace(leg, wake=now - late * (1.0 - _CLOSING))
+            if abs(late) < _EXACT_S:
+                break
+            ago += late
+            before = p
+            p, q = node.pose(ago)
+            if p == before:
+                break
+        assert crossing is not None
+        overlap = node.modem.overlap(packet.signal)
+        signal = crossing.signal * overlap
+        if signal < _FAINTEST * crossing.noise or scope.submergence(p) <= 0.0 or self._is_hidden(node, packet.p, p):
+            return None
+        begin, (bearing, elevation) = now - ago, self._direction(packet, node, crossing, q)
+        return Leg(
+            leg.packet, leg.receiver, begin + packet.lasts, THERE, begin, begin + packet.lasts, signal, crossing.noise,
+            crossing.late * overlap, crossing.level_db, bearing, elevation,
+        )  # fmt: skip
+
+    def _direction(
+        self, packet: Packet, node: Node, crossing: Crossing, q_NS: tuple[float, float, float, float]
+    ) -> tuple[float | None, float | None]:
+        exact = node.modem.direction(crossing.towards, q_NS)
+        if exact is None:
+            return None, None
+        _, _, across, up = _drawn(node.modem, packet.number)
+        sigma = node.modem.direction_sigma
+        return exact[0] + sigma * across, exact[1] + sigma * up
+
+    def _is_hidden(self, node: Node, a: Vec3, b: Vec3) -> bool:
+        """Whether something solid, not near their ends, stands between two points (N, m) that is too wide for the signal to get round it."""
+        clear, distance = node.modem.table.clearance_m, math.dist(a, b)
+        free = distance - 2.0 * clear
+        if free <= 0.0:
+            return False
+        way = (np.array(b) - a) / distance
+        across = np.cross(way, np.eye(3)[int(np.argmin(np.abs(way)))])
+        across /= np.linalg.norm(across)
+        up = np.cross(way, across)
+        aside = node.modem.blur(distance) * np.array((0.0 * up, across, -across, up, -up))
+        begin = np.array(a) + clear * way + aside
+        found = self._world.geometry.raycast(begin, np.tile(way, (len(begin), 1)), free)
+        return bool((found.distance <= free).all())
+
+    def _fading(self, packet: Packet, node: Node) -> float:
+        """Of the level between two modems, dB, the same both ways: random numbers at the beats of its time, and straight lines between, so
+        weighted that their deviation is the same everywhere."""
+        sigma, time = node.modem.fading
+        if not sigma or node.modem.table.ideal:
+            return 0.0
+        pair = (min(packet.sender, node.path), max(packet.sender, node.path))
+        if pair not in self._pairs:
+            self._pairs[pair] = Draws(key_of(self._world.seed, f"{self.path}/{pair[0]} {pair[1]}"))
+        draws, beat = self._pairs[pair], packet.left / time
+        ends = []
+        for k in (math.floor(beat), math.floor(beat) + 1):
+            draws.seek(k, EVENT)
+            ends.append(float(draws.rng.standard_normal()))
+        part = beat - math.floor(beat)
+        return sigma * ((1.0 - part) * ends[0] + part * ends[1]) / math.hypot(1.0 - part, part)
+
+    # -- receiving ------------------------------------------------------------------------------------------------------------------------
+
+    def _decide(self, leg: Leg, node: Node) -> None:
+        """The end of a packet has come: it is understood or lost."""
+        packet, modem = self._packets[leg.packet], node.modem
+        if packet.signal.protocol != modem.table.protocol or not modem.is_for_me(packet.destination):
+            return
+        snr = leg.signal / leg.noise
+        cause = "" if modem.table.ideal else self._loss(leg, node, packet)
+        if cause:
+            modem.count(cause)
+        elif packet.answer:
+            self._take_answer(leg, node, packet, snr)
+        elif packet.message not in modem.memory.seen:
+            modem.memory.seen = (*modem.memory.seen, packet.message)[-MOST_SEEN:]
+            modem.count("heard")
+            modem.tell(_message("data", leg, packet, snr))
+        if not cause and packet.wanted:
+            self._answer(leg, modem, packet)
+
+    def _loss(self, leg: Leg, node: Node, packet: Packet) -> str:
+        """Why a packet is not understood, as `Counts` has it; "" where it is."""
+        modem = node.modem
+        if not modem.notices(leg.signal / leg.noise):
+            return "faint"
+        own = [each for each in self._packets.values() if each.sender == node.path]
+        if any(leg.meets(each.left, each.over) for each in own):
+            return "deaf"
+        others = [
+            each
+            for each in self._legs
+            if each.receiver == node.path and each.packet != leg.packet and each.stage != COMING
+        ]
+        crowd = math.fsum(each.signal for each in others if leg.meets(each.begin, each.over))
+        luck, size = _drawn(modem, packet.number)[0], max(len(packet.data), modem.table.fixed_bytes)
+
+        def passes(disturbance: float) -> bool:
+            return luck >= modem.error_rate(leg.signal / disturbance, size)
+
+        if passes(leg.noise + leg.late + crowd):
+            return ""
+        if passes(leg.noise + leg.late):
+            return "collided"
+        return "smeared" if passes(leg.noise) else "faint"
+
+    def _answer(self, leg: Leg, modem: Modem, packet: Packet) -> None:
+        """Answer a message, also one that came before: the first answer may have been lost."""
+        if not modem.table.acknowledges:
+            return
+        memory, after = modem.memory, leg.over + modem.table.turn_around_s
+        known = [each for each in memory.queue if not (each.answer and each.id == packet.message)]
+        memory.queue = (*known, Outgoing(packet.message, packet.source, b"", True, False, after, 0, leg.over))
+
+    def _take_answer(self, leg: Leg, node: Node, packet: Packet, snr: float) -> None:
+        """Somebody answered: it is told once, with the range."""
+        modem = node.modem
+        asked = next((each for each in modem.memory.waiting if each.message.id == packet.message), None)
+        if asked is None:
+            return
+        modem.memory.waiting = tuple([each for each in modem.memory.waiting if each is not asked])
+        travel = leg.begin - asked.over - packet.held
+        if not modem.table.ideal:
+            travel += math.sqrt(2.0) * modem.jitter(snr) * _drawn(modem, packet.number)[1]
+        reach = 0.5 * modem.believed(self._scope(node), node.pose()[0]) * travel
+        modem.count("heard")
+        told = _message("delivered", leg, packet, snr)
+        modem.tell(
+            structs.replace(told, source=modem.settings.address, destination=asked.message.destination, range=reach)
+        )
+
+    def _look_after(self, node: Node, now: float) -> None:
+        """Messages that nobody answered, and those that wait to be sent."""
+        modem, memory = node.modem, node.modem.memory
+        if not node.slot.active:
+            memory.queue, memory.waiting = (), ()
+            return
+        for asked in [each for each in memory.waiting if each.until <= now]:
+            memory.waiting = tuple([each for each in memory.waiting if each is not asked])
+            message = asked.message
+            if message.tries > 1:
+                memory.queue = (*memory.queue, structs.replace(message, tries=message.tries - 1, after=asked.until))
+                continue
+            modem.count("unanswered")
+            address = modem.settings.address
+            modem.tell(Message("failed", address, message.destination, message.data, asked.until, asked.until))
+        self._send_next(node)
+
+    def _forget_past(self, now: float) -> None:
+        """Drop what can disturb nothing any more."""
+        hears: dict[str, float] = {}
+        for leg in self._legs:
+            if leg.stage == THERE:
+                hears[leg.receiver] = min(leg.begin, hears.get(leg.receiver, math.inf))
+        self._legs = [leg for leg in self._legs if leg.stage != PAST or leg.over > hears.get(leg.receiver, math.inf)]
+        needed = {leg.packet for leg in self._legs}
+        self._packets = {
+            number: packet
+            for number, packet in self._packets.items()
+            if number in needed or packet.over > min(now, hears.get(packet.sender, math.inf))
+        }
+
+    def _schedule(self) -> None:
+        """When there is something to do next."""
+        wakes = [leg.wake for leg in self._legs if leg.stage != PAST]
+        for node in self._nodes.values():
+            memory = node.modem.memory
+            wakes += [each.until for each in memory.waiting]
+            wakes += [max(each.after, memory.busy) for each in memory.queue]
+        wakes += [packet.over for packet in self._packets.values() if packet.over > self._now]
+        self._wake_ns = math.ceil(min(wakes) * NANOSECONDS) if wakes else 2**62
+
+    # -- state ----------------------------------------------------------------------------------------------------------------------------
+
+    def forget(self, body: str) -> None:
+        """A vehicle goes: nothing comes to it any more. What it has sent goes on."""
+        self._legs = [leg for leg in self._legs if leg.receiver.partition("/")[0] != body]
+
+    def save(self) -> MediumState:
+        """All that is in the water."""
+        return MediumState(self._count, tuple(self._packets.values()), tuple(self._legs))
+
+    def check(self, state: Any) -> None:
+        """Each leg is that of a packet."""
+        numbers = {packet.number for packet in state.packets}
+        if len(numbers) < len(state.packets):
+            raise ValueError("two packets have one number")
+        if any(leg.packet not in numbers for leg in state.legs):
+            raise ValueError("a packet arrives that nobody sent")
+
+    def load(self, state: MediumState) -> None:
+        """Put it back."""
+        self._count, self._legs = state.count, list(state.legs)
+        self._packets = {packet.number: packet for packet in state.packets}
+        self._wake_ns = 0  # modems may have something to do
+
+
+def _drawn(modem: Modem, number: int) -> tuple[float, float, float, float]:
+    """Random numbers of a modem about a packet: one of 0 to 1 that decides whether it is understood; normal ones for time and direction."""
+    draws = modem.draws
+    draws.seek(number, EVENT)
+    luck = float(draws.rng.random())
+    time, across, up = draws.rng.standard_normal(3).tolist()
+    return luck, time, across, up
+
+
+def _message(event: Any, leg: Leg, packet: Packet, snr: float) -> Message:
+    db = 10.0 * math.log10(snr) if snr > 0.0 else None
+    return Message(
+        event,
+        packet.source,
+        packet.destination,
+        packet.data,
+        leg.begin,
+        leg.over,
+        leg.level,
+        db,
+        None,
+        leg.bearing,
+        leg.elevation,
+    )
