@@ -63,6 +63,7 @@ class YarpAdapter:
         self._registered: set[str] = set()
         self._gone: set[str] = set()
         self._heard: dict[str, YarpPort] = {}
+        self._followed: set[str] = set()
         self._next_port = config.first_port
         self._next_clock = 0
         self._count = 0
@@ -223,8 +224,8 @@ class YarpAdapter:
     def leave(self, at: YarpPort, end: Reader | Writer) -> None:
         """See `Network`."""
         at.writers.pop(end, None)
-        if end in at.readers:
-            del at.readers[end]
+        at.readers.pop(end, None)
+        if at.name in self._followed and not at.readers:
             self._follow()
 
     def _follow(self) -> None:
@@ -235,6 +236,7 @@ class YarpAdapter:
         if sensors and next(iter(self.ports.values())).readers:
             wanted.add(max(sensors, key=lambda port: port.rate_hz or 0.0).path)
         self.wanted = wanted
+        self._followed = {each.name for each in self.ports.values() if each.readers}
         self.context.follow_wants()
 
     def connect(self, at: YarpPort, target: str, answered: Answered) -> None:

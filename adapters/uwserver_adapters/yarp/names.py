@@ -141,6 +141,6 @@ def target_of(said: str) -> tuple[str, str]:
     if not sign:
         carrier, name = "", said
     name = "/" + name.lstrip("/")
-    if not re.fullmatch(r"(/[^\s/:\"()\[\]{}]+)+", name) or len(name) > 256:
+    if not re.fullmatch(r"(/[^\s/\"()\[\]{}]+)+", name) or len(name) > 256:
         raise Refused("bad_argument", f"{said[:100]} is no name of a port: /name, or carrier://name")
     return carrier.partition("+")[0].strip("/"), name

@@ -102,8 +102,8 @@ class Peer(Connection):
 
     @property
     def is_owed(self) -> bool:
-        """An answer is to come, or samples."""
-        return self._is_answering or self._is_reader
+        """An answer is to come."""
+        return self._is_answering
 
     def closed(self) -> None:
         """It went. What it commanded stands until the actuator's time-out."""
