@@ -1,7 +1,7 @@
 """Connections of YARP, both sides, without input or output: the carriers text, text_ack, tcp and fast_tcp.
 
 Read in robotology/yarp (`AbstractCarrier`, `TextCarrier`, `PortCommand`, `PortCoreInputUnit`), and tried with its tools. A connection begins with
-eight bytes that name the carrier, and the sender's name. Then come messages: a command of one letter, perhaps with an envelope, and for some a bottle.
+eight bytes that name the carrier, and the sender's name. Then come messages: a command of a letter, with an envelope perhaps, and for some a bottle.
 """
 
 from __future__ import annotations
