@@ -17,7 +17,7 @@ from uwserver.adapter import (
     serving,
 )
 from uwserver.ports import Event, Sample
-from uwserver.units import NANOSECONDS
+from uwserver_adapters.player import codec
 from uwserver_adapters.player.client import Address, Client, data_message
 from uwserver_adapters.player.config import PlayerConfig
 from uwserver_adapters.player.devices import Device, devices_of
@@ -81,7 +81,7 @@ class PlayerAdapter:
 
     def timestamp(self, t_ns: int | None = None) -> float:
         """See `Server`."""
-        return (self._epoch_ns + (self._t_ns if t_ns is None else t_ns)) / NANOSECONDS
+        return codec.timestamp(self._epoch_ns + (self._t_ns if t_ns is None else t_ns))
 
     def follow(self) -> None:
         """See `Server`."""

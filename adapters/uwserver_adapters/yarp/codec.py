@@ -47,6 +47,11 @@ def clock(t_ns: int) -> list[Value]:
     return list(divmod(t_ns, NANOSECONDS))
 
 
+def span_ns(rate_hz: float) -> int:
+    """Simulation time between two messages that come so often."""
+    return round(NANOSECONDS / rate_hz)
+
+
 def _told(field: Field, value: object) -> Value:
     if isinstance(value, Buffer):
         return (
