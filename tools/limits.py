@@ -14,6 +14,8 @@ from uwserver_adapters.moos.text import lines
 from uwserver_adapters.morse import connections, grammar
 from uwserver_adapters.morse.config import MorseConfig
 from uwserver_adapters.native import fanout
+from uwserver_adapters.player import wire as player_wire
+from uwserver_adapters.player.config import PlayerConfig
 from uwserver_adapters.px4 import door
 from uwserver_adapters.ros1 import links, node, xmlrpc
 from uwserver_adapters.ros1 import peers as ros1_peers
@@ -22,6 +24,10 @@ from uwserver_adapters.ros1.config import Ros1Config
 from uwserver_adapters.sockets import connection as sockets_connection
 from uwserver_adapters.sockets import datagrams
 from uwserver_adapters.sockets.config import SocketsConfig
+from uwserver_adapters.yarp import adapter as yarp_adapter
+from uwserver_adapters.yarp import bottle, names
+from uwserver_adapters.yarp import wire as yarp_wire
+from uwserver_adapters.yarp.config import YarpConfig
 
 from uwserver.adapter import accepting, bounds, connection, conversation, peers, refusals
 from uwserver.recording import reading, recorder
@@ -62,6 +68,8 @@ def limits_page() -> str:
         "MORSE": _morse(),
         "MAVLink, PX4": _mavlink(),
         "ROS 1": _ros1(),
+        "YARP": _yarp(),
+        "Player": _player(),
         "`/health`, `/metrics`": _health(),
         "start and end": _life(),
     }
@@ -247,6 +255,33 @@ def _ros1() -> Iterator[Row]:
     yield "a head of a call of the API, its body", http, "4xx, disconnected"
     yield "publishers of a topic", str(node.PUBLISHERS), "the rest is not heard"
     yield "time in which the master, or a publisher, answers", f"{links.CALL_S:g} s", "tried again"
+
+
+def _yarp() -> Iterator[Row]:
+    yield "connections, of others and to others", _setting(YarpConfig, "max_clients"), "disconnected; not made"
+    yield "a binary message, a line, a sender's name", (
+        f"{_bytes(yarp_wire.MESSAGE_LIMIT)}, {_bytes(yarp_wire.LINE_LIMIT)}, {_bytes(yarp_wire.NAME_LIMIT)}"
+    ), "disconnected"  # fmt: skip
+    yield "items of a bottle, lists within lists", f"{bottle.ITEMS}, {bottle.DEPTH}", "refused"
+    yield "a blob in text", _bytes(bottle.TEXT_BLOB), "empty; binary carriers tell it"
+    rate = _setting(YarpConfig, "max_requests_per_s")
+    yield "messages of a peer in a second", rate, "refused, not read until it is over"
+    yield "what waits for a slow reader", _setting(YarpConfig, "queue_bytes"), "samples are left out"
+    yield "connections in the making", str(yarp_adapter.LINKS), "refused"
+    server = f"{names.ANSWER_S:g} s, {_bytes(names.ANSWER_LIMIT)}"
+    yield "an answer of the name server, or of a port that is connected", server, "tried again; refused"
+
+
+def _player() -> Iterator[Row]:
+    yield "clients", _setting(PlayerConfig, "max_clients"), "disconnected"
+    yield "a message", _bytes(player_wire.MESSAGE_LIMIT), "disconnected"
+    rate = _setting(PlayerConfig, "max_requests_per_s")
+    yield "messages of a client in a second", rate, "refused, not read until it is over"
+    yield (
+        "what waits for a slow client",
+        _setting(PlayerConfig, "queue_bytes"),
+        "data are left out; answers: disconnected",
+    )
 
 
 def _health() -> Iterator[Row]:

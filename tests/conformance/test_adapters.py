@@ -18,7 +18,9 @@ import pytest
 from uwserver_adapters.devices.water_linked_a50 import WaterLinkedA50Table
 from uwserver_adapters.moos import wire as moos
 from uwserver_adapters.moos.config import CommunityTable
+from uwserver_adapters.player import wire as player
 from uwserver_adapters.ros1 import wire as tcpros
+from uwserver_adapters.yarp import wire as yarp
 from websockets.frames import Frame, Opcode
 
 from uwserver.adapter import AdapterNotFound, AdapterStats, adapter_entries, installed_adapters, load_adapter
@@ -77,6 +79,32 @@ async def _ros1(context: FakeContext) -> TcpPeer:
     """A subscriber or service client of TCPROS."""
     address = str(context.stats.details["tcpros"])
     return await TcpPeer.connect(replace(context, stats=AdapterStats(address=address)))
+
+
+def _yarp_port(name: str) -> Connect:
+    async def connect(context: FakeContext) -> TcpPeer:
+        """Somebody at a port of YARP."""
+        number = context.stats.details["ports"][f"/uwserver/{name}"]  # type: ignore[index, call-overload]
+        return await TcpPeer.connect(replace(context, stats=AdapterStats(address=f"127.0.0.1:{number}")))
+
+    return connect
+
+
+_YARP_HELLO = yarp.hello("fast_tcp", "/peer")
+# The devices of `FakeContext`: imu 60:0, then opaque ones, of its three ports and of its services.
+_PLAYER_OPEN = b"".join(
+    player.encode(player.Message(player.PLAYER, 0, player.REQ, player.DEV, player.address(0, 0, *device) + player.u32(player.OPEN, 0, 0)))
+    for device in ((player.IMU, 0), (player.OPAQUE, 0), (player.OPAQUE, 1), (player.OPAQUE, 3))
+)  # fmt: skip
+
+
+def _player_call(service: str) -> bytes:
+    body = player.octets(b'{"service":"%s","args":{"t_s":9}}' % service.encode())
+    return player.encode(player.Message(player.OPAQUE, 3, player.REQ, 1, body))
+
+
+def _yarp_call(service: str) -> bytes:
+    return b"d\r\n%s (t_s 9)\r\n" % service.encode()
 
 
 def _ros1_header(**fields: str) -> bytes:
@@ -308,12 +336,18 @@ KITS: dict[str, tuple[dict[str, Any], Connect, bytes]] = {
     "moosdb": ({"port": 0, "queue_bytes": 1 << 20}, TcpPeer.connect, MOOS_HELLO + MOOS_HEAR_ALL),
     "moos_text": ({"port": 0}, TcpPeer.connect, b"SUBSCRIBE *\n"),
     "morse": ({"port": 0, "stream_port": 0, "queue_bytes": 1 << 16}, _morse_stream, b""),
+    "player": ({"port": 0, "queue_bytes": 1 << 16}, TcpPeer.connect, _PLAYER_OPEN),
     "px4_hil": ({"port": 0, "truth": True}, TcpPeer.connect, PX4_HEARTBEAT),
     "ros2": ({"listen": ("tcp/127.0.0.1:0",), "domain": 0}, _zenoh_transport, b""),
     "ros1": ({"master": "http://127.0.0.1:9", "queue_bytes": 1 << 16}, _ros1, _ros1_header(topic="/rov/imu")),
     "rosbridge": ({"port": 0}, _rosbridge_client, _web('{"op":"subscribe","topic":"/rov/imu"}')),
     "sockets": ({"port": 0}, TcpPeer.connect, b'{"method":"subscribe","params":{"pattern":"**"}}\n'),
     "web": ({"port": 0}, _web_page, _web('{"method":"subscribe","params":{"pattern":"**"}}')),
+    "yarp": (
+        {"name_server": "127.0.0.1:9", "queue_bytes": 1 << 16},
+        _yarp_port("rov/imu:o"),
+        _YARP_HELLO + yarp.message(False, "r"),
+    ),
     "zenoh": ({"listen": ("tcp/127.0.0.1:0",), "scouting": False}, _zenoh_transport, b""),
 }
 
@@ -375,6 +409,15 @@ REQUESTS = {
         misspelt=_ros1_header(service="/world/run_untill"),
         speak=_ros1,
     ),
+    "player": Requests(
+        _player_call("world/run_until"), many=_player_call("world/run_until"), misspelt=_player_call("world/run_untill")
+    ),
+    "yarp": Requests(
+        b"CONNECT /peer\r\n" + _yarp_call("run_until"),
+        many=_yarp_call("run_until"),
+        misspelt=b"CONNECT /peer\r\n" + _yarp_call("run_untill"),
+        speak=_yarp_port("world/rpc:i"),
+    ),
     "moos": _moos(_moos_call),
     "moosdb": _moos(_moos_call),
     "moos_text": _moos(lambda text: b"CALL %s\n" % text.encode()),
@@ -403,7 +446,9 @@ UNSAID = {
     "devices": {_CANCEL, _TIME_OUT, _NAMES},
     "sockets": {_TIME_OUT},
     "web": {_TIME_OUT},
+    "player": {_CANCEL, _TIME_OUT},
     "ros1": {_CANCEL, _TIME_OUT},
+    "yarp": {_CANCEL, _TIME_OUT},
     "moos": {_CANCEL},
     "moosdb": {_CANCEL},
     "moos_text": {_CANCEL},

@@ -38,12 +38,17 @@ from uwserver_adapters.morse import grammar as morse
 from uwserver_adapters.native.codec import NEED_DATA, Control, JsonCodec, MsgpackCodec
 from uwserver_adapters.native.requests import Malformed, Request
 from uwserver_adapters.native.websocket import Handshake, WebSocketCodec
+from uwserver_adapters.player import devices as player_devices
+from uwserver_adapters.player import wire as player
 from uwserver_adapters.px4 import codec as px4
 from uwserver_adapters.ros1 import wire as tcpros
 from uwserver_adapters.ros1 import xmlrpc
 from uwserver_adapters.sil.channels import Scale
 from uwserver_adapters.sockets import SocketsAdapter
 from uwserver_adapters.sockets.connection import Connection
+from uwserver_adapters.yarp import bottle as yarp_bottle
+from uwserver_adapters.yarp import codec as yarp_codec
+from uwserver_adapters.yarp import wire as yarp
 from uwserver_adapters.zenoh_bus.codec import Codec as ZenohCodec
 from uwserver_adapters.zenoh_bus.keys import KeyScheme
 from uwserver_adapters.zenoh_bus.requests import Put, Question, Requests
@@ -53,6 +58,7 @@ from uwserver.ports import Buffer, Field, Port, Refused
 from uwserver.server.http import Service
 from uwserver.testing import FakeContext, Loopback
 from uwserver.testing.codecs import read_all
+from uwserver.testing.fake_context import SERVICES, THRUSTERS
 
 MESSAGES: list[Any] = [
     {"jsonrpc": "2.0", "id": 1, "method": "hello", "params": {"version": 1, "name": "pilot", "token": "x"}},
@@ -83,6 +89,7 @@ XMLRPC = [
     xmlrpc.request("127.0.0.1:5000", "/RPC2", "requestTopic", ["/rviz", "/rov/imu", [["TCPROS"]]]),
     xmlrpc.request("localhost", "/", "publisherUpdate", ["/m", "/t", ["http://h:1/"]]) * 2,
 ]
+RUN_UNTIL = next(service for service in SERVICES if service.path == "world/run_until")
 FOLLOWER = {"jsonrpc": "2.0", "id": 2, "method": "describe", "params": {"pattern": "rov/*"}}
 _PATIENCE = 2000
 FOLLOWED = Request(2, "describe", {"pattern": "rov/*"})
@@ -432,6 +439,114 @@ class Tcpros(Target):
                     found.append(repr(call))
         except xmlrpc.BadHttp as bad:
             found.append(bad.status)
+        return found
+
+
+class Yarp(Target):
+    """Connections of YARP: messages or a refusal, the same in pieces of any size; a bottle comes back from both of its forms; commands and calls
+    are maps or refused."""
+
+    _BOTTLES: tuple[list[Any], ...] = (
+        [["u", [0.1] * 8]], [1, 2.5, "a b", b"\1\2", [yarp_bottle.Vocab("list"), [[]]]], ["run_until", ["t_s", 9]], [0.5] * 8,
+    )  # fmt: skip
+
+    def once(self) -> None:
+        dice = self._dice
+        carrier = dice.one(yarp.CARRIERS)
+        text = yarp.is_text(carrier)
+        bottle = self._bottle(dice.tree(dice.one(self._BOTTLES)))
+        said = yarp.payload(text, bottle)
+        data = yarp.hello(carrier, "/w") + yarp.message(text, dice.one(("d", "D 5 1.25", "a")), said)
+        if dice.below(2):
+            events = self._read(dice.pieces(data + yarp.message(text, "q")))
+            assert len(events) == 3, data
+            assert repr(events[1].values) == repr(bottle), (data, events)
+            assert events[2] == yarp.Message("q", "q", ())
+        else:
+            data = dice.damaged(data)
+            events = self._read([data])
+            assert repr(self._read(dice.pieces(data))) == repr(events), data
+        for event in events:
+            if isinstance(event, yarp.Message):
+                with contextlib.suppress(Refused):
+                    assert isinstance(yarp_codec.command(THRUSTERS, event.values), dict)
+                with contextlib.suppress(Refused):
+                    yarp_codec.call(event.values, {"run_until": RUN_UNTIL})
+
+    def _bottle(self, tree: Any) -> list[Any]:
+        """What a bottle can hold of a tree, and nothing that its forms write in another way."""
+        if isinstance(tree, dict):
+            tree = [*tree.items()]
+        return [self._item(each) for each in tree] if isinstance(tree, list | tuple) else [self._item(tree)]
+
+    def _item(self, value: Any) -> Any:
+        if isinstance(value, dict | list | tuple):
+            return self._bottle(value)
+        if value is None or isinstance(value, bool):
+            return int(value or 0)
+        if isinstance(value, int):
+            return max(-(2**63), min(value, 2**63 - 1))
+        return value.encode("utf-8", "replace").decode() if type(value) is str else value
+
+    def _read(self, pieces: list[bytes]) -> list[Any]:
+        decoder, found = yarp.Decoder(), []
+        try:
+            for piece in pieces:
+                decoder.receive(piece)
+                while (event := decoder.next_event()) is not None:
+                    fault = getattr(event, "fault", None)
+                    found.append(event if fault is None else fault.fault.code)
+        except Refused as refused:
+            found.append(refused.fault.code)
+        return found
+
+
+class Player(Target):
+    """Messages of Player: all of them or a refusal, the same in pieces of any size; what a device is told is an ask or refused."""
+
+    def __init__(self, dice: Dice) -> None:
+        super().__init__(dice)
+        state = Port(
+            "rov/autopilot/state",
+            "sensor",
+            "autopilot",
+            tuple(Field(n, "1", "x") for n in ("p_N", "q_NB", "v_N", "w_B")),
+            "x",
+        )
+        ports = {port.path: port for port in (state, THRUSTERS)}
+        self._devices = [each for each in player_devices.devices_of(ports, 0, "estimate") if each.take is not None]
+
+    def once(self) -> None:
+        dice = self._dice
+        device = dice.one(self._devices)
+        body = dice.one((
+            player.octets(json.dumps(dice.tree({"service": "world/pause", "args": {"t_s": 9}})).encode()), player.doubles(*[0.5] * 6) + player.u32(1),
+            player.u32(1), dice.bytes(80),
+        ))  # fmt: skip
+        message = player.Message(device.interface, device.number, dice.one((2, 3)), dice.one((1, 2, 3)), body, 0.5, 7)
+        data = player.encode(message)
+        if dice.below(2):
+            events = self._read(dice.pieces(data + data))
+            assert events == [message, message], data
+        else:
+            data = dice.damaged(data)
+            events = self._read([data])
+            assert repr(self._read(dice.pieces(data))) == repr(events), data
+        for event in events:
+            if isinstance(event, player.Message):
+                assert device.take is not None
+                with contextlib.suppress(Refused):
+                    assert isinstance(device.take(event), player_devices.Ask)
+
+    def _read(self, pieces: list[bytes]) -> list[Any]:
+        decoder, found = player.Decoder(), []
+        try:
+            for piece in pieces:
+                decoder.receive(piece)
+                while (event := decoder.next_event()) is not None:
+                    found.append(event)
+        except Refused as refused:
+            found.append(refused.fault.code)
         return found
 
 
@@ -849,6 +964,8 @@ TARGETS: Mapping[str, Callable[[Dice], Target]] = {
     "moos_lines": MoosLines,
     "morse_lines": MorseLines,
     "tcpros": Tcpros,
+    "yarp": Yarp,
+    "player": Player,
     "devices": DeviceLines,
     "device_messages": DeviceMessages,
     "ardupilot": ArdupilotFrames,

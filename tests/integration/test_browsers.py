@@ -20,12 +20,13 @@ import pytest
 import uwclient
 from browser_rig import SENT
 from uwserver_adapters.moos import wire
+from uwserver_adapters.player import wire as player
 from uwserver_adapters.ros1 import wire as tcpros
 
 pymavlink = pytest.importorskip("pymavlink.dialects.v20.ardupilotmega")
 
 PATIENCE_S = 60
-PORTS = ("tcp", "text", "moosdb", "morse", "mavlink", "ros1", "tcpros", "web", "metrics")
+PORTS = ("tcp", "text", "moosdb", "morse", "mavlink", "ros1", "tcpros", "yarp", "player", "web", "metrics")
 ORIGIN = "http://evil.example:8000"
 SCENARIO = """
 schema = 1
@@ -51,6 +52,12 @@ stream_port = 0
 [adapters.ros1]
 kind = "ros1"
 master = "http://127.0.0.1:9"
+[adapters.yarp]
+kind = "yarp"
+name_server = "127.0.0.1:9"
+[adapters.player]
+kind = "player"
+port = 0
 [adapters.web]
 kind = "web"
 port = 0
@@ -83,6 +90,7 @@ class Server:
         assert found is not None
         self.ports["metrics"] = int(found[1])
         self.ports["tcpros"] = int(self.status()["adapters"]["ros1"]["details"]["tcpros"].rpartition(":")[2])
+        self.ports["yarp"] = int(self.status()["adapters"]["yarp"]["details"]["ports"]["/uwserver/world/rpc:i"])
 
     def status(self) -> dict[str, Any]:
         with uwclient.connect("127.0.0.1", self.ports["tcp"], timeout=PATIENCE_S) as client:
@@ -97,7 +105,7 @@ class Server:
             assert adapter["calls"] <= (1 if name == "tcp" else 0) * self.asked, (name, adapter)
         self.asked += 1
 
-    asked = 2
+    asked = 3
 
 
 @pytest.fixture(scope="module")
@@ -122,6 +130,12 @@ def command_of(adapter: str) -> bytes:
         return xmlrpc.client.dumps(("/page", "/rov/thrusters/cmd", [ORIGIN]), "publisherUpdate").encode()
     if adapter == "tcpros":
         return tcpros.header({"service": "/world/pause", "md5sum": "*"}) + tcpros.block(b"")
+    if adapter == "yarp":
+        return b"CONNECT /page\r\nd\r\npause\r\n"
+    if adapter == "player":
+        services = 3  # of opaque devices, after those of the vehicle's ports; other numbers are none
+        pause = player.octets(b'{"service":"world/pause"}')
+        return player.encode(player.Message(player.OPAQUE, services, player.REQ, 1, pause))
     if adapter == "moosdb":
         hello = wire.Message(wire.DATA, "asynchronous", data=b"page", kind=wire.STRING)
         pause = wire.notify("UWSERVER_CALL", "world/pause {}", 0.0, "page")
@@ -146,8 +160,9 @@ def said(port: int, data: bytes) -> bytes:
 def test_recorded_requests_are_answered_with_an_error_and_obeyed_by_none(server: Server, adapter: str, sent: Any):
     port = server.ports[adapter]
     answer = said(port, sent.bytes_of(f"127.0.0.1:{port}", ORIGIN, command_of(adapter)))
-    # A MAVLink peer hears heartbeats from its first moment on.
-    assert re.search(rb"HTTP/1\.1 4\d\d ", answer) if adapter == "mavlink" else answer.startswith(b"HTTP/1.1 4"), answer
+    # A MAVLink peer hears heartbeats from its first moment on, one of Player its banner.
+    speaks_first = adapter in ("mavlink", "player")
+    assert re.search(rb"HTTP/1\.1 4\d\d ", answer) if speaks_first else answer.startswith(b"HTTP/1.1 4"), answer
     assert b"Access-Control" not in answer
     server.assert_untouched()
 
@@ -164,7 +179,7 @@ def test_a_tls_hello_ends_a_plain_port(server: Server, adapter: str):
 
 def test_it_is_told_once_an_adapter(server: Server):
     log = server.log.read_text()
-    for adapter in ("tcp", "text", "moosdb", "morse", "mavlink", "ros1"):
+    for adapter in ("tcp", "text", "moosdb", "morse", "mavlink", "ros1", "yarp", "player"):
         assert len(re.findall(rf"{adapter} refused \(http\)", log)) <= 1, adapter
 
 
@@ -268,7 +283,8 @@ def test_a_page_in_a_real_browser_neither_commands_nor_reads(server: Server, bro
     program = next((found for name in BROWSERS[browser] if (found := shutil.which(name))), None)
     if program is None:
         pytest.skip(f"no {browser} on this machine: install {BROWSERS[browser][0]}")
-    bodies = {name: command_of(name).decode() for name in ("tcp", "text", "morse", "ros1", "web")} | {
+    bodies = {name: command_of(name).decode() for name in ("tcp", "text", "morse", "ros1", "yarp", "web")} | {
+        "player": "a=b",
         "mavlink": "a=b",
         "moosdb": "a=b",
         "metrics": "a=b",

@@ -32,6 +32,8 @@ ELSEWHERE = {
     "docs/how-to/playback.md": "tests/integration/test_playback.py",
     "docs/how-to/morse.md": "tests/integration/test_morse.py",
     "docs/how-to/ros1.md": "tests/integration/test_ros1.py",
+    "docs/how-to/yarp.md": "tests/integration/test_yarp.py",
+    "docs/how-to/player.md": "tests/integration/test_player.py",
     "docs/how-to/px4.md": "tests/integration/test_real_px4.py",
     "docs/how-to/write-an-adapter.md": "tests/unit/testing/test_adapters.py",
     "docs/how-to/review.md": "tests/integration/test_review.py",

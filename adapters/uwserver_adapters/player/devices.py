@@ -1,0 +1,206 @@
+"""Which devices of Player the world has, what they tell, and what they take."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, NamedTuple
+
+import msgspec
+
+from uwserver.adapter import SampleForm, decode
+from uwserver.frames import conjugate, frd_from_flu, ned_from_enu, rotate
+from uwserver.ports import Port, Refused, Sample, Value
+from uwserver_adapters.player import codec, wire
+from uwserver_adapters.player.codec import Tell, Told
+from uwserver_adapters.player.wire import CMD, GPS, IMU, OPAQUE, POSITION3D, RANGER, REQ, Message
+
+SERVICES = "services"
+"""Name of the opaque device by which all services are called."""
+
+RANGES: Mapping[str, str] = {"altimeter": "range", "range_array": "ranges", "dvl": "beam_ranges"}
+"""Kinds of sensors that are rangers, and the field with their ranges."""
+SET_VEL, SET_POS = 1, 2
+MOTOR_POWER, VELOCITY_MODE, POSITION_MODE = 2, 3, 4
+GUIDED = "guided"
+"""Mode of the autopilot in which it follows speeds and places."""
+_SET_DATATYPE = 1
+_VELOCITY = struct.Struct(">6dI")
+
+
+class Ask(NamedTuple):
+    """What a message asks of the world: a command of a port, or a call of a service; neither where it is just to be acknowledged."""
+
+    port: str = ""
+    service: str = ""
+    args: Mapping[str, object] = {}
+
+
+class Device(NamedTuple):
+    """A device.
+
+    Attributes:
+        interface, number: its address.
+        name: of its driver: the path of the port behind it, or of the vehicle.
+        ports: whose samples it tells.
+        tell: what a sample of one of them says; None for nothing.
+        take: what a message asks; raises `Refused`.
+    """
+
+    interface: int
+    number: int
+    name: str
+    ports: tuple[str, ...] = ()
+    tell: Tell = lambda _: None
+    take: Callable[[Message], Ask] | None = None
+
+
+def devices_of(ports: Mapping[str, Port], epoch_ns: int, pose: str) -> list[Device]:
+    """All devices, numbered in each interface.
+
+    Args:
+        ports: those of the context.
+        epoch_ns: UTC of simulation time zero.
+        pose: what position3d tells, "estimate" or "truth".
+    """
+    found: list[Device] = []
+    counts: dict[int, int] = {}
+
+    def add(interface: int, name: str, *more: Any) -> None:
+        number = counts.get(interface, 0)
+        counts[interface] = number + 1
+        found.append(Device(interface, number, name, *more))
+
+    for vehicle in dict.fromkeys(path.partition("/")[0] for path in ports):
+        source = _pose_of(vehicle, ports, pose)
+        if source is not None:
+            add(POSITION3D, vehicle, *source, _steering(vehicle))
+    for path, port in ports.items():
+        for interface, tell in _standard(port, epoch_ns):
+            add(interface, path, (path,), tell, _of_imu if interface == IMU else None)
+    for path, port in ports.items():
+        add(OPAQUE, path, *_opaque(port))
+    add(OPAQUE, SERVICES, (), lambda _: None, _service_call)
+    return found
+
+
+# -- position3d -----------------------------------------------------------------------------------------------------------------------------
+
+
+def _pose_of(vehicle: str, ports: Mapping[str, Port], pose: str) -> tuple[tuple[str, ...], Tell] | None:
+    """The ports that tell where a vehicle is, and how."""
+    if pose == "truth":
+        where, how_fast = f"{vehicle}/truth/pose", f"{vehicle}/truth/velocity"
+        if where not in ports:
+            return None
+        newest: dict[str, tuple[Value, ...]] = {}
+
+        def truth(sample: Sample) -> Told | None:
+            newest[sample.port] = sample.value
+            values = (*newest.get(where, ()), *newest.get(how_fast, ()))
+            if sample.port != where or len(values) != 4 or not all(map(codec.is_whole, values)):
+                return None
+            return codec.state(*values)
+
+        return (where, how_fast), truth
+    path = f"{vehicle}/autopilot/state"
+    if path not in ports:
+        return None
+    picked = [_index(ports[path], name) for name in ("p_N", "q_NB", "v_N", "w_B")]
+
+    def estimate(sample: Sample) -> Told | None:
+        p_N, q_NB, v_N, w_B = (sample.value[k] for k in picked)
+        if not all(map(codec.is_whole, (p_N, q_NB, v_N, w_B))):
+            return None
+        return codec.state(p_N, q_NB, rotate(conjugate(q_NB), v_N), w_B)  # type: ignore[arg-type]  # whole
+
+    return (path,), estimate
+
+
+def _index(port: Port, name: str) -> int:
+    return [field.name for field in port.fields].index(name)
+
+
+def _steering(vehicle: str) -> Callable[[Message], Ask]:
+    """Commands of a position3d: speed and place by the vehicle's autopilot; motor power arms it, either mode makes it follow them."""
+
+    def take(message: Message) -> Ask:
+        kind = (message.type, message.subtype)
+        if kind == (CMD, SET_VEL):
+            x, y, z, _, _, yaw, _ = wire.read(_VELOCITY, message.body)
+            value: dict[str, object] = {"v_B": list(frd_from_flu((x, y, z))), "yaw_rate": -yaw}
+            return Ask(f"{vehicle}/autopilot/velocity", args=value)
+        if kind == (CMD, SET_POS):
+            x, y, z, _, _, yaw, *_ = wire.read(_VELOCITY, message.body)
+            return Ask(
+                f"{vehicle}/autopilot/position",
+                args={"p_N": list(ned_from_enu((x, y, z))), "heading": codec.heading(yaw)},
+            )
+        if kind == (REQ, MOTOR_POWER):
+            verb = "arm" if wire.read_u32(message.body) else "disarm"
+            return Ask(service=f"{vehicle}/autopilot/{verb}")
+        if kind in ((REQ, VELOCITY_MODE), (REQ, POSITION_MODE)):
+            return Ask(service=f"{vehicle}/autopilot/set_mode", args={"mode": GUIDED})
+        raise Refused(
+            "unknown_service", f"position3d takes speeds, places and motor power, not subtype {message.subtype}"
+        )
+
+    return take
+
+
+# -- sensors --------------------------------------------------------------------------------------------------------------------------------
+
+
+def _standard(port: Port, epoch_ns: int) -> Iterator[tuple[int, Tell]]:
+    names = [field.name for field in port.fields]
+    if port.direction != "sensor":
+        return
+    if port.kind == "imu" and {"f_S", "w_S"} <= set(names):
+        yield IMU, codec.imu(names.index("f_S"), names.index("w_S"))
+    elif port.kind == "gps" and {"latitude", "longitude", "height", "v_NS"} <= set(names):
+        yield GPS, codec.gps(names, epoch_ns)
+    elif RANGES.get(port.kind, "") in names:
+        yield RANGER, codec.ranger(names.index(RANGES[port.kind]))
+
+
+def _of_imu(message: Message) -> Ask:
+    if (message.type, message.subtype) == (REQ, _SET_DATATYPE) and wire.read_u32(message.body) == codec.CALIBRATED:
+        return Ask()
+    raise Refused("bad_argument", "an imu tells calibrated data (datatype 2) here, and takes nothing else")
+
+
+# -- all others -----------------------------------------------------------------------------------------------------------------------------
+
+
+def _opaque(port: Port) -> tuple[tuple[str, ...], Tell, Callable[[Message], Ask] | None]:
+    """A port as JSON, as on every wire of text."""
+    if port.direction == "sensor":
+        form = SampleForm(port)
+
+        def tell(sample: Sample) -> Told:
+            said = {"t_ns": sample.t_ns, "seq": sample.seq, "valid": sample.valid, "value": form.value(sample)}
+            return 1, wire.octets(msgspec.json.encode(said))
+
+        return (port.path,), tell, None
+
+    def take(message: Message) -> Ask:
+        if message.type not in (CMD, REQ):
+            raise Refused("invalid_request", "an actuator takes commands, or requests, which are answered")
+        return Ask(port.path, args=_object(message))
+
+    return (), lambda _: None, take
+
+
+def _object(message: Message) -> dict[str, object]:
+    said = decode(wire.read_octets(message.body).rstrip(b"\0"), "json")
+    if not isinstance(said, dict):
+        raise Refused("bad_argument", "the data are a JSON object, {...}")
+    return said
+
+
+def _service_call(message: Message) -> Ask:
+    said = _object(message)
+    service, args = said.get("service"), said.get("args", {})
+    if not isinstance(service, str) or not isinstance(args, dict) or set(said) - {"service", "args"}:
+        raise Refused("bad_argument", 'a call is {"service": "world/pause", "args": {}}')
+    return Ask(service=service, args=args)

@@ -1,0 +1,296 @@
+"""The `yarp` adapter: ports of a YARP network, registered at its name server; no YARP is installed."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import Collection, Sequence
+from functools import partial
+
+from uwserver.adapter import (
+    AdapterContext,
+    CannotListen,
+    Listener,
+    Peers,
+    Refusals,
+    address_text,
+    is_loopback,
+    serve_tcp,
+    serving,
+)
+from uwserver.ports import Event, Refused, Sample
+from uwserver_adapters.yarp import codec, names
+from uwserver_adapters.yarp.config import YarpConfig
+from uwserver_adapters.yarp.links import Link, connected
+from uwserver_adapters.yarp.names import Address, within
+from uwserver_adapters.yarp.peer import Answered, Peer
+from uwserver_adapters.yarp.port import Reader, Writer, YarpPort, ports_of
+from uwserver_adapters.yarp.wire import CARRIERS, Carrier
+
+log = logging.getLogger(__name__)
+
+EVERYWHERE = ("0.0.0.0", "::")
+TRIES = 64
+"""TCP ports that are tried for one port of YARP when those before are in use."""
+LOOK_S = 1.0
+"""Wall time between two looks whether the name server still knows this server."""
+LEAVE_S = 0.5
+"""Wall time to tell it that this server goes."""
+LINKS = 64
+"""Connections that may be in the making."""
+
+
+class YarpAdapter:
+    """Ports for sensors, actuators, services and the time. The name server may come later, and go and come back.
+
+    Attributes:
+        config, context: as given.
+        ports: all ports, by name.
+    """
+
+    Config = YarpConfig
+
+    def __init__(self, config: YarpConfig, context: AdapterContext) -> None:
+        self.config, self.context = config, context
+        self.ports: dict[str, YarpPort] = {}
+        self._refusals = Refusals(context.name, context.stats, asyncio.get_running_loop().time)
+        self._peers: Peers[Peer | Link] = Peers(
+            config.max_clients, self._refusals, context.stats, strangers=config.max_strangers
+        )
+        self._listeners: dict[str, Listener] = {}
+        self._registered: set[str] = set()
+        self._gone: set[str] = set()
+        self._heard: dict[str, YarpPort] = {}
+        self._followed: set[str] = set()
+        self._next_port = config.first_port
+        self._next_clock = 0
+        self._count = 0
+        self._changed = asyncio.Event()
+        self._making: set[asyncio.Task[None]] = set()
+        self._trouble = ""
+
+    async def run(self, ready: asyncio.Event) -> None:
+        """Serve until cancelled.
+
+        Raises:
+            CannotServe: `name_server` is no address.
+            CannotListen: see there; or the address is not loopback, and the table does not allow it or does not say by which name others reach it.
+        """
+        config, context = self.config, self.context
+        if not (is_loopback(config.bind) or config.allow_network):
+            text = f"YARP knows no token: whoever reaches {config.bind} could read and command all"
+            raise CannotListen(f"{text}. Say allow_network = true if that is wanted")
+        if config.host is None and config.bind in EVERYWHERE:
+            text = f"{config.bind} is every address of this machine, and leads nobody here"
+            raise CannotListen(f'{text}. Say host = "..." with the name or address by which others reach it')
+        self._server = names.server_of(config.name_server)
+        context.stats.details["name_server"] = config.name_server
+        async with contextlib.AsyncExitStack() as stack:
+            await self._open(stack)
+            clock = self._listeners[next(iter(self.ports))].port
+            with serving(context, self, address_text(config.bind, clock), ready):
+                try:
+                    while True:
+                        await self._look()
+                        with contextlib.suppress(OSError):
+                            await within(LOOK_S, self._changed.wait(), "nothing has changed")
+                        if self._changed.is_set():
+                            self._changed.clear()
+                            await self._open(stack)
+                finally:
+                    await self._leave_network()
+
+    # -- ports ----------------------------------------------------------------------------------------------------------------------------
+
+    async def _open(self, stack: contextlib.AsyncExitStack) -> None:
+        """Ports of all that is there now, and of nothing else."""
+        config = self.config
+        wanted = {each.name: each for each in ports_of(self.context, config.prefix, config.ports, config.vectors)}
+        for name in [name for name, port in self.ports.items() if name not in wanted or wanted[name].port != port.port]:
+            self._listeners.pop(name).close()
+            self.ports.pop(name).close()
+            self._gone.add(name)
+        for name, port in wanted.items():
+            if name in self.ports:
+                self.ports[name].services = port.services
+            else:
+                self.ports[name] = port
+                self._listeners[name] = await self._listener(stack, port)
+                self._registered.discard(name)
+                self._gone.discard(name)
+        self._follow()
+        self.context.stats.details["ports"] = {name: each.port for name, each in self._listeners.items()}
+
+    async def _listener(self, stack: contextlib.AsyncExitStack, port: YarpPort) -> Listener:
+        make = partial(self._peer, port)
+        for attempt in range(TRIES):
+            number = self._next_port
+            if number:
+                self._next_port = number % 65535 + 1
+            try:
+                server = serve_tcp(make, self._peers, self.config.bind, number, key="first_port", rival="YARP")
+                return await stack.enter_async_context(server)
+            except CannotListen:
+                if attempt == TRIES - 1 or not number:
+                    raise
+        raise AssertionError("unreachable")
+
+    def _peer(self, port: YarpPort) -> Peer:
+        self._count += 1
+        return Peer(self, port, self._peers, f"{port.name}#{self._count}")
+
+    # -- the name server --------------------------------------------------------------------------------------------------------------------
+
+    async def _look(self) -> None:
+        """Be registered, at a name server that may come and go."""
+        try:
+            await self._register()
+            if self._trouble:
+                log.info("%s is registered at %s", self.context.name, self.config.name_server)
+            self._trouble = ""
+        except OSError as error:
+            self._registered.clear()
+            text = f"no YARP name server at {self.config.name_server}: {error}"
+            self.context.stats.last_error = text
+            if not self._trouble:
+                log.warning("%s: %s; it is looked for every second (yarpserver is one)", self.context.name, text)
+            self._trouble = text
+        self.context.stats.details["registered"] = len(self._registered)
+
+    async def _register(self) -> None:
+        host, first = self.config.host or self.config.bind, next(iter(self.ports))
+        if first in self._registered:
+            (answer,) = await names.ask(self._server, [f"query {first}"], self.config.prefix)
+            known = names.address_in(answer)
+            if known is None:
+                self._registered.clear()
+            elif (known.host, known.port) != (host, self._listeners[first].port):
+                text = f"{first} belongs to {known.host}:{known.port} now: another server has this prefix"
+                self._refusals.note("prefix", text)
+        if self._gone:
+            await names.ask(self._server, [f"unregister {name}" for name in sorted(self._gone)], self.config.prefix)
+            self._gone.clear()
+        new = [name for name in self.ports if name not in self._registered]
+        if new:
+            questions = [f"register {name} tcp {host} {self._listeners[name].port}" for name in new]
+            await names.ask(self._server, questions, self.config.prefix)
+            self._registered.update(new)
+
+    async def _leave_network(self) -> None:
+        for task in self._making:
+            task.cancel()
+        await asyncio.gather(*self._making, return_exceptions=True)
+        questions = [f"unregister {name}" for name in sorted(self._registered | self._gone)]
+        if questions:
+            with contextlib.suppress(OSError):
+                taking_leave = names.ask(self._server, questions, self.config.prefix)
+                await within(LEAVE_S, taking_leave, "the name server did not take leave")
+
+    # -- uwserver.adapter.Subscriber ------------------------------------------------------------------------------------------------------
+
+    wanted: Collection[str] = ()
+
+    def put_samples(self, samples: Sequence[Sample]) -> None:
+        """Samples of one tick."""
+        stats, heard = self.context.stats, self._heard
+        for sample in samples:
+            port = heard.get(sample.port)
+            if port is not None:
+                stats.encoded += port.tell(sample)
+        self._tell_time(max((sample.t_sent_ns for sample in samples), default=0))
+
+    def _tell_time(self, now: int) -> None:
+        clock, span = next(iter(self.ports.values())), codec.span_ns(self.config.clock_hz)
+        if now and clock.readers and not self._next_clock - 2 * span <= now < self._next_clock:
+            self._next_clock = now + span
+            clock.tell_time(now)
+
+    def put_event(self, event: Event) -> None:
+        """Other ports, or another time."""
+        if event.event == "ports_changed":
+            self._changed.set()
+        elif event.event == "reset":
+            self._next_clock = 0
+
+    # -- Network ----------------------------------------------------------------------------------------------------------------------------
+
+    def hear(self, at: YarpPort, reader: Reader) -> None:
+        """See `Network`."""
+        at.readers[reader] = reader
+        self._follow()
+
+    def leave(self, at: YarpPort, end: Reader | Writer) -> None:
+        """See `Network`."""
+        at.writers.pop(end, None)
+        at.readers.pop(end, None)
+        if at.name in self._followed and not at.readers:
+            self._follow()
+
+    def _follow(self) -> None:
+        """Ask for the samples of ports that somebody hears; for the time, for those that come most often."""
+        self._heard = {each.port.path: each for each in self.ports.values() if each.readers and each.port is not None}
+        wanted = set(self._heard)
+        sensors = [port for port in self.context.ports.values() if port.direction == "sensor"]
+        if sensors and next(iter(self.ports.values())).readers:
+            wanted.add(max(sensors, key=lambda port: port.rate_hz or 0.0).path)
+        self.wanted = wanted
+        self._followed = {each.name for each in self.ports.values() if each.readers}
+        self.context.follow_wants()
+
+    def connect(self, at: YarpPort, target: str, answered: Answered) -> None:
+        """See `Network`."""
+        if len(self._making) >= LINKS:
+            answered(f"Cannot connect to {target[:100]}: {LINKS} connections are in the making")
+            return
+        task = asyncio.get_running_loop().create_task(self._connect(at, target, answered))
+        self._making.add(task)
+        task.add_done_callback(self._making.discard)
+
+    async def _connect(self, at: YarpPort, target: str, answered: Answered) -> None:
+        try:
+            carrier, name = names.target_of(target)
+            address = await self._find(name)
+            spoken = self._carrier(carrier or address.carrier)
+            if not at.is_output:
+                raise Refused("denied", "Outputs not allowed")
+            at.disconnect(name)
+            link = Link(
+                at, name, spoken, self._peers, self.context.stats, self.config.queue_bytes, partial(self.leave, at)
+            )
+            await connected(link, address)
+            if at.name in self.ports:
+                self.hear(at, link)
+            else:
+                link.close()
+            outcome = f"Added connection from {at.name} to {target}"
+        except Refused as refused:
+            outcome = (
+                refused.fault.text if refused.fault.code == "denied" else f"Cannot connect to {target[:100]}: {refused}"
+            )
+            self._refusals.note("connect", outcome)
+        except OSError as error:
+            outcome = f"Cannot connect to {target[:100]}: {error}"
+        answered(outcome)
+
+    async def _find(self, name: str) -> Address:
+        (answer,) = await names.ask(self._server, [f"query {name}"], self.config.prefix)
+        address = names.address_in(answer)
+        if address is None:
+            raise Refused("unknown_port", f"Do not know how to connect to {name}")
+        if not names.is_allowed(address.host, (*self.config.allowed_hosts, self._server[0])):
+            text = f'{name} is at "{address.host}": say allowed_hosts = ["{address.host}"] if that is one of yours'
+            raise Refused("denied", text)
+        return address
+
+    def _carrier(self, name: str) -> Carrier:
+        for carrier in CARRIERS:
+            if carrier == name:
+                return carrier
+        raise Refused("bad_argument", f"no carrier {name[:40]}, there are: {', '.join(CARRIERS)}")
+
+    def complain(self, text: str) -> None:
+        """See `Network`."""
+        self.context.stats.errors += 1
+        self.context.stats.last_error = text[:300]
+        self._refusals.note("not taken", text)

@@ -1,0 +1,218 @@
+"""Samples as bottles, and bottles as commands and calls. Values, units and axes are those of the world, as `describe` says them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import msgspec
+
+from uwserver.adapter import did_you_mean
+from uwserver.ports import Argument, Buffer, Field, Json, Port, Refused, Sample, Scalar, Service
+from uwserver.units import NANOSECONDS
+from uwserver_adapters.yarp.bottle import Value, Vocab
+
+OK, FAIL, MANY, NULL = Vocab("ok"), Vocab("fail"), Vocab("many"), Vocab("null")
+DEEPEST = 16
+"""Lists within lists of a service's answer; deeper ones are told as JSON."""
+
+
+# -- samples ------------------------------------------------------------------------------------------------------------------------------
+
+
+def envelope(sample: Sample) -> str:
+    """The time stamp of a sample (`yarp::os::Stamp`): its number, and the simulation time in s at which it was true."""
+    return f"{sample.seq & 0x7FFFFFFF} {sample.t_ns / NANOSECONDS:.15g}"
+
+
+def bottle(port: Port, sample: Sample) -> list[Value]:
+    """A sample as pairs of field and value, which `Bottle::find` finds; numbers that a sensor has not are nan."""
+    pairs: list[Value] = [
+        [field.name, _told(field, value)] for field, value in zip(port.fields, sample.value, strict=True)
+    ]
+    return [*pairs, ["valid", int(sample.valid)]]
+
+
+def vector(port: Port, sample: Sample) -> list[Value]:
+    """All numbers of a sample in one row, in the order of the fields; texts, bytes and buffers are left out."""
+    numbers: list[Value] = []
+    for field, value in zip(port.fields, sample.value, strict=True):
+        if not field.is_packed and field.type != "str":
+            numbers += [_number(each) for each in (value if isinstance(value, tuple) else (value,))]
+    return numbers
+
+
+def clock(t_ns: int) -> list[Value]:
+    """What `yarp::os::NetworkClock` reads: whole seconds and nanoseconds."""
+    return list(divmod(t_ns, NANOSECONDS))
+
+
+def span_ns(rate_hz: float) -> int:
+    """Simulation time between two messages that come so often."""
+    return round(NANOSECONDS / rate_hz)
+
+
+def _told(field: Field, value: object) -> Value:
+    if isinstance(value, Buffer):
+        return (
+            [["dtype", value.dtype], ["shape", list(value.shape)], ["data", value.data]] if value.dtype else value.data
+        )
+    if field.type == "str":
+        return [str(each or "") for each in value] if isinstance(value, tuple) else str(value or "")
+    if field.is_packed:  # a sensor without a picture
+        return b""
+    if isinstance(value, tuple):
+        return _rows([_scalar(each) for each in value], field.shape)
+    return _scalar(value)  # type: ignore[arg-type]  # no tuple, no buffer
+
+
+def _rows(flat: list[Value], shape: Sequence[int]) -> list[Value]:
+    for extent in reversed(shape[1:]):
+        flat = [flat[i : i + extent] for i in range(0, len(flat), extent)]
+    return flat
+
+
+def _scalar(value: Scalar) -> Value:
+    if value is None:
+        return math.nan
+    return int(value) if isinstance(value, bool) else value
+
+
+def _number(value: Scalar | Buffer) -> float:
+    return math.nan if value is None or isinstance(value, Buffer) else float(value)
+
+
+# -- commands -----------------------------------------------------------------------------------------------------------------------------
+
+
+def command(port: Port, values: Sequence[Value]) -> dict[str, object]:
+    """What a bottle commands: pairs of field and value, ``(u (0.1 0.2))``; or, where the port has one field, its numbers alone.
+
+    Raises:
+        Refused: it names no field, or one field is not enough.
+    """
+    names = [field.name for field in port.fields]
+    if values and all(_is_pair(each) for each in values):
+        return {str(each[0]): _plain_pair(each) for each in values}  # type: ignore[index, arg-type]  # pairs
+    if len(names) != 1:
+        raise Refused(
+            "bad_argument", f"{port.path} has the fields {', '.join(names)}: write (field value) of each", port.path
+        )
+    (field,) = port.fields
+    if len(values) == 1 and (not field.shape or _is_list(values[0])):
+        return {names[0]: _plain(values[0])}
+    if not field.shape:
+        raise Refused("bad_shape", f"{names[0]} is one value, here are {len(values)}", port.path)
+    return {names[0]: [_plain(each) for each in values]}
+
+
+def _is_list(value: Value) -> bool:
+    return isinstance(value, list)
+
+
+def _is_pair(value: Value) -> bool:
+    """A list that begins with a name."""
+    return isinstance(value, list) and len(value) >= 2 and isinstance(value[0], str)
+
+
+def _plain_pair(pair: Sequence[Value]) -> object:
+    """The value of a pair; what stands without brackets, ``(u 1 2)``, is a list too."""
+    return _plain(pair[1]) if len(pair) == 2 else [_plain(each) for each in pair[1:]]
+
+
+def _plain(value: Value) -> object:
+    if isinstance(value, list):
+        return [_plain(each) for each in value]
+    if isinstance(value, bytes):
+        return Buffer(data=value)
+    return value
+
+
+# -- calls --------------------------------------------------------------------------------------------------------------------------------
+
+
+def call(values: Sequence[Value], services: Mapping[str, Service]) -> tuple[Service, dict[str, object]]:
+    """A service and its arguments: its name, then pairs of argument and value, or values in the order of the arguments.
+
+    Args:
+        values: of a bottle.
+        services: that are meant, by the name under which they are called.
+
+    Raises:
+        Refused: there is no such service; or too many arguments.
+    """
+    if not values or not isinstance(values[0], str):
+        raise Refused(
+            "invalid_request", "say the name of a service, then its arguments: (name value) of each; help lists them"
+        )
+    name, said = str(values[0]), values[1:]
+    service = services.get(name)
+    if service is None:
+        raise Refused("unknown_service", f"no service {name[:80]}{did_you_mean(name[:80], services)}; help lists them")
+    known = {argument.name: argument for argument in service.arguments}
+    if said and all(_is_pair(each) for each in said):
+        pairs = [(str(each[0]), _plain_pair(each)) for each in said]  # type: ignore[index, arg-type]  # pairs
+    elif len(said) <= len(known):
+        pairs = [(each, _plain(value)) for each, value in zip(known, said, strict=False)]
+    else:
+        raise Refused(
+            "bad_argument", f"{name} takes {', '.join(known) or 'no arguments'}; here are {len(said)}", service.path
+        )
+    return service, {each: _fitting(known.get(each), value) for each, value in pairs}
+
+
+_TRUTHS: Mapping[object, bool] = {"1": True, "": False, "true": True, "false": False, 1: True, 0: False}
+
+
+def _fitting(argument: Argument | None, value: object) -> object:
+    """YARP writes true and false as words, and whole numbers where a fraction is meant."""
+    if argument is None:
+        return value
+    if argument.type == "bool" and isinstance(value, int | str):
+        return _TRUTHS.get(value, value)
+    if argument.type == "str" and isinstance(value, str):
+        return str(value)
+    if argument.type == "json" and isinstance(value, str):
+        try:
+            return msgspec.json.decode(value)
+        except ValueError:
+            return str(value)
+    return value
+
+
+def answer(result: Json) -> list[Value]:
+    """What a service answered: [ok], then its result; maps are pairs of key and value."""
+    if result is None:
+        return [OK]
+    if isinstance(result, dict):
+        return [OK, *_pairs(result, 0)]
+    return [OK, _value(result, 0)]
+
+
+def _pairs(of: Mapping[str, Json], depth: int) -> list[Value]:
+    return [[key, _value(value, depth + 1)] for key, value in of.items()]
+
+
+def _value(value: Json, depth: int) -> Value:
+    if depth > DEEPEST:
+        return msgspec.json.encode(value).decode()
+    if value is None:
+        return NULL
+    if isinstance(value, dict):
+        return _pairs(value, depth)
+    if isinstance(value, list):
+        return [_value(each, depth + 1) for each in value]
+    return int(value) if isinstance(value, bool) else value
+
+
+def usage(services: Mapping[str, Service]) -> list[Value]:
+    """What ``help`` answers: each service with its arguments."""
+    lines: list[Value] = [MANY]
+    for name, service in sorted(services.items()):
+        lines.append(" ".join([name, *map(_form, service.arguments)]) + f"  # {service.doc}")
+    return lines
+
+
+def _form(argument: Argument) -> str:
+    text = f"({argument.name} {argument.type})"
+    return text if argument.required else f"[{text}]"

@@ -1,0 +1,146 @@
+"""What this server asks of a YARP name server: where a port is, and to know its own."""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+import re
+import socket
+from collections.abc import Awaitable, Sequence
+from typing import NamedTuple, TypeVar
+
+from uwserver.adapter import CannotServe
+from uwserver.ports import Refused
+from uwserver_adapters.yarp.wire import hello, message
+
+T = TypeVar("T")
+
+ANSWER_S = 5.0
+"""Wall time in which a name server, or a port that is to be connected, must answer."""
+ANSWER_LIMIT = 1 << 16
+"""Longest answer of a name server that is read, bytes."""
+PIPELINE = 64
+"""Questions that are sent before the first is answered."""
+END = b"*** end of message"
+
+_REGISTRATION = re.compile(r"registration name (\S+) ip (\S+) port (\d{1,5}) type (\S+)")
+
+
+class Address(NamedTuple):
+    """Where a port is, and what carrier its owner suggests."""
+
+    host: str
+    port: int
+    carrier: str
+
+
+def server_of(text: str) -> tuple[str, int]:
+    """Host and port of the key `name_server`.
+
+    Raises:
+        CannotServe: it is not host:port.
+    """
+    host, _, port = text.rpartition(":")
+    if not host or not port.isdecimal() or not 0 < int(port) < 65536:
+        raise CannotServe(f'name_server: "{text}" is not host:port, as 127.0.0.1:10000')
+    return host.strip("[]"), int(port)
+
+
+def is_allowed(host: str, allowed: Sequence[str]) -> bool:
+    """Whether this server connects to a host that a peer has named: this machine, or one of those that were allowed."""
+    if host in ("localhost", socket.gethostname()) or host in allowed:
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+async def within(seconds: float, what: Awaitable[T], text: str) -> T:
+    """Wait for something, but no longer; `asyncio.wait_for` would lose a cancellation that comes together with the answer.
+
+    Raises:
+        OSError: it took too long; says the text.
+    """
+    task = asyncio.ensure_future(what)
+    try:
+        await asyncio.wait({task}, timeout=seconds)
+    finally:
+        if not task.done():
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+    if task.cancelled():
+        raise OSError(f"{text} in {seconds:g} s")
+    return task.result()
+
+
+async def ask(server: tuple[str, int], questions: Sequence[str], caller: str) -> list[str]:
+    """The answers of a name server, by its protocol of text lines, on one connection.
+
+    Args:
+        server: its host and port.
+        questions: ``query /port``, say; no question holds a line end.
+        caller: name of who asks.
+
+    Raises:
+        OSError: it is not there, does not answer in time, or is no name server.
+    """
+    return await within(ANSWER_S, _asked(server, questions, caller), "it did not answer")
+
+
+async def _asked(server: tuple[str, int], questions: Sequence[str], caller: str) -> list[str]:
+    reader, writer = await asyncio.open_connection(*server, limit=ANSWER_LIMIT)
+    try:
+        writer.write(hello("text", caller))
+        if not (await _line(reader)).startswith(b"Welcome"):
+            raise OSError("what listens there is no name server of YARP")
+        answers: list[str] = []
+        for start in range(0, len(questions), PIPELINE):
+            together = questions[start : start + PIPELINE]
+            for question in together:
+                writer.write(message(True, "d", question.encode() + b"\r\n"))
+            for _ in together:
+                answers.append(await _answer(reader))
+        return answers
+    finally:
+        writer.transport.abort()
+
+
+async def _answer(reader: asyncio.StreamReader) -> str:
+    lines: list[bytes] = []
+    while not (line := await _line(reader)).startswith(END):
+        lines.append(line)
+        if sum(map(len, lines)) > ANSWER_LIMIT:
+            raise OSError(f"its answer has more than {ANSWER_LIMIT} bytes")
+    return b"".join(lines).decode("utf-8", "replace")
+
+
+async def _line(reader: asyncio.StreamReader) -> bytes:
+    try:
+        line = await reader.readline()
+    except ValueError:
+        raise OSError(f"its answer has a line of more than {ANSWER_LIMIT} bytes") from None
+    if not line:
+        raise OSError("it closed the connection without an answer")
+    return line
+
+
+def address_in(answer: str) -> Address | None:
+    """Where a port is, as a name server says; None where it knows none."""
+    found = _REGISTRATION.search(answer)
+    return None if found is None else Address(found[2], int(found[3]), found[4])
+
+
+def target_of(said: str) -> tuple[str, str]:
+    """Carrier and name of a port as YARP's tools write them: ``/read``, ``tcp://read``, ``tcp:/read``; the carrier may be ''.
+
+    Raises:
+        Refused: it is no name of a port.
+    """
+    carrier, sign, name = said.partition(":/")
+    if not sign:
+        carrier, name = "", said
+    name = "/" + name.lstrip("/")
+    if not re.fullmatch(r"(/[^\s/\"()\[\]{}]+)+", name) or len(name) > 256:
+        raise Refused("bad_argument", f"{said[:100]} is no name of a port: /name, or carrier://name")
+    return carrier.partition("+")[0].strip("/"), name

@@ -1,0 +1,278 @@
+"""Who connects to a port: writers, callers of services, administrators, and readers that dial in themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+from uwserver.adapter import AdapterContext, Connection, Conversation, Peers, RateMeter
+from uwserver.ports import Fault, Refused, Reply
+from uwserver_adapters.yarp import codec, port, wire
+from uwserver_adapters.yarp.bottle import Value
+from uwserver_adapters.yarp.config import YarpConfig
+from uwserver_adapters.yarp.port import Reader, Writer, YarpPort
+from uwserver_adapters.yarp.wire import Carrier, Hello, Message
+
+FAREWELL = "Port command not understood."
+Answered = Callable[[str], None]
+"""Gets what became of a connection that was asked for, as YARP words it."""
+
+
+class Network(Protocol):
+    """The adapter, as those who connect see it."""
+
+    context: AdapterContext
+    config: YarpConfig
+
+    def hear(self, at: YarpPort, reader: Reader) -> None:
+        """Somebody hears a port."""
+
+    def leave(self, at: YarpPort, end: Reader | Writer) -> None:
+        """Somebody is gone."""
+
+    def connect(self, at: YarpPort, target: str, answered: Answered) -> None:
+        """Make a port send to another one."""
+
+    def complain(self, text: str) -> None:
+        """Something was not taken, and its sender waits for no answer."""
+
+
+class Peer(Connection):
+    """A connection to a port.
+
+    Args:
+        network: the adapter.
+        at: the port.
+        peers: all that are connected.
+        source: name of this one, for the world.
+
+    Attributes:
+        name: of the port that has connected.
+        carrier: of the connection.
+    """
+
+    def __init__(self, network: Network, at: YarpPort, peers: Peers[Any], source: str) -> None:
+        super().__init__(peers, network.config.hello_timeout_s)
+        self.name = ""
+        self.carrier: Carrier = "text"
+        self._network, self._at = network, at
+        self._decoder = wire.Decoder()
+        self._conversation = Conversation(network.context, source)
+        self._rate = RateMeter(network.config.max_requests_per_s)
+        self._is_greeted = self._is_reader = self._is_answering = False
+
+    # -- Connection -----------------------------------------------------------------------------------------------------------------------
+
+    def refused(self, fault: Fault) -> bytes:
+        """YARP has no words for it; in text it is a line."""
+        return f"{fault.text}\r\n".encode() if wire.is_text(self.carrier) else b""
+
+    def receive(self, data: bytes) -> None:
+        """Store bytes. Of readers come acknowledgements; while an answer is owed it is read on, as the peer's end could not be seen otherwise."""
+        if self._is_reader:
+            return
+        self._decoder.receive(data)
+        if self._is_answering and self._decoder.waiting > wire.MESSAGE_LIMIT:
+            self._end(Fault("overload", "too much came before it was answered: wait for the answers"))
+
+    def step(self) -> bool:
+        """Take the next message; answers keep their order, so the next waits for that of the one before."""
+        if self._is_answering or self._is_reader:
+            return False
+        try:
+            event = self._decoder.next_event()
+        except Refused as refused:
+            self._end(refused.fault)
+            return False
+        if event is None:
+            return False
+        if isinstance(event, Hello):
+            self._greet(event)
+        else:
+            self._take(event)
+        return True
+
+    def quiet_until(self) -> float:
+        """Who floods is not read until its second is over."""
+        return self._rate.end if self._rate.is_flooded(self.loop.time()) else 0.0
+
+    def half_closed(self) -> None:
+        """On TCP, who has gone looks like who only listens on: what would take long is ended, the rest is still answered."""
+        self._conversation.end_calls()
+
+    @property
+    def is_owed(self) -> bool:
+        """An answer is to come."""
+        return self._is_answering
+
+    def closed(self) -> None:
+        """It went. What it commanded stands until the actuator's time-out."""
+        self._conversation.close()
+        self._network.leave(self._at, self)
+
+    # -- messages -------------------------------------------------------------------------------------------------------------------------
+
+    def _greet(self, hello: Hello) -> None:
+        self.name, self.carrier = hello.sender, hello.carrier
+        if not self.admit():
+            return
+        self._is_greeted = True
+        self._at.writers[self] = self
+        local = self.transport.get_extra_info("sockname")
+        self.write(wire.welcome(self.carrier, self.name, local[1] if isinstance(local, tuple) else 0))
+
+    def _take(self, message: Message) -> None:
+        if message.key == "q":
+            self.close()
+            return
+        if not self._rate.take(self.loop.time()):
+            text = f"more than {self._rate.most} messages a second: max_requests_per_s"
+            self._judge(message, Refused("overload", text).fault)
+        elif message.fault is not None:
+            self._judge(message, message.fault.fault)
+        elif message.key in ("d", "D"):
+            self._data(message)
+        elif message.key == "a":
+            self._administer(message.values)
+        elif message.key == "r":
+            self._reverse()
+        else:
+            self._text_command(message)
+
+    def _data(self, message: Message) -> None:
+        at, begun = self._at, message.key == "d"
+        self._is_answering = begun
+
+        def answered(reply: Reply) -> None:
+            if reply.fault is not None:
+                self._judge(message, reply.fault)
+            elif begun:
+                self._answer(codec.answer(reply.result))
+
+        try:
+            if at.role == "actuator":
+                assert at.port is not None
+                self._conversation.command(at.port.path, codec.command(at.port, message.values), answered)
+            elif at.role == "services":
+                self._call(message, answered)
+            else:
+                raise Refused("denied", f"{at.name} is a sensor: it takes nothing")
+        except Refused as refused:
+            self._judge(message, refused.fault)
+        if not begun:
+            self.write(wire.acknowledgement(self.carrier))
+
+    def _call(self, message: Message, answered: Callable[[Reply], None]) -> None:
+        values = message.values
+        if list(values) == ["help"]:
+            self._answer(codec.usage(self._at.services)) if message.key == "d" else None
+            return
+        service, args = codec.call(values, self._at.services)
+        self._conversation.call(service.path, args, answered)
+        if self.is_half_open:
+            self._conversation.end_calls()
+
+    def _judge(self, message: Message, fault: Fault) -> None:
+        """Something was not taken: told to who waits for an answer, else where the server's user sees it."""
+        if message.key in ("d", "a"):
+            self._network.context.stats.errors += 1
+            self._answer([codec.FAIL, fault.text])
+        else:
+            self._network.complain(f"{self._at.name} from {self.name[:80]}: {fault.text}")
+
+    def _answer(self, values: Sequence[Value]) -> None:
+        self._reply(wire.payload(wire.is_text(self.carrier), values))
+
+    def _reply(self, body: bytes) -> None:
+        self._is_answering = False
+        if self.is_closing:
+            return
+        if self.waiting > self._network.config.queue_bytes:
+            self._network.context.stats.last_error = f"{self.name[:80]} did not read its answers and was disconnected"
+            self.abort()
+            return
+        self.write(body + wire.acknowledgement(self.carrier))
+        self.go_on()
+        self.finish_if_done()
+
+    # -- administration -------------------------------------------------------------------------------------------------------------------
+
+    def _administer(self, values: Sequence[Value]) -> None:
+        words = [str(each) for each in values[:4]] + [""] * 4
+        if words[0] == "help":
+            self._answer(port.HELP)
+        elif words[0] == "ver":
+            self._answer(port.VERSION)
+        elif words[0] == "list":
+            self._answer(self._at.listed(words[1], words[2]))
+        elif words[0] == "add":
+            self._connect(f"{words[2]}:/{words[1]}" if words[2] else words[1], self._connected)
+        elif words[0] == "del":
+            ended = self._disconnect(words[1])
+            self._answer([0, ended] if ended else [-1, f"Could not find a connection to or from {words[1]}"])
+        elif words[0] == "prop" and words[1] == "get":
+            self._answer([])
+        else:
+            self._answer([codec.FAIL, "send [help] for list of valid commands"])
+
+    def _connected(self, outcome: str) -> None:
+        self._answer([0 if outcome.startswith("Added") else -1, outcome])
+
+    def _connect(self, target: str, answered: Answered) -> None:
+        self._is_answering = True
+        self._network.connect(self._at, target, answered)
+
+    def _disconnect(self, name: str) -> str:
+        ended = self._at.disconnect(wire_name(name))
+        return f"{ended} (of {self._at.name})" if ended else ""
+
+    def _reverse(self) -> None:
+        """The peer reads on this connection: it has dialled, where usually the writer does."""
+        self.write(wire.acknowledgement(self.carrier))
+        self._at.writers.pop(self, None)
+        self._is_reader = True
+        self._network.hear(self._at, self)
+
+    def _text_command(self, message: Message) -> None:
+        """What people type into a text connection."""
+        line = message.text
+        if message.key == "/":
+            self._connect(line, self._line)
+        elif message.key in ("!", "~"):
+            self._line(self._disconnect(line[1:]) or f"Could not find a connection with {line[1:]}")
+        elif message.key == "*":
+            self._line(f"This is {self._at.name}, {self._at.role} of uwserver; {len(self._at.readers)} hear it")
+        elif message.key in ("?", "h"):
+            self._line(
+                "d: data. D: data without an answer. a: administration. r: read here. /port, !/port: connect, disconnect. q: quit"
+            )
+        else:
+            self._line(FAREWELL + " Type ? for help.")
+
+    def _line(self, text: str) -> None:
+        self._reply(f"{text}\r\n".encode() if wire.is_text(self.carrier) else b"")
+
+    # -- Reader ---------------------------------------------------------------------------------------------------------------------------
+
+    def tell(self, message: bytes) -> None:
+        """See `Reader`."""
+        stats = self._network.context.stats
+        if self.is_closing:
+            return
+        if self.waiting > self._network.config.queue_bytes:
+            stats.dropped += 1
+            return
+        stats.samples_sent += 1
+        stats.bytes_sent += len(message)
+        self.write(message)
+
+    def _end(self, fault: Fault) -> None:
+        self.peers.refusals.note(fault.code, fault.text)
+        self._network.context.stats.errors += 1
+        self.farewell(self.refused(fault))
+
+
+def wire_name(name: str) -> str:
+    """The name of a port without a carrier before it."""
+    _, sign, rest = name.partition(":/")
+    return ("/" + rest.lstrip("/")) if sign else name

@@ -1,0 +1,165 @@
+"""One port of the YARP network: what it stands for in the world, who hears it, and who speaks to it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Literal, Protocol
+
+from uwserver.adapter import AdapterContext
+from uwserver.ports import Port, Sample, Service, matches
+from uwserver_adapters.yarp import codec, wire
+from uwserver_adapters.yarp.bottle import Value, Vocab
+from uwserver_adapters.yarp.wire import Carrier
+
+CLOCK = "clock"
+Role = Literal["sensor", "actuator", "services", "clock"]
+
+
+class Reader(Protocol):
+    """Somebody who hears a port.
+
+    Attributes:
+        name: of the port that hears.
+        carrier: of the connection.
+    """
+
+    name: str
+    carrier: Carrier
+
+    def tell(self, message: bytes) -> None:
+        """Send it a message, unless it is too slow."""
+
+    def close(self) -> None:
+        """End the connection."""
+
+
+class Writer(Protocol):
+    """Somebody who speaks to a port."""
+
+    name: str
+    carrier: Carrier
+
+    def close(self) -> None:
+        """End the connection."""
+
+
+class YarpPort:
+    """A port.
+
+    Args:
+        name: in the network.
+        role: what it stands for.
+        port: of the world, of a sensor or an actuator.
+        services: of the world, by the name under which they are called.
+        is_vector: a sensor's samples are told as one row of numbers.
+
+    Attributes:
+        name, role, port, services: as given.
+        readers, writers: who is connected, in the order in which they came.
+    """
+
+    def __init__(
+        self, name: str, role: Role, port: Port | None = None, services: Mapping[str, Service] | None = None,
+        is_vector: bool = False,
+    ) -> None:  # fmt: skip
+        self.name = name
+        self.role: Role = role
+        self.port = port
+        self.services = services or {}
+        self.readers: dict[object, Reader] = {}
+        self.writers: dict[object, Writer] = {}
+        self._form = codec.vector if is_vector else codec.bottle
+
+    @property
+    def is_output(self) -> bool:
+        """Whether anybody hears something here."""
+        return self.role in ("sensor", "clock")
+
+    # -- telling --------------------------------------------------------------------------------------------------------------------------
+
+    def tell(self, sample: Sample) -> int:
+        """A sample, to all who hear it. Gives how often it was encoded: once for those of lines, once for all others."""
+        assert self.port is not None
+        return self._send(f"D {codec.envelope(sample)}", self._form(self.port, sample))
+
+    def tell_time(self, t_ns: int) -> int:
+        """What time it is."""
+        return self._send("D", codec.clock(t_ns))
+
+    def _send(self, command: str, values: Sequence[Value]) -> int:
+        messages: dict[bool, bytes] = {}
+        for reader in list(self.readers.values()):
+            text = wire.is_text(reader.carrier)
+            if text not in messages:
+                messages[text] = wire.message(text, command, wire.payload(text, values))
+            reader.tell(messages[text])
+        return len(messages)
+
+    # -- connections ----------------------------------------------------------------------------------------------------------------------
+
+    def listed(self, direction: str, name: str) -> list[Value]:
+        """What ``[list] [out]`` and ``[list] [in]`` answer: names, or all of the one connection that is named."""
+        ends: Sequence[Reader | Writer] = [*(self.writers if direction == "in" else self.readers).values()]
+        if not name:
+            return [end.name for end in ends]
+        for end in ends:
+            if end.name == name:
+                pair = (name, self.name) if direction == "in" else (self.name, name)
+                return [["from", pair[0]], ["to", pair[1]], ["carrier", end.carrier]]
+        return []
+
+    def disconnect(self, name: str) -> str:
+        """End the connections to and from another port; tells what was ended, "" for none."""
+        ended = ""
+        for end in [each for each in [*self.readers.values(), *self.writers.values()] if each.name == name]:
+            direction = ("to", "Removed") if end in self.readers else ("from", "Removing")
+            ended = f"{direction[1]} connection {direction[0]} {name}"
+            self.readers.pop(end, None)
+            self.writers.pop(end, None)
+            end.close()
+        return ended
+
+    def close(self) -> None:
+        """The port is gone: end all its connections."""
+        for end in [*self.readers.values(), *self.writers.values()]:
+            end.close()
+
+
+HELP: Sequence[Value] = (
+    codec.MANY,
+    "[help]                  # give this help",
+    "[ver]                   # report protocol version information",
+    "[add] $portname         # add an output connection",
+    "[add] $portname $car    # add an output with a given protocol",
+    "[del] $portname         # remove an input or output connection",
+    "[list] [in]             # list input connections",
+    "[list] [out]            # list output connections",
+    "[list] [in]  $portname  # give details for input",
+    "[list] [out] $portname  # give details for output",
+)
+VERSION: Sequence[Value] = (Vocab("ver"), 1, 2, 3)
+"""Of the administrative commands, as YARP 3 and 4 have them."""
+
+
+def ports_of(context: AdapterContext, prefix: str, chosen: Sequence[str], vectors: Sequence[str]) -> list[YarpPort]:
+    """All ports that the network should have.
+
+    Args:
+        context: the world.
+        prefix: of all names.
+        chosen: patterns of the world's ports that are there.
+        vectors: patterns of sensors that are told as vectors.
+    """
+    found = [YarpPort(f"{prefix}/{CLOCK}", "clock")]
+    for path, port in context.ports.items():
+        if any(matches(pattern, path) for pattern in chosen):
+            if port.direction == "sensor":
+                is_vector = any(matches(pattern, path) for pattern in vectors)
+                found.append(YarpPort(f"{prefix}/{path}:o", "sensor", port, is_vector=is_vector))
+            else:
+                found.append(YarpPort(f"{prefix}/{path}:i", "actuator", port))
+    groups: dict[str, dict[str, Service]] = {}
+    for path, service in context.services.items():
+        owner, _, name = path.partition("/")
+        groups.setdefault(owner, {})[name] = service
+    return found + [YarpPort(f"{prefix}/{owner}/rpc:i", "services", services=own) for owner, own in groups.items()]
