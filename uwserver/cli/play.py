@@ -174,8 +174,19 @@ def _serve(
     try:
         return run_loop(serve())
     except (StartFailed, OSError) as error:
-        click.echo(f"uwserver: {error}", err=True)
+        track.close()
+        click.echo(f"uwserver: {advised(str(error), str(track.path))}", err=True)
         sys.exit(1)
+
+
+def advised(text: str, file: str) -> str:
+    """Why it cannot start; of an address that is in use with the option that helps, as the table of a recorded adapter cannot be edited."""
+    from uwserver.adapter.listening import IN_USE
+
+    if IN_USE not in text:
+        return text
+    what = text.partition(", or give this adapter")[0]
+    return f"{what}, or play it beside: `uwserver play {file} --port 0` takes free ports for all that it serves"
 
 
 COMMANDS = (play,)

@@ -228,6 +228,31 @@ def test_a_server_that_refuses_or_is_none_is_told(tmp_path: Path, told: bytes, t
         recorded(tmp_path / "a.mcap", Played(say(told)))
 
 
+@pytest.mark.parametrize("told", [[], [line(id="subscribe", result={}), sample(0, 10)]])
+def test_ports_that_are_refused_leave_no_file(tmp_path: Path, told: list[bytes]):
+    refusal = line(id="subscribe", error={"code": -32001, "message": "no port x/*", "data": {}})
+
+    async def answers(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readline()
+        await reader.readline()
+        described = {"server": {}, "world": {"scenario": "tank"}, "ports": [msgspec.to_builtins(DEPTH)], "services": []}
+        writer.writelines([line(id="hello", result={}), line(id="describe", result=described), *told, refusal])
+        await reader.read()
+        writer.close()
+
+    played = Played()
+    played.serve = answers  # type: ignore[method-assign]
+    with pytest.raises(Failed, match="no port x"):
+        recorded(tmp_path / "a.mcap", played, ("rov/*", "x/*"))
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_fault_after_the_server_agreed_keeps_what_was_recorded(tmp_path: Path):
+    with pytest.raises(Failed):
+        recorded(tmp_path / "a.mcap", Played(say(sample(0, 10), b"3\n")))
+    assert (tmp_path / "a.mcap").stat().st_size > 0
+
+
 def test_the_command_line(tmp_path: Path):
     out = str(tmp_path / "a.mcap")
     for args, text in (
