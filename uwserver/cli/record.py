@@ -47,8 +47,8 @@ def record(where: tuple[str, ...], ports: tuple[str, ...], seconds: float | None
 
     uwserver record 127.0.0.1:7600 dive.mcap --ports 'rov/*' --seconds 60
 
-    A lost connection is made again. The file has what was served: it can be plotted and compared, but not played or replayed, as the
-    scenario and the commands of others are not in it (`uwserver run --record` has them).
+    A lost connection is made again. The file has what was served: it can be plotted, compared and played, with boxes for vehicles, but not
+    replayed, as the scenario and the commands of others are not in it (`uwserver run --record` has them).
     """
     if len(where) > 2:
         raise click.UsageError("give a server, as 127.0.0.1:7600, and one file")

@@ -10,10 +10,11 @@ import msgspec
 import pytest
 from click.testing import CliRunner
 from playback_rig import Dive, recorded
+from served_rig import dive, served
 
 from uwserver.adapter import installed_adapters
 from uwserver.cli import play as module
-from uwserver.cli.play import _renames, play
+from uwserver.cli.play import _opened, _renames, play
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
 
@@ -93,6 +94,15 @@ def test_a_busy_port_is_told_with_the_option_that_helps(tmp_path: Path) -> None:
     assert f"port {busy} is in use" in told
     assert "x.mcap --port 0` takes free ports for all" in told
     assert "give this adapter" not in told
+
+
+def test_what_was_recorded_from_outside_is_opened(tmp_path: Path) -> None:
+    path = served(tmp_path / "a.mcap", dive())
+    track = _opened(path, {}, None, tmp_path)
+    track.close()
+    assert track.path == path
+    assert "its scenario is not in it" in track.remarks[0]
+    assert "rov/modem" in track.scenes[0].ports
 
 
 def test_names_are_pairs() -> None:

@@ -18,7 +18,7 @@ from uwserver.cli.plot import plot
 from uwserver.cli.record import Attached, Failed, record
 from uwserver.ports import Field, Port
 from uwserver.recording.format import EVENTS
-from uwserver.recording.player_file import NotPlayable
+from uwserver.recording.player_file import NotOurs
 from uwserver.recording.player_track import Track
 from uwserver.recording.reading import NotReplayable, Reading, head_record
 from uwserver.recording.replay import replay
@@ -146,11 +146,9 @@ def test_it_has_a_report_of_its_ports_alone(tmp_path: Path):
     assert "2 on 1 ports" in (tmp_path / "a.html").read_text(encoding="utf-8")
 
 
-def test_it_cannot_be_played_and_says_so(tmp_path: Path):
+def test_it_is_no_recording_of_a_world_and_says_so(tmp_path: Path):
     recorded(tmp_path / "a.mcap", Played(say(sample(0, 10), event("shutdown"))))
-    with pytest.raises(
-        NotPlayable, match=r"`uwserver record` took it .* cannot be played; what `uwserver run --record"
-    ):
+    with pytest.raises(NotOurs, match=r"`uwserver record` took it .* `uwserver play` reads it as a log"):
         Track(tmp_path / "a.mcap")
 
 
