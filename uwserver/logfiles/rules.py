@@ -232,11 +232,11 @@ def commanded(log: Log, port: str) -> Actuators | None:
 
 
 _COLUMNS = {
-    "north": r"(pos_?)?n(orth)?(ing)?", "east": r"(pos_?)?e(ast)?(ing)?", "down": "d(own)?", "depth": "depth", "up": "up",
+    "north": r"(pos_?)?n(orth)?(ing)?|p_nb?\.0", "east": r"(pos_?)?e(ast)?(ing)?|p_nb?\.1", "down": r"d(own)?|p_nb?\.2", "depth": "depth", "up": "up",
     "altitude": "alt(itude)?|height", "latitude": "lat(itude)?", "longitude": "lon(g|gitude)?",
     "roll": "roll|phi", "pitch": "pitch|theta", "yaw": "yaw|heading|hdg|psi",
-    "w": "q_?w", "x": "q_?x", "y": "q_?y", "z": "q_?z",
-    "v_north": "v_?n(orth)?", "v_east": "v_?e(ast)?", "v_down": "v_?d(own)?",
+    "w": r"q_?w|q_nb\.0", "x": r"q_?x|q_nb\.1", "y": r"q_?y|q_nb\.2", "z": r"q_?z|q_nb\.3",
+    "v_north": r"v_?n(orth)?|v_n\.0", "v_east": r"v_?e(ast)?|v_n\.1", "v_down": r"v_?d(own)?|v_n\.2",
 }  # fmt: skip
 
 
