@@ -15,12 +15,12 @@ from uwserver.logfiles.export.rosbag2 import write_rosbag2
 from uwserver.logfiles.export.table_files import write_csv, write_mat, write_netcdf, write_parquet
 from uwserver.logfiles.export.tables import TopicTable, topic_tables
 from uwserver.logfiles.export.tlog import write_tlog
+from uwserver.logfiles.joined_log import open_parts
 from uwserver.logfiles.mapping import Mapping, read_mapping
 from uwserver.logfiles.poses import FoundTrack, pose_tracks
 from uwserver.logfiles.rules import mapping_of
 from uwserver.ports import matching
 from uwserver.recording.format import EVENTS
-from uwserver.recording.joined_log import open_parts
 
 _ENDS = {
     "parquet": "_parquet",

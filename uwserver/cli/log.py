@@ -10,10 +10,10 @@ import click
 import msgspec
 
 from uwserver.logfiles import Log, LogError, LogField, Topic
+from uwserver.logfiles.joined_log import open_parts
 from uwserver.logfiles.mapping import mapping_text
 from uwserver.logfiles.rules import mapping_of
 from uwserver.logfiles.timebase import seconds, utc_text
-from uwserver.recording.joined_log import open_parts
 from uwserver.units import NANOSECONDS
 
 _KINDS = {

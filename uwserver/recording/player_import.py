@@ -17,6 +17,7 @@ import msgspec
 import numpy as np
 
 from uwserver.logfiles import Log, LogError
+from uwserver.logfiles.joined_log import open_parts
 from uwserver.logfiles.log import Datum
 from uwserver.logfiles.mapping import Mapping as LogMapping
 from uwserver.logfiles.mapping import PortSource, Value, read_mapping
@@ -25,7 +26,6 @@ from uwserver.logfiles.rules import mapping_of
 from uwserver.logfiles.samples import port_samples
 from uwserver.ports import Cast, Field, Port, Present, Sample, SceneState, WaterView
 from uwserver.recording.format import metadata
-from uwserver.recording.joined_log import open_parts
 from uwserver.recording.player_file import NotPlayable
 from uwserver.recording.states import STATES_HZ, Presence, Seen
 from uwserver.recording.writer import RecordingWriter

@@ -12,12 +12,12 @@ from typing import Any, Literal
 import msgspec
 
 from uwserver.logfiles import Log, LogError, Topic
+from uwserver.logfiles.joined_log import open_parts
 from uwserver.logfiles.mapping import Mapping as LogMapping
 from uwserver.logfiles.poses import pose_tracks
 from uwserver.logfiles.rules import mapping_of
 from uwserver.ports import Cast, Event, Field, Port, Present, Sample, Service
 from uwserver.recording.format import EVENTS, metadata
-from uwserver.recording.joined_log import open_parts
 from uwserver.recording.parts import SERVED
 from uwserver.recording.player_file import NotPlayable
 from uwserver.recording.player_import import body_name, scenario_of, states_of, water_of_still

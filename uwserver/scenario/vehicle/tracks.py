@@ -15,7 +15,8 @@ import zstandard
 from msgspec import UnsetType
 
 from uwserver.frames import rotate
-from uwserver.logfiles import Log, LogError, open_log
+from uwserver.logfiles import Log, LogError
+from uwserver.logfiles.joined_log import open_parts
 from uwserver.logfiles.mapping import Mapping, read_mapping
 from uwserver.logfiles.poses import motion_of, pose_tracks
 from uwserver.logfiles.rules import commanded, mapping_of
@@ -75,7 +76,7 @@ def read_log(path: Path, entry: Following, folder: Path) -> Logged:
     """Poses of a log of any format on its own clock; raises BadTrack."""
     name = None if isinstance(entry.track, UnsetType) else entry.track
     try:
-        log = open_log(path)
+        log = open_parts(path)
         try:
             if not isinstance(entry.mapping, UnsetType):
                 mapping = read_mapping(folder / entry.mapping)
