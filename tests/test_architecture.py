@@ -534,6 +534,7 @@ TESTED_WITH = {
         "player_world": "recording/test_player",
         "report.contents": "recording/report/test_summary", "report.drawing": "recording/report/test_writing",
         "looker": "recording/test_states",
+        "parts": "recording/test_recorder",
     },
     "logfiles": {
         "decoding": "logfiles/test_mcap_file", "foreign": "logfiles/test_opening", "indexed": "logfiles/test_tlog",

@@ -218,6 +218,19 @@ def test_the_page_of_a_recording_offers_no_control(page: Page) -> None:
     assert page.ask("uw.pilot.take()") is False
 
 
+def test_what_changes_the_world_is_inactive_and_says_why(page: Page) -> None:
+    page.ask("document.getElementById('tab-world').click()")
+    forms = "[...document.querySelectorAll('.card')].filter((c) => ['Current', 'Moments'].includes(c.querySelector('h2').textContent))"
+    page.wait(f"{forms}.length === 2", "the cards")
+    page.wait(
+        f"{forms}.every((c) => [...c.querySelectorAll('button')].every((b) => b.matches(':disabled')))", "inactive"
+    )
+    assert (
+        page.ask(f"{forms}.map((c) => c.querySelector('fieldset').title)")
+        == ["A recording plays: nothing in it can be changed."] * 2
+    )
+
+
 def test_the_page_names_options_and_services_that_there_are() -> None:
     """docs/how-to/playback.md: its listings need logs of the reader's own."""
     page = (Path(__file__).parents[2] / "docs/how-to/playback.md").read_text()

@@ -13,6 +13,8 @@ from typing import Literal
 from uwserver.adapter.contract import AdapterContext, Subscriber
 from uwserver.adapter.refusals import CannotServe
 
+IN_USE = "is in use"
+"""Words of an address that somebody else holds, in what `cannot_listen` says."""
 ANOTHER = "another uwserver"
 """Who most likely holds an address that is in use."""
 
@@ -68,7 +70,7 @@ def cannot_listen(
     if error.errno == errno.EADDRINUSE:
         options = "ltnp" if kind == "tcp" else "lunp"
         return CannotListen(
-            f"{where} is in use, perhaps by {rival}: stop it (`ss -{options} 'sport = :{port}'` names it), or give this adapter "
+            f"{where} {IN_USE}, perhaps by {rival}: stop it (`ss -{options} 'sport = :{port}'` names it), or give this adapter "
             f"another port ({key} = 0 takes a free one)"
         )
     if error.errno == errno.EACCES:

@@ -22,6 +22,10 @@ if TYPE_CHECKING:
 _FILE = click.Path(path_type=Path)
 _SECONDS = click.FloatRange(0.0, 1e9)
 _SAME, _APART, _BAD = 0, 1, 2
+_TAKES = (
+    "compare takes what `uwserver run --record FILE` or `uwserver record` has written. A log of another origin becomes such a file: "
+    "serve it by `uwserver play LOG --port 0 --paused`, and write that down by `uwserver record 127.0.0.1:PORT OUT.mcap`"
+)
 
 
 @dataclass(frozen=True)
@@ -71,7 +75,7 @@ def compare(
     Exits with 0 if all limits are kept (without a limit: if nothing differs), with 1 if not, with 2 if the files or limits are no good.
     """
     from uwserver.recording.compare import compare as compare_files
-    from uwserver.recording.reading import NotReplayable
+    from uwserver.recording.reading import NoRecording, NotReplayable
 
     try:
         limits = [*(_limit("rms", text) for text in rms), *(_limit("max", text) for text in largest)]
@@ -79,6 +83,8 @@ def compare(
         wanted = _Wanted(ports)
         found = compare_files(a, b, wanted, round(from_s * NANOSECONDS), end_ns)
         verdicts = [verdict for limit in limits for verdict in _verdicts(limit, found)]
+    except NoRecording as error:
+        _refuse(f"{error}; {_TAKES}")
     except (NotReplayable, ValueError) as error:
         _refuse(str(error))
     except OSError as error:

@@ -15,11 +15,12 @@ from uwserver.logfiles.export.rosbag2 import write_rosbag2
 from uwserver.logfiles.export.table_files import write_csv, write_mat, write_netcdf, write_parquet
 from uwserver.logfiles.export.tables import TopicTable, topic_tables
 from uwserver.logfiles.export.tlog import write_tlog
+from uwserver.logfiles.joined_log import open_parts
 from uwserver.logfiles.mapping import Mapping, read_mapping
 from uwserver.logfiles.poses import FoundTrack, pose_tracks
 from uwserver.logfiles.rules import mapping_of
 from uwserver.ports import matching
-from uwserver.recording.joined_log import open_parts
+from uwserver.recording.format import EVENTS
 
 _ENDS = {
     "parquet": "_parquet",
@@ -50,7 +51,9 @@ _EXTRAS = {"pyarrow": "logs", "rosbags": "logs", "h5netcdf": "netcdf", "h5py": "
     help="File or folder; default: the name of FILE with another end.",
 )
 @click.option(
-    "--topics", multiple=True, help='Topics or ports, "*" for a level and "**" for any; may be repeated. Default: all.'
+    "--topics",
+    multiple=True,
+    help='Topics or ports, "*" for a level and "**" for any; may be repeated. Default: all ports and events.',
 )
 @click.option(
     "--mapping",
@@ -103,9 +106,13 @@ def _whole(log: Log, kind: str, target: Path, patterns: tuple[str, ...], mapping
 def _write(log: Log, kind: str, target: Path, patterns: tuple[str, ...], mapping: Mapping | None) -> list[str]:
     """Write it; sentences about what was left out."""
     if kind in _TABLES:
-        chosen = _chosen(log, patterns, list(log.topics))
+        chosen, told = _chosen(log, patterns, list(log.topics)), list(log.remarks)
+        if not patterns and (internal := [name for name in chosen if _is_internal(log, name)]):
+            chosen.difference_update(internal)
+            count = sum(log.topics[name].count != 0 for name in internal)
+            told.append(f"{count} topics for replay, playback and viewers are left out: --topics '**' has them")
         _TABLES[kind](log, topic_tables(log, chosen), target)
-        return list(log.remarks)
+        return told
     mapping = mapping or mapping_of(log)
     if patterns:
         names = _chosen(log, patterns, [*mapping.tracks, *mapping.ports])
@@ -131,8 +138,12 @@ def _write(log: Log, kind: str, target: Path, patterns: tuple[str, ...], mapping
     if kind == "alog":
         write_alog(log, mapping, tracks, target)
         return told
-    left_out = (write_tlog if kind == "tlog" else write_rosbag2)(log, mapping, tracks, target)
-    return told + ([f"no message fits, so left out: {', '.join(left_out)}"] if left_out else [])
+    return told + (write_tlog if kind == "tlog" else write_rosbag2)(log, mapping, tracks, target)
+
+
+def _is_internal(log: Log, topic: str) -> bool:
+    """Whether a topic of a recording of ours is no port, nor its events, but there for replay, playback or viewers."""
+    return log.kind == "uwserver" and (topic.startswith("/") or (topic.startswith("uwserver/") and topic != EVENTS))
 
 
 def _chosen(log: Log, patterns: tuple[str, ...], names: list[str]) -> set[str]:

@@ -10,10 +10,10 @@ import click
 import msgspec
 
 from uwserver.logfiles import Log, LogError, LogField, Topic
+from uwserver.logfiles.joined_log import open_parts
 from uwserver.logfiles.mapping import mapping_text
 from uwserver.logfiles.rules import mapping_of
 from uwserver.logfiles.timebase import seconds, utc_text
-from uwserver.recording.joined_log import open_parts
 from uwserver.units import NANOSECONDS
 
 _KINDS = {
@@ -109,13 +109,18 @@ def _told(log: Log) -> str:
 
 
 def _fields(fields: tuple[LogField, ...]) -> str:
-    shown = [
-        printable(field.name)
-        + (f" [{printable(' '.join(filter(None, (field.unit, field.frame))))}]" if field.unit or field.frame else "")
-        for field in fields[:_FIELDS_SHOWN]
-    ]
+    shown = [_field(field) for field in fields[:_FIELDS_SHOWN]]
     more = len(fields) - _FIELDS_SHOWN
     return ", ".join(shown) + (f" and {more} more (--json)" if more > 0 else "")
+
+
+def _field(field: LogField) -> str:
+    """With its unit, once: a table's header may say it already."""
+    told = (
+        (field.unit, field.frame) if not field.name.endswith((f"[{field.unit}]", f"({field.unit})")) else (field.frame,)
+    )
+    about = " ".join(filter(None, told))
+    return printable(f"{field.name} [{about}]" if about else field.name)
 
 
 COMMANDS = [log_command]

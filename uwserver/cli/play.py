@@ -104,15 +104,19 @@ def _opened(file: Path, names: dict[str, str], mapping: Path | None, place: Path
     """A recording of ours; or a log of another origin, written as one into a folder."""
     from uwserver.recording.player_file import NotOurs
     from uwserver.recording.player_import import import_log
+    from uwserver.recording.player_served import import_served, is_served
     from uwserver.recording.player_track import Track
 
     try:
         if mapping is None and file.is_file():
             return Track(file, names)
     except NotOurs:
-        click.echo(f"uwserver: {file.name} is no recording of uwserver: it is read as a log, once")
+        click.echo(f"uwserver: no scenario of uwserver is in {file.name}: it is read as a log, once")
     target = place / "log.mcap"
-    remarks = import_log(file, mapping, target)
+    if mapping is None and file.is_file() and is_served(file):
+        remarks = import_served(file, target)
+    else:
+        remarks = import_log(file, mapping, target)
     track = Track(target, names)
     track.path, track.remarks = file, (*remarks, *track.remarks)
     return track
@@ -174,8 +178,19 @@ def _serve(
     try:
         return run_loop(serve())
     except (StartFailed, OSError) as error:
-        click.echo(f"uwserver: {error}", err=True)
+        track.close()
+        click.echo(f"uwserver: {advised(str(error), str(track.path))}", err=True)
         sys.exit(1)
+
+
+def advised(text: str, file: str) -> str:
+    """Why it cannot start; of an address that is in use with the option that helps, as the table of a recorded adapter cannot be edited."""
+    from uwserver.adapter.listening import IN_USE
+
+    if IN_USE not in text:
+        return text
+    what = text.partition(", or give this adapter")[0]
+    return f"{what}, or play it beside: `uwserver play {file} --port 0` takes free ports for all that it serves"
 
 
 COMMANDS = (play,)

@@ -47,8 +47,8 @@ def record(where: tuple[str, ...], ports: tuple[str, ...], seconds: float | None
 
     uwserver record 127.0.0.1:7600 dive.mcap --ports 'rov/*' --seconds 60
 
-    A lost connection is made again. The file has what was served: it can be plotted and compared, but not played or replayed, as the
-    scenario and the commands of others are not in it (`uwserver run --record` has them).
+    A lost connection is made again. The file has what was served: it can be plotted, compared and played, with boxes for vehicles, but not
+    replayed, as the scenario and the commands of others are not in it (`uwserver run --record` has them).
     """
     if len(where) > 2:
         raise click.UsageError("give a server, as 127.0.0.1:7600, and one file")
@@ -106,6 +106,7 @@ class Attached:
         self._newest_ns = -1
         self._flushed = 0.0
         self._is_described = self._is_subscribed = False
+        self._agreed = 0
 
     async def run(self) -> str:
         """Record until the server ends; says so.
@@ -140,6 +141,7 @@ class Attached:
 
     async def _session(self, reader: asyncio.StreamReader, sender: asyncio.StreamWriter) -> None:
         self._is_described = self._is_subscribed = False
+        self._agreed = 0 if self._agreed < len(self._patterns) else self._agreed
         hello = {"version": 1, "name": "uwserver-record", **({"token": self._token} if self._token else {})}
         self._send(sender, "hello", hello)
         self._send(sender, "describe", {})
@@ -181,6 +183,7 @@ class Attached:
                 self._described(message["result"], sender)
             elif message.get("id") == "subscribe":
                 self._is_subscribed = True
+                self._agreed += 1
         except (msgspec.MsgspecError, KeyError, TypeError, AttributeError) as error:
             raise Failed(f"an answer that cannot be read ({error}): give the address of a sockets adapter") from error
 
@@ -269,10 +272,13 @@ class Attached:
             self._file.close()
 
     def give_up(self) -> None:
-        """Close the file as it is: readable up to its last chunk."""
+        """Close the file as it is: readable up to its last chunk. Where the server never agreed to all patterns, nothing is left of it."""
         if self._file is not None:
             with contextlib.suppress(OSError):
                 self._file.close()
+            if self._agreed < len(self._patterns):
+                with contextlib.suppress(OSError):
+                    self._out.unlink()
 
 
 COMMANDS = (record,)

@@ -134,7 +134,12 @@ class Log(Protocol):
 
 
 def member(value: object, name: str) -> object:
-    """The value under a dotted name of a nested message; an index stands for an entry of a list: ``pose.covariance.0``. None where there is none."""
+    """The value under a dotted name of a nested message; an index stands for an entry of a list: ``pose.covariance.0``. None where there is none.
+
+    A column of a table may have dots in its own name.
+    """
+    if isinstance(value, Mapping) and name in value:
+        return value[name]
     for word in name.split("."):
         if isinstance(value, Mapping):
             if word not in value:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Iterator
+from collections.abc import Mapping as Mapping_
 from pathlib import Path
 from typing import Any, Literal
 
@@ -25,6 +26,11 @@ else:
     import tomli as tomllib
 
 FORMAT = "uwserver-log-mapping-1"
+SECTIONS = ("position", "attitude", "velocity", "actuators")
+"""Of a track."""
+ACTUATOR_UNITS: Mapping_[str, Literal["part", "angle", "pulse"]] = {
+    "1": "part", "%": "part", "us": "pulse", "rad": "angle", "deg": "angle"
+}  # fmt: skip
 _MOST_BYTES = 1 << 20
 
 Axes = Literal["NED/FRD", "ENU/FLU"]
@@ -130,12 +136,29 @@ class Attitude(Section, frozen=True, kw_only=True):
     yaw: Entry | None = None
 
 
+class Actuators(Section, frozen=True, kw_only=True):
+    """What thrusters, fins and propellers give, for who looks.
+
+    Attributes:
+        unit: "1" for a part of all that each can give (-1 to 1), "us" for a servo's pulses (1100 to 1900), or an angle of fins.
+        outputs: by the name of the actuator in the vehicle's file, or its number from 1 in the order of that file.
+    """
+
+    unit: str = "1"
+    outputs: dict[str, Entry] = {}
+
+    def values(self) -> Iterator[tuple[str, Value]]:
+        """As in `Section`."""
+        return ((name, self._filled(entry, self.unit)) for name, entry in self.outputs.items())
+
+
 class Track(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The pose of one body over time. Without attitude it heads north, level."""
 
     position: Position
     attitude: Attitude | None = None
     velocity: Velocity | None = None
+    actuators: Actuators | None = None
 
 
 class PortSource(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -213,7 +236,7 @@ def mapping_text(mapping: Mapping) -> str:
         lines += ["", "[origin]", *(f"{key} = {_toml(v)}" for key, v in msgspec.to_builtins(mapping.origin).items())]
     for name, track in mapping.tracks.items():
         lines += ["", f"[tracks.{_key(name)}]"]
-        for key in ("position", "attitude", "velocity"):
+        for key in SECTIONS:
             section: Section | None = getattr(track, key)
             if section is not None:
                 written = {"topic": section.topic, "unit": section.unit, **_plain(section)}
@@ -274,12 +297,16 @@ def _check_track(where: str, track: Track) -> None:
         quaternion = [getattr(attitude, name) is not None for name in "wxyz"]
         if any(quaternion) != all(quaternion) or any(quaternion) == (attitude.yaw is not None):
             raise ValueError(f"{where}.attitude: give w, x, y and z, or yaw (and roll and pitch)")
-    for name in ("position", "attitude", "velocity"):
+    for name in SECTIONS:
         section: Section | None = getattr(track, name)
         for key, value in section.values() if section is not None else ():
             if not value.topic:
                 raise ValueError(f"{where}.{name}.{key}: neither it nor its section names a topic")
             _check_unit(f"{where}.{name}.{key}", value.unit)
+    for key, value in track.actuators.values() if track.actuators is not None else ():
+        if value.unit not in ACTUATOR_UNITS:
+            known = ", ".join(f'"{unit}"' for unit in ACTUATOR_UNITS)
+            raise ValueError(f'{where}.actuators.{key}: unit "{value.unit}"; those of actuators are {known}')
 
 
 def _only_one(where: str, section: Section, *names: str) -> None:

@@ -60,6 +60,21 @@ def open_file(path: Path, limits: Limits) -> Log:
         raise
 
 
+def head_of(path: Path) -> Mapping[str, str]:
+    """The metadata record that heads a recording of ours; empty for any other file. Raises OSError."""
+    with path.open("rb") as file:
+        records = Records(path, file, Limits())
+        for code, begin, _ in records.heads():
+            if code in (CHUNK, MESSAGE):
+                break
+            if code == METADATA:
+                record = records.metadata(begin - _RECORD_HEAD)
+                if record is not None and record.name == OURS:
+                    found: Mapping[str, str] = record.metadata
+                    return found
+    return {}
+
+
 def _summary(records: Records) -> Summary | None:
     """The summary; None where there is none that can be read, so that the file is read as a whole."""
     try:

@@ -10,6 +10,8 @@ from uwserver.logfiles.foreign import foreign
 from uwserver.logfiles.log import Limits, Log, LogError
 
 _HEAD_BYTES = 4096
+ABOUT = "log.json"
+"""What `uwserver export --to csv` says of the tables beside it."""
 _READERS: Mapping[str, str] = {
     "mcap": "mcap_file",
     "tlog": "tlog",
@@ -34,7 +36,7 @@ _TEXT = {".csv": "csv", ".txt": "csv", ".tsv": "csv", ".alog": "alog"}
 
 
 def open_log(path: str | Path, limits: Limits | None = None) -> Log:
-    """Open a log file, or the folder of a ROS 2 bag.
+    """Open a log file, or the folder of a ROS 2 bag or of `uwserver export --to csv`.
 
     Raises:
         LogError: there is no such file, it is no log of a known format, it is damaged from the start, it asks for more than the limits, or the
@@ -57,7 +59,9 @@ def kind_of(path: Path) -> str:
     if path.is_dir():
         if (path / "metadata.yaml").is_file():
             return "rosbag2"
-        raise LogError(f"{path}: a folder without metadata.yaml, so no ROS 2 bag")
+        if (path / ABOUT).is_file():
+            return "csv"
+        raise LogError(f"{path}: a folder without metadata.yaml and {ABOUT}, so no ROS 2 bag and no export of uwserver")
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
     for begin, kind in _BEGINS:

@@ -77,6 +77,9 @@ _MOOS = {
 }
 
 
+_STAMPS = ("time_ns", "seq", "t_ns", "t_sent_ns", "valid")
+
+
 def ports_of(log: Log) -> Iterator[tuple[str, PortSource]]:
     """Ports that the topics of a log are samples of, under names that its vehicles and topics give."""
     for topic in log.topics.values():
@@ -113,8 +116,31 @@ def _rule(kind: str, topic: Topic) -> tuple[str, _Rule | None]:
         return f"vehicle/{rule.port}{which}" if rule else "", rule
     if kind == "uwserver":
         return topic.name, _ours(topic)
+    if kind in ("csv", "parquet"):
+        return topic.name, _exported(topic)
     rule = _MOOS.get(topic.name) if kind == "alog" else None
     return f"vehicle/{rule.port}" if rule else "", rule
+
+
+def _exported(topic: Topic) -> _Rule | None:
+    """A sensor of ours in a table of `uwserver export`: columns ``name [unit]``, of a vector ``name.0 [unit]`` and so on."""
+    names = {field.name for field in topic.fields}
+    if not {"seq", "t_sent_ns", "valid"} <= names or "/truth/" in topic.name:
+        return None
+    fields: dict[str, Entry | list[Entry]] = {}
+    for field in topic.fields:
+        stem = re.sub(r"\s*\[[^\]]*\]$", "", field.name)
+        outer, dot, number = stem.rpartition(".")
+        if stem in _STAMPS or not is_known(field.unit):
+            continue
+        value = Value(field.name, "", field.unit)
+        if dot and number.isdecimal():
+            parts = fields.setdefault(outer, [])
+            if isinstance(parts, list) and int(number) == len(parts):
+                parts.append(value)
+        else:
+            fields[stem] = value
+    return _Rule(topic.name, "", fields) if fields else None
 
 
 def _ours(topic: Topic) -> _Rule | None:

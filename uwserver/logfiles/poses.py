@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,10 +12,23 @@ import numpy as np
 from uwserver.environment.geodesy import north_east
 from uwserver.frames import attitude_enu_flu, quat_from_rpy, rotate
 from uwserver.logfiles.log import Log, LogError, member
-from uwserver.logfiles.mapping import Attitude, Mapping, Position, Section, Track, Value, Velocity, one_of
+from uwserver.logfiles.mapping import (
+    ACTUATOR_UNITS,
+    SECTIONS,
+    Actuators,
+    Attitude,
+    Mapping,
+    Position,
+    Section,
+    Track,
+    Value,
+    Velocity,
+    one_of,
+)
 from uwserver.logfiles.si import scale_of
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.units import NANOSECONDS
+from uwserver.world.external.motion import Motion
 from uwserver.world.external.track import PoseTrack, cleaned
 
 _HELD_NS = NANOSECONDS
@@ -59,7 +73,7 @@ def _read(log: Log, tracks: dict[str, Track]) -> dict[str, _Series_of]:
     takers: dict[str, list[tuple[list[tuple[str, Any]], Value, list[int], list[float]]]] = {}
     rows: dict[tuple[str, str, str], tuple[Value, list[int], list[float]]] = {}
     for name, track in tracks.items():
-        for key in ("position", "attitude", "velocity"):
+        for key in SECTIONS:
             section: Section | None = getattr(track, key)
             for part, value in section.values() if section is not None else ():
                 times: list[int] = []
@@ -121,7 +135,30 @@ def _track(log: Log, name: str, mapping: Mapping, series: _Series_of) -> FoundTr
         found, told = cleaned(times[known], p[known], q[known], None if v is None else v[known])
     except ValueError as error:
         raise LogError(f'{log.path}: track "{name}": {error}{"; " if remarks else ""}{"; ".join(remarks)}') from error
+    if track.actuators is not None:
+        found = replace(found, motion=_motion(track.actuators, series))
     return FoundTrack(found, (*remarks, *told))
+
+
+def motion_of(log: Log, section: Actuators) -> Motion | None:
+    """What the actuators of one body give; None where the log says nothing of them. Raises LogError."""
+    return _motion(section, _read(log, {"": Track(Position(), actuators=section)})[""])
+
+
+def _motion(section: Actuators, series: _Series_of) -> Motion | None:
+    """What actuators give, at the times of the first of them; of the others what was told last until then."""
+    names = [name for name, _ in section.values() if len(series["actuators", name].t_ns)]
+    if not names:
+        return None
+    t_ns = np.unique(series["actuators", names[0]].t_ns)
+    columns = []
+    for name in names:
+        times, x = series["actuators", name]
+        place = np.searchsorted(times, t_ns, side="right") - 1
+        columns.append(np.where(place >= 0, x[np.maximum(place, 0)], np.nan))
+    units = {name: value.unit or "" for name, value in section.values()}
+    kinds = tuple(ACTUATOR_UNITS[units[name]] for name in names)
+    return Motion(t_ns, tuple(names), kinds, np.ascontiguousarray(np.column_stack(columns)))
 
 
 def _position(

@@ -8,10 +8,11 @@ from itertools import islice
 from typing import Any
 
 from uwserver.logfiles.log import Log
-from uwserver.logfiles.mapping import Attitude, Mapping, PortSource, Position, Track, Value, Velocity
+from uwserver.logfiles.mapping import Actuators, Attitude, Entry, Mapping, PortSource, Position, Track, Value, Velocity
 from uwserver.logfiles.port_rules import ports_of
 
 _REPORTS_READ = 2000
+_MOST_OUTPUTS = 16
 _Found = Iterator[tuple[str, Track]]
 
 
@@ -46,6 +47,13 @@ def _euler(topic: str, unit: str, *names: str) -> Attitude:
     return Attitude(topic=topic, unit=unit, roll=names[0], pitch=names[1], yaw=names[2])
 
 
+def _outputs(log: Log, topic: str, name: str) -> Actuators | None:
+    """The first outputs of an autopilot as pulses of the actuators by their numbers; those beyond a vehicle's own count for nothing."""
+    fields = {field.name for field in log.topics[topic].fields} if topic else set()
+    found: dict[str, Entry] = {str(k): name.format(k) for k in range(1, _MOST_OUTPUTS + 1) if name.format(k) in fields}
+    return Actuators(topic=topic, unit="us", outputs=found) if found else None
+
+
 # -- MAVLink ----------------------------------------------------------------------------------------------------------------------------
 
 
@@ -57,6 +65,7 @@ def _telemetry(log: Log) -> _Found:
             name = f"{sender}/{message}"
             return name if name in log.topics else ""
 
+        outputs = _outputs(log, topic("SERVO_OUTPUT_RAW"), "servo{}_raw")
         vehicle = "vehicle_" + (sender.partition("/")[0] if sender.endswith("/1") else sender)
         attitude = None
         if quaternion := topic("ATTITUDE_QUATERNION"):
@@ -65,22 +74,22 @@ def _telemetry(log: Log) -> _Found:
             attitude = _euler(euler, "rad", "roll", "pitch", "yaw")
         if local := topic("LOCAL_POSITION_NED"):
             velocity = Velocity(topic=local, north="vx", east="vy", down="vz")
-            yield vehicle, Track(_ned(local, "x", "y", "z"), attitude, velocity)
+            yield vehicle, Track(_ned(local, "x", "y", "z"), attitude, velocity, outputs)
         if odometry := topic("ODOMETRY"):
             # MAV_FRAME_LOCAL_NED; of a body in its own axes.
             position = Position(topic=odometry, where={"frame_id": 1}, north="x", east="y", down="z")
             velocity = Velocity(topic=odometry, where={"frame_id": 1}, forward="vx", right="vy", down="vz")
-            yield f"{vehicle}_odometry", Track(position, _quaternion(odometry, "q."), velocity)
+            yield f"{vehicle}_odometry", Track(position, _quaternion(odometry, "q."), velocity, outputs)
         if fused := topic("GLOBAL_POSITION_INT"):
             position = Position(
                 topic=fused, unit="mm", angle_unit="degE7", latitude="lat", longitude="lon", up="relative_alt"
             )
             velocity = Velocity(topic=fused, unit="cm/s", north="vx", east="vy", down="vz")
-            yield f"{vehicle}_global", Track(position, attitude, velocity)
+            yield f"{vehicle}_global", Track(position, attitude, velocity, outputs)
         if truth := topic("SIM_STATE"):
             position = Position(topic=truth, latitude="lat", longitude="lon", up="alt")
             velocity = Velocity(topic=truth, north="vn", east="ve", down="vd")
-            yield f"{vehicle}_truth", Track(position, _quaternion(truth, "q", "1234"), velocity)
+            yield f"{vehicle}_truth", Track(position, _quaternion(truth, "q", "1234"), velocity, outputs)
 
 
 # -- ArduPilot --------------------------------------------------------------------------------------------------------------------------
@@ -90,6 +99,7 @@ def _dataflash(log: Log) -> _Found:
     def topic(*names: str) -> str:
         return next((n for name in names for n in (f"{name}[0]", name) if n in log.topics), "")
 
+    outputs = _outputs(log, topic("RCOU"), "C{}")
     attitude = None
     if quaternion := topic("XKQ", "NKQ"):
         attitude = _quaternion(quaternion, "Q", "1234")
@@ -97,16 +107,19 @@ def _dataflash(log: Log) -> _Found:
         attitude = _euler(euler, "deg", "Roll", "Pitch", "Yaw")
     if fused := topic("XKF1", "NKF1"):
         velocity = Velocity(topic=fused, north="VN", east="VE", down="VD")
-        yield "filter", Track(_ned(fused, "PN", "PE", "PD"), attitude, velocity)
+        yield "filter", Track(_ned(fused, "PN", "PE", "PD"), attitude, velocity, outputs)
     if truth := topic("SIM"):
         turn = (
             _quaternion(truth, "Q", "1234") if _has(log, truth, "Q1") else _euler(truth, "deg", "Roll", "Pitch", "Yaw")
         )
-        yield "truth", Track(Position(topic=truth, latitude="Lat", longitude="Lng", up="Alt"), turn)
+        yield "truth", Track(Position(topic=truth, latitude="Lat", longitude="Lng", up="Alt"), turn, None, outputs)
     if place := topic("POS"):
-        yield "position", Track(Position(topic=place, latitude="Lat", longitude="Lng", up="Alt"), attitude)
+        yield (
+            "position",
+            Track(Position(topic=place, latitude="Lat", longitude="Lng", up="Alt"), attitude, None, outputs),
+        )
     if fix := topic("GPS"):
-        yield "gps", Track(Position(topic=fix, latitude="Lat", longitude="Lng", up="Alt"), attitude)
+        yield "gps", Track(Position(topic=fix, latitude="Lat", longitude="Lng", up="Alt"), attitude, None, outputs)
 
 
 # -- MOOS -------------------------------------------------------------------------------------------------------------------------------
@@ -190,7 +203,10 @@ def _ours(log: Log) -> _Found:
                 f, r, d = (f"value.v_NB_B.{k}" for k in range(3))
                 velocity = Velocity(topic=of, forward=f, right=r, down=d)
             place = _ned(name, *(f"value.p_NB.{k}" for k in range(3)))
-            yield vehicle, Track(place, _quaternion(name, "value.q_NB."), velocity)
+            yield (
+                vehicle,
+                Track(place, _quaternion(name, "value.q_NB."), velocity, commanded(log, f"{vehicle}/thrusters")),
+            )
         elif _has(log, name, "value.p_N") and _has(log, name, "value.q_NB"):
             n, e, d = (f"value.v_N.{k}" for k in range(3))
             place = Position(
@@ -205,12 +221,22 @@ def _ours(log: Log) -> _Found:
         yield from _ros(log)
 
 
+def commanded(log: Log, port: str) -> Actuators | None:
+    """What the thrusters of a vehicle of ours were commanded."""
+    topic = log.topics.get(port)
+    field = next((f for f in topic.fields if f.name == "value.u"), None) if topic is not None else None
+    size = re.fullmatch(r"number\[(\d{1,2})\]", field.type) if field is not None else None
+    if size is None or topic is None or topic.count == 0:
+        return None
+    return Actuators(topic=port, outputs={str(k + 1): f"value.u.{k}" for k in range(int(size[1]))})
+
+
 _COLUMNS = {
-    "north": r"(pos_?)?n(orth)?(ing)?", "east": r"(pos_?)?e(ast)?(ing)?", "down": "d(own)?", "depth": "depth", "up": "up",
+    "north": r"(pos_?)?n(orth)?(ing)?|p_nb?\.0", "east": r"(pos_?)?e(ast)?(ing)?|p_nb?\.1", "down": r"d(own)?|p_nb?\.2", "depth": "depth", "up": "up",
     "altitude": "alt(itude)?|height", "latitude": "lat(itude)?", "longitude": "lon(g|gitude)?",
     "roll": "roll|phi", "pitch": "pitch|theta", "yaw": "yaw|heading|hdg|psi",
-    "w": "q_?w", "x": "q_?x", "y": "q_?y", "z": "q_?z",
-    "v_north": "v_?n(orth)?", "v_east": "v_?e(ast)?", "v_down": "v_?d(own)?",
+    "w": r"q_?w|q_nb\.0", "x": r"q_?x|q_nb\.1", "y": r"q_?y|q_nb\.2", "z": r"q_?z|q_nb\.3",
+    "v_north": r"v_?n(orth)?|v_n\.0", "v_east": r"v_?e(ast)?|v_n\.1", "v_down": r"v_?d(own)?|v_n\.2",
 }  # fmt: skip
 
 

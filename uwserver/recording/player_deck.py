@@ -82,7 +82,7 @@ class Deck:
         self._steering = Steering(mailbox.wake)
         self._stop = threading.Event()
         self._goals: list[Goal] = []
-        self._jumps = self._woken = self._looked = self._grown = 0
+        self._jumps = self._woken = self._looked = self._grown = self._asked = 0
         self._is_told_replaced = False
         self._damaged = 0
         self._blank = SceneState(Cast(0, (), ()), 0, np.zeros((0, 7)), np.zeros(0, np.int8), (0.0, 0.0, 0.0))
@@ -129,6 +129,7 @@ class Deck:
                 steered.action()
         self._refuse_posted()
         if self.failure or (self.paused and not any(goal.pauses for goal in self._goals)):
+            self._tell_late()
             self._idle()
             return
         try:
@@ -162,6 +163,7 @@ class Deck:
         track, world, bus = self.track, self.world, self._bus
         samples: list[Sample] = []
         events: list[Event] = []
+        self._asked = bus.asked
         self._follow_scene(t_ns)
         wanted, ports = bus.wanted, world.ports
         while (item := track.head_item) is not None and item.t_ns <= t_ns and item.type != "jump":
@@ -182,6 +184,16 @@ class Deck:
             self.paused = self.paused or goal.pauses
             self._goals.remove(goal)
             bus.reply(goal.on_reply, Reply(tick, t_ns))
+
+    def _tell_late(self) -> None:
+        """While nothing moves, who begins to listen gets the last sample of each port that anybody wants."""
+        asked, wanted = self._bus.asked, self._bus.wanted
+        if asked == self._asked:
+            return
+        self._asked, messages, ports = asked, self.track.messages, self.world.ports
+        found = [m for m in self.track.last() if wanted is None or messages.topic(m) in wanted]
+        samples = [sample for m in found if (sample := messages.sample(m, ports)) is not None]
+        self._bus.publish(TickOutput(self.world.tick, self.world.t_ns, samples, ports=ports, jumps=self._jumps))
 
     def _is_due(self, t_ns: int) -> bool:
         """Wait for the deadline; False when something was asked during a long wait."""
@@ -257,6 +269,7 @@ class Deck:
 
     def _seek(self, run: int, t_ns: int, why: str) -> None:
         before = self.world.ports
+        self._asked = self._bus.asked
         samples = self._place(run, t_ns)
         world = self.world
         self._jumps += 1

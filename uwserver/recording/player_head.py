@@ -31,8 +31,8 @@ def played_head(chunks: PartChunks) -> tuple[Head, tuple[str, ...]]:
         text = f"the recording was made by uwserver {record.get('uwserver', 'of old')}, in the format {then}; this version plays {FORMAT}"
         raise NotPlayable(f"{chunks.path}: {text}: play it with that version")
     if SERVED in record:
-        text = f"`uwserver record` took it from the server at {record[SERVED]}: the scenario is not in it, so that it cannot be played"
-        raise NotPlayable(f"{chunks.path}: {text}; what `uwserver run --record FILE` writes can be")
+        text = f"`uwserver record` took it from the server at {record[SERVED]}: the scenario is not in it"
+        raise NotOurs(f"{chunks.path}: {text}; `uwserver play` reads it as a log")
     try:
         whole = msgspec.json.decode(record["scenario"])
         left_out = _without_extensions(whole)

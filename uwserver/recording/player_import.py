@@ -16,7 +16,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from uwserver.logfiles import Log, LogError, open_log
+from uwserver.logfiles import Log, LogError
+from uwserver.logfiles.joined_log import open_parts
 from uwserver.logfiles.log import Datum
 from uwserver.logfiles.mapping import Mapping as LogMapping
 from uwserver.logfiles.mapping import PortSource, Value, read_mapping
@@ -79,13 +80,13 @@ def import_log(path: Path, mapping_path: Path | None, target: Path) -> tuple[str
         NotPlayable: it is no log that is known, damaged, or the mapping finds nothing in it.
     """
     try:
-        log = open_log(path)
+        log = open_parts(path)
     except LogError as error:
         raise NotPlayable(str(error)) from error
     try:
         mapping = mapping_of(log) if mapping_path is None else read_mapping(mapping_path)
         found = pose_tracks(log, mapping)
-        tracks = {_name(name): each.track for name, each in found.items()}
+        tracks = {body_name(name): each.track for name, each in found.items()}
         seen = _first_pass(log, mapping)
         if not tracks and not seen:
             hint = f"write one: uwserver log {path} --mapping"
@@ -111,8 +112,8 @@ def _first_pass(log: Log, mapping: LogMapping) -> dict[str, _Seen]:
 def _write(
     log: Log, mapping: LogMapping, tracks: Mapping[str, PoseTrack], seen: Mapping[str, _Seen], target: Path
 ) -> None:
-    resolved = _scenario(log, tracks)
-    names = {name: _name(name, "/") for name in seen}
+    resolved = scenario_of(log.path.name, _epoch(log), RATE_HZ, tracks)
+    names = {name: body_name(name, "/") for name in seen}
     ports = {names[name]: _port(names[name], mapping.ports[name], each) for name, each in seen.items()}
     for body, track in tracks.items():
         ports.setdefault(f"{body}/pose", _pose_port(body, track))
@@ -121,9 +122,9 @@ def _write(
     with target.open("xb") as file:
         writer = RecordingWriter(file, metadata(resolved, 0, Timing()), ports)
         models = dict.fromkeys(tracks, "object")
-        writer.presence(Presence(cast, 0, 0, 0, ports, {}, models, _water(resolved)))
+        writer.presence(Presence(cast, 0, 0, 0, ports, {}, models, water_of_still(resolved)))
         counts = dict.fromkeys(ports, 0)
-        states = _states(log, tracks, cast, shift)
+        states = states_of((log.start_ns, log.end_ns), tracks, cast, shift)
         state = next(states, None)
         for t_ns, name, value in _merged(log, mapping, tracks, names):
             while state is not None and state.state.t_ns <= t_ns - shift:
@@ -156,10 +157,10 @@ def _poses(path: str, track: PoseTrack) -> Iterator[Datum]:
         yield Datum(t_ns, path, {"p_NB": tuple(p), "q_NB": tuple(q)})
 
 
-def _states(log: Log, tracks: Mapping[str, PoseTrack], cast: Cast, shift: int) -> Iterator[Seen]:
-    """Where all bodies are, from the begin of the log to its end; one that is not told of stands where it was last."""
-    first = min([log.start_ns, *(int(track.t_ns[0]) for track in tracks.values())])
-    last = max([log.end_ns, *(int(track.t_ns[-1]) for track in tracks.values())])
+def states_of(span: tuple[int, int], tracks: Mapping[str, PoseTrack], cast: Cast, shift: int) -> Iterator[Seen]:
+    """Where all bodies are, from the begin of a log to its end (ns), `shift` later; one that is not told of stands where it was last."""
+    first = min([span[0], *(int(track.t_ns[0]) for track in tracks.values())])
+    last = max([span[1], *(int(track.t_ns[-1]) for track in tracks.values())])
     rows = np.zeros((len(tracks), 7))
     rows[:, 3] = 1.0
     for t_ns in _times(tracks, first, last):
@@ -189,17 +190,24 @@ def _times(tracks: Mapping[str, PoseTrack], first: int, last: int) -> list[int]:
     return sorted(t_ns for t_ns in found if t_ns <= last)
 
 
-def _scenario(log: Log, tracks: Mapping[str, PoseTrack]) -> Resolved:
-    world: dict[str, Any] = {"rate_hz": RATE_HZ}
-    if log.epoch_ns is not None:
-        epoch = datetime(1970, 1, 1, tzinfo=timezone.utc) + timedelta(seconds=log.epoch_ns // NANOSECONDS)
-        world["epoch_utc"] = epoch.strftime("%Y-%m-%dT%H:%M:%SZ")
+def _epoch(log: Log) -> str:
+    """UTC of time 0 as scenarios say it; "" where the log does not know it."""
+    if log.epoch_ns is None:
+        return ""
+    epoch = datetime(1970, 1, 1, tzinfo=timezone.utc) + timedelta(seconds=log.epoch_ns // NANOSECONDS)
+    return epoch.strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def scenario_of(title: str, epoch_utc: str, rate_hz: float, tracks: Mapping[str, PoseTrack]) -> Resolved:
+    """A world of boxes, in which what is known of a log can be shown; `epoch_utc` may be ""."""
+    world: dict[str, Any] = {"rate_hz": rate_hz, **({"epoch_utc": epoch_utc} if epoch_utc else {})}
     objects = {body: {**_BOX, "position_ned_m": [0.0, 0.0, 1.0 + k]} for k, body in enumerate(tracks)}
-    raw = {"schema": 1, "title": log.path.name, "world": world, "objects": objects}
+    raw = {"schema": 1, "title": title, "world": world, "objects": objects}
     return load(msgspec.convert(raw, Scenario), adapters={})
 
 
-def _water(resolved: Resolved) -> WaterView:
+def water_of_still(resolved: Resolved) -> WaterView:
+    """The sea of such a world."""
     water = water_of(resolved.scenario.environment, RATE_HZ, lambda path: np.random.default_rng(0))
     return still_water_view(resolved, water)
 
@@ -240,6 +248,6 @@ def _fitting(field: Field, value: Any) -> Any:
     return value if isinstance(value, wanted) else None
 
 
-def _name(text: str, more: str = "") -> str:
+def body_name(text: str, more: str = "") -> str:
     """A name as levels of paths may have."""
     return re.sub(rf"[^A-Za-z0-9_{more}-]", "_", text).strip("/") or "log"

@@ -253,7 +253,7 @@ class Track:
         place = Place(begin, 0) if begin > first.chunk else first
         self._stream = self._items(place, run, t_ns, self._early(place, run, t_ns))
         self.head_item = next(self._stream)
-        return sorted(self._newest.values(), key=lambda message: message.t_ns)
+        return self.last()
 
     def _end_of(self, run: int) -> Place:
         return self.runs[run + 1].first if run + 1 < len(self.runs) else Place(len(self._chunks.chunks), 0)
@@ -372,6 +372,10 @@ class Track:
             self.state = read_state(message.data, self._casts).state
         except ValueError:
             self.messages.damaged += 1
+
+    def last(self) -> list[Message]:
+        """The last message of each sensor, in the order of time."""
+        return sorted(self._newest.values(), key=lambda message: message.t_ns)
 
     def newest(self, path: str, ports: Mapping[str, Port]) -> Sample | None:
         """The last sample of a port."""

@@ -26,6 +26,10 @@ class NotReplayable(Exception):
     """A file that cannot be replayed or read; the text names it, says why, and where it is damaged."""
 
 
+class NoRecording(NotReplayable):
+    """A file of another origin; the text names it, and says no more than that."""
+
+
 def parts_of(path: Path) -> tuple[Path, ...]:
     """All files of a recording by its name, in their order; of a later part, or of a recording in one file, that file alone.
 
@@ -140,7 +144,7 @@ class _File:
         self._path, self._file = path, file
         self.truncated = False
         if file.read(len(_MAGIC)) != _MAGIC:
-            raise NotReplayable(f"{path}: no MCAP file; replay takes what `uwserver run --record FILE` has written")
+            raise NoRecording(f"{path}: no MCAP file, so no recording of `uwserver run --record FILE`")
         file.seek(0)
         self.records: Iterator[Any] = self._checked()
         self.head: Mapping[str, str] = self._head()
@@ -152,7 +156,7 @@ class _File:
             if isinstance(record, Metadata) and record.name == METADATA:
                 head: Mapping[str, str] = record.metadata
                 return head
-        raise NotReplayable(f"{self._path}: an MCAP file, but not written by `uwserver run --record FILE`")
+        raise NoRecording(f"{self._path}: an MCAP file, but not written by `uwserver run --record FILE`")
 
     def state(self) -> bytes:
         """The state with which a later part begins."""

@@ -133,6 +133,7 @@ class Bus:
         last: newest delivered sample of each port that a sink wants. Loop thread.
         wanted: what is to be made; None for all. Replaced on the loop, never changed; the simulation thread looks at it before each tick, so that
             what was wanted before a step was asked for is made in this step.
+        asked: how often readers have said what they want, also if that was wanted already. Any thread may look.
         ports: of the newest delivered tick, which those of the world may be ahead of: whoever understands samples by them is never wrong. None
             before the first. Loop thread.
         ahead: ticks that may wait for the loop where nothing paces them: what it works off in `AHEAD_NS`, as measured.
@@ -162,6 +163,7 @@ class Bus:
         self._known: Mapping[str, Port] = {}
         self._jumps = 0
         self.wanted: Wanted | None = Wanted((), ())
+        self.asked = 0
         self.dropped = 0
         self.last = Newest()
         self.ports: Mapping[str, Port] | None = None
@@ -202,6 +204,7 @@ class Bus:
 
     def follow_wants(self) -> None:
         """What somebody wants has changed: it holds from the next tick on. Loop thread."""
+        self.asked += 1
         before, paths, less, thinned = self._paths, together(self._readers), self._thinned, WHOLE
         if paths is not None:
             thinned = thinned_together(self._readers, paths)

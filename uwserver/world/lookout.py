@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -15,6 +15,14 @@ from uwserver.world.members import Member
 from uwserver.world.world import World
 
 
+@runtime_checkable
+class Led(Protocol):
+    """A part of a body that has no actuators of its own here: somebody else says what they give."""
+
+    def achieved(self, t_ns: int) -> np.ndarray[tuple[int, ...], np.dtype[np.int8]]:
+        """Of each actuator, -127..127, at a simulation time; always as many."""
+
+
 class Rows(NamedTuple):
     """Where the numbers of a cast lie in the arrays of the kernel.
 
@@ -23,6 +31,8 @@ class Rows(NamedTuple):
         thrusters, servos: rows of the vehicles' actuators.
         full: (m, 2) thrust of each thruster at full command ahead and astern, N, both positive.
         places, servo_places: where their numbers stand among all that is achieved.
+        led: bodies that follow somebody else, and where their numbers begin.
+        total: how much is achieved.
     """
 
     bodies: IntArray
@@ -31,6 +41,8 @@ class Rows(NamedTuple):
     full: FloatArray
     places: IntArray
     servo_places: IntArray
+    led: tuple[tuple[Led, int], ...] = ()
+    total: int = 0
 
 
 class Lookout:
@@ -56,7 +68,7 @@ class Lookout:
             self._cast = self._cast._replace(revision=self._cast.revision + 1)
         hydro, rows = world.hydro, self._rows
         poses = hydro.state[rows.bodies, P : Q + 4]
-        return SceneState(self._cast, world.t_ns, poses, achieved(hydro, rows), world.water.current)
+        return SceneState(self._cast, world.t_ns, poses, achieved(hydro, rows, world.t_ns), world.water.current)
 
     def _follow(self, members: tuple[Member, ...]) -> None:
         """Somebody came or went."""
@@ -82,7 +94,8 @@ def rows_of(hydro: Hydrodynamics, members: tuple[Member, ...], vehicles: int) ->
     places: list[int] = []
     servo_places: list[int] = []
     count = 0
-    for row in bodies[:vehicles].tolist():
+    led: list[tuple[Led, int]] = []
+    for member, row in zip(members[:vehicles], bodies[:vehicles].tolist(), strict=True):
         params, body = hydro.params[row], hydro.bodies[row]
         first, first_servo = int(body["thruster_first"]), int(body["servo_first"])
         for k, thruster in enumerate(params.thrusters):
@@ -94,6 +107,10 @@ def rows_of(hydro: Hydrodynamics, members: tuple[Member, ...], vehicles: int) ->
             servos.append(first_servo + k)
             servo_places.append(count)
             count += 1
+        for part in member.others:
+            if isinstance(part, Led):
+                led.append((part, count))
+                count += len(part.achieved(0))
     return Rows(
         bodies,
         np.array(thrusters, dtype=np.int64),
@@ -101,6 +118,8 @@ def rows_of(hydro: Hydrodynamics, members: tuple[Member, ...], vehicles: int) ->
         np.array(full, dtype=np.float64).reshape(-1, 2),
         np.array(places, dtype=np.int64),
         np.array(servo_places, dtype=np.int64),
+        tuple(led),
+        count,
     )
 
 
@@ -112,9 +131,12 @@ def full_thrust(thruster: ThrusterParams) -> tuple[float, float]:
     return ahead, astern
 
 
-def achieved(hydro: Hydrodynamics, rows: Rows) -> np.ndarray[tuple[int, ...], np.dtype[np.int8]]:
-    """What actuators achieve, of -127..127: thrust after the lag over that at full command; the place of a servo within its range."""
-    parts = np.zeros(len(rows.places) + len(rows.servo_places))
+def achieved(hydro: Hydrodynamics, rows: Rows, t_ns: int) -> np.ndarray[tuple[int, ...], np.dtype[np.int8]]:
+    """What actuators achieve, of -127..127: thrust after the lag over that at full command; the place of a servo within its range.
+
+    Of those that follow somebody else it is what that says at a time.
+    """
+    parts = np.zeros(rows.total)
     if len(rows.thrusters):
         thrusters = hydro.thrusters[rows.thrusters]
         lags = hydro.lags[thrusters["lag"]]
@@ -128,4 +150,8 @@ def achieved(hydro: Hydrodynamics, rows: Rows) -> np.ndarray[tuple[int, ...], np
         half = 0.5 * (high - low)
         parts[rows.servo_places] = (servos["value"] - low - half) / np.where(half > 0.0, half, 1.0)
     parts = np.nan_to_num(parts, nan=0.0)
-    return np.rint(ACHIEVED_FULL * np.clip(parts, -1.0, 1.0)).astype(np.int8)
+    found = np.rint(ACHIEVED_FULL * np.clip(parts, -1.0, 1.0)).astype(np.int8)
+    for part, place in rows.led:
+        told = part.achieved(t_ns)
+        found[place : place + len(told)] = told
+    return found

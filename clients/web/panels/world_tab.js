@@ -5,6 +5,18 @@ import { serviceForm } from "./form.js";
 import { LAYERS } from "../scene/layers.js";
 /** @typedef {import("../core/app.js").App} App */
 
+const PLAYS = "A recording plays: nothing in it can be changed.";
+
+/** What changes the world; inactive while a recording plays. @param {App} app @param {Node[]} forms */
+const changing = (app, ...forms) => held(app, h("fieldset", { class: "changing stack" }, ...forms));
+
+/** @param {App} app @param {HTMLFieldSetElement} forms */
+function held(app, forms) {
+  forms.disabled = Boolean(app.status.playback);
+  forms.title = forms.disabled ? PLAYS : "";
+  return forms;
+}
+
 /**
  * @param {App} app
  * @param {{quality: () => string, setQuality: (quality: string) => void, clear: () => boolean, setClear: (clear: boolean) => void, reason: string}} drawing
@@ -30,8 +42,9 @@ export function worldTab(app, drawing) {
     const show = () => {
       served.replaceChildren(...services(app));
     };
+    const hold = () => served.querySelectorAll("fieldset").forEach((forms) => held(app, forms));
     show();
-    const endings = [app.on("described", show), app.on("chosen", show)];
+    const endings = [app.on("described", show), app.on("chosen", show), app.on("status", hold)];
     return () => endings.forEach((end) => end());
   };
 }
@@ -45,17 +58,17 @@ function services(app) {
   /** @type {Node[]} */
   const cards = [];
   const current = form("world/set_current", { label: "Set", given: { velocity_N: app.world?.water.current } });
-  if (current) cards.push(card("Current", [], current));
+  if (current) cards.push(card("Current", [], changing(app, current)));
   const keep = form("world/snapshot", { label: "Keep" });
   const back = form("world/restore", { label: "Go back" });
-  if (keep && back) cards.push(card("Moments", [], h("div", { class: "stack" }, keep, back)));
+  if (keep && back) cards.push(card("Moments", [], changing(app, keep, back)));
   const faults = faultsCard(app);
   if (faults) cards.push(faults);
   const sensors = settings(app);
   if (sensors) cards.push(sensors);
   const spawn = form("world/spawn", { label: "Spawn" });
   const remove = form("world/remove", { label: "Remove", suggest: { name: app.bodies.map((body) => body.name) } });
-  if (spawn) cards.push(card("Vehicles", [], h("div", { class: "stack" }, spawn, ...(remove ? [remove] : []))));
+  if (spawn) cards.push(card("Vehicles", [], changing(app, spawn, ...(remove ? [remove] : []))));
   return cards;
 }
 
@@ -78,7 +91,7 @@ function faultsCard(app) {
   void show();
   const targets = [...app.bodies.map((body) => body.name), ...(app.description?.ports ?? []).map((port) => port.path)];
   const form = serviceForm(set, app, { label: "Set the fault", done: () => void show(), suggest: { target: targets }, given: { name: "from_the_page", parameters: {} }, doc: false });
-  return card("Faults", [h("button", { class: "quiet", onclick: () => void show() }, "Refresh")], h("div", { class: "stack" }, list, h("details", {}, h("summary", {}, "New fault"), form)));
+  return card("Faults", [h("button", { class: "quiet", onclick: () => void show() }, "Refresh")], h("div", { class: "stack" }, list, h("details", {}, h("summary", {}, "New fault"), changing(app, form))));
 }
 
 /** Settings of the chosen vehicle's sensors and actuators: what `get` says, to be changed by `set`. @param {App} app */
@@ -94,7 +107,7 @@ function settings(app) {
       const given = now?.parameters ?? now ?? {};
       const doing = (/** @type {string} */ verb) => h("button", { type: "button", onclick: () => app.link.call(`${base}/${verb}`).catch((/** @type {Error} */ error) => tell(note, error.message)) }, verb === "activate" ? "Switch on" : "Switch off");
       const note = h("span", { class: "dim" });
-      one.append(h("div", { class: "stack", style: "margin:6px 0 10px 12px" }, serviceForm(service, app, { given, label: "Set", doc: false }), h("div", { class: "row" }, doing("activate"), doing("deactivate"), note)));
+      one.append(h("div", { style: "margin:6px 0 10px 12px" }, changing(app, serviceForm(service, app, { given, label: "Set", doc: false }), h("div", { class: "row" }, doing("activate"), doing("deactivate"), note))));
     });
     return one;
   });

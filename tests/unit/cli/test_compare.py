@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
+from logs_rig import telemetry, tlog
 from recording_rig import recorded
 
 from uwserver.cli.compare import compare
@@ -83,6 +84,16 @@ def test_bad_files_give_2(pair: tuple[str, str], tmp_path: Path):
     assert told(pair[0], str(tmp_path / "x")).exit_code == 2
     missing = told(pair[0], str(tmp_path / "y"))
     assert (missing.exit_code, "No such file" in missing.output) == (2, True)
+
+
+def test_a_log_of_another_origin_is_told_what_compare_takes(pair: tuple[str, str], tmp_path: Path):
+    (tmp_path / "dive.tlog").write_bytes(tlog(telemetry(1.0)))
+    done = told(pair[0], str(tmp_path / "dive.tlog"))
+    assert done.exit_code == 2
+    assert "dive.tlog: no MCAP file" in done.output
+    assert "compare takes what `uwserver run --record FILE`" in done.output
+    assert "`uwserver play LOG --port 0 --paused`" in done.output
+    assert "replay takes" not in done.output
 
 
 def test_a_port_that_only_one_has_is_beyond_any_limit(pair: tuple[str, str], tmp_path: Path):

@@ -13,7 +13,8 @@ from logs_rig import telemetry, tlog
 from uwserver.cli import main
 from uwserver.cli.export import export
 from uwserver.logfiles import LogError, open_log
-from uwserver.ports import Field, Port, Sample
+from uwserver.ports import Event, Field, Port, Sample
+from uwserver.recording.format import StateHash
 from uwserver.recording.writer import RecordingWriter
 
 PAGE = Path(__file__).parents[3] / "docs" / "how-to" / "logs.md"
@@ -99,6 +100,41 @@ def test_a_log_without_poses(tmp_path):
     result = run(tmp_path / "a.csv", "--to", "alog")
     assert result.exit_code == 1
     assert "give a mapping" in result.output
+
+
+def silent_dive(file: Path) -> Path:
+    """A recording of ours whose altimeter never had the bottom, with topics that are for replay and viewers."""
+    near = Port(
+        "rov/altimeter", "sensor", "altimeter", (Field("range", "m", "Range."), Field("n", "1", "Pings.")), "", 1.0
+    )
+    odd = Port("rov/leak", "sensor", "leak", (Field("wet", "1", "Wet."),), "", 1.0)
+    with file.open("wb") as out:
+        writer = RecordingWriter(out, {"format": "x"}, {near.path: near, odd.path: odd})
+        for k in range(3):
+            writer.sample(Sample(near.path, k, k, k, False, (None, 1.0)), {near.path: near})
+            writer.sample(Sample(odd.path, k, k, k, True, (1.0,)), {odd.path: odd})
+        writer.event(Event("paused", 1, 2, "so"))
+        writer.hash(StateHash(0, 1, "ab"), 2)
+        writer.finish()
+    return file
+
+
+@pytest.mark.parametrize("kind", ["tlog", "rosbag2"])
+def test_a_sensor_that_never_had_a_valid_sample_is_told_as_that(tmp_path, kind):
+    result = run(silent_dive(tmp_path / "a.mcap"), "--to", kind)
+    assert result.exit_code == 0, result.output
+    assert "no sample was valid, so nothing is written of: rov/altimeter" in result.output
+    assert "no message fits, so left out: rov/leak" in result.output
+
+
+def test_topics_for_replay_and_viewers_are_written_on_request_alone(tmp_path):
+    file = silent_dive(tmp_path / "a.mcap")
+    result = run(file, "--to", "csv")
+    assert "1 topics for replay, playback and viewers are left out: --topics '**' has them" in result.output
+    plain = {"rov_altimeter.csv", "rov_leak.csv", "uwserver_events.csv", "log.json"}
+    assert {made.name for made in (tmp_path / "a_csv").iterdir()} == plain
+    assert run(file, "--to", "csv", "--topics", "**", "-o", tmp_path / "all").exit_code == 0
+    assert {made.name for made in (tmp_path / "all").iterdir()} == plain | {"uwserver_hashes.csv"}
 
 
 def test_every_command_of_the_how_to(dive, tmp_path, monkeypatch, capsys):

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import socket
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 from click.testing import CliRunner
-from playback_rig import recorded
+from playback_rig import Dive, recorded
+from served_rig import dive, served
 
+from uwserver.adapter import installed_adapters
 from uwserver.cli import play as module
-from uwserver.cli.play import _renames, play
+from uwserver.cli.play import _opened, _renames, play
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Scenario
 
 
 @pytest.mark.parametrize(
@@ -71,6 +77,32 @@ def test_an_adapter_that_is_not_there_is_told(tmp_path: Path) -> None:
     result = CliRunner().invoke(play, [str(tmp_path / "x.mcap"), "--adapter", "zen"])
     assert result.exit_code == 1
     assert 'x.mcap: the recording has no adapter "zen"; there are: none' in result.output
+
+
+def test_a_busy_port_is_told_with_the_option_that_helps(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        busy = other.getsockname()[1]
+        adapters = {"tcp": {"kind": "sockets", "port": busy}}
+        server = {"web": False, "metrics_port": 0}
+        raw = {"schema": 1, "vehicles": {"rov": {"model": "bluerov2_heavy"}}, "adapters": adapters, "server": server}
+        scenario = msgspec.convert(raw, Scenario)
+        with Dive(tmp_path / "x.mcap", load(scenario, adapters=installed_adapters())) as dive:
+            dive.go(60)
+        result = CliRunner().invoke(play, [str(tmp_path / "x.mcap")])
+    assert result.exit_code == 1
+    told = result.output.splitlines()[-1]
+    assert f"port {busy} is in use" in told
+    assert "x.mcap --port 0` takes free ports for all" in told
+    assert "give this adapter" not in told
+
+
+def test_what_was_recorded_from_outside_is_opened(tmp_path: Path) -> None:
+    path = served(tmp_path / "a.mcap", dive())
+    track = _opened(path, {}, None, tmp_path)
+    track.close()
+    assert track.path == path
+    assert "its scenario is not in it" in track.remarks[0]
+    assert "rov/modem" in track.scenes[0].ports
 
 
 def test_names_are_pairs() -> None:

@@ -18,7 +18,7 @@ from uwserver.cli.plot import plot
 from uwserver.cli.record import Attached, Failed, record
 from uwserver.ports import Field, Port
 from uwserver.recording.format import EVENTS
-from uwserver.recording.player_file import NotPlayable
+from uwserver.recording.player_file import NotOurs
 from uwserver.recording.player_track import Track
 from uwserver.recording.reading import NotReplayable, Reading, head_record
 from uwserver.recording.replay import replay
@@ -146,11 +146,9 @@ def test_it_has_a_report_of_its_ports_alone(tmp_path: Path):
     assert "2 on 1 ports" in (tmp_path / "a.html").read_text(encoding="utf-8")
 
 
-def test_it_cannot_be_played_and_says_so(tmp_path: Path):
+def test_it_is_no_recording_of_a_world_and_says_so(tmp_path: Path):
     recorded(tmp_path / "a.mcap", Played(say(sample(0, 10), event("shutdown"))))
-    with pytest.raises(
-        NotPlayable, match=r"`uwserver record` took it .* cannot be played; what `uwserver run --record"
-    ):
+    with pytest.raises(NotOurs, match=r"`uwserver record` took it .* `uwserver play` reads it as a log"):
         Track(tmp_path / "a.mcap")
 
 
@@ -226,6 +224,31 @@ def test_a_full_disk_ends_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
 def test_a_server_that_refuses_or_is_none_is_told(tmp_path: Path, told: bytes, text: str):
     with pytest.raises(Failed, match=text):
         recorded(tmp_path / "a.mcap", Played(say(told)))
+
+
+@pytest.mark.parametrize("told", [[], [line(id="subscribe", result={}), sample(0, 10)]])
+def test_ports_that_are_refused_leave_no_file(tmp_path: Path, told: list[bytes]):
+    refusal = line(id="subscribe", error={"code": -32001, "message": "no port x/*", "data": {}})
+
+    async def answers(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readline()
+        await reader.readline()
+        described = {"server": {}, "world": {"scenario": "tank"}, "ports": [msgspec.to_builtins(DEPTH)], "services": []}
+        writer.writelines([line(id="hello", result={}), line(id="describe", result=described), *told, refusal])
+        await reader.read()
+        writer.close()
+
+    played = Played()
+    played.serve = answers  # type: ignore[method-assign]
+    with pytest.raises(Failed, match="no port x"):
+        recorded(tmp_path / "a.mcap", played, ("rov/*", "x/*"))
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_fault_after_the_server_agreed_keeps_what_was_recorded(tmp_path: Path):
+    with pytest.raises(Failed):
+        recorded(tmp_path / "a.mcap", Played(say(sample(0, 10), b"3\n")))
+    assert (tmp_path / "a.mcap").stat().st_size > 0
 
 
 def test_the_command_line(tmp_path: Path):

@@ -2,9 +2,11 @@
 
 import math
 
+import numpy as np
 import pytest
 from logs_made import MadeLog
 from logs_rig import telemetry, tlog
+from pymavlink.dialects.v20 import ardupilotmega as m
 
 from uwserver.logfiles.mapping import mapping_text, parse_mapping
 from uwserver.logfiles.poses import pose_tracks
@@ -29,6 +31,30 @@ def test_telemetry(opened):
     assert pose.v_N[50] == pytest.approx([1.0, -0.5, 0.1], abs=1e-6)
     sample = next(d for d in port_samples(log, mapping, {"vehicle_7/attitude"}) if d.t_ns >= 5 * S)
     assert sample.value["heading"] == pytest.approx(1.5, abs=1e-6)
+
+
+def test_outputs_of_an_autopilot_move_what_follows_its_log(opened):
+    data = [
+        (k * S, "XKF1[0]", {"PN": 1.0 * k, "PE": 2.0, "PD": 3.0, "VN": 1.0, "VE": 0.0, "VD": 0.0}) for k in range(3)
+    ]
+    data += [(k * S + 5, "RCOU", {"C1": 1500 + k, "C2": 1100}) for k in range(3)]
+    data.sort(key=lambda entry: entry[0])
+    mapping, tracks = found(MadeLog("bin", data, {"RCOU": ("RCOU", ("C1", "C2"))}))
+    motion = tracks["filter"].track.motion
+    assert mapping.tracks["filter"].actuators.outputs == {"1": "C1", "2": "C2"}
+    assert (motion.names, motion.kinds) == (("1", "2"), ("pulse", "pulse"))
+    assert motion.t_ns.tolist() == [5, S + 5, 2 * S + 5]
+    assert motion.values == pytest.approx(np.array([[1.5e-3, 1.1e-3], [1.501e-3, 1.1e-3], [1.502e-3, 1.1e-3]]))
+
+    frames = telemetry(2.0)
+    mav = m.MAVLink(None, srcSystem=1, srcComponent=1)
+    message = m.MAVLink_servo_output_raw_message(0, 0, *(1500 + 10 * k for k in range(8)))
+    frames.append((frames[0][0] + 50, bytes(message.pack(mav))))
+    frames.sort(key=lambda frame: frame[0])
+    _, tracks = found(opened(tlog(frames), "x.tlog"))
+    motion = tracks["vehicle_1"].track.motion
+    assert motion.names[:3] == ("1", "2", "3")
+    assert motion.values[0, :8] == pytest.approx([1.5e-3 + 1e-5 * k for k in range(8)])
 
 
 def test_a_filter_and_the_truth_of_ardupilot():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -83,6 +83,39 @@ def test_a_seek_tells_a_reset_and_then_the_last_of_each_port(run: tuple[Path, Di
     assert deck.call("world/resume").fault is None
     deck.play()
     assert deck.samples == [s for s in run[1].samples[0] if s.t_sent_ns > 1_000_000_000]
+
+
+class Listener:
+    """Who comes later."""
+
+    def __init__(self, *ports: str) -> None:
+        self.wanted, self.samples = list(ports), list[Sample]()
+
+    def put_samples(self, samples: Sequence[Sample]) -> None:
+        self.samples += [sample for sample in samples if sample.port in self.wanted]
+
+    def put_event(self, event: object) -> None: ...
+
+
+def test_who_comes_while_it_stands_gets_the_last_of_each_port_at_once(run: tuple[Path, Dive]) -> None:
+    deck = Deck(run[0])
+    deck.wanted = ["rov/depth"]  # type: ignore[attr-defined]
+    deck.bus.follow_wants()
+    assert deck.call("playback/pause").fault is None
+    assert deck.call("playback/seek", t_s=1.0).fault is None
+    before = {s.port: s for s in run[1].samples[0] if s.t_sent_ns <= 1_000_000_000}
+    late = Listener("rov/imu", "rov/depth")
+    deck.bus.attach(late)
+    deck.turn(2)
+    assert {s.port: s for s in late.samples} == {port: before[port] for port in ("rov/imu", "rov/depth")}
+    assert len(late.samples) == 2
+    deck.bus.attach(later := Listener("rov/depth"))  # which somebody wants already
+    deck.turn(2)
+    assert later.samples == [before["rov/depth"]]
+    late.samples.clear()
+    deck.turn(3)
+    assert not late.samples
+    deck.close()
 
 
 @pytest.mark.parametrize(

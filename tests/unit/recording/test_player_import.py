@@ -124,7 +124,7 @@ class Early:
 def test_a_log_that_begins_before_0_is_played_from_0(
     log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(player_import, "open_log", lambda path: Early(open_log(path)))
+    monkeypatch.setattr(player_import, "open_parts", lambda path: Early(open_log(path)))
     import_log(log, None, tmp_path / "x.mcap")
     track = Track(tmp_path / "x.mcap")
     assert (track.runs[0].from_ns, track.runs[0].to_ns) == (0, 5_000_000_000)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from uwserver.frames import attitude_enu_flu, conjugate, frd_from_flu, ned_from_enu, rotate
+from uwserver.logfiles.export.left_out import left_out
 from uwserver.logfiles.log import Log
 from uwserver.logfiles.mapping import Mapping as LogMapping
 from uwserver.logfiles.poses import FoundTrack
@@ -29,7 +30,7 @@ def write_rosbag2(log: Log, mapping: LogMapping, tracks: dict[str, FoundTrack], 
     """Write it. Stamps are UTC; of a log that does not know it, ns since its start.
 
     Returns:
-        Names of ports that no standard message fits.
+        Sentences about ports that gave no message.
 
     Raises:
         LogError: the log is damaged.
@@ -43,15 +44,15 @@ def write_rosbag2(log: Log, mapping: LogMapping, tracks: dict[str, FoundTrack], 
         raise FileExistsError(f"{folder} is there already")
     store: Any = get_typestore(Stores.ROS2_HUMBLE)
     made = _Messages(store, log.epoch_ns or 0)
-    fits: dict[str, bool] = {}
+    written: set[str] = set()
     ways = [made.track(name, found) for name, found in tracks.items()]
     connections: dict[tuple[str, str], Any] = {}
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        for t_ns, topic, type_, message in heapq.merge(*ways, made.ports(log, mapping, fits), key=lambda e: e[0]):
+        for t_ns, topic, type_, message in heapq.merge(*ways, made.ports(log, mapping, written), key=lambda e: e[0]):
             if (topic, type_) not in connections:
                 connections[topic, type_] = writer.add_connection(topic, type_, typestore=store)
             writer.write(connections[topic, type_], made.epoch_ns + t_ns, store.serialize_cdr(message, type_))
-    return [port for port, does in fits.items() if not does]
+    return left_out(mapping, written)
 
 
 class _Messages:
@@ -84,15 +85,13 @@ class _Messages:
                 twist=self._new("TwistWithCovariance", twist=twist, covariance=zeros),
             )  # fmt: skip
 
-    def ports(self, log: Log, mapping: LogMapping, fits: dict[str, bool]) -> Iterator[_Entry]:
-        """Imu, FluidPressure, NavSatFix and Range; `fits` tells which ports ever gave one."""
+    def ports(self, log: Log, mapping: LogMapping, written: set[str]) -> Iterator[_Entry]:
+        """Imu, FluidPressure, NavSatFix and Range; `written` gets the ports that gave one."""
         for t_ns, port, value in port_samples(log, mapping):
             topic = "/" + "/".join(_word(part) for part in port.split("/"))
             made = self._sample(self._header(t_ns, topic[1:]), value)
-            if made is None:
-                fits.setdefault(port, False)
-            else:
-                fits[port] = True
+            if made is not None:
+                written.add(port)
                 yield t_ns, topic, made.__msgtype__, made
 
     def _sample(self, header: Any, value: Mapping[str, Any]) -> Any:

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from uwserver.logfiles.export.left_out import left_out
 from uwserver.logfiles.log import Log
 from uwserver.logfiles.mapping import Mapping as LogMapping
 from uwserver.logfiles.poses import FoundTrack
@@ -30,7 +31,7 @@ def write_tlog(log: Log, mapping: LogMapping, tracks: dict[str, FoundTrack], fil
     Stamps are UTC; of a log that does not know it, ns since its start.
 
     Returns:
-        Names of ports that MAVLink has no message for.
+        Sentences about ports that gave no message.
 
     Raises:
         LogError: the log is damaged.
@@ -39,9 +40,9 @@ def write_tlog(log: Log, mapping: LogMapping, tracks: dict[str, FoundTrack], fil
     dialect: Any = importlib.import_module("pymavlink.dialects.v20.ardupilotmega")
     systems = {name: 1 + k % _MOST_SYSTEMS for k, name in enumerate(tracks)}
     links = {system: dialect.MAVLink(None, srcSystem=system, srcComponent=1) for system in {1, *systems.values()}}
-    fits: dict[str, bool] = {}
+    written: set[str] = set()
     ways = [_track(dialect, systems[name], found) for name, found in tracks.items()]
-    ports = _ports(dialect, log, mapping, systems, fits)
+    ports = _ports(dialect, log, mapping, systems, written)
     beats = _beats(dialect, log, sorted(links))
     epoch = log.epoch_ns or 0
     with file.open("xb") as out:
@@ -49,7 +50,7 @@ def write_tlog(log: Log, mapping: LogMapping, tracks: dict[str, FoundTrack], fil
             link = links[system]
             out.write(struct.pack(">Q", (epoch + t_ns) // 1000) + message.pack(link))
             link.seq = (link.seq + 1) % 256
-    return [port for port, does in fits.items() if not does]
+    return left_out(mapping, written)
 
 
 def _beats(dialect: Any, log: Log, systems: list[int]) -> Iterator[_Frame]:
@@ -69,14 +70,12 @@ def _track(dialect: Any, system: int, found: FoundTrack) -> Iterator[_Frame]:
 
 
 def _ports(
-    dialect: Any, log: Log, mapping: LogMapping, systems: Mapping[str, int], fits: dict[str, bool]
+    dialect: Any, log: Log, mapping: LogMapping, systems: Mapping[str, int], written: set[str]
 ) -> Iterator[_Frame]:
     for t_ns, port, value in port_samples(log, mapping):
         message = _message(dialect, t_ns, value)
-        if message is None:
-            fits.setdefault(port, False)
-        else:
-            fits[port] = True
+        if message is not None:
+            written.add(port)
             yield t_ns, systems.get(port.partition("/")[0], 1), message
 
 

@@ -13,8 +13,10 @@ from uwserver.scenario.build.modems import send_slots
 from uwserver.scenario.load.resolved import ResolvedVehicle
 from uwserver.sensors import Pose
 from uwserver.sensors.base import Sensor
+from uwserver.units import rad
 from uwserver.world.components import ActuatorSlot, SensorStream
 from uwserver.world.external.body import External
+from uwserver.world.external.motion import LiveMotion, Moving, RecordedMotion, Shown
 from uwserver.world.external.ports import Difference, ExternalState
 from uwserver.world.external.source import Live, Recorded, Source
 from uwserver.world.external.track import AT_REST, TrackPose
@@ -32,20 +34,27 @@ def external_member(world: World, resolved: ResolvedVehicle, row: int, name: str
     """An external vehicle, whose body is in a row of the world, with its ports."""
     entry, slots = resolved.entry, list[ActuatorSlot]()
     source: Source
+    shown = moving_parts(resolved)
+    moving: Moving
     if resolved.track is not None:
         source = Recorded(resolved.track, entry.outside, entry.max_gap_s)
+        moving = RecordedMotion(shown, resolved.track.motion)
     else:
         q = Pose.from_degrees(entry.attitude_rpy_deg).q
         start = TrackPose(entry.position_ned_m, q, AT_REST, 0.0)
         source = live = Live(lambda: world.t_ns, start, entry.outside, entry.max_gap_s, entry.predict_s)
         port = Port(f"{name}/pose", "actuator", "pose", live.fields, live.doc)
         slots.append(ActuatorSlot(port, live, world.rate_hz, 0))
+        moving = turning = LiveMotion(shown, lambda: world.t_ns)
+        if shown:
+            port = Port(f"{name}/actuators", "actuator", "actuators", turning.fields, turning.doc)
+            slots.append(ActuatorSlot(port, turning, world.rate_hz, 0))
     sensors = list(_shown(world, resolved, row, name, source))
     sensors += _modems(world, resolved, row, name)
     slots += send_slots(world, sensors)
     if not isinstance(entry.truth, UnsetType):
         sensors += truth_slots(world, name, entry.truth.rate_hz, row)
-    part = External(name, world.hydro, row, source, ghost=not entry.solid)
+    part = External(name, world.hydro, row, source, ghost=not entry.solid, moving=moving)
     services = tuple(component_services(world, sensors, slots))
     vehicle = Vehicle(name, resolved.vehicle.name, row, world.hydro)
     return Member(vehicle, tuple(sensors), tuple(slots), services, resolved.solid, (part,), led=True)
@@ -55,6 +64,13 @@ def _modems(world: World, resolved: ResolvedVehicle, row: int, name: str) -> Ite
     for key, config in resolved.vehicle.sensors.items():
         mount = mount_of(config, resolved.vehicle)
         yield sensor_slot(world, config.port_of(name, key), config, config.build(mount), row, mount, {})
+
+
+def moving_parts(resolved: ResolvedVehicle) -> tuple[Shown, ...]:
+    """Actuators of an external vehicle's file that viewers turn, in the order of `uwserver.scenario.scene.fittings.actuator_views`."""
+    file = resolved.vehicle
+    fins = (Shown(name, rad(fin.limit_deg)) for name, fin in file.fins.items())
+    return (*map(Shown, file.thrusters), *fins, *map(Shown, file.propellers))
 
 
 def _shown(world: World, resolved: ResolvedVehicle, row: int, name: str, source: Source) -> Iterator[SensorSlot]:

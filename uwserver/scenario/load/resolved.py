@@ -48,7 +48,12 @@ class ResolvedVehicle:
         if not self.entry.is_external:
             return ()
         compared = () if isinstance(self.entry.compare_with, UnsetType) else ("difference",)
-        return ("state", *compared, *(() if self.track is not None else ("pose",)))
+        return ("state", *compared, *(() if self.track is not None else self._commanded))
+
+    @property
+    def _commanded(self) -> tuple[str, ...]:
+        file = self.vehicle
+        return ("pose", "actuators") if file.thrusters or file.fins or file.propellers else ("pose",)
 
 
 @dataclass(frozen=True)

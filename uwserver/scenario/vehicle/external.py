@@ -17,9 +17,9 @@ from uwserver.world.external.track import MAX_GAP_S
 
 Part = Annotated[float, Meta(ge=0.0, le=1.0)]
 ACTIVE_TABLES = (
-    "mounts", "thrusters", "fins", "foils", "propellers", "ballasts", "moving_masses", "actuators", "sensors", "autopilot", "lamps", "published",
+    "mounts", "foils", "ballasts", "moving_masses", "actuators", "sensors", "autopilot", "lamps", "published",
 )  # fmt: skip
-"""Tables of a vehicle file that one without dynamics has no use for: of its file remain what it looks like and what is solid of it."""
+"""Tables of a vehicle file that one without dynamics has no use for: of its file remain what it looks like, what is solid of it, and what turns."""
 COLOURS: tuple[Vector3, ...] = (
     (0.05, 0.55, 0.95), (0.95, 0.35, 0.05), (0.15, 0.75, 0.25), (0.85, 0.15, 0.65), (0.95, 0.80, 0.10), (0.45, 0.35, 0.95),
 )  # fmt: skip

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping as MappingOf
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,14 +15,16 @@ import zstandard
 from msgspec import UnsetType
 
 from uwserver.frames import rotate
-from uwserver.logfiles import Log, LogError, open_log
+from uwserver.logfiles import Log, LogError
+from uwserver.logfiles.joined_log import open_parts
 from uwserver.logfiles.mapping import Mapping, read_mapping
-from uwserver.logfiles.poses import pose_tracks
-from uwserver.logfiles.rules import mapping_of
+from uwserver.logfiles.poses import motion_of, pose_tracks
+from uwserver.logfiles.rules import commanded, mapping_of
 from uwserver.scenario.files.errors import closest
 from uwserver.scenario.vehicle.external import Following
 from uwserver.scenario.world.epoch import instant, nanoseconds
 from uwserver.units import NANOSECONDS
+from uwserver.world.external.motion import Kind, Motion
 from uwserver.world.external.track import PoseTrack, cleaned
 
 MOST_POSES = 4_000_000
@@ -73,7 +76,7 @@ def read_log(path: Path, entry: Following, folder: Path) -> Logged:
     """Poses of a log of any format on its own clock; raises BadTrack."""
     name = None if isinstance(entry.track, UnsetType) else entry.track
     try:
-        log = open_log(path)
+        log = open_parts(path)
         try:
             if not isinstance(entry.mapping, UnsetType):
                 mapping = read_mapping(folder / entry.mapping)
@@ -132,6 +135,9 @@ def _port(log: Log, topic: str) -> Logged | None:
         )
     except (ValueError, OverflowError) as error:
         raise BadTrack(f'{log.path}: "{topic}": {error}') from None
+    outputs = commanded(log, f"{topic.partition('/')[0]}/thrusters") if log.kind == "uwserver" else None
+    if outputs is not None:
+        clean = replace(clean, motion=motion_of(log, outputs))
     return Logged(clean, log.epoch_ns, (*told, *(f'"{topic}": {remark}' for remark in left_out)))
 
 
@@ -181,7 +187,31 @@ def in_simulation_time(logged: Logged, entry: Following) -> PoseTrack:
         )
     keep = np.append(np.diff(t_ns) > 0, True)  # at a high speed two poses may fall on one nanosecond
     v = None if track.v_N is None else track.v_N[keep] * entry.speed
-    return PoseTrack(t_ns[keep], track.p_NB[keep], track.q_NB[keep], v)
+    motion = None if track.motion is None else _in_simulation_time(track.motion, first, entry)
+    return PoseTrack(t_ns[keep], track.p_NB[keep], track.q_NB[keep], v, motion)
+
+
+def _in_simulation_time(motion: Motion, first_ns: int, entry: Following) -> Motion:
+    t_ns = np.rint((motion.t_ns - first_ns) / entry.speed).astype(np.int64) + round(entry.offset_s * NANOSECONDS)
+    keep = np.append(np.diff(t_ns) > 0, np.ones(min(len(t_ns), 1), np.bool_))
+    return Motion(t_ns[keep], motion.names, motion.kinds, motion.values[keep])
+
+
+class _PackedMotion(msgspec.Struct, array_like=True):
+    t_ns: bytes
+    names: tuple[str, ...]
+    kinds: tuple[Kind, ...]
+    values: bytes
+
+
+class _Packed(msgspec.Struct, array_like=True):
+    """Bytes of a track's arrays; older ones have no motion."""
+
+    t_ns: bytes
+    p_NB: bytes
+    q_NB: bytes
+    v_N: bytes | None
+    motion: _PackedMotion | None = None
 
 
 def pack(tracks: MappingOf[str, PoseTrack]) -> str:
@@ -189,10 +219,7 @@ def pack(tracks: MappingOf[str, PoseTrack]) -> str:
 
     A recording holds them, so that it can be run again without the logs, which may be large, private, or gone.
     """
-    plain = {
-        name: [array.tobytes() if array is not None else None for array in (t.t_ns, t.p_NB, t.q_NB, t.v_N)]
-        for name, t in tracks.items()
-    }
+    plain = {name: _packed(track) for name, track in tracks.items()}
     return base64.b85encode(zstandard.ZstdCompressor().compress(msgspec.msgpack.encode(plain))).decode()
 
 
@@ -207,14 +234,29 @@ def unpack(text: str) -> dict[str, PoseTrack]:
         if zstandard.frame_content_size(data) > LARGEST_BYTES:
             raise ValueError(f"they have more than {LARGEST_BYTES} bytes")
         packed = zstandard.ZstdDecompressor().decompress(data, max_output_size=LARGEST_BYTES)
-        plain = msgspec.msgpack.decode(packed, type=dict[str, tuple[bytes, bytes, bytes, bytes | None]])
-        return {name: _track_of(*arrays) for name, arrays in plain.items()}
+        plain = msgspec.msgpack.decode(packed, type=dict[str, _Packed])
+        return {name: _track_of(packed) for name, packed in plain.items()}
     except (zstandard.ZstdError, ValueError) as error:  # msgspec's errors are ValueErrors
         raise ValueError(f"the tracks of external vehicles cannot be read: {error}") from error
 
 
-def _track_of(t: bytes, p: bytes, q: bytes, v: bytes | None) -> PoseTrack:
-    speeds = None if v is None else np.frombuffer(v).reshape(-1, 3)
-    return PoseTrack(
-        np.frombuffer(t, np.int64), np.frombuffer(p).reshape(-1, 3), np.frombuffer(q).reshape(-1, 4), speeds
+def _packed(track: PoseTrack) -> _Packed:
+    moved, v = track.motion, track.v_N
+    motion = (
+        None if moved is None else _PackedMotion(moved.t_ns.tobytes(), moved.names, moved.kinds, moved.values.tobytes())
     )
+    arrays = track.t_ns.tobytes(), track.p_NB.tobytes(), track.q_NB.tobytes(), None if v is None else v.tobytes()
+    return _Packed(*arrays, motion)
+
+
+def _track_of(packed: _Packed) -> PoseTrack:
+    speeds, moved = None if packed.v_N is None else np.frombuffer(packed.v_N).reshape(-1, 3), packed.motion
+    motion = None
+    if moved is not None:
+        t_ns, names = np.frombuffer(moved.t_ns, np.int64), moved.names
+        values = np.frombuffer(moved.values).reshape(len(t_ns), len(names))
+        if len(moved.kinds) != len(names) or (np.diff(t_ns) <= 0).any():
+            raise ValueError("what the actuators of a track give does not fit together")
+        motion = Motion(t_ns, names, moved.kinds, values)
+    places = np.frombuffer(packed.p_NB).reshape(-1, 3), np.frombuffer(packed.q_NB).reshape(-1, 4)
+    return PoseTrack(np.frombuffer(packed.t_ns, np.int64), *places, speeds, motion)

@@ -11,9 +11,11 @@ from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.kernel.layout import NU, P, Q
 from uwserver.ports import NOWHERE_M, Sample
+from uwserver.world.external.motion import Bytes, Moving
 from uwserver.world.external.source import Source
 from uwserver.world.part import Part, Stage, State
 
+NOTHING_MOVES: Bytes = np.zeros(0, np.int8)
 UNYIELDING_KG = 1e9
 """Mass, and moments of inertia in kg m2, of a body that others cannot push: a hit of a ton at 10 m/s changes it by 10 um/s until the end of
 the tick, when its source is asked again."""
@@ -31,22 +33,29 @@ class External(Part):
     state_type = State
     stage: ClassVar[Stage] = Stage.FORCES
 
-    def __init__(self, name: str, hydro: Hydrodynamics, row: int, source: Source, ghost: bool) -> None:
+    def __init__(
+        self, name: str, hydro: Hydrodynamics, row: int, source: Source, ghost: bool, moving: Moving | None = None
+    ) -> None:
         """Of a body that was added with `led_params`.
 
         Args:
             name: of the vehicle.
             hydro, row: its arrays.
             source: of its poses, in simulation time.
+            moving: what its actuators give, for who looks; None where it has none.
             ghost: nothing touches it, so that the kernel need not move it within a tick either.
         """
         self._path, self._hydro, self._row = f"{name}/external", hydro, row
-        self.source, self._ghost = source, ghost
+        self.source, self._ghost, self._moving = source, ghost, moving
 
     @property
     def path(self) -> str:
         """See `Part`."""
         return self._path
+
+    def achieved(self, t_ns: int) -> Bytes:
+        """What its actuators give, each of -127..127, as in `SceneState.achieved`."""
+        return NOTHING_MOVES if self._moving is None else self._moving.achieved(t_ns)
 
     def settle(self, t_ns: int) -> None:
         """Stand where the source says at this time. The velocity is that at which it strikes others in the coming tick."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from uwserver.frames import Quat, Vec3, conjugate, multiply, rotate
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
+from uwserver.world.external.motion import Motion
 
 Outside = Literal["hide", "hold"]
 """Before the first pose and after the last: the body is nowhere, or stands where the nearest pose says."""
@@ -51,6 +52,7 @@ class PoseTrack:
         p_NB: (n, 3) m.
         q_NB: (n, 4) unit quaternions, w x y z; either sign.
         v_N: (n, 3) velocity of the origin of B in N, m/s; None where it is not known.
+        motion: what its actuators give, on the same clock; None where nobody says.
 
     Raises:
         ValueError: no pose at all, other shapes, numbers that are not finite, times that do not rise, no unit quaternion, or farther than
@@ -61,6 +63,7 @@ class PoseTrack:
     p_NB: FloatArray
     q_NB: FloatArray
     v_N: FloatArray | None = None
+    motion: Motion | None = None
 
     def __post_init__(self) -> None:
         n = len(self.t_ns)

@@ -237,8 +237,29 @@ def test_viewers_are_told_of_it():
     assert (views["b"].external, views["b"].ghost, views["b"].colour) == (True, False, (0.1, 0.2, 0.3))
     assert views["c"].colour == COLOURS[2]
     assert views["a"].shapes == views["b"].shapes == views["rov"].shapes
-    assert not views["a"].actuators
+    assert [part.name for part in views["a"].actuators] == [f"t{k}" for k in range(1, 7)]
+    assert views["a"].actuators[0].port is None
     assert is_nowhere(tuple(look.state().poses[1, :3]))
+
+
+def test_its_thrusters_turn_as_is_said_and_push_nothing():
+    world = world_of(rov=ROV, other=external(solid=True))
+    look = Lookout(world)
+    assert look.state().achieved.tolist() == [0] * 12
+    world.command("other/pose", p_NB=[5.0, 0, 5])
+    world.command("other/actuators", u=[1.0, -1.0, 0.5, 0.0, 0.0, 0.0])
+    world.step(1)
+    assert look.state().achieved.tolist() == [0] * 6 + [127, -127, 64, 0, 0, 0]
+    assert world.vehicles["other"].nu == (0.0,) * 6
+    kept = snapshot.take(world)
+    world.step(478)
+    assert look.state().achieved.any()
+    world.step(3)  # after 2 s nothing newer has come
+    assert not look.state().achieved.any()
+    snapshot.restore(world, kept)
+    assert look.state().achieved.tolist()[6:9] == [127, -127, 64]
+    with pytest.raises(Refused, match="not 2"):
+        checked_command(world.ports["other/actuators"], {"u": [2.0] * 6})
 
 
 def test_a_hundred_of_them():

@@ -96,7 +96,7 @@ def test_of_its_model_remains_what_can_be_seen_and_touched(tmp_path):
     ghost = loaded(tmp_path, 'kind = "external"').vehicles["ghost"]
     assert not ghost.vehicle.sensors
     assert not ghost.vehicle.actuators
-    assert not ghost.vehicle.thrusters
+    assert ghost.vehicle.thrusters  # which turn in the view
     assert ghost.solid is None
     assert ghost.ghost is not None
     solid = loaded(tmp_path, 'kind = "external"\nsolid = true').vehicles["ghost"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -21,6 +22,7 @@ from uwserver.scenario.vehicle.tracks import (
     read_track,
     unpack,
 )
+from uwserver.world.external.motion import Motion
 from uwserver.world.external.track import PoseTrack
 
 S = 1_000_000_000
@@ -204,6 +206,19 @@ def test_packed_tracks_come_back_bit_for_bit():
         array.tobytes() for array in (track.t_ns, track.p_NB, track.q_NB, track.v_N)
     ]
     assert back["b"].v_N is None
+
+
+def test_what_its_actuators_give_comes_back_and_follows_the_clock_of_the_run():
+    plain = logged().track
+    motion = Motion(plain.t_ns, ("1", "rudder"), ("pulse", "angle"), np.arange(2.0 * len(plain)).reshape(-1, 2))
+    track = replace(plain, motion=motion)
+    back = unpack(pack({"a": track}))["a"].motion
+    assert back is not None
+    assert (back.names, back.kinds, back.values.tolist()) == (motion.names, motion.kinds, motion.values.tolist())
+    moved = in_simulation_time(logged()._replace(track=track), entry(offset_s=5.0, speed=2.0)).motion
+    assert moved is not None
+    assert moved.t_ns[0] == 5 * 10**9
+    assert moved.t_ns[1] - moved.t_ns[0] == pytest.approx((motion.t_ns[1] - motion.t_ns[0]) / 2, abs=1)
 
 
 @pytest.mark.parametrize("text", ["", "x", "zzzz", pack({"a": logged().track})[:-9], pack({})[:4]])

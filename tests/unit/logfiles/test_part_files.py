@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from uwserver.recording.parts import PART, part_of, part_path
+from uwserver.logfiles.part_files import PART, part_of, part_path
 
 
 def test_the_first_part_has_the_recordings_own_name():

@@ -11,8 +11,15 @@ from playback_rig import Dive, recorded
 from uwserver.cli.export import export
 from uwserver.cli.log import log_command
 from uwserver.logfiles import LogError, open_log
-from uwserver.recording.joined_log import open_parts
+from uwserver.logfiles.joined_log import open_parts
 from uwserver.recording.parts import Rotation
+from uwserver.recording.player_import import import_log
+from uwserver.recording.player_track import Track
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.entry import VehicleEntry
+from uwserver.scenario.vehicle.tracks import read_track
+from uwserver.sensors.truth import Truth
 
 
 def script(dive: Dive) -> None:
@@ -53,3 +60,26 @@ def test_after_a_reset_times_go_on_and_a_missing_part_is_told(tmp_path: Path) ->
     (tmp_path / "run.0002.mcap").unlink()
     with pytest.raises(LogError, match="is missing"):
         open_parts(tmp_path / "run.mcap")
+
+
+def test_a_track_of_an_external_vehicle_goes_through_all_parts(tmp_path: Path) -> None:
+    told = {"rov": VehicleEntry(model="bluerov2", truth=Truth(rate_hz=20))}
+    with Dive(
+        tmp_path / "run.mcap", load(Scenario(schema=1, vehicles=told), adapters={}), 0, Rotation(most_s=1.0)
+    ) as dive:
+        dive.go(700)
+    entry = VehicleEntry(model="bluerov2", kind="external", log="run.mcap", track="rov/truth/pose", start=0.0)
+    track, _ = read_track(entry, tmp_path)
+    assert (tmp_path / "run.0003.mcap").is_file()
+    assert track.t_ns[-1] > 2_800_000_000
+
+
+def test_what_is_played_by_a_mapping_goes_through_all_parts(tmp_path: Path) -> None:
+    recorded(tmp_path / "run.mcap", 700, rotation=Rotation(most_s=1.0))
+    (tmp_path / "map.toml").write_text(
+        'format = "uwserver-log-mapping-1"\n[ports."a/depth"]\ntopic = "rov/depth"\nfields.depth = "value.depth"\n'
+    )
+    import_log(tmp_path / "run.mcap", tmp_path / "map.toml", tmp_path / "made.mcap")
+    track = Track(tmp_path / "made.mcap")
+    track.close()
+    assert track.runs[0].to_ns > 2_800_000_000

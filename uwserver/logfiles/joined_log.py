@@ -1,4 +1,4 @@
-"""A recording in parts as one log: what `uwserver log` and `uwserver export` read."""
+"""A recording in parts as one log."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ from pathlib import Path
 
 from msgspec import structs
 
-from uwserver.logfiles import Datum, Log, LogError, Topic, open_log
-from uwserver.logfiles.log import Kind
+from uwserver.logfiles.foreign import foreign
+from uwserver.logfiles.log import Datum, Kind, Log, LogError, Topic
+from uwserver.logfiles.mcap_file import head_of
+from uwserver.logfiles.opening import open_log
+from uwserver.logfiles.part_files import FIRST_PART, PART, RUN, later_parts, part_of, part_path
 from uwserver.logfiles.timebase import LATE_NS
-from uwserver.recording.reading import NotReplayable, parts_of
 
 
 def open_parts(path: Path) -> Log:
@@ -24,14 +26,26 @@ def open_parts(path: Path) -> Log:
         return first
     logs = [first]
     try:
-        logs += [open_log(part) for part in parts_of(path)[1:]]
-    except BaseException as error:
+        logs += [open_log(part) for part in _later(path)]
+    except BaseException:
         for log in logs:
             log.close()
-        if isinstance(error, NotReplayable):
-            raise LogError(str(error)) from error
         raise
     return first if len(logs) == 1 else JoinedLog(logs)
+
+
+def _later(path: Path) -> list[Path]:
+    """The other parts of a run by the name of its first; none of what is no first part."""
+    with foreign(path, "its parts cannot be read"):
+        first = head_of(path)
+        if PART not in first or part_of(first) != FIRST_PART:
+            return []
+        there = [number for number, other in later_parts(path).items() if head_of(other).get(RUN) == first.get(RUN)]
+    for expected, number in enumerate(there, FIRST_PART + 1):
+        if number != expected:
+            missing = part_path(path, expected).name
+            raise LogError(f"{path}: its part {missing} is missing, {part_path(path, number).name} is there")
+    return [part_path(path, number) for number in there]
 
 
 class JoinedLog:

@@ -1,0 +1,138 @@
+"""What the actuators of an external body give, as its log or its peer says: they turn in the view, and push nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, NamedTuple, Protocol
+
+import numpy as np
+from msgspec import Meta, Struct
+
+from uwserver.physics.kernel.arrays import FloatArray, IntArray
+from uwserver.ports import ACHIEVED_FULL, Field, Items
+from uwserver.units import NANOSECONDS
+
+HELD_S = 2.0
+"""For so long a value holds when no newer one comes: MAVLink tells outputs at 0.5 Hz and faster."""
+PULSE_MIDDLE_S, PULSE_HALF_S = 1500e-6, 400e-6
+"""Length of a servo's pulse at rest, and from there to full: 1100 to 1900 us, as ArduPilot's `SERVOn_MIN` and `_MAX` have it."""
+Kind = Literal["part", "angle", "pulse"]
+"""A value is a part of all that the actuator can give (-1..1), an angle (rad), or the length of a servo's pulse (s)."""
+Bytes = np.ndarray[tuple[int, ...], np.dtype[np.int8]]
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """What actuators give at instants of a track's clock.
+
+    Attributes:
+        t_ns: (n,) int64, strictly rising.
+        names: (k) of actuators in the vehicle's file, or numbers from 1 in its order.
+        kinds: (k) of the values.
+        values: (n, k); NaN where nothing is said.
+    """
+
+    t_ns: IntArray
+    names: tuple[str, ...]
+    kinds: tuple[Kind, ...]
+    values: FloatArray
+
+
+class Shown(NamedTuple):
+    """An actuator of the vehicle's file that is drawn: its name, and the angle at full (rad) of a fin, else 0."""
+
+    name: str
+    limit: float = 0.0
+
+
+class Moving(Protocol):
+    """Tells what the actuators of a body give."""
+
+    def achieved(self, t_ns: int) -> Bytes:
+        """At a simulation time, each of -127..127, as in `SceneState.achieved`."""
+
+
+class RecordedMotion:
+    """Of a log that was read before the run.
+
+    Args:
+        shown: actuators in the order of the view.
+        motion: what the log says, in simulation time; None for nothing.
+    """
+
+    def __init__(self, shown: Sequence[Shown], motion: Motion | None) -> None:
+        self._still = np.zeros(len(shown), np.int8)
+        self._t_ns: IntArray = np.zeros(0, np.int64)
+        self._rows: Bytes = np.zeros((0, len(shown)), np.int8)
+        if motion is not None:
+            self._t_ns, self._rows = motion.t_ns, _rows(shown, motion)
+
+    def achieved(self, t_ns: int) -> Bytes:
+        """See `Moving`."""
+        k = int(np.searchsorted(self._t_ns, t_ns, side="right")) - 1
+        if k < 0 or t_ns - int(self._t_ns[k]) > HELD_S * NANOSECONDS:
+            return self._still
+        row: Bytes = self._rows[k]
+        return row
+
+
+class HeardMotion(Struct, frozen=True):
+    """What came last: when (simulation time, ns; -1 before the first), and of each actuator -1..1."""
+
+    t_ns: Annotated[int, Meta(ge=-1, le=2**62)] = -1
+    u: tuple[Annotated[float, Meta(ge=-1.0, le=1.0)], ...] = ()
+
+
+class LiveMotion:
+    """As commands of an actuator's port.
+
+    Attributes:
+        memory: see `HeardMotion`.
+    """
+
+    doc = "Says what its thrusters, fins and propellers give now, for who looks: they turn, and push nothing. It holds for 2 s."
+
+    def __init__(self, shown: Sequence[Shown], now_ns: Callable[[], int]) -> None:
+        """Of a body that has at least one of them."""
+        names = ", ".join(each.name for each in shown)
+        doc = f"of all that each can give, -1 to 1: {names}"
+        self.fields = (Field("u", "1", doc, shape=(len(shown),), minimum=-1.0, maximum=1.0),)
+        self._still, self._now_ns = np.zeros(len(shown), np.int8), now_ns
+        self.memory = HeardMotion()
+
+    def apply(self, value: Items) -> None:
+        """Take over what a checked command says."""
+        if value[0] is not None:
+            u: Any = value[0]
+            self.memory = HeardMotion(self._now_ns(), tuple(float(part) for part in u))
+
+    def neutral(self) -> None:
+        """Nothing to undo."""
+
+    def achieved(self, t_ns: int) -> Bytes:
+        """See `Moving`."""
+        heard = self.memory
+        is_known = heard.t_ns >= 0 and t_ns - heard.t_ns <= HELD_S * NANOSECONDS and len(heard.u) == len(self._still)
+        return _bytes(np.array(heard.u)) if is_known else self._still
+
+
+def _rows(shown: Sequence[Shown], motion: Motion) -> Bytes:
+    """(n, m) what each actuator of the view gives; 0 where the log has nothing of it."""
+    parts = np.zeros((len(motion.t_ns), len(shown)))
+    names = {each.name: k for k, each in enumerate(shown)} | {str(k + 1): k for k in range(len(shown))}
+    for name, kind, column in zip(motion.names, motion.kinds, motion.values.T, strict=True):
+        place = names.get(name)
+        if place is None:
+            continue  # an output without an actuator, as that of a lamp
+        if kind == "pulse":  # none at all is a servo that is switched off
+            column = np.where(column > 0.0, (column - PULSE_MIDDLE_S) / PULSE_HALF_S, 0.0)
+        elif kind == "angle" and shown[place].limit > 0.0:
+            column = column / shown[place].limit
+        parts[:, place] = column
+    return _bytes(parts)
+
+
+def _bytes(parts: FloatArray) -> Bytes:
+    clipped = np.clip(np.nan_to_num(parts, nan=0.0), -1.0, 1.0)
+    return np.rint(ACHIEVED_FULL * clipped).astype(np.int8)
