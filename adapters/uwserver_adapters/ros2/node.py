@@ -74,7 +74,7 @@ class Node:
         self._inlets: dict[tuple[str, str], Callable[[], None]] = {}
         self._offers: dict[tuple[str, str], Callable[[], None]] = {}
         facts = Facts(geoid_m=config.geoid_m, tf=config.tf)
-        self.feed = Feed(context, self._types, facts, self._deliver, config.clock_hz, self._follow)
+        self.feed = Feed(context, refusals, self._types, facts, self._deliver, config.clock_hz, self._follow)
 
     # -- what there is ----------------------------------------------------------------------------------------------------------------------
 

@@ -52,7 +52,7 @@ class Hub:
         self.context, self.config, self.refusals = context, config, refusals
         self.types = Types(config.ros_distro)
         facts = Facts(geoid_m=config.geoid_m, tf=config.tf)
-        self.feed = Feed(context, self.types, facts, self._deliver, config.clock_hz)
+        self.feed = Feed(context, refusals, self.types, facts, self._deliver, config.clock_hz)
         self.advertised: dict[str, tuple[str, set[Client]]] = {}
         self.served: dict[str, tuple[str, Client]] = {}
         self._listeners: dict[str, dict[Client, None]] = {}
