@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from uwserver.adapter import AdapterStats, Inbox, Refusals, Worker
 from uwserver_adapters.ros.messages.types import Types, dds_name
+from uwserver_adapters.ros2.carrier import WAITING_BYTES, Heard, Respond
 from uwserver_adapters.ros2.config import Ros2Config
 from uwserver_adapters.ros2.graph import (
     BEST_EFFORT,
@@ -24,7 +25,6 @@ from uwserver_adapters.ros2.graph import (
     gid,
     parsed_token,
 )
-from uwserver_adapters.ros2.node import WAITING_BYTES, Heard, Respond
 from uwserver_adapters.zenoh_bus.publications import LARGE_BYTES, direct
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ class _Writer:
 
 
 class ZenohCarrier:
-    """Implements `uwserver_adapters.ros2.node.Carrier`.
+    """Implements `uwserver_adapters.ros2.carrier.Carrier`.
 
     Args:
         session: open.

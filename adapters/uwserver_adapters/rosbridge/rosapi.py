@@ -41,7 +41,11 @@ class Rosapi:
             "has_param": lambda args: {"exists": False}, "get_param_names": lambda args: {"names": []},
             "set_param": _no_parameter, "delete_param": _no_parameter,
             "search_param": lambda args: {"global_name": ""},
-            "action_servers": lambda args: {"action_servers": []}, "interfaces": self._interfaces,
+            "action_servers": lambda args: {"action_servers": sorted(hub.feed.catalogue.actions)},
+            "action_type": self._action_type,
+            "action_goal_details": lambda args: self._action_details(args, "Goal"),
+            "action_result_details": lambda args: self._action_details(args, "Result"),
+            "action_feedback_details": lambda args: self._action_details(args, "Feedback"), "interfaces": self._interfaces,
         }  # fmt: skip
 
     def type_of(self, service: str) -> str:
@@ -106,6 +110,18 @@ class Rosapi:
         if not self._hub.types.has_service(kind):
             raise BadMessage(f'no service type "{kind[:100]}" is known here')
         return {"typedefs": type_definitions(self._hub.types, f"{kind}_{part}")}
+
+    # -- actions ----------------------------------------------------------------------------------------------------------------------------
+
+    def _action_type(self, args: Args) -> Values:
+        action = self._hub.feed.catalogue.actions.get(_name(args, "action"))
+        return {"type": "" if action is None else action.type}
+
+    def _action_details(self, args: Args, part: str) -> Values:
+        kind = f"{full_name(str(args.get('type', '')), 'action')}_{part}"
+        if kind not in self._hub.types:
+            raise BadMessage(f'no action type "{kind.rpartition("_")[0][:100]}" is known here')
+        return {"typedefs": type_definitions(self._hub.types, kind)}
 
     # -- the rest ---------------------------------------------------------------------------------------------------------------------------
 

@@ -13,6 +13,7 @@ from uwserver_adapters.native.outbox import Outgoing
 from uwserver_adapters.ros.feed import call, command
 from uwserver_adapters.ros.messages.plain import built, plain
 from uwserver_adapters.ros.messages.types import BadMessage, full_name
+from uwserver_adapters.rosbridge.actions import Goals
 from uwserver_adapters.rosbridge.codec import (
     Gathered,
     binary_frame,
@@ -69,12 +70,16 @@ class Session:
         self._last_call = self._pieces = 0
         self._level = LEVELS.index("error")
         self._gathered = Gathered()
+        self._goals = Goals(
+            hub, self._conversation, lambda told, wish: self._reply(told, wish.compression, wish.fragment_size)
+        )
         self._operations: Mapping[str, Callable[[Map], None]] = {
             "subscribe": self._subscribe, "unsubscribe": self._unsubscribe, "advertise": self._advertise,
             "unadvertise": self._unadvertise, "publish": self._publish, "call_service": self._call_service,
             "advertise_service": self._advertise_service, "unadvertise_service": self._unadvertise_service,
             "service_response": self._service_response, "set_level": self._set_level, "status": self._status_of_client,
-            "fragment": self._fragment, "auth": self._auth,
+            "fragment": self._fragment, "auth": self._auth, "send_action_goal": self._goals.begin,
+            "cancel_action_goal": self._goals.cancel,
         }  # fmt: skip
 
     # -- in ---------------------------------------------------------------------------------------------------------------------------------
@@ -105,6 +110,8 @@ class Session:
         self._hub.refusals.note(cause, text)
         if message.get("op") == "call_service":
             self._respond(message, str(message.get("service", ""))[:LONGEST_NAME], False, text)
+        elif message.get("op") == "send_action_goal":
+            self._goals.refuse(message, text)
         else:
             self.tell("error", text, message.get("id"))
 

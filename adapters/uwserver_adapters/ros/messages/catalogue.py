@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from uwserver.adapter import AdapterContext
 from uwserver.ports import Port
 from uwserver_adapters.ros.messages import acoustic, codec, motion, onboard, water
+from uwserver_adapters.ros.messages.actions import Action, actions
 from uwserver_adapters.ros.messages.commands import Inlet, inlets
 from uwserver_adapters.ros.messages.generated import generated
 from uwserver_adapters.ros.messages.services import Offer, offers
@@ -56,6 +57,7 @@ class Catalogue:
         outlets: all that sensors become; several may share a topic, which is of one type.
         inlets: topic -> what it commands.
         offers: service -> what it asks for.
+        actions: name of an action -> what its goals ask for.
         tf_static: TFMessage of all mounts; latched.
     """
 
@@ -64,6 +66,7 @@ class Catalogue:
     outlets: tuple[Outlet, ...]
     inlets: Mapping[str, Inlet]
     offers: Mapping[str, Offer]
+    actions: Mapping[str, Action]
     tf_static: object
 
     @classmethod
@@ -82,6 +85,7 @@ class Catalogue:
             tuple(outlet for port in sensors for outlet in topics_of(types, facts, port)),
             {inlet.topic: inlet for port in actuators for inlet in inlets(types, port)},
             {offer.name: offer for offer in offers(types, context.services.values(), vehicles)},
+            {action.name: action for action in actions(types, context.services.values())},
             static_transforms(types, facts, [(port.path, port.kind) for port in sensors], pilots),
         )
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from uwserver.frames import rpy_from_quat
+from uwserver.frames import Vec3, rpy_from_quat
 from uwserver.ports import Port
 from uwserver_adapters.ros.messages.frames import attitude, enu, flu
 from uwserver_adapters.ros.messages.generated import definition, field_name, generated_type
@@ -177,11 +177,20 @@ def _attitude(orientation: Any) -> tuple[float, float, float, float] | None:
     return attitude(q)
 
 
-def _pose(message: Any, vehicle: str) -> Value:
+def pose_in_map(message: Any) -> tuple[Vec3, float | None]:
+    """Place (p_N) and heading (rad) of a PoseStamped; None where its orientation is all zero.
+
+    Raises:
+        BadMessage: it is given in another frame, or its orientation is none.
+    """
     _check_frame(message, "map")
-    told: dict[str, object] = {"p_N": list(enu(_parts(message.pose.position)))}
     q = _attitude(message.pose.orientation)
-    return told if q is None else {**told, "heading": rpy_from_quat(q)[2]}
+    return enu(_parts(message.pose.position)), None if q is None else rpy_from_quat(q)[2]
+
+
+def _pose(message: Any, vehicle: str) -> Value:
+    place, heading = pose_in_map(message)
+    return {"p_N": list(place)} if heading is None else {"p_N": list(place), "heading": heading}
 
 
 def _teleport(message: Any, vehicle: str) -> Value:

@@ -1,7 +1,8 @@
 """Types that the stores of rosbags lack: names, fields and constants, as the packages define them, without their comments.
 
 marine_acoustic_msgs 2.1 (BSD-3-Clause, github.com/apl-ocean-engineering/marine_msgs), simulation_interfaces 1.x (Apache-2.0,
-github.com/ros-simulation/simulation_interfaces), std_srvs (Apache-2.0); uwserver_msgs is ours (clients/ros2/uwserver_msgs). Type hashes follow from
+github.com/ros-simulation/simulation_interfaces), std_srvs,
+action_msgs, unique_identifier_msgs (Apache-2.0); uwserver_msgs is ours (clients/ros2/uwserver_msgs). Type hashes follow from
 names and types of fields alone; a test holds them to the published ones.
 """
 
@@ -111,6 +112,8 @@ float64 salinity
 std_msgs/Header header
 float64 data
 """,
+    "unique_identifier_msgs/msg/UUID": "uint8[16] uuid",
+    "action_msgs/msg/GoalInfo": "unique_identifier_msgs/UUID goal_id\nbuiltin_interfaces/Time stamp",
     "simulation_interfaces/msg/Result": """
 uint8 RESULT_FEATURE_UNSUPPORTED=0
 uint8 RESULT_OK=1
@@ -188,6 +191,36 @@ simulation_interfaces/Result result
         "simulation_interfaces/Result result\nstring[] entities",
     ),
     "simulation_interfaces/srv/DeleteEntity": ("string entity", "simulation_interfaces/Result result"),
+    "action_msgs/srv/CancelGoal": (
+        "action_msgs/GoalInfo goal_info",
+        """
+int8 ERROR_NONE=0
+int8 ERROR_REJECTED=1
+int8 ERROR_UNKNOWN_GOAL_ID=2
+int8 ERROR_GOAL_TERMINATED=3
+int8 return_code
+action_msgs/GoalInfo[] goals_canceling
+""",
+    ),
     "uwserver_msgs/srv/Call": ("string service\nstring arguments", "bool success\nstring message\nstring result"),
 }
 """Type -> texts of its request and its response."""
+
+ACTIONS: dict[str, tuple[str, str, str]] = {
+    "uwserver_msgs/action/Goto": (
+        "geometry_msgs/PoseStamped pose\nfloat64 speed\nfloat64 radius",
+        "bool success\nstring message\nfloat64 distance",
+        "float64 progress",
+    ),
+    "uwserver_msgs/action/Mission": (
+        "geometry_msgs/PoseStamped[] poses\nstring items\nuint32 first",
+        "bool success\nstring message\nuint32 reached",
+        "float64 progress",
+    ),
+    "simulation_interfaces/action/SimulateSteps": (
+        "uint64 steps",
+        "simulation_interfaces/Result result",
+        "uint64 completed_steps\nuint64 remaining_steps",
+    ),
+}
+"""Type -> texts of its goal, its result and its feedback."""

@@ -13,7 +13,7 @@ from uwserver_adapters.ros.messages.generated import camel
 from uwserver_adapters.ros.messages.source import ros_name
 from uwserver_adapters.ros.messages.types import BadMessage, Types
 
-_OK, _UNSUPPORTED, _NOT_FOUND, _WRONG_STATE, _FAILED = 1, 0, 2, 3, 4
+OK, _UNSUPPORTED, _NOT_FOUND, _WRONG_STATE, FAILED = 1, 0, 2, 3, 4
 _PLAYING, _PAUSED = 1, 2
 _FEATURES = (1, 20, 22, 24, 25, 26, 31, 32)
 """Of SimulatorFeatures: deleting, reset (and of the state), state getting, setting, pause, stepping single and multiple."""
@@ -101,10 +101,15 @@ def _given(arguments: Iterable[Argument], message: Any) -> Iterator[tuple[str, o
             if not value:
                 continue
             value = value[0]
-        yield argument.name, _json(value, argument.name) if argument.type == "json" else value
+        yield argument.name, json_value(value, argument.name) if argument.type == "json" else value
 
 
-def _json(text: str, where: str) -> object:
+def json_value(text: str, where: str) -> object:
+    """A value that a field holds as JSON.
+
+    Raises:
+        BadMessage: it is none.
+    """
     try:
         return decode(text.encode(), "json")
     except Undecodable as error:
@@ -114,7 +119,7 @@ def _json(text: str, where: str) -> object:
 
 
 def _any_call(message: Any) -> Ask:
-    args = _json(message.arguments, "arguments") if message.arguments else {}
+    args = json_value(message.arguments, "arguments") if message.arguments else {}
     if not isinstance(args, dict):
         raise BadMessage('arguments must be a JSON object, as {"n": 10}')
     return Ask(message.service.strip("/"), args)
@@ -168,7 +173,7 @@ def _simulation(types: Types, known: Mapping[str, Service], vehicles: Callable[[
 
     def told(name: str) -> Callable[[Json, Fault | None], object]:
         def answer(_: Json, fault: Fault | None) -> object:
-            code = _OK if fault is None else _CODES.get(fault.code, _FAILED)
+            code = OK if fault is None else RESULT_CODES.get(fault.code, FAILED)
             return types.make(f"{package}{name}_Response", result=result(code, fault.text if fault else ""))
 
         return answer
@@ -184,12 +189,12 @@ def _simulation(types: Types, known: Mapping[str, Service], vehicles: Callable[[
             return types.make(
                 f"{package}GetEntities_Response", result=result(_UNSUPPORTED, "there are no filters: send none")
             )
-        return types.make(f"{package}GetEntities_Response", result=result(_OK), entities=sorted(vehicles()))
+        return types.make(f"{package}GetEntities_Response", result=result(OK), entities=sorted(vehicles()))
 
     def state(status: Json, fault: Fault | None) -> object:
         paused = isinstance(status, dict) and bool(status.get("paused"))
         return types.make(
-            f"{package}GetSimulationState_Response", result=result(_OK if fault is None else _FAILED),
+            f"{package}GetSimulationState_Response", result=result(OK if fault is None else FAILED),
             state=types.make("simulation_interfaces/msg/SimulationState", state=_PAUSED if paused else _PLAYING),
         )  # fmt: skip
 
@@ -220,4 +225,5 @@ def _simulation(types: Types, known: Mapping[str, Service], vehicles: Callable[[
             yield Offer(f"/uwserver/{name}", package + short, ask, answer)
 
 
-_CODES = {"unknown_port": _NOT_FOUND, "unknown_service": _NOT_FOUND, "busy": _WRONG_STATE}
+RESULT_CODES = {"unknown_port": _NOT_FOUND, "unknown_service": _NOT_FOUND, "busy": _WRONG_STATE}
+"""Fault of the world -> simulation_interfaces/Result; all others are failed operations."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from uwserver.adapter import MESSAGE_LIMIT, CannotServe
-from uwserver_adapters.ros.messages.definitions import MESSAGES, SERVICES
+from uwserver_adapters.ros.messages.definitions import ACTIONS, MESSAGES, SERVICES
 
 DISTROS: dict[str, str] = {
     "noetic": "ROS1_NOETIC",
@@ -76,6 +76,9 @@ class Types:
         self._register({name: text for name, text in MESSAGES.items() if name not in self.store.fielddefs})
         for name, (request, response) in SERVICES.items():
             self.register_service(name, request, response)
+        if not self.is_ros1:
+            for name, parts in ACTIONS.items():
+                self.register_action(name, *parts)
 
     # -- which types there are ---------------------------------------------------------------------------------------------------------
 
@@ -93,6 +96,16 @@ class Types:
         """Add a service type ``package/srv/Name``."""
         self._register({f"{name}_Request": request, f"{name}_Response": response})
         self._services.add(name)
+
+    def register_action(self, name: str, goal: str, result: str, feedback: str) -> None:
+        """Add an action type ``package/action/Name``: the messages and services that it is made of."""
+        key = "unique_identifier_msgs/UUID goal_id"
+        self._register({f"{name}_Goal": goal, f"{name}_Result": result, f"{name}_Feedback": feedback})
+        self._register({f"{name}_FeedbackMessage": f"{key}\n{name}_Feedback feedback"})
+        self.register_service(
+            f"{name}_SendGoal", f"{key}\n{name}_Goal goal", "bool accepted\nbuiltin_interfaces/Time stamp"
+        )
+        self.register_service(f"{name}_GetResult", key, f"int8 status\n{name}_Result result")
 
     def _register(self, texts: dict[str, str]) -> None:
         from rosbags.typesys import get_types_from_msg

@@ -155,7 +155,9 @@ def test_a_fault_of_a_table_costs_its_message_and_is_told():
         assert good.raw is not None
         assert good.plain is not None
         assert (world.stats.errors, world.stats.details["refused"]) == (1, {"encoding": 1})
-        assert world.stats.last_error == "a message of sensor_msgs/msg/LaserScan could not be made: KeyError: 'an angle'"
+        assert (
+            world.stats.last_error == "a message of sensor_msgs/msg/LaserScan could not be made: KeyError: 'an angle'"
+        )
         world.put(both)
         assert told[2][1].raw is not None
 
