@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
-from uwserver.adapter import Conversation
 from uwserver.ports import Progress, Refused, Reply
 from uwserver_adapters.ros.messages.actions import CANCELING, EXECUTING, Action, end_of
-from uwserver_adapters.ros.messages.types import BadMessage, Types
-from uwserver_adapters.ros2.carrier import Carrier, Respond, Writer
+from uwserver_adapters.ros.messages.types import BadMessage
+from uwserver_adapters.ros2.carrier import Host, Respond
 
 GOALS = 64
 """Goals of an action that are under way at once; and as many that have ended and are remembered, the oldest make way."""
@@ -20,26 +19,6 @@ _NONE, _REJECTED, _UNKNOWN, _TERMINATED = 0, 1, 2, 3
 """Return codes of action_msgs/CancelGoal."""
 _CANCEL = "action_msgs/srv/CancelGoal"
 _STATUS = "action_msgs/msg/GoalStatusArray"
-
-
-class Node(Protocol):
-    """What an action needs of its node."""
-
-    types: Types
-    carrier: Carrier
-    conversation: Conversation
-
-    def send(self, topic: str, writer: Writer, data: bytes) -> None:
-        """A message of a topic."""
-
-    def refuse(self, cause: str, text: str) -> None:
-        """What a peer asked for was not done: counted and told."""
-
-    def stamp(self) -> Any:
-        """The time."""
-
-    def action(self, name: str) -> Action | None:
-        """The action as the world has it now."""
 
 
 class _Goal:
@@ -73,7 +52,7 @@ class ActionServer:
         action: its name and type.
     """
 
-    def __init__(self, node: Node, action: Action) -> None:
+    def __init__(self, node: Host, action: Action) -> None:
         self._node, self._name, self._type = node, action.name, action.type
         self._goals: dict[bytes, _Goal] = {}
         self._is_heard = False

@@ -1,9 +1,14 @@
-"""What a transport does for a node of ROS 2."""
+"""What a transport does for a node of ROS 2, and what the parts of the node may ask of it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Protocol
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
+
+from uwserver.adapter import Conversation
+from uwserver_adapters.ros.messages.actions import Action
+from uwserver_adapters.ros.messages.settings import Setting
+from uwserver_adapters.ros.messages.types import Types
 
 
 class Writer(Protocol):
@@ -35,3 +40,32 @@ class Carrier(Protocol):
 
     def serve(self, service: str, type_name: str, take: Callable[[bytes, str, Respond], None]) -> Callable[[], None]:
         """Offer a service; the returned function ends it."""
+
+
+class Host(Protocol):
+    """The node, as its actions and parameters see it; all on the loop.
+
+    Attributes:
+        types: of the distribution.
+        carrier: its transport.
+        conversation: in which all is asked of the world.
+    """
+
+    types: Types
+    carrier: Carrier
+    conversation: Conversation
+
+    def send(self, topic: str, writer: Writer, data: bytes) -> None:
+        """A message of a topic."""
+
+    def refuse(self, cause: str, text: str) -> None:
+        """What a peer asked for was not done: counted and told."""
+
+    def stamp(self) -> Any:
+        """The time."""
+
+    def action(self, name: str) -> Action | None:
+        """The action as the world has it now."""
+
+    def settings(self) -> Mapping[str, Setting]:
+        """Parameters as the world has them now."""

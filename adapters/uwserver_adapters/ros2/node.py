@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 from uwserver.adapter import AdapterContext, Conversation, Refusals
@@ -12,11 +12,13 @@ from uwserver_adapters.ros.feed import Feed, Told, call, command
 from uwserver_adapters.ros.messages.actions import Action
 from uwserver_adapters.ros.messages.commands import Inlet
 from uwserver_adapters.ros.messages.services import Offer
+from uwserver_adapters.ros.messages.settings import Setting
 from uwserver_adapters.ros.messages.source import Facts
 from uwserver_adapters.ros.messages.types import BadMessage, Types
 from uwserver_adapters.ros2.actions import ActionServer
 from uwserver_adapters.ros2.carrier import Carrier, Respond, Writer
 from uwserver_adapters.ros2.config import Ros2Config
+from uwserver_adapters.ros2.parameters import ParameterServer
 
 log = logging.getLogger(__name__)
 
@@ -47,6 +49,7 @@ class Node:
         self._heard: set[str] = set()
         self._inlets: dict[tuple[str, str], Callable[[], None]] = {}
         self._offers: dict[tuple[str, str], Callable[[], None]] = {}
+        self._parameters: ParameterServer | None = None
         self._actions: dict[tuple[str, str], ActionServer] = {}
         facts = Facts(geoid_m=config.geoid_m, tf=config.tf)
         self.feed = Feed(context, refusals, self.types, facts, self._deliver, config.clock_hz, self._follow)
@@ -86,6 +89,8 @@ class Node:
         _close_others(self._offers, offered)
         for service, kind in offered - self._offers.keys():
             self._offers[service, kind] = carrier.serve(service, kind, self._server(service))
+        if self._parameters is None:
+            self._parameters = ParameterServer(self, f"/{self._config.node}")
         actions = {(a.name, a.type): a for a in catalogue.actions.values()}
         for gone in self._actions.keys() - actions.keys():
             self._actions.pop(gone).close()
@@ -213,6 +218,10 @@ class Node:
     def action(self, name: str) -> Action | None:
         """The action as the world has it now."""
         return self.feed.catalogue.actions.get(name)
+
+    def settings(self) -> Mapping[str, Setting]:
+        """Parameters as the world has them now."""
+        return self.feed.catalogue.settings
 
     async def close(self) -> None:
         """It has gone."""

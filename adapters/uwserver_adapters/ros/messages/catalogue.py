@@ -12,6 +12,7 @@ from uwserver_adapters.ros.messages.actions import Action, actions
 from uwserver_adapters.ros.messages.commands import Inlet, inlets
 from uwserver_adapters.ros.messages.generated import generated
 from uwserver_adapters.ros.messages.services import Offer, offers
+from uwserver_adapters.ros.messages.settings import Setting, settings
 from uwserver_adapters.ros.messages.source import Facts, Outlet, Source
 from uwserver_adapters.ros.messages.transforms import static_transforms
 from uwserver_adapters.ros.messages.types import Types
@@ -58,6 +59,7 @@ class Catalogue:
         inlets: topic -> what it commands.
         offers: service -> what it asks for.
         actions: name of an action -> what its goals ask for.
+        settings: name of a parameter -> how it is read and changed.
         tf_static: TFMessage of all mounts; latched.
     """
 
@@ -67,6 +69,7 @@ class Catalogue:
     inlets: Mapping[str, Inlet]
     offers: Mapping[str, Offer]
     actions: Mapping[str, Action]
+    settings: Mapping[str, Setting]
     tf_static: object
 
     @classmethod
@@ -86,6 +89,7 @@ class Catalogue:
             {inlet.topic: inlet for port in actuators for inlet in inlets(types, port)},
             {offer.name: offer for offer in offers(types, context.services.values(), vehicles)},
             {action.name: action for action in actions(types, context.services.values())},
+            {setting.name: setting for setting in settings(context.services.values())},
             static_transforms(types, facts, [(port.path, port.kind) for port in sensors], pilots),
         )
 

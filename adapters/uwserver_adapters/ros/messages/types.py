@@ -75,7 +75,8 @@ class Types:
         self.generated: dict[str, str] = {}
         self._register({name: text for name, text in MESSAGES.items() if name not in self.store.fielddefs})
         for name, (request, response) in SERVICES.items():
-            self.register_service(name, request, response)
+            if not (self.is_ros1 and name.startswith("rcl_interfaces/")):
+                self.register_service(name, request, response)
         if not self.is_ros1:
             for name, parts in ACTIONS.items():
                 self.register_action(name, *parts)
@@ -140,6 +141,13 @@ class Types:
         if given.keys() <= fields.keys():
             return self.store.types[name](**{**fields, **given})
         return self.store.types[name](**{key: given.get(key, value) for key, value in fields.items()})
+
+    def filled(self, name: str, field: str, value: Any) -> Any:
+        """A value as a field of a message holds it: a list of numbers is an array there."""
+        kind, what = dict(self.fields(name))[field]
+        if kind in (ARRAY, SEQUENCE) and what[0][0] == BASE and what[0][1][0] in DTYPES:
+            return np.array(value, DTYPES[what[0][1][0]])
+        return value
 
     def _blank(self, name: str) -> dict[str, Any]:
         blank = self._defaults.get(name)

@@ -6,6 +6,7 @@ import asyncio
 
 import numpy as np
 import pytest
+from ros2_rig import Rig, Wire, story
 from ros_rig import flying
 from uwserver_adapters.ros.messages import Types
 from uwserver_adapters.ros2.actions import GOALS
@@ -20,56 +21,8 @@ RESULT, CANCEL = "uwserver_msgs/action/Goto_GetResult", "action_msgs/srv/CancelG
 EXECUTING, CANCELING, SUCCEEDED, CANCELED, ABORTED = 2, 3, 4, 5, 6
 
 
-class Wire:
-    """A transport that a test reads and writes: implements `Carrier`."""
-
-    def __init__(self, types):
-        self.types, self.said, self.services, self.heard = types, [], {}, {}
-
-    def advertise(self, topic, type_name, latched, heard):
-        self.heard[topic] = heard
-        wire = self
-
-        class Writer:
-            is_latched = latched
-
-            def put(self, data):
-                wire.said.append((topic, wire.types.from_cdr(data, type_name)))
-                return True
-
-            def close(self):
-                del wire.heard[topic]
-
-        return Writer()
-
-    def listen(self, topic, type_name, take):
-        return lambda: None
-
-    def serve(self, service, type_name, take):
-        self.services[service] = (type_name, take)
-        return lambda: self.services.pop(service)
-
-    def call(self, service, data=None, **fields):
-        """Answers so far."""
-        kind, take = self.services[service]
-        answers = []
-        sent = self.types.cdr(self.types.make(f"{kind}_Request", **fields)) if data is None else data
-        take(sent, "peer", lambda body: answers.append(self.types.from_cdr(body, f"{kind}_Response")))
-        return answers
-
-    def of(self, topic):
-        return [message for name, message in self.said if name == topic]
-
-
-class Rig:
-    """A node on such a transport, with an autopilot whose ways the test ends."""
-
-    def __init__(self):
-        self.world, self.types = flying(), Types()
-        self.wire = Wire(self.types)
-        refusals = Refusals("ros2", self.world.stats, asyncio.get_running_loop().time)
-        self.node = Node(self.world, Ros2Config(domain=0), refusals, self.wire, self.types)
-        self.node.feed.begin()
+class Goals(Rig):
+    """What a client does with `/rov/goto`."""
 
     def uuid(self, number):
         made = np.full(16, number, np.uint8)
@@ -101,22 +54,7 @@ class Rig:
         return [call for call in self.world.calls if call.service == "rov/autopilot/goto" and not call.is_done]
 
 
-def story(work):
-    """A test that has a rig."""
-
-    def test():
-        async def told():
-            rig = Rig()
-            await work(rig) if asyncio.iscoroutinefunction(work) else work(rig)
-            await rig.node.close()
-
-        asyncio.run(asyncio.wait_for(told(), 20))
-
-    test.__name__, test.__doc__ = work.__name__, work.__doc__
-    return test
-
-
-@story
+@story(Goals)
 def test_a_goal_is_accepted_tells_where_it_is_and_ends(rig):
     answer = rig.send()
     assert (answer.accepted, rig.statuses) == (True, [EXECUTING])
@@ -137,7 +75,7 @@ def test_a_goal_is_accepted_tells_where_it_is_and_ends(rig):
     assert rig.result(9)[0].status == 0
 
 
-@story
+@story(Goals)
 def test_a_goal_that_the_world_ends_is_aborted_and_says_why(rig):
     rig.send()
     rig.running[0].finish(Reply(5, 20, fault=Fault("denied", "the autopilot is not armed")))
@@ -145,7 +83,7 @@ def test_a_goal_that_the_world_ends_is_aborted_and_says_why(rig):
     assert (told.status, told.result.success, told.result.message) == (ABORTED, False, "the autopilot is not armed")
 
 
-@story
+@story(Goals)
 def test_goals_are_cancelled_by_id(rig):
     rig.send(1)
     rig.send(2)
@@ -158,7 +96,7 @@ def test_goals_are_cancelled_by_id(rig):
     assert len(rig.running) == 1
 
 
-@story
+@story(Goals)
 def test_goals_are_cancelled_all_or_until_a_time(rig):
     times = iter((10**9, 2 * 10**9, 3 * 10**9))
     rig.node.feed.now_ns = lambda: next(times)
@@ -170,7 +108,7 @@ def test_goals_are_cancelled_all_or_until_a_time(rig):
     assert rig.cancel().return_code == 0  # none is left, and none was asked for by name
 
 
-@story
+@story(Goals)
 def test_what_cannot_be_done_is_not_accepted(rig):
     fields = rig.goal()
     fields["goal"].speed = float("nan")
@@ -190,7 +128,7 @@ def test_what_cannot_be_done_is_not_accepted(rig):
     assert lost.return_code == 1
 
 
-@story
+@story(Goals)
 def test_what_is_remembered_is_bounded(rig):
     for number in range(1, GOALS + 1):
         assert rig.send(number).accepted
@@ -205,7 +143,7 @@ def test_what_is_remembered_is_bounded(rig):
     assert rig.result(GOALS + 3)[0].status == SUCCEEDED
 
 
-@story
+@story(Goals)
 def test_actions_come_and_go_with_the_world(rig):
     assert {name for name in rig.wire.services if "/goto/_action/" in name} == {
         f"/rov/goto/_action/{part}" for part in ("send_goal", "cancel_goal", "get_result")

@@ -16,7 +16,7 @@ from uwserver_adapters.ros.messages import Types
 from uwserver_adapters.rosbridge import RosbridgeAdapter, subscriptions
 from uwserver_adapters.rosbridge.config import RosbridgeConfig
 
-from uwserver.ports import Event, Refused, Reply, Sample
+from uwserver.ports import Argument, Event, Refused, Reply, Sample, Service
 
 
 class Client:
@@ -754,5 +754,45 @@ def test_rosapi_tells_actions():
             assert told["values"]["typedefs"][0]["fieldnames"] == ["pose", "speed", "radius"]
             lost = await client.call("/rosapi/action_result_details", {"type": "a/action/B"})
             assert (lost["result"], "no action type" in lost["values"]) == (False, True)
+
+    run(story)
+
+
+# -- parameters -----------------------------------------------------------------------------------------------------------------------------
+
+
+def settable():
+    made = context()
+    rate = Argument("rate_hz", "float", "samples a second", "Hz", required=False)
+    made.services = {
+        **made.services,
+        "rov/imu/get": Service("rov/imu/get", "Of an IMU."),
+        "rov/imu/set": Service("rov/imu/set", "Of an IMU.", (rate,)),
+    }
+    made.scripts["rov/imu/get"] = lambda _: {"rate_hz": 100.0}
+    return made
+
+
+def test_parameters_are_read_and_changed():
+    async def story():
+        async with bridge(made=settable()) as (world, client):
+
+            async def ask(service, **args):
+                return await client.call(f"/rosapi/{service}", args)
+
+            names = (await ask("get_param_names"))["values"]["names"]
+            assert names == ["/uwserver:rov.imu.rate_hz"]
+            for name in (*names, "rov.imu.rate_hz", "/rov/imu/rate_hz"):
+                assert (await ask("get_param", name=name))["values"]["value"] == "100.0"
+                assert (await ask("has_param", name=name))["values"]["exists"] is True
+            told = (await ask("set_param", name=names[0], value="50"))["values"]
+            assert told == {"successful": True, "reason": ""}
+            assert [call.args for call in world.calls if call.service == "rov/imu/set"] == [{"rate_hz": 50.0}]
+            told = (await ask("set_param", name=names[0], value='"fast"'))["values"]
+            assert told == {"successful": False, "reason": "rov.imu.rate_hz must be a number"}
+            lost = await ask("set_param", name=names[0], value="fast")
+            assert (lost["result"], "must be JSON" in lost["values"]) == (False, True)
+            assert (await ask("get_param", name="rov.imu.rate", default_value="7"))["values"]["value"] == "7"
+            assert (await ask("delete_param", name=names[0]))["values"]["successful"] is False
 
     run(story)

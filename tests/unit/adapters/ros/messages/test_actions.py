@@ -49,6 +49,8 @@ def test_hashes_are_those_that_rosidl_publishes():
     assert types.hash("action_msgs/srv/CancelGoal") == cancel
     status = "RIHS01_6c1684b00f177d37438febe6e709fc4e2b0d4248dca4854946f9ed8b30cda83e"
     assert types.hash("action_msgs/msg/GoalStatusArray") == status
+    get = "RIHS01_bf9803d5c74cf989a5de3e0c2e99444599a627c7ff75f97b8c05b01003675cbc"
+    assert types.hash("rcl_interfaces/srv/GetParameters") == get
 
 
 @pytest.mark.parametrize("distro", ["humble", "jazzy", "kilted", "rolling"])
