@@ -15,7 +15,7 @@ from uwserver.ports import Buffer, Cast, Event, Present, Refused, Reply, Sample,
 from uwserver_adapters.ros.messages.catalogue import CLOCK, TF_STATIC, Catalogue
 from uwserver_adapters.ros.messages.commands import Inlet, Value
 from uwserver_adapters.ros.messages.plain import plain
-from uwserver_adapters.ros.messages.services import Ask, Offer
+from uwserver_adapters.ros.messages.services import Ask, Errand, Offer
 from uwserver_adapters.ros.messages.source import Facts, Outlet, mounts_of
 from uwserver_adapters.ros.messages.types import BadMessage, Types
 
@@ -342,8 +342,14 @@ def call(conversation: Conversation, offer: Offer, request: Any, answered: Answe
     except BadMessage as bad:
         answered(None, str(bad))
         return
+    if isinstance(asked, Errand):
+        try:
+            asked.begin(conversation, answered)
+        except (BadMessage, Refused) as wrong:
+            answered(None, wrong.fault.text if isinstance(wrong, Refused) else str(wrong))
+        return
     if not isinstance(asked, Ask):
-        answered(asked, "")
+        answered(asked, getattr(getattr(asked, "result", None), "error_message", ""))
         return
 
     def reply(outcome: Reply) -> None:

@@ -59,7 +59,7 @@ class Node:
         self.uris = ("", "")
         self.tcpros: tuple[str, int] = ("", 0)
         self.master = config.master or os.environ.get("ROS_MASTER_URI") or "http://127.0.0.1:11311"
-        facts = Facts(geoid_m=config.geoid_m, tf=config.tf)
+        facts = Facts(geoid_m=config.geoid_m, truth=config.truth, tf=config.tf)
         self.feed = Feed(context, refusals, self.types, facts, self._deliver, config.clock_hz, self._ports_changed)
         self._refusals = refusals
         self._conversation = Conversation(context, config.node.strip("/") or "ros1")

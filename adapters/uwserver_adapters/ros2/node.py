@@ -51,7 +51,7 @@ class Node:
         self._offers: dict[tuple[str, str], Callable[[], None]] = {}
         self._parameters: ParameterServer | None = None
         self._actions: dict[tuple[str, str], ActionServer] = {}
-        facts = Facts(geoid_m=config.geoid_m, tf=config.tf)
+        facts = Facts(geoid_m=config.geoid_m, truth=config.truth, tf=config.tf)
         self.feed = Feed(context, refusals, self.types, facts, self._deliver, config.clock_hz, self._follow)
 
     # -- what there is ----------------------------------------------------------------------------------------------------------------------

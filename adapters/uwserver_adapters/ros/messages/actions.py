@@ -10,7 +10,8 @@ from typing import Any
 from uwserver.ports import Fault, Json, Service
 from uwserver_adapters.ros.messages.codec import heading_deg
 from uwserver_adapters.ros.messages.commands import pose_in_map
-from uwserver_adapters.ros.messages.services import FAILED, OK, RESULT_CODES, Ask, json_value
+from uwserver_adapters.ros.messages.entities import result_of
+from uwserver_adapters.ros.messages.services import Ask, json_value
 from uwserver_adapters.ros.messages.source import ros_name
 from uwserver_adapters.ros.messages.types import BadMessage, Types
 
@@ -115,9 +116,7 @@ def _waypoint(pose: Any) -> dict[str, object]:
 
 def _steps(types: Types) -> Action:
     def result(_: Json, fault: Fault | None) -> object:
-        code = OK if fault is None else RESULT_CODES.get(fault.code, FAILED)
-        told = types.make("simulation_interfaces/msg/Result", result=code, error_message=_why(fault))
-        return types.make(f"{STEPS}_Result", result=told)
+        return types.make(f"{STEPS}_Result", result=result_of(types, fault))
 
     def feedback(goal: Any, part: float) -> object:
         done = min(goal.steps, max(0, round(goal.steps * part)))

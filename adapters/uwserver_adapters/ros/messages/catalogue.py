@@ -13,6 +13,7 @@ from uwserver_adapters.ros.messages.commands import Inlet, inlets
 from uwserver_adapters.ros.messages.generated import generated
 from uwserver_adapters.ros.messages.services import Offer, offers
 from uwserver_adapters.ros.messages.settings import Setting, settings
+from uwserver_adapters.ros.messages.simulation import simulation
 from uwserver_adapters.ros.messages.source import Facts, Outlet, Source
 from uwserver_adapters.ros.messages.transforms import static_transforms
 from uwserver_adapters.ros.messages.types import Types
@@ -78,16 +79,16 @@ class Catalogue:
         sensors = [port for port in context.ports.values() if port.direction == "sensor"]
         actuators = [port for port in context.ports.values() if port.direction == "actuator"]
 
-        def vehicles() -> list[str]:
-            return [vehicle.name for vehicle in context.world.vehicles]
-
         pilots = [port.path.split("/")[0] for port in sensors if port.kind == "autopilot"]
         return cls(
             types,
             facts,
             tuple(outlet for port in sensors for outlet in topics_of(types, facts, port)),
             {inlet.topic: inlet for port in actuators for inlet in inlets(types, port)},
-            {offer.name: offer for offer in offers(types, context.services.values(), vehicles)},
+            {
+                offer.name: offer
+                for offer in (*offers(types, context.services.values()), *simulation(types, facts, context))
+            },
             {action.name: action for action in actions(types, context.services.values())},
             {setting.name: setting for setting in settings(context.services.values())},
             static_transforms(types, facts, [(port.path, port.kind) for port in sensors], pilots),

@@ -160,6 +160,22 @@ simulation_interfaces/EntityCategory[] categories
 simulation_interfaces/TagsFilter tags
 simulation_interfaces/Bounds bounds
 """,
+    "simulation_interfaces/msg/EntityState": """
+std_msgs/Header header
+geometry_msgs/Pose pose
+geometry_msgs/Twist twist
+geometry_msgs/Accel acceleration
+""",
+    "simulation_interfaces/msg/EntityInfo": """
+simulation_interfaces/EntityCategory category
+string description
+string[] tags
+""",
+    "simulation_interfaces/msg/Spawnable": """
+string uri
+string description
+simulation_interfaces/Bounds spawn_bounds
+""",
 }
 """Type -> text of its .msg file, nested types by their full names."""
 
@@ -189,6 +205,49 @@ simulation_interfaces/Result result
     "simulation_interfaces/srv/GetEntities": (
         "simulation_interfaces/EntityFilters filters",
         "simulation_interfaces/Result result\nstring[] entities",
+    ),
+    "simulation_interfaces/srv/GetEntitiesStates": (
+        "simulation_interfaces/EntityFilters filters",
+        "simulation_interfaces/Result result\nstring[] entities\nsimulation_interfaces/EntityState[] states",
+    ),
+    "simulation_interfaces/srv/GetEntityState": (
+        "string entity",
+        "simulation_interfaces/Result result\nsimulation_interfaces/EntityState state",
+    ),
+    "simulation_interfaces/srv/SetEntityState": (
+        "string entity\nsimulation_interfaces/EntityState state",
+        "uint8 INVALID_POSE=101\nsimulation_interfaces/Result result",
+    ),
+    "simulation_interfaces/srv/GetEntityInfo": (
+        "string entity",
+        "simulation_interfaces/Result result\nsimulation_interfaces/EntityInfo info",
+    ),
+    "simulation_interfaces/srv/GetSpawnables": (
+        "string[] sources",
+        "simulation_interfaces/Result result\nsimulation_interfaces/Spawnable[] spawnables",
+    ),
+    "simulation_interfaces/srv/SpawnEntity": (
+        """
+string name
+bool allow_renaming
+string uri
+string resource_string
+string entity_namespace
+geometry_msgs/PoseStamped initial_pose
+""",
+        """
+uint8 NAME_NOT_UNIQUE=101
+uint8 NAME_INVALID=102
+uint8 UNSUPPORTED_FORMAT=103
+uint8 NO_RESOURCE=104
+uint8 NAMESPACE_INVALID=105
+uint8 RESOURCE_PARSE_ERROR=106
+uint8 MISSING_ASSETS=107
+uint8 UNSUPPORTED_ASSETS=108
+uint8 INVALID_POSE=109
+simulation_interfaces/Result result
+string entity_name
+""",
     ),
     "simulation_interfaces/srv/DeleteEntity": ("string entity", "simulation_interfaces/Result result"),
     "action_msgs/srv/CancelGoal": (
@@ -239,3 +298,30 @@ ACTIONS: dict[str, tuple[str, str, str]] = {
     ),
 }
 """Type -> texts of its goal, its result and its feedback."""
+
+NEWER_MESSAGES: dict[str, str] = {
+    "simulation_interfaces/msg/Resource": "string uri\nstring resource_string",
+    "simulation_interfaces/msg/Spawnable": """
+simulation_interfaces/Resource entity_resource
+string description
+simulation_interfaces/Bounds spawn_bounds
+""",
+}
+"""Of rolling, which has simulation_interfaces 2.1; kilted, jazzy and humble have 1.x."""
+NEWER_REQUESTS: dict[str, str] = {
+    "simulation_interfaces/srv/SetEntityState": """
+string entity
+simulation_interfaces/EntityState state
+bool set_pose
+bool set_twist
+bool set_acceleration
+""",
+    "simulation_interfaces/srv/SpawnEntity": """
+string name
+bool allow_renaming
+simulation_interfaces/Resource entity_resource
+string entity_namespace
+geometry_msgs/PoseStamped initial_pose
+""",
+}
+"""Likewise of services."""

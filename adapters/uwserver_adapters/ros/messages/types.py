@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from uwserver.adapter import MESSAGE_LIMIT, CannotServe
-from uwserver_adapters.ros.messages.definitions import ACTIONS, MESSAGES, SERVICES
+from uwserver_adapters.ros.messages.definitions import ACTIONS, MESSAGES, NEWER_MESSAGES, NEWER_REQUESTS, SERVICES
 
 DISTROS: dict[str, str] = {
     "noetic": "ROS1_NOETIC",
@@ -73,10 +73,12 @@ class Types:
         self._most_bytes: dict[str, int] = {}
         self._services: set[str] = set()
         self.generated: dict[str, str] = {}
-        self._register({name: text for name, text in MESSAGES.items() if name not in self.store.fielddefs})
+        messages = {**MESSAGES, **(NEWER_MESSAGES if distro == "rolling" else {})}
+        self._register({name: text for name, text in messages.items() if name not in self.store.fielddefs})
         for name, (request, response) in SERVICES.items():
             if not (self.is_ros1 and name.startswith("rcl_interfaces/")):
-                self.register_service(name, request, response)
+                newer = NEWER_REQUESTS.get(name) if distro == "rolling" else None
+                self.register_service(name, newer or request, response)
         if not self.is_ros1:
             for name, parts in ACTIONS.items():
                 self.register_action(name, *parts)
