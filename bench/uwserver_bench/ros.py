@@ -45,13 +45,13 @@ def bench_ros(quick: bool, say: Callable[[str], None]) -> list[Row]:
         return outlet.make(_SAMPLE)
 
     def cdr() -> object:
-        return Told(types, outlet.type, _SAMPLE, outlet).raw
+        return Told(types, outlet.type, _fail, _SAMPLE, outlet).raw
 
     def long_way() -> object:
         return types.cdr(message())
 
     def text() -> object:
-        return published(outlet.topic, Told(types, outlet.type, _SAMPLE, outlet).plain, "none")
+        return published(outlet.topic, Told(types, outlet.type, _fail, _SAMPLE, outlet).plain, "none")
 
     def image() -> object:
         header = types.header(0, "rov/camera")
@@ -98,12 +98,16 @@ def _write(types: Types, outlet: Outlet, repeats: int, times: int) -> Row:
     participant = DomainParticipant(number)
     topic = Topic(participant, "rt/rov/imu", Classes(types).of(outlet.type))
     writer = DataWriter(participant, topic, qos=endpoint_qos(types.hash(outlet.type)))
-    data = Told(types, outlet.type, _SAMPLE, outlet).raw
+    data = Told(types, outlet.type, _fail, _SAMPLE, outlet).raw
     if data is None:
         raise BenchFailed("no Imu was made")
     row = _row(name, "us", lambda: write(writer, data), repeats, times, 1e3, WRITE_BAR_US)
     del domain  # it must outlive what is on it
     return row
+
+
+def _fail(type_name: str, error: Exception) -> None:
+    raise BenchFailed(f"{type_name} was not made: {error}")
 
 
 def _row(

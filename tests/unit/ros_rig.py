@@ -7,7 +7,7 @@ import math
 import numpy as np
 from uwserver_adapters.ros.messages import Catalogue, Facts, Mount, Types
 
-from uwserver.ports import BeamView, Buffer, FanView, Field, Layout, Port, Propulsor, Sample
+from uwserver.ports import Argument, BeamView, Buffer, FanView, Field, Layout, Port, Propulsor, Sample, Service
 from uwserver.testing.fake_context import SERVICES, FakeContext
 
 EPOCH_NS = 1_767_225_600_000_000_000
@@ -154,6 +154,22 @@ def sample(port, valid=True, **changed):
     return Sample(port.path, 3, T_NS, T_NS, valid, tuple({**values, **changed}.values()))
 
 
+FLOWN = (
+    Service(
+        "rov/autopilot/goto", "Go to a place.", (
+            Argument("position_ned_m", "float", "place", "m", shape=(3,), minimum=-1e6, maximum=1e6),
+            Argument("heading_deg", "float", "heading", required=False), Argument("speed_mps", "float", "speed", required=False, minimum=0.01),
+            Argument("radius_m", "float", "nearness", required=False, minimum=0.01),
+        ), long_running=True,
+    ),
+    Service(
+        "rov/autopilot/fly_mission", "Fly a mission.", (
+            Argument("items", "json", "of it", required=False), Argument("index", "int", "the first", required=False, default=0),
+        ), long_running=True,
+    ),
+)  # fmt: skip
+"""What an autopilot does that takes long."""
+
 PORTS = {port.path: port for port in TABLE}
 
 
@@ -161,6 +177,14 @@ def context():
     """A server with one port of each kind."""
     made = FakeContext(services={service.path: service for service in SERVICES})
     made.ports = {**PORTS, **{port.path: port for port in ACTUATORS}}
+    return made
+
+
+def flying():
+    """The same with an autopilot whose ways the test ends."""
+    made = context()
+    made.services = {**made.services, **{service.path: service for service in FLOWN}}
+    made.held |= {service.path for service in FLOWN}
     return made
 
 

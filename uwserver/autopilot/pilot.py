@@ -52,6 +52,7 @@ class Autopilot:
         self.set_points: dict[str, Held] = {}
         self._now, self._say = now, say
         self._errand: Later | None = None
+        self._errand_name = ""
         self._answers = answers
 
     def begin(self) -> None:
@@ -93,6 +94,7 @@ class Autopilot:
             return STEER
         if need == DONE:
             self._say(f'"{craft.path}" {route.end(o)}')
+            self._tell_mission()
         elif need == ARRIVED:
             o.settled = True
             self._end(None)
@@ -257,6 +259,7 @@ class Autopilot:
         o.items, o.index, o.reached = items, -1, 0
         o.entered, o.waited, o.pace, o.bound = False, 0.0, NAN, NAN
         if o.mode == "mission":
+            self.preempt("the mission was replaced")
             self.hold()
 
     def start_mission(self, index: int) -> None:
@@ -265,15 +268,20 @@ class Autopilot:
         Raises:
             Refused: there is none, no such item, not armed, or the mode cannot work.
         """
-        o = self.orders
-        if not o.items:
-            raise Refused("denied", self._no_mission, "index")
-        if index >= len(o.items):
-            raise Refused("out_of_range", f"the mission has {len(o.items)} items, from 0 on", "index")
-        if not o.armed:
-            raise Refused("denied", f"the autopilot is not armed: call {self.craft.path}/arm first", "index")
+        self._check_mission(self.orders.items, index)
         self.set_mode("mission")
+        o = self.orders
         o.index, o.reached, o.pace, o.bound = index, 0, NAN, NAN
+
+    def _check_mission(self, items: tuple[Item, ...], index: int) -> None:
+        if not items:
+            raise Refused("denied", self._no_mission, "index")
+        if index >= len(items):
+            raise Refused("out_of_range", f"the mission has {len(items)} items, from 0 on", "index")
+        if not self.orders.armed:
+            raise Refused("denied", f"the autopilot is not armed: call {self.craft.path}/arm first", "index")
+        if lost := missing("mission", self.known):
+            raise Refused("denied", f"mission has {REMEDY[lost]}", "mode")
 
     def moved(self) -> None:
         """The dead reckoning was corrected: what no command has given stays where the vehicle is."""
@@ -298,23 +306,54 @@ class Autopilot:
         o, e = self.orders, self.estimate
         route.set_course(o, e, place, heading, speed, self.craft.arrival_m if radius is None else radius)
         o.length = max(route.distance(o, e), 1e-9)
-        self._errand = Later(self._answers)
+        self._errand, self._errand_name = Later(self._answers), "goto"
         self.seat.row["c"]["errand"], self.seat.row["c"]["silence"] = 1, 0.0
         return self._errand
+
+    def fly(self, items: tuple[Item, ...] | None, index: int) -> Later:
+        """Fly a mission from this item on; the call is answered when its last item is done.
+
+        Args:
+            items: of the mission; None for the one that is there.
+            index: of the first item.
+
+        Raises:
+            Refused: see `start_mission`. Nothing has changed then.
+        """
+        self._check_mission(self.orders.items if items is None else items, index)
+        if items is not None:
+            self.set_mission(items)
+        self.start_mission(index)
+        self._errand, self._errand_name = Later(self._answers), "fly_mission"
+        return self._errand
+
+    def _tell_mission(self) -> None:
+        """An item of a mission is done."""
+        o = self.orders
+        if self._errand is None or self._errand_name != "fly_mission":
+            return
+        if o.index < 0:
+            self._end(None)
+        else:
+            self._errand.progress(o.index / len(o.items), self.t_ns)
 
     def preempt(self, why: str) -> None:
         """End the errand under way, if there is one."""
         if self._errand is not None:
-            self._end(Fault("preempted", why, f"{self.craft.path}/goto"))
+            self._end(Fault("preempted", why, f"{self.craft.path}/{self._errand_name}"))
 
     def _end(self, fault: Fault | None) -> None:
         errand, self._errand = self._errand, None
         self.seat.row["c"]["errand"] = 0
         assert errand is not None
         tick, t_ns = self._now()
+        errand.finish(tick, t_ns, None if fault is not None else self._outcome(), fault)
+
+    def _outcome(self) -> Json:
+        if self._errand_name == "fly_mission":
+            return {"reached": self.orders.reached}
         away = route.distance(self.orders, self.estimate)
-        result: Json = None if fault is not None or math.isnan(away) else {"distance_m": away}
-        errand.finish(tick, t_ns, result, fault)
+        return None if math.isnan(away) else {"distance_m": away}
 
     # -- state ----------------------------------------------------------------------------------------------------------------------
 

@@ -37,6 +37,7 @@ _SPEED = Argument(
     "speed_mps", "float", "speed on the way; default: cruise_mps", "m/s", required=False, minimum=0.01, maximum=20.0
 )
 _ITEMS = Argument("items", "json", "list of waypoint, hold, speed, heading and surface items")
+_FLOWN = Argument("items", "json", "of the mission; default: the one that is there", required=False)
 _INDEX = Argument("index", "int", "item to begin with", required=False, default=0, minimum=0, maximum=1e6)
 _NAME = Argument("name", "str", "as get_gains tells them", choices=Gains.__struct_fields__)
 _VALUE = Argument("value", "float", "in the unit that its name or its text says")
@@ -106,6 +107,16 @@ def _ways(path: str, pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
         pilot.start_mission(cast(int, args["index"]))
         return None
 
+    def fly_mission(args: Asked) -> Later:
+        given = args["items"]
+        return pilot.fly(None if given is None else read_items(given), cast(int, args["index"]))
+
+    def cancel_fly_mission(_: Asked) -> Json:
+        if pilot.orders.mode == "mission":
+            pilot.preempt("cancelled by the caller")
+            pilot.set_mode("position_hold")
+        return None
+
     def clear_mission(_: Asked) -> Json:
         pilot.set_mission(())
         return None
@@ -116,12 +127,16 @@ def _ways(path: str, pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
     put = "Replace the mission; if anything is wrong with the new one, nothing changes."
     show = "The mission, the item under way (-1 for none) and how many are done."
     begin = "Begin mode mission with this item; the autopilot must be armed."
+    fly = "Fly a mission (items as for set_mission; default: the one that is there) from this item on; replies when its last item is done."
+    leave = "End the fly_mission under way, and hold where the vehicle is."
     clear = "Remove the mission; a vehicle under way holds where it is."
     yield Service(f"{path}/goto", go, (_PLACE, _HEADING, _SPEED, radius), long_running=True), goto
     yield Service(f"{path}/cancel_goto", "End the goto under way, and hold where the vehicle is."), cancel_goto
     yield Service(f"{path}/set_mission", put, (_ITEMS,)), set_mission
     yield Service(f"{path}/get_mission", show), get_mission
     yield Service(f"{path}/start_mission", begin, (_INDEX,)), start_mission
+    yield Service(f"{path}/fly_mission", fly, (_FLOWN, _INDEX), long_running=True), fly_mission
+    yield Service(f"{path}/cancel_fly_mission", leave), cancel_fly_mission
     yield Service(f"{path}/clear_mission", clear), clear_mission
 
 

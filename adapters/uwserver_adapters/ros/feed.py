@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import struct
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
-from uwserver.adapter import AdapterContext, Conversation
+from uwserver.adapter import AdapterContext, Conversation, Refusals
 from uwserver.ports import Buffer, Cast, Event, Present, Refused, Reply, Sample, SceneState
 from uwserver_adapters.ros.messages.catalogue import CLOCK, TF_STATIC, Catalogue
 from uwserver_adapters.ros.messages.commands import Inlet, Value
 from uwserver_adapters.ros.messages.plain import plain
-from uwserver_adapters.ros.messages.services import Ask, Offer
+from uwserver_adapters.ros.messages.services import Ask, Errand, Offer
 from uwserver_adapters.ros.messages.source import Facts, Outlet, mounts_of
 from uwserver_adapters.ros.messages.types import BadMessage, Types
 
 log = logging.getLogger(__name__)
+
+_Form = TypeVar("_Form")
 
 SCENE_S = 5.0
 """Wall time to wait for where sensors sit; without it their frames are those of the vehicle."""
@@ -35,33 +36,45 @@ def _size(value: object) -> int:
     return len(value) if isinstance(value, str | bytes) else 16
 
 
+Failed = Callable[[str, Exception], None]
+"""Told which type could not be made or encoded, and why."""
+
+
 class Told:
     """One message on its way out: what each dialect needs of it is made when the first asks.
+
+    A fault of what makes or encodes it costs this message in that form, and nothing else: it is told once, to `failed`.
 
     Args:
         types: of the distribution.
         type_name: ``package/msg/Name``.
+        failed: see there.
         sample: of which it is made; None where `made` is given.
         outlet: that makes it.
         made: the message.
-
-    Attributes:
-        encoded: forms that a dialect keeps, by a key of its own.
     """
 
     def __init__(
-        self, types: Types, type_name: str, sample: Sample | None, outlet: Outlet | None, made: object = None
-    ) -> None:
+        self, types: Types, type_name: str, failed: Failed, sample: Sample | None = None, outlet: Outlet | None = None,
+        made: object = None,
+    ) -> None:  # fmt: skip
         self.type = type_name
-        self.encoded: dict[object, bytes] = {}
-        self._types, self._sample, self._outlet, self._made = types, sample, outlet, made
+        self._types, self._failed, self._sample, self._outlet, self._made = types, failed, sample, outlet, made
+        self._encoded: dict[object, bytes | None] = {}
+
+    def encoded(self, form: object, make: Callable[[], bytes | None]) -> bytes | None:
+        """A form that a dialect keeps, by a key of its own; None where `make` gives none, or fails."""
+        if form not in self._encoded:
+            self._encoded[form] = self._attempt(make)
+        return self._encoded[form]
 
     @cached_property
     def message(self) -> object | None:
         """The message; None where the sample gives none."""
-        if self._outlet is None or self._sample is None:
+        outlet, sample = self._outlet, self._sample
+        if outlet is None or sample is None:
             return self._made
-        return self._outlet.make(self._sample)
+        return self._attempt(lambda: outlet.make(sample))
 
     @property
     def size(self) -> int:
@@ -71,21 +84,27 @@ class Told:
     @cached_property
     def raw(self) -> bytes | None:
         """CDR with its encapsulation, or ROS 1 bytes. None where the sample gives no message, or one with numbers that its type cannot hold."""
-        types, outlet = self._types, self._outlet
-        try:
-            if outlet is not None and outlet.cdr is not None and self._sample is not None:
-                return outlet.cdr(self._sample)
-            if self.message is None:
-                return None
-            return types.ros1(self.message) if types.is_ros1 else types.cdr(self.message)
-        except (struct.error, OverflowError) as error:
-            log.debug("%s: %s", self.type, error)
+        return self._attempt(self._raw)
+
+    def _raw(self) -> bytes | None:
+        types, outlet, sample = self._types, self._outlet, self._sample
+        if outlet is not None and outlet.cdr is not None and sample is not None:
+            return outlet.cdr(sample)
+        if self.message is None:
             return None
+        return types.ros1(self.message) if types.is_ros1 else types.cdr(self.message)
 
     @cached_property
     def plain(self) -> dict[str, Any] | None:
         """A map, as `uwserver_adapters.ros.messages.plain` makes it."""
-        return None if self.message is None else plain(self._types, self.message)
+        return self._attempt(lambda: None if self.message is None else plain(self._types, self.message))
+
+    def _attempt(self, make: Callable[[], _Form | None]) -> _Form | None:
+        try:
+            return make()
+        except Exception as error:  # noqa: BLE001  # one message of one sensor: all others go on
+            self._failed(self.type, error)
+            return None
 
 
 _BEFORE = -1
@@ -99,6 +118,7 @@ class Feed:
 
     Args:
         context: the world.
+        refusals: of the adapter: counts messages that could not be made or encoded.
         types: of the distribution.
         facts: what the adapter's table says of frames; mounts are found here.
         deliver: gets messages.
@@ -113,13 +133,13 @@ class Feed:
     """
 
     def __init__(
-        self, context: AdapterContext, types: Types, facts: Facts, deliver: Deliver, clock_hz: float = 100.0,
-        changed: Callable[[], None] = lambda: None,
+        self, context: AdapterContext, refusals: Refusals, types: Types, facts: Facts, deliver: Deliver,
+        clock_hz: float = 100.0, changed: Callable[[], None] = lambda: None,
     ) -> None:  # fmt: skip
         self.types = types
         self.t_ns = 0
         self.topics: Mapping[str, str] = {}
-        self._context = context
+        self._context, self._refusals = context, refusals
         self._facts = facts
         self._deliver = deliver
         self._changed = changed
@@ -175,12 +195,34 @@ class Feed:
         topics = {outlet.topic: outlet.type for outlet in catalogue.outlets}
         self.topics = {**topics, CLOCK: "rosgraph_msgs/msg/Clock", TF_STATIC: "tf2_msgs/msg/TFMessage"}
         self._latched = {topic: told for topic, told in self._latched.items() if topic in topics}
-        static = Told(self.types, self.topics[TF_STATIC], None, None, catalogue.tf_static)
+        static = self.telling(self.topics[TF_STATIC], catalogue.tf_static)
         self._latched[TF_STATIC] = static
         self._follow()
         if self._heard[TF_STATIC]:
             self._deliver(TF_STATIC, static)
         self._changed()
+
+    def telling(self, type_name: str, made: object) -> Told:
+        """A message that is no sample's."""
+        return Told(self.types, type_name, self._failed, made=made)
+
+    def _failed(self, type_name: str, error: Exception) -> None:
+        """A message could not be made or encoded: it is lost, and no other."""
+        stats = self._context.stats
+        stats.errors += 1
+        stats.last_error = f"a message of {type_name} could not be made: {type(error).__name__}: {error}"
+        self._refusals.note("encoding", stats.last_error)
+        log.debug("%s", stats.last_error, exc_info=error)
+
+    def now_ns(self) -> int:
+        """Simulation time since 1970, asked of the world: nobody may hear of a sensor now."""
+        told: list[Reply] = []
+        self._context.call("world/status", {}, self._context.name, told.append)  # type: ignore[arg-type]  # it only reads
+        result = told[0].result if told else None
+        t_ns = result.get("t_ns") if isinstance(result, dict) else None
+        if not isinstance(t_ns, int):
+            t_ns = told[0].t_ns if told else self.t_ns
+        return self.catalogue.facts.epoch_ns + t_ns
 
     # -- who hears what ---------------------------------------------------------------------------------------------------------------------
 
@@ -228,10 +270,10 @@ class Feed:
         if self._heard[CLOCK] and (now >= self._next_clock or now < self._next_clock - 2 * self._clock_ns):
             self._next_clock = now + self._clock_ns
             clock = self.catalogue.clock(now)
-            self._deliver(CLOCK, Told(self.types, self.topics[CLOCK], None, None, clock))
+            self._deliver(CLOCK, self.telling(self.topics[CLOCK], clock))
         for sample in samples:
             for outlet in by_port.get(sample.port, ()):
-                told = Told(self.types, outlet.type, sample, outlet)
+                told = Told(self.types, outlet.type, self._failed, sample, outlet)
                 # A message of two ports must see each sample, and once.
                 if len(outlet.ports) > 1 and told.message is None:
                     continue
@@ -300,8 +342,14 @@ def call(conversation: Conversation, offer: Offer, request: Any, answered: Answe
     except BadMessage as bad:
         answered(None, str(bad))
         return
+    if isinstance(asked, Errand):
+        try:
+            asked.begin(conversation, answered)
+        except (BadMessage, Refused) as wrong:
+            answered(None, wrong.fault.text if isinstance(wrong, Refused) else str(wrong))
+        return
     if not isinstance(asked, Ask):
-        answered(asked, "")
+        answered(asked, getattr(getattr(asked, "result", None), "error_message", ""))
         return
 
     def reply(outcome: Reply) -> None:

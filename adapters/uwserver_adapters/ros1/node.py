@@ -59,8 +59,8 @@ class Node:
         self.uris = ("", "")
         self.tcpros: tuple[str, int] = ("", 0)
         self.master = config.master or os.environ.get("ROS_MASTER_URI") or "http://127.0.0.1:11311"
-        facts = Facts(geoid_m=config.geoid_m, tf=config.tf)
-        self.feed = Feed(context, self.types, facts, self._deliver, config.clock_hz, self._ports_changed)
+        facts = Facts(geoid_m=config.geoid_m, truth=config.truth, tf=config.tf)
+        self.feed = Feed(context, refusals, self.types, facts, self._deliver, config.clock_hz, self._ports_changed)
         self._refusals = refusals
         self._conversation = Conversation(context, config.node.strip("/") or "ros1")
         self._listeners: dict[str, set[Peer]] = {}
@@ -221,7 +221,7 @@ class Node:
             self._rosout_at = now
             header = self.types.header(self.feed.catalogue.facts.epoch_ns + self.feed.t_ns, "")
             made = self.types.make(LOG, header=header, level=WARN, name=self.config.node, msg=text)
-            self._deliver(ROSOUT, Told(self.types, LOG, None, None, made))
+            self._deliver(ROSOUT, self.feed.telling(LOG, made))
 
     # -- the master -----------------------------------------------------------------------------------------------------------------------
 

@@ -18,7 +18,8 @@ _Endpoint = Annotated[str, Meta(pattern=r"^[a-z0-9_]+/.+$")]
 
 class Ros2Config(AdapterTable, tag="ros2", kw_only=True, frozen=True):
     """Attributes:
-    transport: "zenoh", as rmw_zenoh speaks it, or "dds", which all other middlewares of ROS 2 speak.
+    transport: "zenoh", as rmw_zenoh speaks it; "dds", which all other middlewares of ROS 2 speak; or "bridge", zenoh as zenoh-bridge-ros2dds
+        speaks it, behind which are nodes on DDS.
     allow_network: must be true for DDS, which listens on all interfaces of the machine.
     discovery: of DDS: nodes on this machine, or on the whole subnet; CYCLONEDDS_URI of the environment is obeyed besides.
     ros_distro: of the other nodes; it decides types and hashes.
@@ -26,14 +27,15 @@ class Ros2Config(AdapterTable, tag="ros2", kw_only=True, frozen=True):
     node: name of the node.
     mode: of the zenoh session: "router", so that no rmw_zenohd need run; "peer" or "client" of one that does.
     listen, connect, config_file, config: of the session, as for `zenoh`.
-    services: offer the services of the world; default: over zenoh. Over DDS only rmw_cyclonedds understands them.
+    services: offer the services of the world, its actions and parameters; default: over zenoh and a bridge. Over DDS only rmw_cyclonedds
+        understands them.
     tf: who tells where vehicles are, on ``/tf``: the autopilot's "estimate", the "truth" (with truth = true), or "none".
     geoid_m: height of the sea surface above the ellipsoid, which NavSatFix counts from.
     clock_hz: messages of ``/clock`` in a simulated second, at most.
     queue_requests: commands and calls that may wait for the loop; more are dropped and counted.
     """
 
-    transport: Literal["zenoh", "dds"] = "zenoh"
+    transport: Literal["zenoh", "dds", "bridge"] = "zenoh"
     allow_network: bool = False
     discovery: Literal["localhost", "subnet"] = "localhost"
     ros_distro: Literal["humble", "jazzy", "kilted", "rolling"] = "jazzy"
@@ -59,7 +61,7 @@ class Ros2Config(AdapterTable, tag="ros2", kw_only=True, frozen=True):
     @property
     def offers_services(self) -> bool:
         """`services`, or its default."""
-        return self.transport == "zenoh" if self.services is None else self.services
+        return self.transport != "dds" if self.services is None else self.services
 
     @property
     def its_domain(self) -> int:

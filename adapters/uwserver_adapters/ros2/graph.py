@@ -8,6 +8,8 @@ from __future__ import annotations
 import struct
 from typing import Literal, NamedTuple
 
+from uwserver_adapters.ros.messages.types import dds_name
+
 EMPTY = "%"
 """An empty part of a token; it also stands for each slash within a part."""
 ROOT = "@ros2_lv"
@@ -39,23 +41,33 @@ class Names(NamedTuple):
     zid: str
     node: str
 
-    def key(self, name: str, dds_type: str, type_hash: str) -> str:
+    @property
+    def is_plain(self) -> bool:
+        """Whether messages and requests travel without attachments."""
+        return False
+
+    def key(self, name: str, type_name: str, type_hash: str) -> str:
         """The key on which a topic's messages, or a service's requests, travel."""
-        return f"{self.domain}/{name.strip('/')}/{dds_type}/{type_hash}"
+        return f"{self.domain}/{name.strip('/')}/{dds_name(type_name)}/{type_hash}"
 
     def node_token(self) -> str:
         """Says that the node is there."""
         return f"{ROOT}/{self.domain}/{self.zid}/0/0/NN/{EMPTY}/{EMPTY}/{self.node}"
 
-    def token(self, number: int, kind: Entity, name: str, dds_type: str, type_hash: str, qos: str) -> str:
+    def token(self, number: int, kind: Entity, name: str, type_name: str, type_hash: str, qos: str) -> str:
         """Says that the node has an endpoint; `number` is its own among all of the session."""
         topic = name.replace("/", EMPTY)
-        return f"{ROOT}/{self.domain}/{self.zid}/0/{number}/{kind}/{EMPTY}/{EMPTY}/{self.node}/{topic}/{dds_type}/{type_hash}/{qos}"
+        return f"{ROOT}/{self.domain}/{self.zid}/0/{number}/{kind}/{EMPTY}/{EMPTY}/{self.node}/{topic}/{dds_name(type_name)}/{type_hash}/{qos}"
 
     @property
     def tokens(self) -> str:
         """All tokens of the domain."""
         return f"{ROOT}/{self.domain}/**"
+
+    def parsed(self, token: str) -> Endpoint | None:
+        """What another node's token says, with the type in ROS' words."""
+        endpoint = parsed_token(token)
+        return None if endpoint is None else endpoint._replace(type=ros_type(endpoint.type))
 
 
 class Endpoint(NamedTuple):
@@ -77,6 +89,12 @@ def parsed_token(token: str) -> Endpoint | None:
     namespace = parts[7].replace(EMPTY, "/").rstrip("/")
     name = parts[9].replace(EMPTY, "/")
     return Endpoint(parts[2], parts[5], f"{namespace}/{parts[8]}", name, parts[10], parts[11])
+
+
+def ros_type(dds_type: str) -> str:
+    """``package/msg/Name`` of DDS' name of a type; the text itself where it is none."""
+    parts = dds_type.split("::")
+    return f"{parts[0]}/{parts[1]}/{parts[3].removesuffix('_')}" if len(parts) == 4 and parts[2] == "dds_" else dds_type
 
 
 def gid(token: str) -> bytes:

@@ -20,9 +20,9 @@ from cyclonedds.util import duration
 
 from uwserver.adapter import AdapterStats, Inbox, Worker
 from uwserver_adapters.ros.messages.types import Types
+from uwserver_adapters.ros2.carrier import WAITING_BYTES, Heard, Respond
 from uwserver_adapters.ros2.config import Ros2Config
 from uwserver_adapters.ros2.idl import Classes, Raw
-from uwserver_adapters.ros2.node import WAITING_BYTES, Heard, Respond
 
 LOCALHOST = (
     "<CycloneDDS><Domain><General><AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>"
@@ -98,7 +98,7 @@ def write(entity: Any, data: bytes) -> None:
 
 
 class DdsCarrier:
-    """Implements `uwserver_adapters.ros2.node.Carrier`.
+    """Implements `uwserver_adapters.ros2.carrier.Carrier`.
 
     Args:
         config: of the adapter.

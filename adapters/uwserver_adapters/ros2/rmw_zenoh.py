@@ -1,4 +1,4 @@
-"""The transport zenoh: a session whose keys, tokens and attachments are those of rmw_zenoh."""
+"""The transport zenoh: a session whose keys, tokens and attachments are those of rmw_zenoh, or of zenoh-bridge-ros2dds."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from uwserver.adapter import AdapterStats, Inbox, Refusals, Worker
-from uwserver_adapters.ros.messages.types import Types, dds_name
+from uwserver_adapters.ros.messages.types import Types
+from uwserver_adapters.ros2.bridge import BridgeNames
+from uwserver_adapters.ros2.carrier import WAITING_BYTES, Heard, Respond
 from uwserver_adapters.ros2.config import Ros2Config
 from uwserver_adapters.ros2.graph import (
     BEST_EFFORT,
@@ -22,9 +24,7 @@ from uwserver_adapters.ros2.graph import (
     Names,
     attachment,
     gid,
-    parsed_token,
 )
-from uwserver_adapters.ros2.node import WAITING_BYTES, Heard, Respond
 from uwserver_adapters.zenoh_bus.publications import LARGE_BYTES, direct
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ class _Writer:
         self._is_busy = self._is_large = False
         self.is_heard = False
         qos = LATCHED if latched else RELIABLE
-        self.key, self._token, self._gid = carrier.declare("MP", topic, type_name, qos)
+        self.key, self._undeclare, self._gid = carrier.declare("MP", topic, type_name, qos)
         self._watched, self._publisher = carrier.publisher(self.key, latched)
         self._listener = self._watched.declare_matching_listener(direct(self._matches))
         carrier.writers[topic] = self
@@ -103,14 +103,14 @@ class _Writer:
     def close(self) -> None:
         """See `Writer`."""
         self._carrier.writers.pop(self._topic, None)
-        self._token.undeclare()
+        self._undeclare()
         self._publisher.undeclare()
         if self._watched is not self._publisher:
             self._watched.undeclare()
 
 
 class ZenohCarrier:
-    """Implements `uwserver_adapters.ros2.node.Carrier`.
+    """Implements `uwserver_adapters.ros2.carrier.Carrier`.
 
     Args:
         session: open.
@@ -133,10 +133,12 @@ class ZenohCarrier:
         self.sender, self.stats = sender, stats
         self.writers: dict[str, _Writer] = {}
         self._session, self._types, self._refusals = session, types, refusals
-        self._names = Names(config.its_domain, str(session.zid()), config.node)
+        zid = str(session.zid())
+        is_bridge = config.transport == "bridge"
+        self._names: Names | BridgeNames = BridgeNames(zid) if is_bridge else Names(config.its_domain, zid, config.node)
         self._number = 0
         self._own: dict[tuple[str, str], tuple[str, str]] = {}
-        self._others: set[str] = set()
+        self._others: dict[str, str] = {}
         self._inbox: Inbox[_Came] = Inbox(
             self._take, config.queue_requests, self._drop, lambda came: len(came.data), WAITING_BYTES
         )
@@ -147,13 +149,14 @@ class ZenohCarrier:
 
     # -- the graph --------------------------------------------------------------------------------------------------------------------------
 
-    def declare(self, kind: Any, name: str, type_name: str, qos: str) -> tuple[str, zenoh.LivelinessToken, bytes]:
-        """Key, token and identity of a new endpoint."""
+    def declare(self, kind: Any, name: str, type_name: str, qos: str) -> tuple[str, Callable[[], None], bytes]:
+        """Key, what takes back the token, and identity of a new endpoint."""
         self._number += 1
-        dds, its_hash = dds_name(type_name), self._types.hash(type_name)
-        token = self._names.token(self._number, kind, name, dds, its_hash, qos)
-        self._own["service" if kind == "SS" else "topic", name] = (dds, its_hash)
-        return self._names.key(name, dds, its_hash), self._liveliness.declare_token(token), gid(token)
+        its_hash = self._types.hash(type_name)
+        token = self._names.token(self._number, kind, name, type_name, its_hash, qos)
+        self._own["service" if kind == "SS" else "topic", name] = (type_name, "" if self._names.is_plain else its_hash)
+        undeclare = self._liveliness.declare_token(token).undeclare if token else _nothing
+        return self._names.key(name, type_name, its_hash), undeclare, gid(token)
 
     def _token_said(self, sample: zenoh.Sample) -> None:
         """Another endpoint came or went. A zenoh thread."""
@@ -163,13 +166,13 @@ class ZenohCarrier:
 
     def _token(self, said: tuple[str, bool]) -> None:
         token, is_there = said
-        endpoint = parsed_token(token)
+        endpoint = self._names.parsed(token)
         if endpoint is None or endpoint.zid == self._names.zid:
             return
         if not is_there:
-            self._others.discard(token)
+            self._others.pop(token, None)
         elif token not in self._others and len(self._others) < NODES:
-            self._others.add(token)
+            self._others[token] = endpoint.zid
             own = self._own.get(("service" if endpoint.kind in ("SS", "SC") else "topic", endpoint.name))
             if own is not None and own != (endpoint.type, endpoint.hash):
                 self._refusals.note(
@@ -177,7 +180,7 @@ class ZenohCarrier:
                     f"{endpoint.node} has {endpoint.name} as {endpoint.type} {endpoint.hash[:16]}, it is {own[0]} {own[1][:16]} here: they "
                     "do not meet; set ros_distro to that of the node, and build its messages anew",
                 )
-        self.stats.peers = len({token.split("/")[2] for token in self._others})
+        self.stats.peers = len(set(self._others.values()))
 
     # -- topics -----------------------------------------------------------------------------------------------------------------------------
 
@@ -216,35 +219,37 @@ class ZenohCarrier:
         """See `Carrier`."""
         import zenoh
 
-        key, token, _ = self.declare("MS", topic, type_name, BEST_EFFORT)
+        key, undeclare, _ = self.declare("MS", topic, type_name, BEST_EFFORT)
         most = self._types.most_bytes(type_name)
 
         def came(sample: zenoh.Sample) -> None:
             self._inbox.put(_Came(take, _bytes(sample.payload, most), _sender(sample.attachment), None))
 
         subscriber = self._session.declare_subscriber(key, direct(came), allowed_origin=zenoh.Locality.REMOTE)
-        return self._ends(token, subscriber)
+        return self._ends(undeclare, subscriber)
 
     def serve(self, service: str, type_name: str, take: Callable[[bytes, str, Respond], None]) -> Callable[[], None]:
         """See `Carrier`."""
-        key, token, _ = self.declare("SS", service, type_name, SERVICE)
-        most = self._types.most_bytes(f"{type_name}_Request")
+        key, undeclare, _ = self.declare("SS", service, type_name, SERVICE)
+        most, is_plain = self._types.most_bytes(f"{type_name}_Request"), self._names.is_plain
 
         def came(query: zenoh.Query) -> None:
             attached = attachment(None if query.attachment is None else query.attachment.to_bytes())
-            if attached is None or query.payload is None:
+            payload = query.payload
+            if not is_plain and (attached is None or payload is None):
                 query.drop()  # no client of ROS: it could not read the answer
                 return
-            respond = partial(self._respond, query, key, attached)
-            self._inbox.put(_Came(take, _bytes(query.payload, most), attached.gid.hex()[:8], respond))
+            data = _EMPTY if payload is None else _bytes(payload, most)
+            respond = partial(self._respond, query, key, None if is_plain else attached)
+            self._inbox.put(_Came(take, data, attached.gid.hex()[:8] if attached is not None else "", respond))
 
         # A client asks those alone that answer for the whole key.
         queryable = self._session.declare_queryable(key, direct(came), complete=True)
-        return self._ends(token, queryable)
+        return self._ends(undeclare, queryable)
 
-    def _respond(self, query: zenoh.Query, key: str, asked: Attachment, data: bytes) -> None:
-        """Answer: sequence and identity are those of the request, so that the client knows whose answer it is."""
-        attached = asked._replace(stamp_ns=wall_ns()).packed()
+    def _respond(self, query: zenoh.Query, key: str, asked: Attachment | None, data: bytes) -> None:
+        """Answer: sequence and identity are those of the request, so that the client knows whose answer it is; a bridge knows it anyway."""
+        attached = None if asked is None else asked._replace(stamp_ns=wall_ns()).packed()
 
         def work() -> None:
             query.reply(key, data, attachment=attached)
@@ -252,9 +257,9 @@ class ZenohCarrier:
 
         self.sender.send(work)
 
-    def _ends(self, token: zenoh.LivelinessToken, entity: Any) -> Callable[[], None]:
+    def _ends(self, undeclare: Callable[[], None], entity: Any) -> Callable[[], None]:
         def end() -> None:
-            token.undeclare()
+            undeclare()
             entity.undeclare()
 
         return end
@@ -272,6 +277,14 @@ class ZenohCarrier:
     def close(self) -> None:
         """The node leaves."""
         self._node.undeclare()
+
+
+_EMPTY = b"\0\1\0\0\0"
+"""A request without fields, in CDR."""
+
+
+def _nothing() -> None:
+    """There is no token to take back."""
 
 
 def wall_ns() -> int:

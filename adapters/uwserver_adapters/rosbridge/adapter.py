@@ -24,7 +24,6 @@ from uwserver_adapters.rosbridge.config import RosbridgeConfig
 
 if TYPE_CHECKING:
     from uwserver_adapters.native.outbox import Outbox
-    from uwserver_adapters.rosbridge.hub import Hub
 
 log = logging.getLogger(__name__)
 
@@ -68,7 +67,7 @@ class RosbridgeAdapter:
         config = self.config
         hub = Hub(self.context, config, self._refusals)
         hub.feed.begin()
-        rosapi, lockout = Rosapi(hub, lambda: self._time(hub)), Lockout()
+        rosapi, lockout = Rosapi(hub, hub.feed.now_ns), Lockout()
 
         def begin(outbox: Outbox, wake: object) -> Session:
             self._last_serial += 1
@@ -94,16 +93,3 @@ class RosbridgeAdapter:
             finally:
                 server.close()
                 await hub.feed.close()
-
-    def _time(self, hub: Hub) -> int:
-        """Simulation time since its epoch, ns: asked of the world, as nobody may hear of a sensor now."""
-        told: list[int] = []
-        self.context.call("world/status", {}, self.context.name, lambda reply: told.append(_t_ns(reply)))
-        return hub.feed.catalogue.facts.epoch_ns + (told[0] if told else hub.feed.t_ns)
-
-
-def _t_ns(reply: object) -> int:
-    result = getattr(reply, "result", None)
-    if isinstance(result, dict) and isinstance(result.get("t_ns"), int):
-        return int(result["t_ns"])
-    return int(getattr(reply, "t_ns", 0))

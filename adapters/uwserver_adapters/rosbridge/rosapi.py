@@ -6,7 +6,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from uwserver_adapters.ros.messages.types import ARRAY, BASE, FILLER, NAME, BadMessage, Types, full_name
+from uwserver_adapters.ros.parameters import Parameters
 from uwserver_adapters.rosbridge.hub import Hub
+from uwserver_adapters.rosbridge.params import get_param, parameter_name, set_param
 
 NODE = "/uwserver"
 Args = Mapping[str, Any]
@@ -14,14 +16,14 @@ Values = dict[str, Any]
 
 
 class Rosapi:
-    """Answers; all at once.
+    """Answers.
 
     Args:
         hub: what there is.
         time: simulation time since its epoch, ns.
 
     Attributes:
-        services: name below ``/rosapi/`` -> what answers it.
+        services: name below ``/rosapi/`` -> what answers it at once.
     """
 
     def __init__(self, hub: Hub, time: Callable[[], int]) -> None:
@@ -37,17 +39,50 @@ class Rosapi:
             "service_request_details": lambda args: self._service_details(args, "Request"),
             "service_response_details": lambda args: self._service_details(args, "Response"),
             "get_time": self._get_time, "get_ros_version": self._version,
-            "get_param": lambda args: {"value": str(args.get("default") or "null"), "successful": False, "reason": _NO_PARAMETERS},
-            "has_param": lambda args: {"exists": False}, "get_param_names": lambda args: {"names": []},
-            "set_param": _no_parameter, "delete_param": _no_parameter,
+            "has_param": lambda args: {"exists": parameter_name(args, NODE) in hub.feed.catalogue.settings},
+            "get_param_names": lambda args: {"names": [f"{NODE}:{name}" for name in sorted(hub.feed.catalogue.settings)]},
+            "delete_param": lambda args: {"successful": False, "reason": "parameters of the simulator cannot be deleted"},
             "search_param": lambda args: {"global_name": ""},
-            "action_servers": lambda args: {"action_servers": []}, "interfaces": self._interfaces,
+            "action_servers": lambda args: {"action_servers": sorted(hub.feed.catalogue.actions)},
+            "action_type": self._action_type,
+            "action_goal_details": lambda args: self._action_details(args, "Goal"),
+            "action_result_details": lambda args: self._action_details(args, "Result"),
+            "action_feedback_details": lambda args: self._action_details(args, "Feedback"), "interfaces": self._interfaces,
         }  # fmt: skip
+        self._later = {"get_param": get_param, "set_param": set_param}
+
+    def ask(self, short: str, parameters: Parameters, args: Args, answered: Callable[[Values], None]) -> bool:
+        """Answer a call, now or later; whether there is such a service.
+
+        Args:
+            short: name below ``/rosapi/``.
+            parameters: of who asks.
+            args: of the call.
+            answered: gets the answer.
+
+        Raises:
+            BadMessage: the arguments are wrong.
+        """
+        now, later = self.services.get(short), self._later.get(short)
+        if now is not None:
+            answered(now(args))
+        elif later is not None:
+            later(parameters, parameter_name(args, NODE), args, answered)
+        return now is not None or later is not None
+
+    @property
+    def names(self) -> list[str]:
+        """All services, with ``/rosapi/`` before."""
+        return [f"/rosapi/{short}" for short in (*self.services, *self._later)]
 
     def type_of(self, service: str) -> str:
         """The type of a service of rosapi, "" where there is none."""
         short = service.removeprefix("/rosapi/")
-        return "rosapi_msgs/srv/" + "".join(map(str.capitalize, short.split("_"))) if short in self.services else ""
+        return (
+            "rosapi_msgs/srv/" + "".join(map(str.capitalize, short.split("_")))
+            if f"/rosapi/{short}" in self.names
+            else ""
+        )
 
     # -- topics -----------------------------------------------------------------------------------------------------------------------------
 
@@ -88,7 +123,7 @@ class Rosapi:
     def _all_services(self) -> dict[str, str]:
         own = {name: offer.type for name, offer in self._hub.feed.catalogue.offers.items()}
         theirs = {name: kind for name, (kind, _) in self._hub.served.items()}
-        return {**theirs, **own, **{f"/rosapi/{name}": self.type_of(f"/rosapi/{name}") for name in self.services}}
+        return {**theirs, **own, **{name: self.type_of(name) for name in self.names}}
 
     def _services(self, args: Args) -> Values:
         return {"services": sorted(self._all_services())}
@@ -106,6 +141,18 @@ class Rosapi:
         if not self._hub.types.has_service(kind):
             raise BadMessage(f'no service type "{kind[:100]}" is known here')
         return {"typedefs": type_definitions(self._hub.types, f"{kind}_{part}")}
+
+    # -- actions ----------------------------------------------------------------------------------------------------------------------------
+
+    def _action_type(self, args: Args) -> Values:
+        action = self._hub.feed.catalogue.actions.get(_name(args, "action"))
+        return {"type": "" if action is None else action.type}
+
+    def _action_details(self, args: Args, part: str) -> Values:
+        kind = f"{full_name(str(args.get('type', '')), 'action')}_{part}"
+        if kind not in self._hub.types:
+            raise BadMessage(f'no action type "{kind.rpartition("_")[0][:100]}" is known here')
+        return {"typedefs": type_definitions(self._hub.types, kind)}
 
     # -- the rest ---------------------------------------------------------------------------------------------------------------------------
 
@@ -136,13 +183,6 @@ class Rosapi:
     def _version(self, args: Args) -> Values:
         types = self._hub.types
         return {"version": 1 if types.is_ros1 else 2, "distro": types.distro}
-
-
-_NO_PARAMETERS = "there are no parameters here"
-
-
-def _no_parameter(args: Args) -> Values:
-    return {"successful": False, "reason": _NO_PARAMETERS}
 
 
 def _name(args: Args, key: str) -> str:

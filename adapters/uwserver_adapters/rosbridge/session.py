@@ -13,6 +13,8 @@ from uwserver_adapters.native.outbox import Outgoing
 from uwserver_adapters.ros.feed import call, command
 from uwserver_adapters.ros.messages.plain import built, plain
 from uwserver_adapters.ros.messages.types import BadMessage, full_name
+from uwserver_adapters.ros.parameters import Parameters
+from uwserver_adapters.rosbridge.actions import Goals
 from uwserver_adapters.rosbridge.codec import (
     Gathered,
     binary_frame,
@@ -61,6 +63,7 @@ class Session:
         self._hub, self._rosapi, self._outbox, self._wake = hub, rosapi, outbox, wake
         source = f"{hub.context.name}:{serial}"
         self._conversation = Conversation(hub.context, source, Owed(hub.config.max_unanswered))
+        self._parameters = Parameters(self._conversation, lambda: hub.feed.catalogue.settings)
         self._subscriptions: dict[str, Subscription] = {}
         self._room = Room(hub.config.queue_bytes)
         self._wishes = self._advertisements = 0
@@ -69,12 +72,16 @@ class Session:
         self._last_call = self._pieces = 0
         self._level = LEVELS.index("error")
         self._gathered = Gathered()
+        self._goals = Goals(
+            hub, self._conversation, lambda told, wish: self._reply(told, wish.compression, wish.fragment_size)
+        )
         self._operations: Mapping[str, Callable[[Map], None]] = {
             "subscribe": self._subscribe, "unsubscribe": self._unsubscribe, "advertise": self._advertise,
             "unadvertise": self._unadvertise, "publish": self._publish, "call_service": self._call_service,
             "advertise_service": self._advertise_service, "unadvertise_service": self._unadvertise_service,
             "service_response": self._service_response, "set_level": self._set_level, "status": self._status_of_client,
-            "fragment": self._fragment, "auth": self._auth,
+            "fragment": self._fragment, "auth": self._auth, "send_action_goal": self._goals.begin,
+            "cancel_action_goal": self._goals.cancel,
         }  # fmt: skip
 
     # -- in ---------------------------------------------------------------------------------------------------------------------------------
@@ -105,6 +112,8 @@ class Session:
         self._hub.refusals.note(cause, text)
         if message.get("op") == "call_service":
             self._respond(message, str(message.get("service", ""))[:LONGEST_NAME], False, text)
+        elif message.get("op") == "send_action_goal":
+            self._goals.refuse(message, text)
         else:
             self.tell("error", text, message.get("id"))
 
@@ -267,12 +276,10 @@ class Session:
         name, args = service_name(message), message.get("args", {})
         message = answerable(message)
         if name.startswith("/rosapi/"):
-            answer = self._rosapi.services.get(name.removeprefix("/rosapi/"))
-            if answer is None:
-                raise Wrong(
-                    f'no service "{name[:100]}"{did_you_mean(name, [f"/rosapi/{s}" for s in self._rosapi.services])}'
-                )
-            self._respond(message, name, True, answer(args if isinstance(args, dict) else {}))
+            given = args if isinstance(args, dict) else {}
+            answered = partial(self._respond, message, name, True)
+            if not self._rosapi.ask(name.removeprefix("/rosapi/"), self._parameters, given, answered):
+                raise Wrong(f'no service "{name[:100]}"{did_you_mean(name, self._rosapi.names)}')
             return
         offer = self._hub.feed.catalogue.offers.get(name)
         if offer is not None:
@@ -281,13 +288,13 @@ class Session:
                 args = dict(zip((field for field, _ in types.fields(request)), args, strict=False))
             made = built(types, request, args or {})
 
-            def answered(response: object | None, text: str) -> None:
+            def told(response: object | None, text: str) -> None:
                 if response is None:
                     self._respond(message, name, False, text)
                 else:
                     self._respond(message, name, True, plain(types, response))
 
-            call(self._conversation, offer, made, answered)
+            call(self._conversation, offer, made, told)
             return
         served = self._hub.served.get(name)
         if served is None:

@@ -60,13 +60,7 @@ class WorldMessage:
 
     def frame(self, topic: str, compression: str) -> bytes | None:
         """See `Message`."""
-        known = self._told.encoded.get(compression)
-        if known is None:
-            made = self._made(topic, compression)
-            if made is None:
-                return None
-            known = self._told.encoded[compression] = made
-        return known
+        return self._told.encoded(compression, lambda: self._made(topic, compression))
 
     def _made(self, topic: str, compression: str) -> bytes | None:
         if compression == "cbor-raw":
@@ -77,6 +71,9 @@ class WorldMessage:
 
     def text(self, topic: str) -> bytes | None:
         """See `Message`."""
+        return self._told.encoded("text", lambda: self._text(topic))
+
+    def _text(self, topic: str) -> bytes | None:
         plain = self._told.plain
         return None if plain is None else json_text({"op": "publish", "topic": topic, "msg": plain})
 

@@ -37,6 +37,16 @@ def service_name(message: Map) -> str:
     return "/" + name.strip("/")
 
 
+def action_name(message: Map) -> str:
+    """The action that it is about; what follows a # is for the client."""
+    name = message.get("action")
+    if not isinstance(name, str) or not name.strip("/"):
+        raise Wrong(f'{message.get("op")} needs an "action"')
+    if len(name) > LONGEST_NAME:
+        raise Wrong(f"an action has at most {LONGEST_NAME} characters")
+    return "/" + name.partition("#")[0].strip("/")
+
+
 def shorten(message: Map) -> None:
     """Ids are kept, and said again: nothing long, and no number that cannot be said."""
     key = message.get("id")

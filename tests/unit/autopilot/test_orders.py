@@ -223,6 +223,76 @@ def test_goto_is_preempted_and_says_why(fly, what, word):
     assert word in last.fault.text
 
 
+HOLDS = [{"kind": "hold", "time_s": 0.5}, {"kind": "hold", "time_s": 0.5}]
+
+
+def test_a_flown_mission_tells_progress_and_its_end(fly):
+    f = fly("bluerov2")
+    f.call("arm")
+    answers = f.post("fly_mission", items=HOLDS)
+    f.run(2.0)
+    assert [answer.fraction for answer in answers[:-1]] == [0.5]
+    assert (answers[-1].fault, answers[-1].result) == (None, {"reached": 2})
+    again = f.post("fly_mission", index=1)
+    f.run(1.0)
+    assert [answer.result for answer in again] == [{"reached": 1}]
+    f.call("start_mission")  # nobody waits for this one
+    f.run(2.0)
+    assert (len(answers), len(again)) == (2, 1)
+
+
+def test_a_mission_that_cannot_be_flown_changes_nothing(fly):
+    f = fly("bluerov2")
+    f.call("set_mission", items=HOLDS)
+    for wrong, word in (
+        ({"items": HOLDS[:1]}, "not armed"),
+        ({"items": []}, "no mission"),
+        ({"items": HOLDS, "index": 2}, "2 items"),
+    ):
+        answers = f.post("fly_mission", **wrong)
+        f.run(0.1)
+        assert word in answers[-1].fault.text
+        assert f.call("get_mission")["items"] == HOLDS
+
+
+@pytest.mark.parametrize(
+    ("what", "word"),
+    [
+        (lambda f: f.post("fly_mission"), "mode mission was set"),
+        (lambda f: f.post("cancel_fly_mission"), "cancelled"),
+        (lambda f: f.post("set_mission", items=HOLDS), "replaced"),
+        (lambda f: f.post("clear_mission"), "replaced"),
+        (lambda f: f.post("goto", position_ned_m=[0, 9, 3]), "mode guided"),
+        (lambda f: f.post("disarm"), "disarmed"),
+        (lambda f: f.world.call("world/reset"), "reset"),
+    ],
+)
+def test_a_flown_mission_is_preempted_and_says_why(fly, what, word):
+    f = fly("bluerov2")
+    f.call("arm")
+    answers = f.post("fly_mission", items=[{"kind": "hold", "time_s": 60}])
+    f.run(1.0)
+    assert answers == []
+    what(f)
+    f.run(0.1)
+    (last,) = answers
+    assert (last.fault.code, last.fault.where) == ("preempted", "v/autopilot/fly_mission")
+    assert word in last.fault.text
+
+
+def test_a_cancelled_mission_holds_and_a_cancel_elsewhere_does_nothing(fly):
+    f = fly("bluerov2")
+    f.call("arm")
+    f.call("set_mode", mode="depth_hold")
+    f.call("cancel_fly_mission")
+    assert f.state["mode"] == "depth_hold"
+    f.post("fly_mission", items=[{"kind": "hold", "time_s": 60}])
+    f.run(0.5)
+    f.call("cancel_fly_mission")
+    f.run(0.1)
+    assert f.state["mode"] == "position_hold"
+
+
 def test_a_mission_can_be_left_taken_up_again_and_cleared(fly):
     f = fly("bluerov2")
     f.call("set_mission", items=[{"kind": "hold", "time_s": 1}, {"kind": "hold", "time_s": 100}])
@@ -468,6 +538,6 @@ def test_ports_and_services_are_those_of_the_contract(fly):
     services = {path.removeprefix("v/autopilot/") for path in f.world.services if path.startswith("v/autopilot/")}
     assert {
         "arm", "disarm", "set_mode", "goto", "cancel_goto", "set_mission", "get_mission", "start_mission", "clear_mission",
-        "set_position", "get_gains", "set_gain",
+        "fly_mission", "cancel_fly_mission", "set_position", "get_gains", "set_gain",
     } <= services  # fmt: skip
     assert ports["test"].timeout_s == 0.5

@@ -8,9 +8,12 @@ from dataclasses import dataclass
 from uwserver.adapter import AdapterContext
 from uwserver.ports import Port
 from uwserver_adapters.ros.messages import acoustic, codec, motion, onboard, water
+from uwserver_adapters.ros.messages.actions import Action, actions
 from uwserver_adapters.ros.messages.commands import Inlet, inlets
 from uwserver_adapters.ros.messages.generated import generated
 from uwserver_adapters.ros.messages.services import Offer, offers
+from uwserver_adapters.ros.messages.settings import Setting, settings
+from uwserver_adapters.ros.messages.simulation import simulation
 from uwserver_adapters.ros.messages.source import Facts, Outlet, Source
 from uwserver_adapters.ros.messages.transforms import static_transforms
 from uwserver_adapters.ros.messages.types import Types
@@ -56,6 +59,8 @@ class Catalogue:
         outlets: all that sensors become; several may share a topic, which is of one type.
         inlets: topic -> what it commands.
         offers: service -> what it asks for.
+        actions: name of an action -> what its goals ask for.
+        settings: name of a parameter -> how it is read and changed.
         tf_static: TFMessage of all mounts; latched.
     """
 
@@ -64,6 +69,8 @@ class Catalogue:
     outlets: tuple[Outlet, ...]
     inlets: Mapping[str, Inlet]
     offers: Mapping[str, Offer]
+    actions: Mapping[str, Action]
+    settings: Mapping[str, Setting]
     tf_static: object
 
     @classmethod
@@ -72,16 +79,18 @@ class Catalogue:
         sensors = [port for port in context.ports.values() if port.direction == "sensor"]
         actuators = [port for port in context.ports.values() if port.direction == "actuator"]
 
-        def vehicles() -> list[str]:
-            return [vehicle.name for vehicle in context.world.vehicles]
-
         pilots = [port.path.split("/")[0] for port in sensors if port.kind == "autopilot"]
         return cls(
             types,
             facts,
             tuple(outlet for port in sensors for outlet in topics_of(types, facts, port)),
             {inlet.topic: inlet for port in actuators for inlet in inlets(types, port)},
-            {offer.name: offer for offer in offers(types, context.services.values(), vehicles)},
+            {
+                offer.name: offer
+                for offer in (*offers(types, context.services.values()), *simulation(types, facts, context))
+            },
+            {action.name: action for action in actions(types, context.services.values())},
+            {setting.name: setting for setting in settings(context.services.values())},
             static_transforms(types, facts, [(port.path, port.kind) for port in sensors], pilots),
         )
 

@@ -1,4 +1,4 @@
-"""What ROS says in degrees: where a receiver is, and a compass heading."""
+"""What is said in degrees: where a receiver is, a compass heading, and the headings that services take."""
 
 from __future__ import annotations
 
@@ -68,3 +68,8 @@ def gps(source: Source) -> Iterator[Outlet]:
 
     yield source.outlet("", "sensor_msgs/msg/NavSatFix", make)
     yield source.outlet("/vel", "geometry_msgs/msg/TwistWithCovarianceStamped", velocity)
+
+
+def heading_deg(heading: float) -> float:
+    """A heading (rad) as services of the autopilot take it."""
+    return deg(heading)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from uwserver.frames import rpy_from_quat
+from uwserver.frames import Quat, Vec3, rpy_from_quat
 from uwserver.ports import Port
 from uwserver_adapters.ros.messages.frames import attitude, enu, flu
 from uwserver_adapters.ros.messages.generated import definition, field_name, generated_type
@@ -136,37 +136,39 @@ def _generated(types: Types, port: Port, name: str) -> Inlet:
 # -- standard messages ----------------------------------------------------------------------------------------------------------------------
 
 
-def _check_frame(message: Any, *allowed: str) -> None:
+def check_frame(message: Any, *allowed: str) -> None:
+    """Raise `BadMessage` unless a message is given in one of these frames, or names none."""
     frame = message.header.frame_id.strip("/")
     if frame and frame not in allowed:
         raise BadMessage(f'header.frame_id is "{frame[:60]}": give it in {allowed[0]}, or leave it empty')
 
 
-def _parts(vector: Any) -> tuple[float, float, float]:
+def parts(vector: Any) -> Vec3:
+    """x, y and z of a message."""
     return (vector.x, vector.y, vector.z)
 
 
 def _wrench(message: Any, vehicle: str) -> Value:
-    return {"force_B": list(flu(_parts(message.force))), "torque_B": list(flu(_parts(message.torque)))}
+    return {"force_B": list(flu(parts(message.force))), "torque_B": list(flu(parts(message.torque)))}
 
 
 def _wrench_stamped(message: Any, vehicle: str) -> Value:
-    _check_frame(message, f"{vehicle}/base_link", "base_link")
+    check_frame(message, f"{vehicle}/base_link", "base_link")
     return _wrench(message.wrench, vehicle)
 
 
 def _twist(message: Any, vehicle: str) -> Value:
     if message.angular.x or message.angular.y:
         raise BadMessage("angular.x and angular.y must be 0: the autopilot keeps roll and pitch itself")
-    return {"v_B": list(flu(_parts(message.linear))), "yaw_rate": -message.angular.z}
+    return {"v_B": list(flu(parts(message.linear))), "yaw_rate": -message.angular.z}
 
 
 def _twist_stamped(message: Any, vehicle: str) -> Value:
-    _check_frame(message, f"{vehicle}/base_link", "base_link")
+    check_frame(message, f"{vehicle}/base_link", "base_link")
     return _twist(message.twist, vehicle)
 
 
-def _attitude(orientation: Any) -> tuple[float, float, float, float] | None:
+def q_NB_of(orientation: Any) -> Quat | None:
     """q_NB of a unit quaternion of ROS; None where it is all zero, which is how clients say nothing."""
     q = (orientation.w, orientation.x, orientation.y, orientation.z)
     size = sum(part * part for part in q)
@@ -177,17 +179,26 @@ def _attitude(orientation: Any) -> tuple[float, float, float, float] | None:
     return attitude(q)
 
 
+def pose_in_map(message: Any) -> tuple[Vec3, float | None]:
+    """Place (p_N) and heading (rad) of a PoseStamped; None where its orientation is all zero.
+
+    Raises:
+        BadMessage: it is given in another frame, or its orientation is none.
+    """
+    check_frame(message, "map")
+    q = q_NB_of(message.pose.orientation)
+    return enu(parts(message.pose.position)), None if q is None else rpy_from_quat(q)[2]
+
+
 def _pose(message: Any, vehicle: str) -> Value:
-    _check_frame(message, "map")
-    told: dict[str, object] = {"p_N": list(enu(_parts(message.pose.position)))}
-    q = _attitude(message.pose.orientation)
-    return told if q is None else {**told, "heading": rpy_from_quat(q)[2]}
+    place, heading = pose_in_map(message)
+    return {"p_N": list(place)} if heading is None else {"p_N": list(place), "heading": heading}
 
 
 def _teleport(message: Any, vehicle: str) -> Value:
-    _check_frame(message, "map")
-    q = _attitude(message.pose.orientation)
-    told: dict[str, object] = {"p_NB": list(enu(_parts(message.pose.position)))}
+    check_frame(message, "map")
+    q = q_NB_of(message.pose.orientation)
+    told: dict[str, object] = {"p_NB": list(enu(parts(message.pose.position)))}
     return told if q is None else {**told, "q_NB": list(q)}
 
 

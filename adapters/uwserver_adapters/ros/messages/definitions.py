@@ -1,7 +1,8 @@
 """Types that the stores of rosbags lack: names, fields and constants, as the packages define them, without their comments.
 
 marine_acoustic_msgs 2.1 (BSD-3-Clause, github.com/apl-ocean-engineering/marine_msgs), simulation_interfaces 1.x (Apache-2.0,
-github.com/ros-simulation/simulation_interfaces), std_srvs (Apache-2.0); uwserver_msgs is ours (clients/ros2/uwserver_msgs). Type hashes follow from
+github.com/ros-simulation/simulation_interfaces), std_srvs,
+action_msgs, unique_identifier_msgs (Apache-2.0); uwserver_msgs is ours (clients/ros2/uwserver_msgs). Type hashes follow from
 names and types of fields alone; a test holds them to the published ones.
 """
 
@@ -111,6 +112,8 @@ float64 salinity
 std_msgs/Header header
 float64 data
 """,
+    "unique_identifier_msgs/msg/UUID": "uint8[16] uuid",
+    "action_msgs/msg/GoalInfo": "unique_identifier_msgs/UUID goal_id\nbuiltin_interfaces/Time stamp",
     "simulation_interfaces/msg/Result": """
 uint8 RESULT_FEATURE_UNSUPPORTED=0
 uint8 RESULT_OK=1
@@ -157,6 +160,22 @@ simulation_interfaces/EntityCategory[] categories
 simulation_interfaces/TagsFilter tags
 simulation_interfaces/Bounds bounds
 """,
+    "simulation_interfaces/msg/EntityState": """
+std_msgs/Header header
+geometry_msgs/Pose pose
+geometry_msgs/Twist twist
+geometry_msgs/Accel acceleration
+""",
+    "simulation_interfaces/msg/EntityInfo": """
+simulation_interfaces/EntityCategory category
+string description
+string[] tags
+""",
+    "simulation_interfaces/msg/Spawnable": """
+string uri
+string description
+simulation_interfaces/Bounds spawn_bounds
+""",
 }
 """Type -> text of its .msg file, nested types by their full names."""
 
@@ -187,7 +206,122 @@ simulation_interfaces/Result result
         "simulation_interfaces/EntityFilters filters",
         "simulation_interfaces/Result result\nstring[] entities",
     ),
+    "simulation_interfaces/srv/GetEntitiesStates": (
+        "simulation_interfaces/EntityFilters filters",
+        "simulation_interfaces/Result result\nstring[] entities\nsimulation_interfaces/EntityState[] states",
+    ),
+    "simulation_interfaces/srv/GetEntityState": (
+        "string entity",
+        "simulation_interfaces/Result result\nsimulation_interfaces/EntityState state",
+    ),
+    "simulation_interfaces/srv/SetEntityState": (
+        "string entity\nsimulation_interfaces/EntityState state",
+        "uint8 INVALID_POSE=101\nsimulation_interfaces/Result result",
+    ),
+    "simulation_interfaces/srv/GetEntityInfo": (
+        "string entity",
+        "simulation_interfaces/Result result\nsimulation_interfaces/EntityInfo info",
+    ),
+    "simulation_interfaces/srv/GetSpawnables": (
+        "string[] sources",
+        "simulation_interfaces/Result result\nsimulation_interfaces/Spawnable[] spawnables",
+    ),
+    "simulation_interfaces/srv/SpawnEntity": (
+        """
+string name
+bool allow_renaming
+string uri
+string resource_string
+string entity_namespace
+geometry_msgs/PoseStamped initial_pose
+""",
+        """
+uint8 NAME_NOT_UNIQUE=101
+uint8 NAME_INVALID=102
+uint8 UNSUPPORTED_FORMAT=103
+uint8 NO_RESOURCE=104
+uint8 NAMESPACE_INVALID=105
+uint8 RESOURCE_PARSE_ERROR=106
+uint8 MISSING_ASSETS=107
+uint8 UNSUPPORTED_ASSETS=108
+uint8 INVALID_POSE=109
+simulation_interfaces/Result result
+string entity_name
+""",
+    ),
     "simulation_interfaces/srv/DeleteEntity": ("string entity", "simulation_interfaces/Result result"),
+    "action_msgs/srv/CancelGoal": (
+        "action_msgs/GoalInfo goal_info",
+        """
+int8 ERROR_NONE=0
+int8 ERROR_REJECTED=1
+int8 ERROR_UNKNOWN_GOAL_ID=2
+int8 ERROR_GOAL_TERMINATED=3
+int8 return_code
+action_msgs/GoalInfo[] goals_canceling
+""",
+    ),
+    "rcl_interfaces/srv/DescribeParameters": ("string[] names", "rcl_interfaces/ParameterDescriptor[] descriptors"),
+    "rcl_interfaces/srv/GetParameters": ("string[] names", "rcl_interfaces/ParameterValue[] values"),
+    "rcl_interfaces/srv/GetParameterTypes": ("string[] names", "uint8[] types"),
+    "rcl_interfaces/srv/ListParameters": (
+        "uint64 DEPTH_RECURSIVE=0\nstring[] prefixes\nuint64 depth",
+        "rcl_interfaces/ListParametersResult result",
+    ),
+    "rcl_interfaces/srv/SetParameters": (
+        "rcl_interfaces/Parameter[] parameters",
+        "rcl_interfaces/SetParametersResult[] results",
+    ),
+    "rcl_interfaces/srv/SetParametersAtomically": (
+        "rcl_interfaces/Parameter[] parameters",
+        "rcl_interfaces/SetParametersResult result",
+    ),
     "uwserver_msgs/srv/Call": ("string service\nstring arguments", "bool success\nstring message\nstring result"),
 }
 """Type -> texts of its request and its response."""
+
+ACTIONS: dict[str, tuple[str, str, str]] = {
+    "uwserver_msgs/action/Goto": (
+        "geometry_msgs/PoseStamped pose\nfloat64 speed\nfloat64 radius",
+        "bool success\nstring message\nfloat64 distance",
+        "float64 progress",
+    ),
+    "uwserver_msgs/action/Mission": (
+        "geometry_msgs/PoseStamped[] poses\nstring items\nuint32 first",
+        "bool success\nstring message\nuint32 reached",
+        "float64 progress",
+    ),
+    "simulation_interfaces/action/SimulateSteps": (
+        "uint64 steps",
+        "simulation_interfaces/Result result",
+        "uint64 completed_steps\nuint64 remaining_steps",
+    ),
+}
+"""Type -> texts of its goal, its result and its feedback."""
+
+NEWER_MESSAGES: dict[str, str] = {
+    "simulation_interfaces/msg/Resource": "string uri\nstring resource_string",
+    "simulation_interfaces/msg/Spawnable": """
+simulation_interfaces/Resource entity_resource
+string description
+simulation_interfaces/Bounds spawn_bounds
+""",
+}
+"""Of rolling, which has simulation_interfaces 2.1; kilted, jazzy and humble have 1.x."""
+NEWER_REQUESTS: dict[str, str] = {
+    "simulation_interfaces/srv/SetEntityState": """
+string entity
+simulation_interfaces/EntityState state
+bool set_pose
+bool set_twist
+bool set_acceleration
+""",
+    "simulation_interfaces/srv/SpawnEntity": """
+string name
+bool allow_renaming
+simulation_interfaces/Resource entity_resource
+string entity_namespace
+geometry_msgs/PoseStamped initial_pose
+""",
+}
+"""Likewise of services."""

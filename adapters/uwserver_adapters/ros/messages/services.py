@@ -1,22 +1,17 @@
-"""Services in ROS' words: std_srvs where they say it, simulation_interfaces for the world, a generated type for all others."""
+"""Services in ROS' words: std_srvs where they say it, a generated type for all others."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from uwserver.adapter import Undecodable, decode
+from uwserver.adapter import Conversation, Undecodable, decode
 from uwserver.ports import Argument, Fault, Json, Service
 from uwserver_adapters.ros.messages.generated import camel
 from uwserver_adapters.ros.messages.source import ros_name
 from uwserver_adapters.ros.messages.types import BadMessage, Types
-
-_OK, _UNSUPPORTED, _NOT_FOUND, _WRONG_STATE, _FAILED = 1, 0, 2, 3, 4
-_PLAYING, _PAUSED = 1, 2
-_FEATURES = (1, 20, 22, 24, 25, 26, 31, 32)
-"""Of SimulatorFeatures: deleting, reset (and of the state), state getting, setting, pause, stepping single and multiple."""
 
 TRIGGER, SET_BOOL, CALL = "std_srvs/srv/Trigger", "std_srvs/srv/SetBool", "uwserver_msgs/srv/Call"
 
@@ -29,6 +24,17 @@ class Ask:
     args: Mapping[str, object]
 
 
+Answered = Callable[[object, str], None]
+"""Gets the response, and why it says that something failed; "" where nothing did."""
+
+
+@dataclass(frozen=True)
+class Errand:
+    """What takes other than one call: `begin` does it, and tells the response once. Raises `Refused` or `BadMessage` where it cannot."""
+
+    begin: Callable[[Conversation, Answered], None]
+
+
 @dataclass(frozen=True)
 class Offer:
     """A ROS service.
@@ -36,7 +42,7 @@ class Offer:
     Attributes:
         name: of the service.
         type: ``package/srv/Name``.
-        ask: what a request asks for; or the response, where it is known at once. Raises `BadMessage`.
+        ask: what a request asks for, an `Ask` or an `Errand`; or the response, where it is known at once. Raises `BadMessage`.
         answer: the response to a result or a fault.
     """
 
@@ -46,20 +52,18 @@ class Offer:
     answer: Callable[[Json, Fault | None], object]
 
 
-def offers(types: Types, services: Iterable[Service], vehicles: Callable[[], Collection[str]]) -> Iterator[Offer]:
-    """All services of a world.
+def offers(types: Types, services: Iterable[Service]) -> Iterator[Offer]:
+    """All services of a world, but for those of simulation_interfaces.
 
     Args:
         types: of the distribution.
         services: ours.
-        vehicles: names of those that are there, when asked.
     """
     known = {service.path: service for service in services}
     for service in known.values():
         yield _generic(types, service)
         yield from _spellings(types, service)
     yield Offer("/uwserver/call", CALL, _any_call, _json_answer(types, CALL))
-    yield from _simulation(types, known, vehicles)
 
 
 def _generic(types: Types, service: Service) -> Offer:
@@ -101,10 +105,15 @@ def _given(arguments: Iterable[Argument], message: Any) -> Iterator[tuple[str, o
             if not value:
                 continue
             value = value[0]
-        yield argument.name, _json(value, argument.name) if argument.type == "json" else value
+        yield argument.name, json_value(value, argument.name) if argument.type == "json" else value
 
 
-def _json(text: str, where: str) -> object:
+def json_value(text: str, where: str) -> object:
+    """A value that a field holds as JSON.
+
+    Raises:
+        BadMessage: it is none.
+    """
     try:
         return decode(text.encode(), "json")
     except Undecodable as error:
@@ -114,7 +123,7 @@ def _json(text: str, where: str) -> object:
 
 
 def _any_call(message: Any) -> Ask:
-    args = _json(message.arguments, "arguments") if message.arguments else {}
+    args = json_value(message.arguments, "arguments") if message.arguments else {}
     if not isinstance(args, dict):
         raise BadMessage('arguments must be a JSON object, as {"n": 10}')
     return Ask(message.service.strip("/"), args)
@@ -155,69 +164,3 @@ def _spellings(types: Types, service: Service) -> Iterator[Offer]:
                 f"{vehicle}/mode/{ros_name(mode)}", TRIGGER, lambda _, mode=mode: Ask(service.path, {"mode": mode}),  # type: ignore[misc]
                 _plain_answer(types, TRIGGER),
             )  # fmt: skip
-
-
-# -- simulation_interfaces --------------------------------------------------------------------------------------------------------------------
-
-
-def _simulation(types: Types, known: Mapping[str, Service], vehicles: Callable[[], Collection[str]]) -> Iterator[Offer]:
-    package = "simulation_interfaces/srv/"
-
-    def result(code: int, text: str = "") -> object:
-        return types.make("simulation_interfaces/msg/Result", result=code, error_message=text)
-
-    def told(name: str) -> Callable[[Json, Fault | None], object]:
-        def answer(_: Json, fault: Fault | None) -> object:
-            code = _OK if fault is None else _CODES.get(fault.code, _FAILED)
-            return types.make(f"{package}{name}_Response", result=result(code, fault.text if fault else ""))
-
-        return answer
-
-    def features(_: object) -> object:
-        made = types.make(
-            "simulation_interfaces/msg/SimulatorFeatures", features=list(_FEATURES), custom_info="uwserver"
-        )
-        return types.make(f"{package}GetSimulatorFeatures_Response", features=made)
-
-    def entities(request: Any) -> object:
-        if request.filters.filter or len(request.filters.categories) or request.filters.tags.tags:
-            return types.make(
-                f"{package}GetEntities_Response", result=result(_UNSUPPORTED, "there are no filters: send none")
-            )
-        return types.make(f"{package}GetEntities_Response", result=result(_OK), entities=sorted(vehicles()))
-
-    def state(status: Json, fault: Fault | None) -> object:
-        paused = isinstance(status, dict) and bool(status.get("paused"))
-        return types.make(
-            f"{package}GetSimulationState_Response", result=result(_OK if fault is None else _FAILED),
-            state=types.make("simulation_interfaces/msg/SimulationState", state=_PAUSED if paused else _PLAYING),
-        )  # fmt: skip
-
-    def set_state(request: Any) -> object:
-        services = {_PLAYING: "world/resume", _PAUSED: "world/pause"}
-        if request.state.state in services:
-            return Ask(services[request.state.state], {})
-        text = f"state {request.state.state} is not supported, but playing (1) and paused (2)"
-        return types.make(f"{package}SetSimulationState_Response", result=result(_UNSUPPORTED, text))
-
-    def reset(request: Any) -> object:
-        if request.scope in (0, 255):
-            return Ask("world/reset", {})
-        text = f"scope {request.scope} is not supported: all is reset at once (0 or 255)"
-        return types.make(f"{package}ResetSimulation_Response", result=result(_UNSUPPORTED, text))
-
-    table: tuple[tuple[str, str, str, Callable[[Any], object], Callable[[Json, Fault | None], object]], ...] = (
-        ("", "get_simulator_features", "GetSimulatorFeatures", features, lambda *_: None),
-        ("", "get_entities", "GetEntities", entities, lambda *_: None),
-        ("world/status", "get_simulation_state", "GetSimulationState", lambda _: Ask("world/status", {}), state),
-        ("world/pause", "set_simulation_state", "SetSimulationState", set_state, told("SetSimulationState")),
-        ("world/step", "step_simulation", "StepSimulation", lambda m: Ask("world/step", {"n": m.steps}), told("StepSimulation")),
-        ("world/reset", "reset_simulation", "ResetSimulation", reset, told("ResetSimulation")),
-        ("world/remove", "delete_entity", "DeleteEntity", lambda m: Ask("world/remove", {"name": m.entity}), told("DeleteEntity")),
-    )  # fmt: skip
-    for needed, name, short, ask, answer in table:
-        if not needed or needed in known:
-            yield Offer(f"/uwserver/{name}", package + short, ask, answer)
-
-
-_CODES = {"unknown_port": _NOT_FOUND, "unknown_service": _NOT_FOUND, "busy": _WRONG_STATE}

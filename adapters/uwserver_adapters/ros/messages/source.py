@@ -46,6 +46,7 @@ class Facts:
         tick_s: time of a tick of the physics.
         mounts: path of a sensor -> its mount.
         geoid_m: height of the sea surface above the ellipsoid; NavSatFix wants heights above the latter.
+        truth: whether ground truth may be told.
         tf: who tells where vehicles are, on ``/tf``: the autopilot's estimate, the truth, or nobody.
     """
 
@@ -53,6 +54,7 @@ class Facts:
     tick_s: float = 0.0
     mounts: Mapping[str, Mount] = field(default_factory=dict)
     geoid_m: float = 0.0
+    truth: bool = False
     tf: str = "estimate"
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from uwserver.adapter import MESSAGE_LIMIT, CannotServe
-from uwserver_adapters.ros.messages.definitions import MESSAGES, SERVICES
+from uwserver_adapters.ros.messages.definitions import ACTIONS, MESSAGES, NEWER_MESSAGES, NEWER_REQUESTS, SERVICES
 
 DISTROS: dict[str, str] = {
     "noetic": "ROS1_NOETIC",
@@ -73,9 +73,15 @@ class Types:
         self._most_bytes: dict[str, int] = {}
         self._services: set[str] = set()
         self.generated: dict[str, str] = {}
-        self._register({name: text for name, text in MESSAGES.items() if name not in self.store.fielddefs})
+        messages = {**MESSAGES, **(NEWER_MESSAGES if distro == "rolling" else {})}
+        self._register({name: text for name, text in messages.items() if name not in self.store.fielddefs})
         for name, (request, response) in SERVICES.items():
-            self.register_service(name, request, response)
+            if not (self.is_ros1 and name.startswith("rcl_interfaces/")):
+                newer = NEWER_REQUESTS.get(name) if distro == "rolling" else None
+                self.register_service(name, newer or request, response)
+        if not self.is_ros1:
+            for name, parts in ACTIONS.items():
+                self.register_action(name, *parts)
 
     # -- which types there are ---------------------------------------------------------------------------------------------------------
 
@@ -93,6 +99,16 @@ class Types:
         """Add a service type ``package/srv/Name``."""
         self._register({f"{name}_Request": request, f"{name}_Response": response})
         self._services.add(name)
+
+    def register_action(self, name: str, goal: str, result: str, feedback: str) -> None:
+        """Add an action type ``package/action/Name``: the messages and services that it is made of."""
+        key = "unique_identifier_msgs/UUID goal_id"
+        self._register({f"{name}_Goal": goal, f"{name}_Result": result, f"{name}_Feedback": feedback})
+        self._register({f"{name}_FeedbackMessage": f"{key}\n{name}_Feedback feedback"})
+        self.register_service(
+            f"{name}_SendGoal", f"{key}\n{name}_Goal goal", "bool accepted\nbuiltin_interfaces/Time stamp"
+        )
+        self.register_service(f"{name}_GetResult", key, f"int8 status\n{name}_Result result")
 
     def _register(self, texts: dict[str, str]) -> None:
         from rosbags.typesys import get_types_from_msg
@@ -127,6 +143,13 @@ class Types:
         if given.keys() <= fields.keys():
             return self.store.types[name](**{**fields, **given})
         return self.store.types[name](**{key: given.get(key, value) for key, value in fields.items()})
+
+    def filled(self, name: str, field: str, value: Any) -> Any:
+        """A value as a field of a message holds it: a list of numbers is an array there."""
+        kind, what = dict(self.fields(name))[field]
+        if kind in (ARRAY, SEQUENCE) and what[0][0] == BASE and what[0][1][0] in DTYPES:
+            return np.array(value, DTYPES[what[0][1][0]])
+        return value
 
     def _blank(self, name: str) -> dict[str, Any]:
         blank = self._defaults.get(name)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 
 from msgspec import structs
 from ros_rig import PORTS, context, sample
 from uwserver_adapters.ros.feed import Feed
 from uwserver_adapters.ros.messages import Facts, Types
 
+from uwserver.adapter import Refusals
 from uwserver.ports import BodyView, Event, Sample, SensorView
 from uwserver.testing.fake_context import FakeContext
 
@@ -38,7 +40,8 @@ def run(story):
 
 def heard_of(world, *topics):
     told = []
-    feed = Feed(world, Types(), Facts(), lambda topic, message: told.append((topic, message)))
+    refusals = Refusals("ros", world.stats, asyncio.get_running_loop().time)
+    feed = Feed(world, refusals, Types(), Facts(), lambda topic, message: told.append((topic, message)))
     feed.begin()
     world.attach(feed)
     for topic in topics:
@@ -121,5 +124,63 @@ def test_after_a_reset_nothing_old_is_told_to_late_comers():
         world.say(Event("reset", 0, 0, "again"))
         assert feed.hear("/rov/mode") is None
         assert feed.hear("/tf_static") is not None
+
+    run(story)
+
+
+def test_a_fault_of_a_table_costs_its_message_and_is_told():
+    """What no test foresaw of one kind of sensor must not end the adapter, nor the topics of all others."""
+
+    async def story():
+        world = mounted(context())
+        feed, told = heard_of(world, "/rov/imu", "/rov/lasers")
+        (lasers,) = (outlet for outlet in feed.catalogue.outlets if outlet.topic == "/rov/lasers")
+        calls = []
+
+        def broken(a_sample):
+            calls.append(a_sample.seq)
+            if len(calls) == 1:
+                raise KeyError("an angle")
+            return lasers.make(a_sample)
+
+        outlets = (replace(o, make=broken) if o is lasers else o for o in feed.catalogue.outlets)
+        feed.catalogue = replace(feed.catalogue, outlets=tuple(outlets))
+        feed.hear("/rov/imu")
+        feed.hear("/rov/bumper")
+        feed.leave("/rov/bumper")
+        both = [sample(PORTS["rov/lasers"]), sample(PORTS["rov/imu"])]
+        world.put(both)
+        (_, bad), (_, good) = told
+        assert (bad.raw, bad.plain, bad.message) == (None, None, None)
+        assert good.raw is not None
+        assert good.plain is not None
+        assert (world.stats.errors, world.stats.details["refused"]) == (1, {"encoding": 1})
+        assert (
+            world.stats.last_error == "a message of sensor_msgs/msg/LaserScan could not be made: KeyError: 'an angle'"
+        )
+        world.put(both)
+        assert told[2][1].raw is not None
+
+    run(story)
+
+
+def test_a_fault_of_an_encoder_costs_that_form_once():
+    async def story():
+        world = mounted(context())
+        feed, told = heard_of(world, "/rov/imu")
+        world.put([sample(PORTS["rov/imu"])])
+        (_, message) = told[0]
+        tried = []
+
+        def breaks():
+            tried.append(1)
+            raise UnicodeEncodeError("utf-8", "\ud800", 0, 1, "half a pair")
+
+        assert message.encoded("cbor", breaks) is None
+        assert message.encoded("cbor", breaks) is None
+        assert len(tried) == world.stats.errors == 1
+        assert message.encoded("png", lambda: b"x") == b"x"
+        assert message.raw is not None
+        await feed.close()
 
     run(story)

@@ -9,7 +9,7 @@ from uwserver_adapters.ros2.graph import LATCHED, RELIABLE, Attachment, Endpoint
 from uwserver.adapter import CannotServe
 
 NAMES = Names(0, "aac3178e146ba6f1fc6e6a4085e77f21", "uwserver")
-IMU = ("sensor_msgs::msg::dds_::Imu_", "RIHS01_7d9a00ff")
+IMU = ("sensor_msgs/msg/Imu", "RIHS01_7d9a00ff")
 
 
 def test_a_key_has_domain_topic_type_and_hash():
@@ -30,10 +30,11 @@ def test_the_identity_of_a_token_is_that_of_rmw_zenoh():
 
 
 def test_tokens_of_others_are_read_also_with_more_parts():
-    token = NAMES.token(7, "SC", "/ns/add", "a::srv::dds_::Add_", "RIHS01_00", RELIABLE)
+    token = NAMES.token(7, "SC", "/ns/add", "a/srv/Add", "RIHS01_00", RELIABLE)
     wanted = Endpoint(NAMES.zid, "SC", "/uwserver", "/ns/add", "a::srv::dds_::Add_", "RIHS01_00")
     assert parsed_token(token) == wanted
     assert parsed_token(token + "/cuda") == wanted
+    assert NAMES.parsed(token) == wanted._replace(type="a/srv/Add")
     spaced = token.replace("/%/%/uwserver/", "/%/%ns/talker/")
     assert parsed_token(spaced).node == "/ns/talker"
     for none in (NAMES.node_token(), "", "@ros2_lv", "x/" * 13, token.replace("/SC/", "/XX/")):

@@ -7,7 +7,7 @@ import json
 import re
 from pathlib import Path
 
-from uwserver_adapters.ros.messages.definitions import MESSAGES, SERVICES
+from uwserver_adapters.ros.messages.definitions import ACTIONS, MESSAGES, SERVICES
 
 PACKAGE = Path(__file__).parents[4] / "clients/ros2/uwserver_msgs"
 
@@ -25,13 +25,18 @@ def test_definitions_are_those_of_the_adapters():
         services[f"uwserver_msgs/srv/{path.stem}"] = (_fields(request), _fields(response))
     wanted = {n: (_fields(a), _fields(b)) for n, (a, b) in SERVICES.items() if n.startswith("uwserver_msgs/")}
     assert services == wanted
+    actions = {
+        f"uwserver_msgs/action/{path.stem}": tuple(map(_fields, path.read_text().split("---\n")))
+        for path in PACKAGE.glob("action/*.action")
+    }
+    assert actions == {n: tuple(map(_fields, parts)) for n, parts in ACTIONS.items() if n.startswith("uwserver_msgs/")}
 
 
 def test_the_build_names_every_file():
     text = (PACKAGE / "CMakeLists.txt").read_text()
-    named = set(re.findall(r'"((?:msg|srv)/\w+\.(?:msg|srv))"', text))
+    named = set(re.findall(r'"(\w+/\w+\.(?:msg|srv|action))"', text))
     assert named == {
-        str(path.relative_to(PACKAGE)) for path in PACKAGE.glob("???/*.???") if path.parent.name in ("msg", "srv")
+        str(path.relative_to(PACKAGE)) for kind in ("msg", "srv", "action") for path in PACKAGE.glob(f"{kind}/*.{kind}")
     }
     for folder in re.search(r"DIRECTORY (.*) DESTINATION", text)[1].split():
         assert (PACKAGE / folder).is_dir()

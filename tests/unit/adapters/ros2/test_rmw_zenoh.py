@@ -14,9 +14,9 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from adapter_rig import serving
-from ros_rig import PORTS, T_NS, context, sample
+from ros_rig import PORTS, T_NS, context, flying, sample
 
-from uwserver.ports import Buffer, Sample
+from uwserver.ports import Buffer, Reply, Sample
 
 zenoh = pytest.importorskip("zenoh")
 
@@ -106,9 +106,9 @@ class Peer:
 
 
 @contextlib.asynccontextmanager
-async def node(distro="jazzy", **config):
+async def node(distro="jazzy", made=None, **config):
     """The world, and a function that runs a call of the peer beside the loop."""
-    made = context()
+    made = made or context()
     table = Ros2Config(**{"listen": ("tcp/127.0.0.1:0",), "ros_distro": distro, "domain": 0, "truth": True, **config})
     async with serving(Ros2Adapter(table, made)):
         loop, pool = asyncio.get_running_loop(), ThreadPoolExecutor(1)
@@ -341,5 +341,36 @@ def test_a_large_message_comes_whole():
             said = await aside(heard.get, timeout=10)
             data = peer.types.from_cdr(said.payload.to_bytes(), "uwserver_msgs/msg/Plankton").picture
             assert data.tobytes() == picture.data
+
+    run(story)
+
+
+def test_an_action_of_a_client_of_ros():
+    """As rcl_action: the goal is sent, its status and feedback are heard, its result is asked for at once and comes at its end."""
+
+    async def story():
+        async with node(made=flying()) as (world, peer, aside):
+            action, below = "uwserver_msgs/action/Goto", "/rov/goto/_action/"
+            feedback = await aside(peer.hear, below + "feedback", f"{action}_FeedbackMessage")
+            uuid = peer.types.make("unique_identifier_msgs/msg/UUID", uuid=np.arange(16, dtype=np.uint8))
+            goal = peer.types.make(f"{action}_Goal", speed=0.5)
+            sent = await aside(peer.call, below + "send_goal", f"{action}_SendGoal", goal_id=uuid, goal=goal)
+            assert sent.accepted
+            status = await aside(peer.hear, below + "status", "action_msgs/msg/GoalStatusArray", latched=True)
+            said = await aside(status.get, timeout=5)  # a late comer
+            (told,) = peer.types.from_cdr(said.payload.to_bytes(), "action_msgs/msg/GoalStatusArray").status_list
+            assert (told.status, told.goal_info.goal_id.uuid.tolist()) == (2, list(range(16)))
+            (call,) = [call for call in world.calls if call.service == "rov/autopilot/goto"]
+            asked = asyncio.ensure_future(aside(peer.call, below + "get_result", f"{action}_GetResult", goal_id=uuid))
+            await asyncio.sleep(0.2)
+            call.progress(0.5)
+            call.finish(Reply(1, 1, {"distance_m": 0.1}))
+            result = await asked
+            assert (result.status, result.result.success) == (4, True)
+            moved = await aside(feedback.get, timeout=5)
+            assert peer.types.from_cdr(moved.payload.to_bytes(), f"{action}_FeedbackMessage").feedback.progress == 0.5
+            tokens = {(e.kind, e.name): e for e in map(parsed_token, await aside(peer.graph)) if e is not None}
+            assert tokens["SS", below + "cancel_goal"].type == "action_msgs::srv::dds_::CancelGoal_"
+            assert tokens["MP", below + "feedback"].type == "uwserver_msgs::action::dds_::Goto_FeedbackMessage_"
 
     run(story)

@@ -12,9 +12,11 @@ from pathlib import Path
 
 import pytest
 from adapter_rig import serving
-from ros_rig import PORTS, context, sample
+from ros_rig import PORTS, context, flying, sample
 from uwserver_adapters.rosbridge import RosbridgeAdapter
 from uwserver_adapters.rosbridge.config import RosbridgeConfig
+
+from uwserver.ports import Reply
 
 ROSLIBPY = """
 import json, sys, threading
@@ -56,6 +58,36 @@ print(json.dumps(told))
 ros.terminate()
 """
 
+ROSLIBPY_ACTION = """
+import json, sys, threading
+import roslibpy
+told = {"feedback": []}
+ros = roslibpy.Ros("127.0.0.1", int(sys.argv[1]))
+ros.run(timeout=20)
+goto = roslibpy.ActionClient(ros, "/rov/goto", "uwserver_msgs/action/Goto")
+moved, ended = threading.Event(), []
+def moving(feedback):
+    told["feedback"].append(feedback["progress"])
+    moved.set()
+goal = roslibpy.Goal({"pose": {"pose": {"position": {"x": 1.0, "y": 2.0, "z": -3.0}, "orientation": {"w": 0.0}}}, "speed": 0.5})
+first = goto.send_goal(goal, ended.append, moving, print)
+goto.wait_goal(first, 20)
+assert moved.is_set()
+told["first"] = [ended[0]["status"].value, ended[0]["values"]]
+moved.clear()
+second = goto.send_goal(goal, ended.append, moving, print)
+assert moved.wait(20)
+goto.cancel_goal(second)
+goto.wait_goal(second, 20)
+told["second"] = [ended[1]["status"].value, ended[1]["values"]["message"]]
+failed = []
+wrong = goto.send_goal(roslibpy.Goal({"place": 1}), print, print, failed.append)
+goto.wait_goal(wrong, 20)
+told["failed"] = failed[0]["values"]
+print(json.dumps(told))
+ros.terminate()
+"""
+
 ROSLIB = """
 import * as ROSLIB from 'roslib';
 const told = {};
@@ -93,11 +125,11 @@ setTimeout(() => process.exit(0), 100);
 """
 
 
-def told_by(command, port_name, **options):
-    """What a client says that runs beside the adapter, while samples flow; and the commands that came."""
+def told_by(command, port_name, made=None, meanwhile=lambda: None, **options):
+    """What a client says that runs beside the adapter, while samples flow and something happens; and the commands that came."""
 
-    async def story():
-        made = context()
+    async def story(made=made):
+        made = made or context()
         async with serving(RosbridgeAdapter(RosbridgeConfig(port=0), made)):
             port = made.stats.address.rpartition(":")[2]
             process = await asyncio.create_subprocess_exec(
@@ -107,6 +139,7 @@ def told_by(command, port_name, **options):
                 ended = asyncio.ensure_future(process.communicate())
                 while not ended.done():
                     made.put([sample(PORTS[port_name])])
+                    meanwhile()
                     await asyncio.wait({ended}, timeout=0.02)
                 out, err = ended.result()
             finally:
@@ -128,6 +161,27 @@ def test_roslibpy():
         "sum": 5,
     }  # fmt: skip
     assert world.commands[-1].value == ((0.1, 0.2, 0.3),)
+
+
+def test_actions_of_roslibpy():
+    pytest.importorskip("roslibpy")
+    world = flying()
+
+    def meanwhile():
+        """The first goal arrives, the second is still on its way when it is cancelled."""
+        goals = [call for call in world.calls if call.service == "rov/autopilot/goto"]
+        if goals and not goals[-1].is_done:
+            goals[-1].progress(0.5)
+            if len(goals) == 1:
+                goals[0].finish(Reply(1, 1, {"distance_m": 0.1}))
+
+    told, _ = told_by([sys.executable, "-c", ROSLIBPY_ACTION], "rov/imu", world, meanwhile)
+    assert set(told.pop("feedback")) == {0.5}
+    assert told.pop("failed").startswith("uwserver_msgs/action/Goto_Goal has no field 'place'")
+    assert told == {
+        "first": [4, {"success": True, "message": "", "distance": 0.1}],
+        "second": [5, "cancelled by its caller"],
+    }
 
 
 def test_the_program_of_the_page_runs():

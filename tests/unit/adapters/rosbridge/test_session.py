@@ -11,12 +11,12 @@ import pytest
 import websockets
 from adapter_rig import serving
 from cbor_rig import uncbor
-from ros_rig import PORTS, T_NS, context, sample
+from ros_rig import PORTS, T_NS, context, flying, sample
 from uwserver_adapters.ros.messages import Types
 from uwserver_adapters.rosbridge import RosbridgeAdapter, subscriptions
 from uwserver_adapters.rosbridge.config import RosbridgeConfig
 
-from uwserver.ports import Event, Refused, Sample
+from uwserver.ports import Argument, Event, Refused, Reply, Sample, Service
 
 
 class Client:
@@ -649,5 +649,150 @@ def test_who_does_not_read_loses_the_oldest_and_holds_up_nobody():
                 assert made.stats.dropped > 1000
 
             writer.close()
+
+    run(story)
+
+
+# -- actions --------------------------------------------------------------------------------------------------------------------------------
+
+
+def running(world):
+    return [call for call in world.calls if call.service == "rov/autopilot/goto" and not call.is_done]
+
+
+def test_a_goal_tells_where_it_is_and_how_it_ends():
+    async def story():
+        async with bridge(made=flying()) as (world, client):
+            goal = {"op": "send_action_goal", "action": "rov/goto", "args": {"speed": 0.5}}
+            await client.say(**goal, id="one", action_type="uwserver_msgs/Goto", feedback=True)
+            await client.say(**goal, id=2)
+            await client.settle()
+            one, two = running(world)
+            assert one.args["speed_mps"] == 0.5
+            one.progress(0.25)
+            two.progress(0.25)  # which this goal did not ask for
+            one.finish(Reply(1, 1, {"distance_m": 0.5}))
+            two.finish(Reply(1, 1, fault=Refused("denied", "not armed").fault))
+            about = {"action": "/rov/goto", "id": "one"}
+            assert await client.hear() == {"op": "action_feedback", **about, "values": {"progress": 0.25}}
+            values = {"success": True, "message": "", "distance": 0.5}
+            assert await client.hear() == {
+                "op": "action_result",
+                **about,
+                "values": values,
+                "status": 4,
+                "result": True,
+            }
+            told = await client.hear()
+            assert (told["id"], told["status"], told["values"]["message"]) == (2, 6, "not armed")
+            assert world.stats.details["refused"] == {"goal": 1}
+
+    run(story)
+
+
+def test_a_goal_is_cancelled_and_those_of_a_client_that_leaves():
+    async def story():
+        async with bridge(2, made=flying()) as (world, client, other):
+            await client.say(op="send_action_goal", action="/rov/goto", id="a")
+            await other.say(op="send_action_goal", action="/rov/goto", id="a")
+            await client.settle()
+            await other.settle()
+            assert len(running(world)) == 2
+            await client.say(op="cancel_action_goal", action="/rov/goto", id="a")
+            told = await client.hear()
+            assert (told["op"], told["id"], told["status"], told["result"]) == ("action_result", "a", 5, True)
+            await client.say(op="cancel_action_goal", action="/rov/goto", id="a")
+            assert "no goal of this id" in (await client.hear())["msg"]
+            assert len(running(world)) == 1
+            await other.socket.close()
+            await client.settle()
+            while running(world):
+                await asyncio.sleep(0.01)
+
+    run(story)
+
+
+@pytest.mark.parametrize(
+    ("message", "word"),
+    [
+        ({"action": "/rov/got", "id": "x"}, 'did you mean "/rov/goto"'),
+        ({"action": "/rov/goto"}, "needs an id"),
+        ({"id": "x"}, 'needs an "action"'),
+        ({"action": "a" * 300, "id": "x"}, "at most 256"),
+        ({"action": "/rov/goto", "id": "x", "action_type": "uwserver_msgs/action/Mission"}, "is of type"),
+        ({"action": "/rov/goto", "id": "x", "args": {"speed": "fast"}}, "speed must be a number"),
+        ({"action": "/rov/goto", "id": "x", "args": {"speed": None}}, "speed_mps"),
+        ({"action": "/rov/goto", "id": "x", "args": 7}, "must be a map"),
+        ({"action": "/rov/mission", "id": "x", "args": {"items": "[["}}, "items is no JSON"),
+    ],
+)
+def test_a_goal_that_is_not_taken_has_a_result_that_says_why(message, word):
+    async def story():
+        async with bridge(made=flying()) as (world, client):
+            await client.say(op="send_action_goal", **message)
+            told = await client.hear()
+            assert (told["op"], told["result"], told["status"], told.get("id")) == (
+                "action_result",
+                False,
+                0,
+                message.get("id"),
+            )
+            assert word in told["values"]
+            assert not [call for call in world.calls if call.service.startswith("rov/autopilot/")]
+
+    run(story)
+
+
+def test_rosapi_tells_actions():
+    async def story():
+        async with bridge(made=flying()) as (_, client):
+            servers = (await client.call("/rosapi/action_servers"))["values"]["action_servers"]
+            assert servers == ["/rov/goto", "/rov/mission", "/uwserver/simulate_steps"]
+            kind = (await client.call("/rosapi/action_type", {"action": "/rov/goto"}))["values"]["type"]
+            assert kind == "uwserver_msgs/action/Goto"
+            told = await client.call("/rosapi/action_goal_details", {"type": kind})
+            assert told["values"]["typedefs"][0]["fieldnames"] == ["pose", "speed", "radius"]
+            lost = await client.call("/rosapi/action_result_details", {"type": "a/action/B"})
+            assert (lost["result"], "no action type" in lost["values"]) == (False, True)
+
+    run(story)
+
+
+# -- parameters -----------------------------------------------------------------------------------------------------------------------------
+
+
+def settable():
+    made = context()
+    rate = Argument("rate_hz", "float", "samples a second", "Hz", required=False)
+    made.services = {
+        **made.services,
+        "rov/imu/get": Service("rov/imu/get", "Of an IMU."),
+        "rov/imu/set": Service("rov/imu/set", "Of an IMU.", (rate,)),
+    }
+    made.scripts["rov/imu/get"] = lambda _: {"rate_hz": 100.0}
+    return made
+
+
+def test_parameters_are_read_and_changed():
+    async def story():
+        async with bridge(made=settable()) as (world, client):
+
+            async def ask(service, **args):
+                return await client.call(f"/rosapi/{service}", args)
+
+            names = (await ask("get_param_names"))["values"]["names"]
+            assert names == ["/uwserver:rov.imu.rate_hz"]
+            for name in (*names, "rov.imu.rate_hz", "/rov/imu/rate_hz"):
+                assert (await ask("get_param", name=name))["values"]["value"] == "100.0"
+                assert (await ask("has_param", name=name))["values"]["exists"] is True
+            told = (await ask("set_param", name=names[0], value="50"))["values"]
+            assert told == {"successful": True, "reason": ""}
+            assert [call.args for call in world.calls if call.service == "rov/imu/set"] == [{"rate_hz": 50.0}]
+            told = (await ask("set_param", name=names[0], value='"fast"'))["values"]
+            assert told == {"successful": False, "reason": "rov.imu.rate_hz must be a number"}
+            lost = await ask("set_param", name=names[0], value="fast")
+            assert (lost["result"], "must be JSON" in lost["values"]) == (False, True)
+            assert (await ask("get_param", name="rov.imu.rate", default_value="7"))["values"]["value"] == "7"
+            assert (await ask("delete_param", name=names[0]))["values"]["successful"] is False
 
     run(story)

@@ -138,7 +138,7 @@ SERVICES = (
 @pytest.fixture
 def served():
     types = Types()
-    found = {offer.name: offer for offer in offers(types, SERVICES, lambda: ["rov", "boat"])}
+    found = {offer.name: offer for offer in offers(types, SERVICES)}
 
     def ask(name, given=None):
         offer = found[name]
@@ -183,25 +183,6 @@ def test_any_service_by_its_name(served):
     assert served.ask("/uwserver/call", {"service": "world/pause"}) == Ask("world/pause", {})
     with pytest.raises(BadMessage, match="JSON object"):
         served.ask("/uwserver/call", {"service": "world/step", "arguments": "[]"})
-
-
-def test_simulation_interfaces(served):
-    assert served.ask("/uwserver/set_simulation_state", {"state": {"state": 2}}) == Ask("world/pause", {})
-    assert served.ask("/uwserver/set_simulation_state", {"state": {"state": 1}}) == Ask("world/resume", {})
-    refused = served.ask("/uwserver/set_simulation_state", {"state": {"state": 3}})
-    assert (refused.result.result, "not supported" in refused.result.error_message) == (0, True)
-    assert served.ask("/uwserver/step_simulation", {"steps": 9}) == Ask("world/step", {"n": 9})
-    assert served.ask("/uwserver/reset_simulation", {"scope": 255}) == Ask("world/reset", {})
-    assert served.ask("/uwserver/reset_simulation", {"scope": 1}).result.result == 0
-    assert served.ask("/uwserver/delete_entity", {"entity": "boat"}) == Ask("world/remove", {"name": "boat"})
-    assert served.ask("/uwserver/get_entities").entities == ["boat", "rov"]
-    assert served.ask("/uwserver/get_entities", {"filters": {"filter": "r.*"}}).result.result == 0
-    assert 26 in served.ask("/uwserver/get_simulator_features").features.features
-    state = served.offers["/uwserver/get_simulation_state"].answer
-    assert state({"paused": True}, None).state.state == 2
-    assert state({"paused": False}, None).state.state == 1
-    gone = served.offers["/uwserver/delete_entity"].answer(None, Fault("unknown_port", "no boat", "boat"))
-    assert (gone.result.result, gone.result.error_message) == (2, "no boat")
 
 
 def test_every_request_and_response_has_bytes(served):

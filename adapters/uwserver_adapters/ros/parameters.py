@@ -1,0 +1,125 @@
+"""Parameters of a node, while the world runs: several are read or changed by one request, whose answer comes when all are known. Loop thread."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+
+from uwserver.adapter import Conversation, did_you_mean
+from uwserver.ports import Json, Refused, Reply
+from uwserver_adapters.ros.messages.services import Ask
+from uwserver_adapters.ros.messages.settings import Setting
+from uwserver_adapters.ros.messages.types import BadMessage
+
+AT_ONCE = 4096
+"""Parameters of one request."""
+Values = Callable[[list[object | None]], None]
+"""Gets the values, in the order of their names; None for each that there is not."""
+Reasons = Callable[[list[str]], None]
+"""Gets why each was not changed; "" for those that were."""
+
+
+class Parameters:
+    """Of one peer.
+
+    Args:
+        conversation: of the peer.
+        settings: all that there are now, by name.
+    """
+
+    def __init__(self, conversation: Conversation, settings: Callable[[], Mapping[str, Setting]]) -> None:
+        self._conversation, self._settings = conversation, settings
+
+    def get(self, names: Sequence[str], answered: Values) -> None:
+        """Read some."""
+        known = self._settings()
+        chosen = [known.get(name) for name in names[:AT_ONCE]]
+        sources = list(dict.fromkeys(setting.source for setting in chosen if setting is not None))
+        found: dict[str, Json] = {}
+
+        def finish() -> None:
+            answered([None if setting is None else setting.told(found[setting.source]) for setting in chosen])
+
+        def came(source: str, reply: Reply) -> None:
+            found[source] = reply.result
+            if len(found) == len(sources):
+                finish()
+
+        if not sources:
+            finish()
+        for source in sources:
+            self._call(Ask(source, {}), partial(came, source))
+
+    def set(self, wanted: Sequence[tuple[str, object]], answered: Reasons) -> None:
+        """Change some, each by itself and in their order."""
+        if not wanted:
+            answered([])
+        reasons: dict[int, str] = {}
+
+        def came(k: int, reason: str) -> None:
+            reasons[k] = reason
+            if len(reasons) == len(wanted):
+                answered([reasons[k] for k in range(len(wanted))])
+
+        for k, (name, value) in enumerate(wanted):
+            if k >= AT_ONCE:
+                came(k, f"a request changes at most {AT_ONCE} parameters")
+                continue
+            try:
+                asked = self._asked(name, value)
+            except BadMessage as bad:
+                came(k, str(bad))
+                continue
+            self._call(asked, lambda reply, k=k: came(k, _why(reply)))  # type: ignore[misc]
+
+    def set_together(self, wanted: Sequence[tuple[str, object]], answered: Callable[[str], None]) -> None:
+        """Change all or none: those of one component, which the world takes in one call."""
+        try:
+            asked = [self._asked(name, value) for name, value in wanted[:AT_ONCE]]
+        except BadMessage as bad:
+            answered(str(bad))
+            return
+        if not asked:
+            answered("")
+        elif len(asked) == 1:
+            self._call(asked[0], lambda reply: answered(_why(reply)))
+        elif len({one.service for one in asked}) > 1 or not asked[0].service.endswith("/set"):
+            answered(
+                "only parameters of one sensor or actuator, without active, can be changed at once: set them one by one"
+            )
+        else:
+            args = {key: value for one in asked for key, value in one.args.items()}
+            self._call(Ask(asked[0].service, args), lambda reply: answered(_why(reply)))
+
+    def _asked(self, name: str, value: object) -> Ask:
+        known = self._settings()
+        setting = known.get(name)
+        if setting is None:
+            raise BadMessage(f'no parameter "{name[:100]}"{did_you_mean(name[:200], known)}')
+        return setting.change(setting.checked(value))
+
+    def _call(self, asked: Ask, answered: Callable[[Reply], None]) -> None:
+        try:
+            self._conversation.call(asked.service, asked.args, answered)
+        except Refused as refused:
+            answered(Reply(0, 0, fault=refused.fault))
+
+
+def _why(reply: Reply) -> str:
+    return "" if reply.fault is None else reply.fault.text or reply.fault.code
+
+
+def listed(names: Sequence[str], prefixes: Sequence[str], depth: int) -> tuple[list[str], list[str]]:
+    """Names and their prefixes, as rcl_interfaces/ListParameters wants them; a depth of 0 is any."""
+
+    def is_wanted(name: str) -> bool:
+        if not prefixes:
+            return not depth or name.count(".") < depth
+        return any(
+            name == prefix
+            or (name.startswith(f"{prefix}.") and (not depth or name[len(prefix) + 1 :].count(".") < depth))
+            for prefix in prefixes
+        )
+
+    chosen = sorted(filter(is_wanted, names))
+    return chosen, sorted({name.rpartition(".")[0] for name in chosen if "." in name})
