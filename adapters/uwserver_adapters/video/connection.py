@@ -195,7 +195,6 @@ class RtspConnection(Connection):
             self._look = self.loop.call_later(max(min(rest, 1.0), 0.05), self._attend)
             return
         self.peers.refusals.note("silent", f"a client said nothing for {patience:g} s: its pictures end")
-        self.stop()
         self.close()
 
     def _forget_udp(self) -> None:

@@ -229,9 +229,14 @@ class Stream:
         return self._packets.report(t_ns)
 
     async def close(self) -> None:
-        """End it; the picture in work is waited for."""
+        """End it; pictures that wait for the encoder are waited for."""
         self._takers.clear()
+        if self._encoder is not None or self._waiting:
+            await self._worker.run(self._finish)
         await self._worker.close(lambda: None)
+
+    def _finish(self) -> None:
+        """On the stream's thread."""
         encoder, self._encoder = self._encoder, None
         if encoder is not None:
             encoder.close()
