@@ -22,6 +22,10 @@ from uwserver_adapters.ros1.config import Ros1Config
 from uwserver_adapters.sockets import connection as sockets_connection
 from uwserver_adapters.sockets import datagrams
 from uwserver_adapters.sockets.config import SocketsConfig
+from uwserver_adapters.video import announcer, rtsp
+from uwserver_adapters.video import connection as video_connection
+from uwserver_adapters.video import stream as video_stream
+from uwserver_adapters.video.config import VideoConfig
 
 from uwserver.adapter import accepting, bounds, connection, conversation, peers, refusals
 from uwserver.recording import reading, recorder
@@ -62,6 +66,7 @@ def limits_page() -> str:
         "MORSE": _morse(),
         "MAVLink, PX4": _mavlink(),
         "ROS 1": _ros1(),
+        "video": _video(),
         "`/health`, `/metrics`": _health(),
         "start and end": _life(),
     }
@@ -247,6 +252,30 @@ def _ros1() -> Iterator[Row]:
     yield "a head of a call of the API, its body", http, "4xx, disconnected"
     yield "publishers of a topic", str(node.PUBLISHERS), "the rest is not heard"
     yield "time in which the master, or a publisher, answers", f"{links.CALL_S:g} s", "tried again"
+
+
+def _video() -> Iterator[Row]:
+    yield (
+        "clients of RTSP; of one host",
+        f"{_setting(VideoConfig, 'max_clients')}; {_setting(VideoConfig, 'max_clients_per_host')}",
+        "453, disconnected",
+    )
+    yield "a head of a request, its body", f"{_bytes(rtsp.HEAD_LIMIT)}, {_bytes(rtsp.BODY_LIMIT)}", "4xx, disconnected"
+    yield "requests of a client in a second", str(video_connection.REQUESTS_PER_S), "not read until it is over"
+    yield (
+        "a client that takes pictures says nothing",
+        _setting(VideoConfig, "keep_alive_s", " s"),
+        "its pictures end, disconnected",
+    )
+    yield "one that takes none says nothing", f"{video_connection.IDLE_S:g} s", "disconnected"
+    yield (
+        "what waits for a slow client",
+        _setting(VideoConfig, "queue_bytes"),
+        "pictures are left out up to the next key picture",
+    )
+    yield "pictures that wait for an encoder", str(video_stream.WAITING), "left out, counted"
+    yield "key pictures for those who come", f"one each {video_stream.FORCE_S:g} s", "they wait for the next"
+    yield "commands of a ground station to cameras in a second", str(announcer.COMMANDS_PER_S), "dropped"
 
 
 def _health() -> Iterator[Row]:

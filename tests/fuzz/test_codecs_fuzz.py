@@ -62,6 +62,8 @@ FAULTS: dict[str, tuple[str, object]] = {
     "moos_packets": ("uwserver_adapters.moos.wire.NAMES_LIMIT", 5),
     "moos_lines": ("uwserver_adapters.moos.text.lines._TAG", re.compile(r"#(\d{1,3})\s")),
     "devices": ("uwserver_adapters.devices.water_linked_a50.decode", None),
+    "rtsp": ("uwserver_adapters.video.session.LOWEST_PORT", 1),
+    "camera": ("uwserver_adapters.video.camera._row", lambda text: [300] * 32),
     "ardupilot": ("uwserver_adapters.ardupilot.wire._FORMS", {ardupilot.MAGIC_16: struct.Struct("<HIH16H")}),
     "px4": ("uwserver_adapters.px4.codec.CONTROLS", 15),
     "zenoh": ("uwserver_adapters.zenoh_bus.requests.decode_caller", None),
