@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import importlib
 import socket
 from collections.abc import Collection, Sequence
 from typing import cast
@@ -111,6 +112,8 @@ class VideoAdapter:
     def _add(self, name: str, table: StreamTable, port: Port) -> None:
         if table.codec == "jpeg" and not can_encode_jpeg():
             raise CannotServe(f"JPEG needs simplejpeg or Pillow: pip install '{EXTRA}'")
+        if table.codec == "h264":
+            importlib.import_module("av")  # now: it takes as long as hundreds of ticks
         place = picture_place(port)
         assert place is not None
         stream = Stream(name, table, port, place, self.context, self._refusals, self._follow_wants)
