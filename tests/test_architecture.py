@@ -54,6 +54,7 @@ RANK = {part: rank for rank, line in enumerate(LAYERS) for part in line}
 CONTRACT = {
     "uwserver.adapter",
     "uwserver.adapter.foxglove",
+    "uwserver.adapter.pictures",
     "uwserver.ports",
     "uwserver.frames",
     "uwserver.table",

@@ -24,6 +24,10 @@ from uwserver_adapters.ros1.config import Ros1Config
 from uwserver_adapters.sockets import connection as sockets_connection
 from uwserver_adapters.sockets import datagrams
 from uwserver_adapters.sockets.config import SocketsConfig
+from uwserver_adapters.video import announcer, rtsp
+from uwserver_adapters.video import connection as video_connection
+from uwserver_adapters.video import stream as video_stream
+from uwserver_adapters.video.config import VideoConfig
 from uwserver_adapters.yarp import adapter as yarp_adapter
 from uwserver_adapters.yarp import bottle, names
 from uwserver_adapters.yarp import wire as yarp_wire
@@ -70,6 +74,7 @@ def limits_page() -> str:
         "ROS 1": _ros1(),
         "YARP": _yarp(),
         "Player": _player(),
+        "video": _video(),
         "`/health`, `/metrics`": _health(),
         "start and end": _life(),
     }
@@ -282,6 +287,30 @@ def _player() -> Iterator[Row]:
         _setting(PlayerConfig, "queue_bytes"),
         "data are left out; answers: disconnected",
     )
+
+
+def _video() -> Iterator[Row]:
+    yield (
+        "clients of RTSP; of one host",
+        f"{_setting(VideoConfig, 'max_clients')}; {_setting(VideoConfig, 'max_clients_per_host')}",
+        "453, disconnected",
+    )
+    yield "a head of a request, its body", f"{_bytes(rtsp.HEAD_LIMIT)}, {_bytes(rtsp.BODY_LIMIT)}", "4xx, disconnected"
+    yield "requests of a client in a second", str(video_connection.REQUESTS_PER_S), "not read until it is over"
+    yield (
+        "a client that takes pictures says nothing",
+        _setting(VideoConfig, "keep_alive_s", " s"),
+        "its pictures end, disconnected",
+    )
+    yield "one that takes none says nothing", f"{video_connection.IDLE_S:g} s", "disconnected"
+    yield (
+        "what waits for a slow client",
+        _setting(VideoConfig, "queue_bytes"),
+        "pictures are left out up to the next key picture",
+    )
+    yield "pictures that wait for an encoder", str(video_stream.WAITING), "left out, counted"
+    yield "key pictures for those who come", f"one each {video_stream.FORCE_S:g} s", "they wait for the next"
+    yield "commands of a ground station to cameras in a second", str(announcer.COMMANDS_PER_S), "dropped"
 
 
 def _health() -> Iterator[Row]:

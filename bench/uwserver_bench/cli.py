@@ -30,6 +30,7 @@ PARTS = (
     "ros",
     "sil",
     "web",
+    "video",
     "logs",
     "hostile",
 )
@@ -64,7 +65,7 @@ def bench(
     minutes: float | None,
     only: str,
 ) -> None:
-    """Measure physics, solids, contact, sensors, swarm, server, start, net, moos, mavlink, ros, sil, web, logs, hostile, or one PART.
+    """Measure physics, solids, contact, sensors, swarm, server, start, net, moos, mavlink, ros, sil, web, video, logs, hostile, or one PART.
 
     On an idle machine; all of it takes half an hour.
 

@@ -75,6 +75,12 @@ async def _rosbridge_client(context: FakeContext) -> TcpPeer:
     return peer
 
 
+async def _rtsp_client(context: FakeContext) -> TcpPeer:
+    """A player, before it has said anything."""
+    address = context.stats.address.removeprefix("rtsp://").rstrip("/")
+    return await TcpPeer.connect(replace(context, stats=AdapterStats(address=address)))
+
+
 async def _ros1(context: FakeContext) -> TcpPeer:
     """A subscriber or service client of TCPROS."""
     address = str(context.stats.details["tcpros"])
@@ -321,6 +327,11 @@ PX4_CONTROLS = bytes.fromhex(
 MAVLINK_ARM = bytes.fromhex("fd20000000ffbe4c00000000803f000000000000000000000000000000000000000000000000900101019e4e")
 SERVO_FRAME = struct.pack("<HHI16H", 18458, 250, 0, *[1500] * 16)
 
+RTSP_PLAY = (
+    b"SETUP rtsp://h/rov/camera/video RTSP/1.0\r\nCSeq: 1\r\nTransport: RTP/AVP/TCP;interleaved=0-1\r\n\r\n"
+    b"PLAY rtsp://h/rov/camera RTSP/1.0\r\nCSeq: 2\r\n\r\n"
+)
+
 # How a peer asks each adapter for samples. An adapter without a row here fails below: it has to be added.
 KITS: dict[str, tuple[dict[str, Any], Connect, bytes]] = {
     "mavlink": ({"links": ("tcpin:127.0.0.1:0",)}, _mavlink_station, b""),
@@ -342,6 +353,11 @@ KITS: dict[str, tuple[dict[str, Any], Connect, bytes]] = {
     "ros1": ({"master": "http://127.0.0.1:9", "queue_bytes": 1 << 16}, _ros1, _ros1_header(topic="/rov/imu")),
     "rosbridge": ({"port": 0}, _rosbridge_client, _web('{"op":"subscribe","topic":"/rov/imu"}')),
     "sockets": ({"port": 0}, TcpPeer.connect, b'{"method":"subscribe","params":{"pattern":"**"}}\n'),
+    "video": (
+        {"rtsp_port": 0, "codec": "jpeg", "queue_bytes": 1 << 16, "max_clients": 64},
+        _rtsp_client,
+        RTSP_PLAY,
+    ),
     "web": ({"port": 0}, _web_page, _web('{"method":"subscribe","params":{"pattern":"**"}}')),
     "yarp": (
         {"name_server": "127.0.0.1:9", "queue_bytes": 1 << 16},
@@ -389,6 +405,7 @@ REQUESTS = {
         many=_web('{"op":"call_service","service":"/world/run_until","args":{"t_s":9}}'),
         misspelt=_web('{"op":"call_service","id":"3","service":"/world/run_untill","args":{"t_s":9}}'),
     ),
+    "video": Requests(many=b"GET_PARAMETER rtsp://h/ RTSP/1.0\r\nCSeq: 1\r\n\r\n"),
     "web": Requests(
         _web('{"id":1,"method":"call","params":{"service":"world/run_until","args":{"t_s":9}}}'),
         cancel=_web('{"id":2,"method":"cancel","params":{"id":1}}'),
@@ -445,6 +462,7 @@ UNSAID = {
     "rosbridge": {_CANCEL, _TIME_OUT},
     "devices": {_CANCEL, _TIME_OUT, _NAMES},
     "sockets": {_TIME_OUT},
+    "video": {_LEAVES, _CANCEL, _TIME_OUT, _NAMES},  # nothing of the world can be asked
     "web": {_TIME_OUT},
     "player": {_CANCEL, _TIME_OUT},
     "ros1": {_CANCEL, _TIME_OUT},
@@ -476,7 +494,21 @@ def _with_dvl() -> FakeContext:
     )
 
 
-CONTEXTS = {"devices": _with_dvl, "ardupilot_json": _with_truth, "px4_hil": _with_truth, "mavlink": _with_autopilot}
+IMAGE = Field("image", "1", "picture", type="buffer", buffer=Layout("uint8", (-1, -1, 3)))
+CAMERA = Port("rov/camera", "sensor", "camera", (IMAGE,), "Camera.", rate_hz=25.0)
+
+
+def _with_camera() -> FakeContext:
+    return FakeContext(ports={port.path: port for port in (*PORTS, CAMERA)})
+
+
+CONTEXTS = {
+    "video": _with_camera,
+    "devices": _with_dvl,
+    "ardupilot_json": _with_truth,
+    "px4_hil": _with_truth,
+    "mavlink": _with_autopilot,
+}
 
 THIRD_PARTY = '''
 """Text lines of samples on TCP: a whole adapter of somebody else."""

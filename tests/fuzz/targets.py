@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import json
 import math
+import re
 import struct
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -46,6 +47,8 @@ from uwserver_adapters.ros1 import xmlrpc
 from uwserver_adapters.sil.channels import Scale
 from uwserver_adapters.sockets import SocketsAdapter
 from uwserver_adapters.sockets.connection import Connection
+from uwserver_adapters.video import camera as video_camera
+from uwserver_adapters.video import rtsp, session
 from uwserver_adapters.yarp import bottle as yarp_bottle
 from uwserver_adapters.yarp import codec as yarp_codec
 from uwserver_adapters.yarp import wire as yarp
@@ -954,6 +957,87 @@ class DeviceMessages(InLoop):
         return oculus_messages.encode(oculus_messages.Message(number, changed, dice.below(3)))
 
 
+class Rtsp(Target):
+    """A client of video: pieces of any size say the same, each request has one answer of plain lines, and nothing goes to another address."""
+
+    _REQUESTS = (
+        b"OPTIONS * RTSP/1.0\r\nCSeq: 1\r\n\r\n",
+        b"DESCRIBE rtsp://h:8554/front RTSP/1.0\r\nCSeq: 2\r\nAccept: application/sdp\r\n\r\n",
+        b"SETUP rtsp://h/front/video RTSP/1.0\r\nCSeq: 3\r\nTransport: RTP/AVP;unicast;client_port=5000-5001\r\n\r\n",
+        b"SETUP rtsp://h/front RTSP/1.0\r\nCSeq: 3\r\nTransport: RTP/AVP/TCP;interleaved=0-1;destination=10.0.0.1\r\n\r\n",
+        b"SETUP rtsp://h/front RTSP/1.0\r\nCSeq: 3\r\nTransport: RTP/AVP;client_port=53-54,RTP/AVP;multicast,RTP/AVP/TCP\r\n\r\n",
+        b"PLAY rtsp://h/front RTSP/1.0\r\nCSeq: 4\r\nSession: abc1\r\nRange: npt=0-\r\n\r\n",
+        b"GET_PARAMETER rtsp://h/front RTSP/1.0\nCSeq: 5\nContent-Length: 4\n\nabcd",
+        b"TEARDOWN rtsp://h/front RTSP/1.0\r\nCSeq: 6\r\n\r\n",
+        b"$\x01\x00\x08\x81\xc9\x00\x01abcd",
+    )
+
+    class _Front:
+        name = "front"
+
+        def description(self) -> list[str]:
+            return ["m=video 0 RTP/AVP 96"]
+
+    def interleave(self, channel: int) -> None:
+        assert 0 <= channel <= 255
+
+    def open_udp(self, pair: tuple[int, int]) -> tuple[int, int] | None:
+        assert all(1024 <= port <= 65535 for port in pair)
+        return 6000, 6001
+
+    def play(self, stream: str) -> None:
+        assert stream == "front"
+
+    def pause(self) -> None:
+        pass
+
+    def once(self) -> None:
+        dice = self._dice
+        parts = [dice.one(self._REQUESTS) for _ in range(4)]
+        data = b"".join(dice.damaged(part) if dice.below(2) else part for part in parts)
+        events = read_all(rtsp.Reader(), dice.pieces(data), None)
+        assert events == read_all(rtsp.Reader(), [data], None), data
+        assert all(not isinstance(event, rtsp.Malformed) for event in events[:-1]), data
+        client = session.Session("abc1", {"front": self._Front()}, self, "127.0.0.1", 10.0, True)
+        for event in events:
+            if isinstance(event, rtsp.Request):
+                said = client.answer(event)
+                head, _, body = said.partition(b"\r\n\r\n")
+                assert re.match(rb"RTSP/1\.0 [1-5][0-9][0-9] ", head), data
+                assert all(32 <= byte < 127 for byte in head.replace(b"\r\n", b"")), data
+                length = re.search(rb"\r\nContent-Length: ([0-9]+)", head)
+                assert len(body) == (int(length[1]) if length else 0), data
+                assert len(said) <= 2 * rtsp.HEAD_LIMIT, data
+
+
+class CameraCommands(Target):
+    """Datagrams of a ground station to a camera: whatever comes, what is said is MAVLink, and no more than a command asks for."""
+
+    def __init__(self, dice: Dice) -> None:
+        super().__init__(dice)
+        self._mav = video_camera.mavlink.MAVLink(None, 255, 190)
+        self._camera = video_camera.Camera(1, 100)
+        self._facts = video_camera.Facts("front", "rov/camera", "5600", True, True, True, (640, 480), 25.0, 1_000_000)
+
+    def once(self) -> None:
+        dice = self._dice
+        number, first = (
+            dice.one((512, 521, 2504, 2505, 2502, 400)),
+            dice.one((259.0, 269.0, 270.0, 1.0, math.nan, math.inf, -1e38)),
+        )
+        message = self._mav.command_long_encode(
+            dice.below(3), dice.one((0, 1, 100)), number, 0, first, float(dice.below(3)), 0, 0, 0, 0, 0
+        )
+        data = bytes(message.pack(self._mav))
+        data = dice.one((data, dice.damaged(data), data * 3, dice.bytes(600)))
+        decoder = video_camera.Decoder()
+        for command in decoder.commands(data):
+            said = self._camera.answer(command, self._facts, dice.below(1 << 40))
+            assert len(said) <= 2, data
+            for frame in said:
+                assert self._mav.decode(bytearray(frame)).get_srcComponent() == 100, data
+
+
 TARGETS: Mapping[str, Callable[[Dice], Target]] = {
     "json": Json,
     "msgpack": Msgpack,
@@ -968,6 +1052,8 @@ TARGETS: Mapping[str, Callable[[Dice], Target]] = {
     "player": Player,
     "devices": DeviceLines,
     "device_messages": DeviceMessages,
+    "rtsp": Rtsp,
+    "camera": CameraCommands,
     "ardupilot": ArdupilotFrames,
     "px4": Px4,
     "zenoh": Zenoh,

@@ -66,6 +66,8 @@ FAULTS: dict[str, tuple[str, object]] = {
         "uwserver_adapters.devices.ping360.LIMITS",
         {"gain_setting": (0, 2), "sample_period": (80, 40_000), "number_of_samples": (200, 1200), "num_steps": (1, 10)},
     ),
+    "rtsp": ("uwserver_adapters.video.session.LOWEST_PORT", 1),
+    "camera": ("uwserver_adapters.video.camera._row", lambda text: [300] * 32),
     "ardupilot": ("uwserver_adapters.ardupilot.wire._FORMS", {ardupilot.MAGIC_16: struct.Struct("<HIH16H")}),
     "px4": ("uwserver_adapters.px4.codec.CONTROLS", 15),
     "zenoh": ("uwserver_adapters.zenoh_bus.requests.decode_caller", None),

@@ -26,7 +26,7 @@ from uwserver_adapters.ros1 import wire as tcpros
 pymavlink = pytest.importorskip("pymavlink.dialects.v20.ardupilotmega")
 
 PATIENCE_S = 60
-PORTS = ("tcp", "text", "moosdb", "morse", "mavlink", "ros1", "tcpros", "yarp", "player", "web", "metrics")
+PORTS = ("tcp", "text", "moosdb", "morse", "mavlink", "ros1", "tcpros", "yarp", "player", "video", "web", "metrics")
 ORIGIN = "http://evil.example:8000"
 SCENARIO = """
 schema = 1
@@ -58,6 +58,10 @@ name_server = "127.0.0.1:9"
 [adapters.player]
 kind = "player"
 port = 0
+[adapters.video]
+kind = "video"
+rtsp_port = 0
+codec = "jpeg"
 [adapters.web]
 kind = "web"
 port = 0
@@ -136,6 +140,8 @@ def command_of(adapter: str) -> bytes:
         services = 3  # of opaque devices, after those of the vehicle's ports; other numbers are none
         pause = player.octets(b'{"service":"world/pause"}')
         return player.encode(player.Message(player.OPAQUE, services, player.REQ, 1, pause))
+    if adapter == "video":
+        return b"SETUP rtsp://127.0.0.1/rov/camera RTSP/1.0\r\nCSeq: 1\r\nTransport: RTP/AVP/TCP\r\n\r\n"
     if adapter == "moosdb":
         hello = wire.Message(wire.DATA, "asynchronous", data=b"page", kind=wire.STRING)
         pause = wire.notify("UWSERVER_CALL", "world/pause {}", 0.0, "page")
@@ -179,7 +185,7 @@ def test_a_tls_hello_ends_a_plain_port(server: Server, adapter: str):
 
 def test_it_is_told_once_an_adapter(server: Server):
     log = server.log.read_text()
-    for adapter in ("tcp", "text", "moosdb", "morse", "mavlink", "ros1", "yarp", "player"):
+    for adapter in ("tcp", "text", "moosdb", "morse", "mavlink", "ros1", "yarp", "player", "video"):
         assert len(re.findall(rf"{adapter} refused \(http\)", log)) <= 1, adapter
 
 
@@ -283,7 +289,7 @@ def test_a_page_in_a_real_browser_neither_commands_nor_reads(server: Server, bro
     program = next((found for name in BROWSERS[browser] if (found := shutil.which(name))), None)
     if program is None:
         pytest.skip(f"no {browser} on this machine: install {BROWSERS[browser][0]}")
-    bodies = {name: command_of(name).decode() for name in ("tcp", "text", "morse", "ros1", "yarp", "web")} | {
+    bodies = {name: command_of(name).decode() for name in ("tcp", "text", "morse", "ros1", "yarp", "video", "web")} | {
         "player": "a=b",
         "mavlink": "a=b",
         "moosdb": "a=b",

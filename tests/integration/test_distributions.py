@@ -252,7 +252,7 @@ def test_without_what_may_go_all_is_the_same(tmp_path: Path) -> None:
 def test_all_is_every_extra_that_a_server_can_use() -> None:
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     (line,) = extras["all"]
-    assert Requirement(line).extras == extras.keys() - {"all", "coal", "dev", "docs", "release", "site"}
+    assert Requirement(line).extras == extras.keys() - {"all", "coal", "dev", "docs", "release", "site", "video"}
 
 
 def test_a_wheel_has_the_kernels_of_worlds_and_of_copies(tmp_path: Path) -> None:

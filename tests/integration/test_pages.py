@@ -36,6 +36,7 @@ ELSEWHERE = {
     "docs/how-to/player.md": "tests/integration/test_player.py",
     "docs/how-to/px4.md": "tests/integration/test_real_px4.py",
     "docs/how-to/write-an-adapter.md": "tests/unit/testing/test_adapters.py",
+    "docs/how-to/video.md": "tests/integration/test_video.py",
     "docs/how-to/review.md": "tests/integration/test_review.py",
     "docs/how-to/your-vehicle.md": "tests/examples/test_your_vehicle.py",
     "docs/how-to/zenoh.md": "tests/integration/test_zenoh.py",

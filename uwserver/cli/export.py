@@ -15,6 +15,7 @@ from uwserver.logfiles.export.rosbag2 import write_rosbag2
 from uwserver.logfiles.export.table_files import write_csv, write_mat, write_netcdf, write_parquet
 from uwserver.logfiles.export.tables import TopicTable, topic_tables
 from uwserver.logfiles.export.tlog import write_tlog
+from uwserver.logfiles.export.video import write_mp4
 from uwserver.logfiles.joined_log import open_parts
 from uwserver.logfiles.mapping import Mapping, read_mapping
 from uwserver.logfiles.poses import FoundTrack, pose_tracks
@@ -30,6 +31,7 @@ _ENDS = {
     "rosbag2": "_rosbag2",
     "alog": ".alog",
     "tlog": ".tlog",
+    "mp4": ".mp4",
 }
 _FOLDERS = ("parquet", "csv", "rosbag2")
 _TABLES: dict[str, Callable[[Log, Iterable[TopicTable], Path], None]] = {
@@ -38,7 +40,7 @@ _TABLES: dict[str, Callable[[Log, Iterable[TopicTable], Path], None]] = {
     "netcdf": write_netcdf,
     "mat": write_mat,
 }
-_EXTRAS = {"pyarrow": "logs", "rosbags": "logs", "h5netcdf": "netcdf", "h5py": "netcdf"}
+_EXTRAS = {"av": "video", "pyarrow": "logs", "rosbags": "logs", "h5netcdf": "netcdf", "h5py": "netcdf"}
 
 
 @click.command(short_help="Write a log in the format of others.")
@@ -62,9 +64,10 @@ _EXTRAS = {"pyarrow": "logs", "rosbags": "logs", "h5netcdf": "netcdf", "h5py": "
     help="Of rosbag2, alog and tlog; default: what `uwserver log --mapping` finds.",
 )
 def export(file: Path, kind: str, output: Path | None, topics: tuple[str, ...], mapping_file: Path | None) -> None:
-    """Write FILE, a recording of ours or any log that `uwserver log` reads, as Parquet, CSV, NetCDF, MATLAB, ROS 2 bag, MOOS or MAVLink log.
+    """Write FILE, a recording of ours or any log that `uwserver log` reads, as Parquet, CSV, NetCDF, MATLAB, ROS 2 bag, MOOS or MAVLink log, video.
 
-    The first four hold every topic as it is, with units and frames; the last three hold poses and sensors, converted as the mapping says.
+    The first four hold every topic as it is, with units and frames; the next three hold poses and sensors, converted as the mapping says; mp4 holds
+    the pictures of one topic.
 
     Example: uwserver export run.mcap --to csv --topics "rov/**"
     """
@@ -113,6 +116,8 @@ def _write(log: Log, kind: str, target: Path, patterns: tuple[str, ...], mapping
             told.append(f"{count} topics for replay, playback and viewers are left out: --topics '**' has them")
         _TABLES[kind](log, topic_tables(log, chosen), target)
         return told
+    if kind == "mp4":
+        return [*log.remarks, *write_mp4(log, _chosen(log, patterns, list(log.topics)), target)]
     mapping = mapping or mapping_of(log)
     if patterns:
         names = _chosen(log, patterns, [*mapping.tracks, *mapping.ports])

@@ -49,4 +49,5 @@ class Front:
     async def close(self) -> None:
         """Nothing is sent any more."""
         self.pages.close()
+        await self.pages.pictures.close()
         await self.site.close()

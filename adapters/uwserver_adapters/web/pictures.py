@@ -1,14 +1,19 @@
-"""Pictures and rows of sonar for pages that look at them, encoded once; a slow page lowers its own rate and no one else's."""
+"""Pictures and rows of sonar for pages that look at them, encoded once; a slow page lowers its own rate and no one else's.
+
+Pictures of cameras become JPEG on a thread; without a library for it, and where numbers are meant and no looks, they go as they are.
+"""
 
 from __future__ import annotations
 
+import asyncio
 import struct
 from collections.abc import Sequence
 from typing import Protocol
 
-from uwserver.adapter import AdapterContext
+from uwserver.adapter import AdapterContext, Worker
+from uwserver.adapter.pictures import can_encode_jpeg, jpeg, picture_place, pixels
 from uwserver.ports import Buffer, Port, Refused, Sample
-from uwserver_adapters.web.frames import DEPTH, RAW, SONAR, picture_frame
+from uwserver_adapters.web.frames import DEPTH, JPEG, RAW, SONAR, picture_frame
 
 MOST_PORTS = 32
 """That one page looks at."""
@@ -39,6 +44,9 @@ class Pictures:
         self._numbers: dict[str, int] = {}
         self._wanted: dict[str, dict[Viewer, None]] = {}
         self._unseen: set[tuple[Viewer, int]] = set()
+        self._loop = asyncio.get_running_loop()
+        self._worker: Worker | None = None
+        self._in_work: set[str] = set()
 
     @property
     def wanted(self) -> frozenset[str]:
@@ -90,17 +98,68 @@ class Pictures:
             if viewers is None:
                 continue
             number, port = self._numbers[sample.port], self._context.ports.get(sample.port)
-            takers = [v for v in viewers if (v, number) not in self._unseen and v.is_clear]
-            frame = encoded(port, sample, number) if takers and port is not None else None
-            if frame is not None:
-                for viewer in takers:
-                    self._unseen.add((viewer, number))
-                    viewer.send_frame(frame)
+            if port is None or not self._takers(sample.port) or sample.port in self._in_work:
+                continue
+            if _is_looked_at(port):
+                self._encode(port, sample, number)
+            else:
+                self._send(sample.port, number, encoded(port, sample, number))
+
+    def _takers(self, path: str) -> list[Viewer]:
+        """Who has seen the picture before, and has room for the next."""
+        number = self._numbers[path]
+        return [v for v in self._wanted.get(path, ()) if (v, number) not in self._unseen and v.is_clear]
+
+    def _send(self, path: str, number: int, frame: bytes | None) -> None:
+        for viewer in self._takers(path) if frame is not None else ():
+            self._unseen.add((viewer, number))
+            viewer.send_frame(frame or b"")
+
+    def _encode(self, port: Port, sample: Sample, number: int) -> None:
+        """One picture of a port at a time; who comes while it is in work is shown later ones."""
+        if self._worker is None:
+            self._worker = Worker("web pictures", self._context.stats)
+
+        def work() -> None:
+            frame = None
+            try:
+                frame = jpeg_frame(port, sample, number)
+            finally:
+                self._loop.call_soon_threadsafe(done, frame)
+
+        def done(frame: bytes | None) -> None:
+            self._in_work.discard(port.path)
+            self._send(port.path, number, frame)
+
+        if self._worker.send(work):
+            self._in_work.add(port.path)
+
+    async def close(self) -> None:
+        """End the thread."""
+        worker, self._worker = self._worker, None
+        if worker is not None:
+            await worker.run(lambda: None)
+            await worker.close(lambda: None)
 
 
 def has_picture(port: Port) -> bool:
     """Whether a sensor gives rows or pictures of bytes."""
     return port.direction == "sensor" and any(field.type == "buffer" for field in port.fields)
+
+
+def _is_looked_at(port: Port) -> bool:
+    """Whether a port gives pictures whose looks are meant: echoes of a sonar, which have a range, are numbers that the page lays out."""
+    place = picture_place(port)
+    return place is not None and can_encode_jpeg() and all(field.name != "range" for field in port.fields)
+
+
+def jpeg_frame(port: Port, sample: Sample, number: int) -> bytes | None:
+    """A picture as a frame with a JPEG; None where the sample holds none."""
+    place = picture_place(port)
+    shown = pixels(sample.value[place]) if place is not None and place < len(sample.value) else None
+    if shown is None or max(shown.shape) > _SIDE_LIMIT:
+        return None
+    return picture_frame(JPEG, number, shown.shape[1], shown.shape[0], sample.t_ns, jpeg(shown))
 
 
 def encoded(port: Port, sample: Sample, number: int) -> bytes | None:
@@ -109,8 +168,13 @@ def encoded(port: Port, sample: Sample, number: int) -> bytes | None:
     Rows with a `head_angle` and a `range` are those of a scanning sonar.
     """
     names = [field.name for field in port.fields]
-    picture = next((value for value in sample.value if isinstance(value, Buffer)), None)
-    if picture is None or len(names) != len(sample.value):
+    if len(names) != len(sample.value):
+        return None
+    place = picture_place(port)
+    picture = next(
+        (v for v in (sample.value if place is None else (sample.value[place],)) if isinstance(v, Buffer)), None
+    )
+    if picture is None:
         return None
     by_name = dict(zip(names, sample.value, strict=True))
     angle, reach = by_name.get("head_angle"), by_name.get("range")

@@ -10,6 +10,7 @@ import numpy as np
 
 from uwserver.adapter.foxglove import messages
 from uwserver.adapter.foxglove.shapes import Files, entity_of
+from uwserver.adapter.pictures import can_encode_jpeg, jpeg, picture_place, pixels
 from uwserver.frames import Quat
 from uwserver.ports import Event, Port, Sample, SceneState, SceneView, SensorView
 
@@ -52,7 +53,7 @@ class SceneChannels:
         """All shapes, in place of those before; and from now on these sensors."""
         self._sensors = {sensor.path: sensor for body in scene.vehicles for sensor in body.sensors}
         self._encoders = {}
-        shown = [sensor for sensor in self._sensors.values() if sensor.kind in _FRAMES]
+        shown = [sensor for sensor in self._sensors.values() if sensor.kind in _FRAMES or sensor.kind in _LOOKING]
         # Each message holds all frames: who jumps to a time reads the newest one alone.
         self._fixed = messages.transform(0, ROOT, WORLD, (0.0, 0.0, 0.0), _NED_IN_ENU) + b"".join(
             messages.transform(0, sensor.path.partition("/")[0], sensor.path, sensor.p, sensor.q) for sensor in shown
@@ -98,7 +99,7 @@ class SceneChannels:
         )
 
     def _encoder(self, port: Port) -> _Encode | None:
-        make = _FRAMES.get(port.kind)
+        make = _FRAMES.get(port.kind) or (_picture if _shows_pictures(port) else None)
         # A second stream of a sensor sits where its sensor sits.
         sensor = self._sensors.get(port.path) or self._sensors.get("/".join(port.path.split("/")[:2]))
         return make(port, sensor) if make is not None and sensor is not None else None
@@ -168,9 +169,30 @@ def _scanning_sonar(port: Port, sensor: SensorView) -> _Encode | None:
     return encode
 
 
+def _shows_pictures(port: Port) -> bool:
+    """Whether its pictures are shown, which takes a library for JPEG."""
+    return picture_place(port) is not None and can_encode_jpeg()
+
+
+def _picture(port: Port, sensor: SensorView) -> _Encode | None:
+    place = picture_place(port)
+    topic, frame = f"/{port.path}", sensor.path
+
+    def encode(sample: Sample) -> Foreign | None:
+        shown = pixels(sample.value[place]) if place is not None else None
+        if shown is None:
+            return None
+        data = messages.compressed_image(sample.t_ns, frame, jpeg(shown))
+        return Foreign(topic, "foxglove.CompressedImage", sample.t_sent_ns, data)
+
+    return encode
+
+
 def shown_as(port: Port) -> str | None:
     """Full name of the message in which the samples of a port are shown under its path; None of most."""
-    return _SCHEMA_OF.get(port.kind) if port.direction == "sensor" else None
+    if port.direction != "sensor":
+        return None
+    return _SCHEMA_OF.get(port.kind) or ("foxglove.CompressedImage" if _shows_pictures(port) else None)
 
 
 _SCHEMA_OF = {
@@ -183,4 +205,6 @@ _FRAMES: dict[str, Callable[[Port, SensorView], _Encode | None]] = {
     "range_array": _range_array,
     "scanning_sonar": _scanning_sonar,
 }
-"""Kinds of sensors that have a message, and so a frame. One that yields pictures has its place here: `foxglove.CompressedImage`."""
+"""Kinds of sensors that have a message, and so a frame; ports with pictures have one too, whatever their kind."""
+_LOOKING = frozenset({"camera", "multibeam"})
+"""Kinds whose pictures are seen from a frame of their own."""

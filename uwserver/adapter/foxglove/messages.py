@@ -136,6 +136,11 @@ def entity(t_ns: int, frame: str, name: str, primitives: dict[int, list[bytes]])
     return message(2, head + shapes)
 
 
+def compressed_image(t_ns: int, frame: str, data: bytes) -> bytes:
+    """A CompressedImage in JPEG."""
+    return timestamp(1, t_ns) + blob(2, data) + text(3, "jpeg") + text(4, frame)
+
+
 def delete_all(t_ns: int) -> bytes:
     """A SceneEntityDeletion of a SceneUpdate: of what was there earlier."""
     return message(1, timestamp(1, t_ns) + whole(2, DELETE_ALL))

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import io
 import math
 from typing import Any
 
 import numpy as np
 import pytest
 
-from uwserver.adapter.foxglove import Foreign, SceneChannels
+from uwserver.adapter.foxglove import Foreign, SceneChannels, shown_as
+from uwserver.adapter.foxglove import channels as channels_module
 from uwserver.frames import attitude_enu_flu, multiply, rotate
 from uwserver.ports import (
     BeamView,
     BodyView,
+    Buffer,
     Cast,
     Event,
     Field,
+    Layout,
     Port,
     Present,
     Sample,
@@ -32,6 +36,7 @@ SENSORS = (
     SensorView("rov/gps", "gps", (0.0, 0.0, -1.0), LEVEL),
     SensorView("rov/lasers", "range_array", (0.5, 0.0, 0.0), LEVEL, BEAMS),
     SensorView("rov/sonar", "scanning_sonar", (0.0, 0.0, 0.2), LEVEL),
+    SensorView("rov/camera", "camera", (0.3, 0.0, 0.0), LEVEL),
     SensorView("rov/imu", "imu", (0.0, 0.0, 0.0), LEVEL),
 )
 CAST = Cast(1, (Present("rov", "rov"),), (Present("crate", "crate"),))
@@ -44,6 +49,12 @@ LASERS = Port("rov/lasers", "sensor", "range_array", (Field("ranges", "m", "", "
 SONAR = Port(
     "rov/sonar", "sensor", "scanning_sonar",
     (Field("head_angle", "rad", ""), Field("range", "m", ""), Field("bins", "1", "", "", (4,), "int")), "",
+)  # fmt: skip
+
+
+CAMERA = Port(
+    "rov/camera/noisy", "sensor", "camera",
+    (Field("gain", "dB", ""), Field("image", "1", "", type="buffer", buffer=Layout("uint8", (-1, -1, 3)))), "",
 )  # fmt: skip
 
 
@@ -112,6 +123,24 @@ def test_a_fix_a_scan_and_a_ping(channels: SceneChannels) -> None:
     assert ping is not None
     points = np.frombuffer(decoded(ping).data, "<f4").reshape(-1, 4)
     np.testing.assert_allclose(points, [[0, 3, 0, 10], [0, 7, 0, 20]], atol=1e-6)
+
+
+def test_pictures_are_shown_as_jpeg(channels: SceneChannels, monkeypatch: pytest.MonkeyPatch) -> None:
+    image = pytest.importorskip("PIL.Image", reason="Pillow is not installed")
+    assert shown_as(CAMERA) == "foxglove.CompressedImage"
+    grey = Buffer.of(np.full((20, 30, 3), 90, np.uint8))
+    told = channels.sample(CAMERA, Sample(CAMERA.path, 0, 5, 9, True, (0.0, grey)))
+    assert told is not None
+    assert (told.topic, told.schema, told.t_ns) == ("/rov/camera/noisy", "foxglove.CompressedImage", 9)
+    picture = decoded(told)
+    assert (picture.frame_id, picture.timestamp.nanos, picture.format) == ("rov/camera", 5, "jpeg")
+    shown = np.asarray(image.open(io.BytesIO(picture.data)))
+    assert shown.shape == (20, 30, 3)
+    assert np.abs(shown.astype(int) - 90).max() <= 2
+    assert channels.sample(CAMERA, Sample(CAMERA.path, 0, 5, 9, False, (None, None))) is None
+    assert channels.sample(CAMERA, Sample(CAMERA.path, 0, 5, 9, True, (0.0, None))) is None
+    monkeypatch.setattr(channels_module, "can_encode_jpeg", lambda: False)
+    assert shown_as(CAMERA) is None
 
 
 @pytest.mark.parametrize(

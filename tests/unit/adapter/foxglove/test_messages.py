@@ -96,6 +96,11 @@ def test_ranges_and_points() -> None:
     np.testing.assert_array_equal(np.frombuffer(cloud.data, "<f4").reshape(3, 4), points)
 
 
+def test_a_picture() -> None:
+    picture = same("CompressedImage", messages.compressed_image(T_NS, "rov/camera", b"\xff\xd8jpeg"))
+    assert (picture.format, picture.data, picture.frame_id) == ("jpeg", b"\xff\xd8jpeg", "rov/camera")
+
+
 @pytest.mark.parametrize("text", ["", "a fault </script>", "\ud800 half a pair", "x" * 300])
 def test_log_lines(text: str) -> None:
     line = same("Log", messages.log_line(T_NS, messages.WARNING, text, "fault"))

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import io
 import json
 import socket
 import struct
+import threading
 from typing import Any
 
 import numpy as np
 import pytest
+from uwserver_adapters.web import pictures
 from uwserver_adapters.web.connection import WebConnection
 from web_rig import Stage, ask, code_of, play, state_of
 from websockets.exceptions import ConnectionClosed
@@ -243,6 +246,76 @@ def test_a_row_of_sonar_comes_as_bytes_and_the_next_one_when_it_was_seen() -> No
             assert stage.context.wanted == frozenset()
 
     play(scene, with_sonar())
+
+
+def camera(dtype: Any = "uint8", shape: tuple[int, ...] = (-1, -1, 3), *more: Field) -> Port:
+    azimuth = Field("azimuth", "rad", "x", type="buffer", buffer=Layout("float32", (-1,)))
+    image = Field("image", "1", "x", type="buffer", buffer=Layout(dtype, shape))
+    return Port("rov/camera", "sensor", "camera", (azimuth, image, *more), "Camera.", rate_hz=10.0)
+
+
+def shot(array: np.ndarray[Any, Any], *more: float) -> Sample:
+    return Sample("rov/camera", 0, 1000, 2000, True, (Buffer.of(np.zeros(3, np.float32)), Buffer.of(array), *more))
+
+
+def seen_of(port: Port, sample: Sample) -> tuple[tuple[int, ...], bytes]:
+    """Head and data of the frame in which a page gets a sample."""
+    found: list[bytes] = []
+
+    async def scene(stage: Stage) -> None:
+        async with stage.page() as page:
+            await ask(page, "view", pictures=[port.path])
+            stage.context.put([sample])
+            found.append(await frame_of(page))
+
+    play(scene, FakeContext(scene_state=state_of(), ports={port.path: port}))
+    return struct.unpack_from("<BBHHHq", found[0]), found[0][16:]
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "uint16"])
+def test_pictures_of_cameras_come_as_jpeg(dtype: Any) -> None:
+    image = pytest.importorskip("PIL.Image", reason="Pillow is not installed")
+    shape = (30, 40, 3) if dtype == "uint8" else (30, 40)
+    port = camera(dtype, (-1, -1, 3) if dtype == "uint8" else (-1, -1))
+    head, data = seen_of(port, shot(np.full(shape, 100 if dtype == "uint8" else 10_000, dtype)))
+    assert head == (2, 1, 0, 40, 30, 1000)
+    shown = np.asarray(image.open(io.BytesIO(data))).astype(int)
+    assert shown.shape[:2] == (30, 40)
+    assert np.abs(shown - (100 if dtype == "uint8" else 128)).max() <= 2
+
+
+def test_numbers_of_a_sonar_and_pictures_without_a_library_come_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    echoes = np.arange(12, dtype=np.uint8).reshape(3, 4)
+    port = camera("uint8", (-1, -1), Field("range", "m", "x"))
+    assert seen_of(port, shot(echoes, 30.0)) == ((2, 0, 0, 4, 3, 1000), echoes.tobytes())
+    monkeypatch.setattr(pictures, "can_encode_jpeg", lambda: False)
+    colours = np.arange(36, dtype=np.uint8).reshape(3, 4, 3)
+    assert seen_of(camera(), shot(colours)) == ((2, 0, 0, 4, 3, 1000), colours.tobytes())
+
+
+def test_one_picture_of_a_port_is_in_work_and_those_who_wait_share_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    go_on, made = threading.Event(), []
+
+    def slow(port: Port, sample: Sample, number: int) -> bytes:
+        assert go_on.wait(10.0)
+        made.append(sample.seq)
+        return bytes(16)
+
+    monkeypatch.setattr(pictures, "jpeg_frame", slow)
+
+    async def scene(stage: Stage) -> None:
+        async with stage.page() as one, stage.page() as other:
+            for page in (one, other):
+                await ask(page, "view", pictures=["rov/camera"])
+            for _ in range(5):
+                stage.context.put([shot(np.zeros((4, 4, 3), np.uint8))])
+            await ask(one, "ping")
+            go_on.set()
+            for page in (one, other):
+                assert await frame_of(page) == bytes(16)
+            assert made == [0]
+
+    play(scene, FakeContext(scene_state=state_of(), ports={"rov/camera": camera()}))
 
 
 @pytest.mark.parametrize(

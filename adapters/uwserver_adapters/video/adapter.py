@@ -1,0 +1,198 @@
+"""The `video` adapter: streams of ports with pictures, to configured addresses, and to who asks by RTSP."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import importlib
+import socket
+from collections.abc import Collection, Sequence
+from typing import cast
+
+from uwserver.adapter import (
+    AdapterContext,
+    CannotServe,
+    Peers,
+    Refusals,
+    address_text,
+    did_you_mean,
+    serve_tcp,
+    serving,
+)
+from uwserver.adapter.pictures import EXTRA, can_encode_jpeg, picture_place
+from uwserver.ports import Event, Json, Port, Sample
+from uwserver_adapters.video.announcer import Announcer
+from uwserver_adapters.video.config import StreamTable, VideoConfig, host_and_port
+from uwserver_adapters.video.connection import RtspConnection
+from uwserver_adapters.video.media_ports import MediaPorts
+from uwserver_adapters.video.stream import Stream
+from uwserver_adapters.video.target import Target
+
+SHOW_S = 1.0
+"""Wall time between two looks at counters."""
+MOST_STREAMS = 64
+"""Of a world, where no table names them."""
+
+
+class VideoAdapter:
+    """Serves pictures as video."""
+
+    Config = VideoConfig
+
+    def __init__(self, config: VideoConfig, context: AdapterContext) -> None:
+        self.config = config
+        self.context = context
+        self._refusals = Refusals(context.name, context.stats, asyncio.get_running_loop().time)
+        self._streams: dict[str, Stream] = {}
+        self._by_port: dict[str, list[Stream]] = {}
+        self._wanted: frozenset[str] = frozenset()
+        self._closing: set[asyncio.Task[None]] = set()
+
+    @property
+    def wanted(self) -> Collection[str]:
+        """Ports whose pictures somebody takes."""
+        return self._wanted
+
+    async def run(self, ready: asyncio.Event) -> None:
+        """Serve until cancelled.
+
+        Raises:
+            CannotListen: an address cannot be had.
+            CannotServe: a table names what is not there.
+        """
+        self._build()
+        config = self.config
+        async with contextlib.AsyncExitStack() as stack:
+            stack.push_async_callback(self._end)
+            await self._open_targets(stack)
+            address = await self._open_rtsp(stack) if config.rtsp else "rtp alone"
+            announcer = Announcer(self._streams, config.streams, self.context, address)
+            for target in config.mavlink:
+                await stack.enter_async_context(announcer.speaking(target))
+            with serving(self.context, self, address, ready):
+                while True:
+                    self._show()
+                    announcer.heartbeat()
+                    await asyncio.sleep(SHOW_S)
+
+    # -- streams --------------------------------------------------------------------------------------------------------------------
+
+    def _build(self) -> None:
+        self._streams.clear()
+        self._by_port.clear()
+        for name, table in self.config.streams.items():
+            self._add(name, table, self._port(name, table.port))
+        if not self.config.streams:
+            self._follow_ports()
+
+    def _port(self, name: str, path: str) -> Port:
+        ports = self.context.ports
+        port = ports.get(path)
+        with_pictures = sorted(known for known, its in ports.items() if picture_place(its) is not None)
+        there = f"ports with pictures: {', '.join(with_pictures) or 'none'}"
+        if port is None:
+            raise CannotServe(f'streams.{name}.port: no port "{path}"{did_you_mean(path, with_pictures)}; {there}')
+        if picture_place(port) is None:
+            raise CannotServe(f'streams.{name}.port: "{path}" has no pictures; {there}')
+        return port
+
+    def _follow_ports(self) -> None:
+        """A stream for each port with pictures that there is now."""
+        ports = self.context.ports
+        for path in [path for path in self._streams if path not in ports]:
+            self._drop(path)
+        for path, port in ports.items():
+            if path not in self._streams and picture_place(port) is not None:
+                if len(self._streams) >= MOST_STREAMS:
+                    text = f"more than {MOST_STREAMS} ports have pictures: name those to be served in a table `streams`"
+                    self._refusals.note("streams", text)
+                    return
+                self._add(path, StreamTable(port=path, codec=self.config.codec), port)
+
+    def _add(self, name: str, table: StreamTable, port: Port) -> None:
+        if table.codec == "jpeg" and not can_encode_jpeg():
+            raise CannotServe(f"JPEG needs simplejpeg or Pillow: pip install '{EXTRA}'")
+        if table.codec == "h264":
+            importlib.import_module("av")  # now: it takes as long as hundreds of ticks
+        place = picture_place(port)
+        assert place is not None
+        stream = Stream(name, table, port, place, self.context, self._refusals, self._follow_wants)
+        self._streams[name] = stream
+        self._by_port.setdefault(port.path, []).append(stream)
+
+    def _drop(self, name: str) -> None:
+        stream = self._streams.pop(name)
+        self._by_port[stream.port.path].remove(stream)
+        task = asyncio.get_running_loop().create_task(stream.close())
+        self._closing.add(task)
+        task.add_done_callback(self._closing.discard)
+        self._follow_wants()
+
+    def _follow_wants(self) -> None:
+        self._wanted = frozenset(path for path, streams in self._by_port.items() if any(s.is_wanted for s in streams))
+        self.context.follow_wants()
+
+    async def _end(self) -> None:
+        for stream in self._streams.values():
+            await stream.close()
+        if self._closing:
+            await asyncio.wait(self._closing)
+
+    # -- addresses ------------------------------------------------------------------------------------------------------------------
+
+    async def _open_targets(self, stack: contextlib.AsyncExitStack) -> None:
+        loop = asyncio.get_running_loop()
+        for name, table in self.config.streams.items():
+            for text in table.targets:
+                host, port = host_and_port("rtp", text)
+                try:
+                    family, _, _, _, address = (await loop.getaddrinfo(host, port, type=socket.SOCK_DGRAM))[0]
+                    transport, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, family=family)
+                except OSError as error:
+                    raise CannotServe(f"streams.{name}.rtp: {text}: {error}") from error
+                stack.push_async_callback(asyncio.sleep, 0)  # its socket is closed with the next turn of the loop
+                stack.callback(transport.abort)
+                target = Target(transport, (str(address[0]), int(address[1])), self.context.stats)
+                self._streams[name].join(target)
+                stack.callback(self._streams[name].leave, target)
+
+    async def _open_rtsp(self, stack: contextlib.AsyncExitStack) -> str:
+        config, stats = self.config, self.context.stats
+        ports: MediaPorts | None = None
+        if config.udp:
+            ports = MediaPorts(config.bind)
+            stack.push_async_callback(asyncio.sleep, 0)
+            stack.callback(ports.close)
+            await ports.open()
+        peers: Peers[RtspConnection] = Peers(
+            config.max_clients, self._refusals, stats, most_per_host=config.max_clients_per_host
+        )
+        listener = await stack.enter_async_context(
+            serve_tcp(
+                lambda: RtspConnection(config, self._streams, peers, stats, ports),
+                peers, config.bind, config.rtsp_port, key="rtsp_port", rival="another RTSP server, as mediamtx",
+            )
+        )  # fmt: skip
+        return f"rtsp://{address_text(config.bind, listener.port)}/"
+
+    # -- the world ------------------------------------------------------------------------------------------------------------------
+
+    def put_samples(self, samples: Sequence[Sample]) -> None:
+        """Each picture to its streams."""
+        for sample in samples:
+            for stream in self._by_port.get(sample.port, ()):
+                stream.put(sample)
+
+    def put_event(self, event: Event) -> None:
+        """Cameras come and go."""
+        if event.event == "ports_changed" and not self.config.streams:
+            self._follow_ports()
+
+    def _show(self) -> None:
+        told: dict[str, Json] = {}
+        for name, stream in self._streams.items():
+            told[name] = {
+                "port": stream.port.path, "taken": stream.is_wanted, "encoded": stream.encoded, "bytes": stream.octets,
+                "dropped": stream.dropped, "size": cast(Json, list(stream.size)),
+            }  # fmt: skip
+        self.context.stats.details["streams"] = told

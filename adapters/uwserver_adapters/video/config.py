@@ -1,0 +1,97 @@
+"""The adapter's table in a scenario."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Literal
+
+from msgspec import Meta, field
+
+from uwserver.adapter import AdapterTable
+from uwserver.table import Name, Table
+
+PortNumber = Annotated[int, Meta(ge=0, le=65535)]
+SystemNumber = Annotated[int, Meta(ge=1, le=255)]
+
+
+class StreamTable(Table, kw_only=True, frozen=True):
+    """One stream.
+
+    Attributes:
+        port: the camera, or another sensor with pictures: "rov/camera".
+        rtp: where it is sent by RTP whether or not somebody listens, one address or several: "127.0.0.1:5600" is where QGroundControl looks.
+        codec: "h264" needs `pip install 'uwserver[video]'`; "jpeg" needs more of the network, and QGroundControl does not know it.
+        bit_rate: most bits a second of H.264.
+        preset: of x264: a slower one needs fewer bits for the same.
+        quality: of JPEG.
+        system: number of the vehicle in MAVLink, for `mavlink`.
+    """
+
+    port: Name
+    rtp: Name | tuple[Name, ...] = ()
+    codec: Literal["h264", "jpeg"] = "h264"
+    bit_rate: Annotated[int, Meta(ge=50_000, le=200_000_000)] = 4_000_000
+    preset: Literal["ultrafast", "superfast", "veryfast", "faster", "fast", "medium"] = "ultrafast"
+    quality: Annotated[int, Meta(ge=1, le=100)] = 80
+    system: SystemNumber = 1
+
+    def __post_init__(self) -> None:
+        """ValueError where an address is none."""
+        for address in self.targets:
+            host_and_port("rtp", address)
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """Addresses of `rtp`."""
+        return (self.rtp,) if isinstance(self.rtp, str) else self.rtp
+
+
+class VideoConfig(AdapterTable, tag="video", kw_only=True, frozen=True):
+    """Attributes:
+    streams: by names of your own, which are their paths: rtsp://127.0.0.1:8554/NAME. Default: each port with pictures, by its path.
+    rtsp: serve by RTSP.
+    bind: address of the RTSP server. It knows no passwords: whoever reaches another address than loopback sees the pictures.
+    rtsp_port: its port; 0 takes a free one.
+    udp: send by UDP to clients of RTSP that ask for it; else by their connection alone.
+    codec: of the streams that no table names.
+    mavlink: addresses of ground stations to which each stream is announced as a camera of MAVLink: "127.0.0.1:14550".
+    max_clients: of RTSP.
+    max_clients_per_host: of one host, other than this machine.
+    hello_timeout_s: wall time for the first request of a client.
+    keep_alive_s: wall time after which a client that takes pictures and says nothing is gone.
+    queue_bytes: that may wait for a slow client; pictures are left out above.
+    """
+
+    streams: dict[Name, StreamTable] = field(default_factory=dict)
+    rtsp: bool = True
+    bind: Name = "127.0.0.1"
+    rtsp_port: PortNumber = 8554
+    udp: bool = True
+    codec: Literal["h264", "jpeg"] = "h264"
+    mavlink: tuple[Name, ...] = ()
+    max_clients: Annotated[int, Meta(ge=1, le=256)] = 16
+    max_clients_per_host: Annotated[int, Meta(ge=1)] = 8
+    hello_timeout_s: Annotated[float, Meta(gt=0)] = 10.0
+    keep_alive_s: Annotated[float, Meta(ge=1)] = 10.0
+    queue_bytes: Annotated[int, Meta(ge=1 << 16)] = 1 << 20
+
+    def __post_init__(self) -> None:
+        """ValueError where an address is none, or nobody would be served."""
+        for address in self.mavlink:
+            host_and_port("mavlink", address)
+        if not self.rtsp and not any(table.targets for table in self.streams.values()):
+            raise ValueError("nobody is served: give rtp of a stream, or leave rtsp = true")
+
+    def needs(self) -> Mapping[str, str]:
+        """The encoder, and the dialect of MAVLink."""
+        codecs = {table.codec for table in self.streams.values()} or {self.codec}
+        needed = {"av": "uwserver[video]"} if "h264" in codecs else {}
+        return {**needed, **({"pymavlink.dialects.v20.common": "uwserver"} if self.mavlink else {})}
+
+
+def host_and_port(key: str, address: str) -> tuple[str, int]:
+    """``host:port`` in two; ValueError where it is none."""
+    host, colon, port = address.rpartition(":")
+    if not (host and colon and port.isascii() and port.isdigit() and 0 < int(port) <= 65535):
+        raise ValueError(f'{key}: "{address}" is no address: write host:port, as 127.0.0.1:5600')
+    return host.strip("[]"), int(port)

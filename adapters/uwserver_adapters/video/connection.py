@@ -1,0 +1,214 @@
+"""One client of RTSP: requests, answers, and the packets between or beside them."""
+
+from __future__ import annotations
+
+import secrets
+import struct
+from collections.abc import Mapping
+from typing import Any, Final
+
+from uwserver.adapter import AdapterStats, Connection, Peers, RateMeter
+from uwserver.ports import Fault
+from uwserver_adapters.video.config import VideoConfig
+from uwserver_adapters.video.media_ports import Address, MediaPorts
+from uwserver_adapters.video.rtsp import Interleaved, Malformed, Reader, answer
+from uwserver_adapters.video.session import Session
+from uwserver_adapters.video.stream import Picture, Stream
+
+REQUESTS_PER_S: Final = 50
+"""Of one client; players send a handful, then one every few seconds."""
+IDLE_S: Final = 60.0
+"""Wall time without a request after which a client is closed that takes no pictures."""
+_FRAME: Final = struct.Struct(">BBH")
+_DOLLAR: Final = 0x24
+
+
+class RtspConnection(Connection):
+    """Made for each client.
+
+    Args:
+        config: of the adapter.
+        streams: by name.
+        peers, stats: of the adapter.
+        ports: ours of UDP; None where datagrams are not served.
+
+    Attributes:
+        left_out: pictures that this client was too slow for.
+    """
+
+    def __init__(
+        self,
+        config: VideoConfig,
+        streams: Mapping[str, Stream],
+        peers: Peers[Any],
+        stats: AdapterStats,
+        ports: MediaPorts | None,
+    ) -> None:
+        super().__init__(peers, config.hello_timeout_s)
+        self.left_out = 0
+        self._config = config
+        self._streams = streams
+        self._stats = stats
+        self._ports = ports
+        self._reader = Reader()
+        self._rate = RateMeter(REQUESTS_PER_S)
+        self._session: Session | None = None
+        self._address = ""
+        self._channel: int | None = None
+        self._to: tuple[Address, Address] | None = None
+        self._stream: Stream | None = None
+        self._waits_for_key = True
+        self._heard_at = self.loop.time()
+        self._look = self.loop.call_later(1.0, self._attend)
+
+    # -- requests -------------------------------------------------------------------------------------------------------------------
+
+    def opened(self) -> None:
+        """There is room for it."""
+        self._address = str((self.transport.get_extra_info("peername") or ("",))[0])
+        self._session = Session(
+            secrets.token_hex(8), self._streams, self, self._address, self._config.keep_alive_s, self._ports is not None
+        )
+
+    def receive(self, data: bytes) -> None:
+        """Store bytes."""
+        self._reader.receive(data)
+
+    def step(self) -> bool:
+        """Answer the next request, unless too many came: they wait, and so does their sender."""
+        now = self.loop.time()
+        if now < self._rate.end and self._rate.count >= self._rate.most:
+            return False
+        event = self._reader.next_event()
+        if event is None:
+            return False
+        self._rate.take(now)
+        if isinstance(event, Malformed):
+            self._stats.errors += 1
+            self.peers.refusals.note("malformed", event.text)
+            self.farewell(
+                answer(event.status, "", {"Content-Type": "text/plain", "Connection": "close"}, f"{event.text}\r\n")
+            )
+        elif isinstance(event, Interleaved):
+            self._heard_at = now  # a report of a receiver
+        elif self.admit():
+            assert self._session is not None
+            self._heard_at = now
+            self._stats.calls += 1
+            self.reply(self._session.answer(event))
+        return True
+
+    def reply(self, data: bytes) -> None:
+        """Send an answer; who reads none is disconnected."""
+        if self.waiting > 2 * self._config.queue_bytes:
+            self.peers.refusals.note("slow", "a client does not read its answers and is disconnected")
+            self.abort()
+            return
+        self._stats.bytes_sent += len(data)
+        self.write(data)
+
+    def quiet_until(self) -> float:
+        """When the next request is taken of a client that sent too many."""
+        is_full = self.loop.time() < self._rate.end and self._rate.count >= self._rate.most
+        return self._rate.end if is_full else 0.0
+
+    def refused(self, fault: Fault) -> bytes:
+        """What a client gets for which there is no place, or which said nothing in time."""
+        status = 453 if fault.code == "overload" else 400
+        return answer(status, "", {"Content-Type": "text/plain", "Connection": "close"}, f"{fault.text}\r\n")
+
+    def half_closed(self) -> None:
+        """A client that asks nothing more takes nothing more."""
+        self.close()
+
+    # -- pictures -------------------------------------------------------------------------------------------------------------------
+
+    def interleave(self, channel: int) -> None:
+        """See `session.Media`."""
+        self._forget_udp()
+        self._channel = channel
+
+    def open_udp(self, pair: tuple[int, int]) -> tuple[int, int] | None:
+        """See `session.Media`."""
+        if self._ports is None:
+            return None
+        self._forget_udp()
+        self._channel = None
+        self._to = ((self._address, pair[0]), (self._address, pair[1]))
+        self._ports.enter(self._to[1], self._heard)
+        return self._ports.numbers
+
+    def play(self, stream: str) -> None:
+        """See `session.Media`."""
+        self._waits_for_key = True
+        self._heard_at = self.loop.time()
+        self._stream = self._streams[stream]
+        self._stream.join(self)
+
+    def pause(self) -> None:
+        """See `session.Media`."""
+        if self._stream is not None:
+            self._stream.leave(self)
+            self._stream = None
+
+    def take(self, picture: Picture) -> None:
+        """Send a picture, unless this client is slow: then none until the next that it can begin with."""
+        if self.is_closing:
+            return
+        if self._waits_for_key and not picture.is_key:
+            return
+        if not self._sent(picture):
+            self.left_out += 1
+            self._stats.dropped += 1
+            self._waits_for_key = True
+            return
+        self._waits_for_key = False
+        self._stats.samples_sent += 1
+        self._stats.bytes_sent += picture.size
+
+    def _sent(self, picture: Picture) -> bool:
+        if self._to is not None and self._ports is not None:
+            return self._ports.send(picture.packets, picture.report, self._to)
+        if self.waiting + picture.size > self._config.queue_bytes:
+            return False
+        if self.waiting == 0:
+            self._heard_at = self.loop.time()  # it reads, so it is there
+        channel = self._channel or 0
+        framed = [part for packet in picture.packets for part in (_FRAME.pack(_DOLLAR, channel, len(packet)), packet)]
+        if picture.report:
+            framed += (_FRAME.pack(_DOLLAR, channel + 1, len(picture.report)), picture.report)
+        self.write(b"".join(framed))
+        return True
+
+    # -- the end --------------------------------------------------------------------------------------------------------------------
+
+    def _heard(self) -> None:
+        self._heard_at = self.loop.time()
+
+    def _attend(self) -> None:
+        """Now and then: whether the client is still there."""
+        if self.is_closing:
+            return
+        patience = IDLE_S if self._stream is None else self._config.keep_alive_s
+        rest = self._heard_at + patience - self.loop.time()
+        if rest > 0 or self.is_stranger:
+            self._look = self.loop.call_later(max(min(rest, 1.0), 0.05), self._attend)
+            return
+        self.peers.refusals.note("silent", f"a client said nothing for {patience:g} s: its pictures end")
+        self.close()
+
+    def _forget_udp(self) -> None:
+        if self._to is not None and self._ports is not None:
+            self._ports.leave(self._to[1])
+        self._to = None
+
+    def stop(self) -> None:
+        """It begins to end."""
+        self._look.cancel()
+        if self._session is not None:
+            self._session.end()
+        self._forget_udp()
+
+    def closed(self) -> None:
+        """It has gone."""
+        self.stop()

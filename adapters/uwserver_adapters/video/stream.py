@@ -1,0 +1,242 @@
+"""One stream: samples of a port, encoded once on a thread of its own, for all who take it. Nothing is encoded for nobody."""
+
+from __future__ import annotations
+
+import asyncio
+import zlib
+from collections.abc import Callable
+from datetime import datetime
+from typing import NamedTuple, Protocol
+
+from uwserver.adapter import AdapterContext, Refusals, Worker
+from uwserver.adapter.pictures import pixels
+from uwserver.ports import Port, Sample, Value
+from uwserver_adapters.video import h264, mjpeg
+from uwserver_adapters.video.config import StreamTable
+from uwserver_adapters.video.encoder import Coded, Encoder, H264Encoder, JpegEncoder
+from uwserver_adapters.video.rtp import Packets
+
+WAITING = 2
+"""Pictures that may wait for the encoder, the one in work among them: what waits longer is late."""
+FORCE_S = 0.5
+"""Wall time between two key pictures for those who came: who comes again and again does not make all others' pictures worse."""
+REPORT_S = 5.0
+"""Wall time between two reports of the sender."""
+
+
+class Picture(NamedTuple):
+    """What goes to all who take a stream.
+
+    Attributes:
+        packets: of RTP.
+        is_key: a receiver can begin with it.
+        report: the sender's report, where one is due; else b"".
+        size: bytes of all packets.
+    """
+
+    packets: list[bytes]
+    is_key: bool
+    report: bytes
+    size: int
+
+
+class Taker(Protocol):
+    """Who takes a stream."""
+
+    def take(self, picture: Picture) -> None:
+        """Send it, or leave it out. On the loop."""
+
+
+class Stream:
+    """Loop thread, but for the encoder.
+
+    Args:
+        name: as it is asked for.
+        table: how it is encoded.
+        port: whose pictures they are.
+        place: of the pictures among its fields.
+        context: of the adapter.
+        refusals: where it is told what could not be encoded.
+        changed: called when the first taker came, or the last has gone.
+
+    Attributes:
+        name, port: as given.
+        size: pixels of the last picture, width and height; (0, 0) before.
+        dropped: pictures that the encoder had no time for.
+        encoded: pictures.
+        octets: bytes of these.
+    """
+
+    def __init__(
+        self, name: str, table: StreamTable, port: Port, place: int, context: AdapterContext, refusals: Refusals,
+        changed: Callable[[], None],
+    ) -> None:  # fmt: skip
+        self.name = name
+        self.port = port
+        self.size = (0, 0)
+        self.dropped = self.encoded = self.octets = 0
+        self._table = table
+        self._place = place
+        self._context = context
+        self._refusals = refusals
+        self._changed = changed
+        self._takers: dict[Taker, None] = {}
+        self._loop = asyncio.get_running_loop()
+        self._worker = Worker(f"video {name}", context.stats)
+        self._encoder: Encoder | None = None
+        self._waiting = 0
+        self._wants_key = False
+        self._forced_at = self._reported_at = -REPORT_S
+        self._format = ""
+        self._t_ns = 0
+        self._shift_ns = 0
+        number = zlib.crc32(
+            name.encode()
+        )  # any: of the name, so that a receiver knows the stream again after a restart
+        epoch = datetime.fromisoformat(context.world.epoch_utc.replace("Z", "+00:00"))
+        self._packets = Packets(
+            h264.PAYLOAD_TYPE if table.codec == "h264" else mjpeg.PAYLOAD_TYPE,
+            number, number >> 16, number, int(epoch.timestamp() * 1e9),
+        )  # fmt: skip
+
+    @property
+    def is_wanted(self) -> bool:
+        """Whether anybody takes it."""
+        return bool(self._takers)
+
+    @property
+    def rate_hz(self) -> float:
+        """Pictures a second of simulation time."""
+        return self.port.rate_hz or 1.0
+
+    @property
+    def expected_size(self) -> tuple[int, int]:
+        """Width and height of the last picture, or as the port tells them; 0 where that is not known yet."""
+        layout = self.port.fields[self._place].buffer
+        if self.size != (0, 0) or not layout:
+            return self.size
+        return max(layout.shape[1], 0), max(layout.shape[0], 0)
+
+    @property
+    def bit_rate(self) -> int:
+        """Most bits a second."""
+        return self._table.bit_rate
+
+    @property
+    def payload_type(self) -> int:
+        """Of RTP."""
+        return h264.PAYLOAD_TYPE if self._table.codec == "h264" else mjpeg.PAYLOAD_TYPE
+
+    def description(self) -> list[str]:
+        """Its lines in a description of a session (RFC 8866)."""
+        kind = self.payload_type
+        lines = [
+            f"m=video 0 RTP/AVP {kind}",
+            f"a=rtpmap:{kind} {h264.ENCODING if kind == h264.PAYLOAD_TYPE else mjpeg.ENCODING}",
+        ]
+        if kind == h264.PAYLOAD_TYPE:
+            lines.append(f"a=fmtp:{kind} {self._format or h264.format_parameters(None)}")
+        return [*lines, f"a=framerate:{self.rate_hz:g}"]
+
+    def join(self, taker: Taker) -> None:
+        """Somebody takes it: the next picture is one to begin with, unless one just was."""
+        self._wants_key = True
+        self._takers[taker] = None
+        if len(self._takers) == 1:
+            self._changed()
+
+    def leave(self, taker: Taker) -> None:
+        """Somebody takes it no more. May be called again."""
+        if self._takers.pop(taker, self) is None and not self._takers:
+            self._changed()
+
+    def put(self, sample: Sample) -> None:
+        """A sample of the port."""
+        if not self._takers or not sample.valid or self._place >= len(sample.value):
+            return
+        if self._waiting >= WAITING:
+            self.dropped += 1
+            self._context.stats.dropped += 1
+            self._refusals.note(
+                "slow encoder",
+                f"the encoder of {self.name} has no time for all pictures: fewer, smaller, or a quicker preset",
+            )
+            return
+        value, key = sample.value[self._place], self._takes_key()
+        self._waiting += 1
+        if not self._worker.send(lambda: self._encode(value, sample.t_ns, key)):
+            self._waiting -= 1
+
+    def _takes_key(self) -> bool:
+        now = self._loop.time()
+        if not self._wants_key or now - self._forced_at < FORCE_S:
+            return False
+        self._wants_key = False
+        self._forced_at = now
+        return True
+
+    def _encode(self, value: Value, t_ns: int, wants_key: bool) -> None:
+        """On the stream's thread."""
+        coded: Coded | None = None
+        fault, size = "", (0, 0)
+        try:
+            shown = pixels(value)
+            if shown is not None:
+                size = (shown.shape[1], shown.shape[0])
+                self._encoder = self._encoder or self._made()
+                coded = self._encoder.encode(shown, wants_key)
+        except Exception as error:  # noqa: BLE001  # of a library: told, and the world goes on
+            fault = f"{type(error).__name__}: {error}"
+        self._loop.call_soon_threadsafe(self._deliver, coded, size, t_ns, fault)
+
+    def _made(self) -> Encoder:
+        table = self._table
+        if table.codec == "jpeg":
+            return JpegEncoder(table.quality)
+        return H264Encoder(self.rate_hz, table.bit_rate, table.preset)
+
+    def _deliver(self, coded: Coded | None, size: tuple[int, int], t_ns: int, fault: str) -> None:
+        self._waiting -= 1
+        stats = self._context.stats
+        if coded is None:
+            if fault:
+                stats.errors += 1
+                stats.last_error = f"{self.name}: {fault}"[:300]
+                self._refusals.note("encoder", f"a picture of {self.port.path} cannot be encoded: {fault}")
+            return
+        self.size, self._format = size, coded.format
+        self.encoded += 1
+        self.octets += coded.size
+        stats.encoded += 1
+        t_ns = self._steady(t_ns)
+        packets = self._packets.of(coded.payloads, t_ns)
+        picture = Picture(packets, coded.is_key, self._report(t_ns), sum(map(len, packets)))
+        for taker in list(self._takers):
+            taker.take(picture)
+
+    def _steady(self, t_ns: int) -> int:
+        """Time of a picture for receivers, who know no reset: it never goes back."""
+        if t_ns + self._shift_ns <= self._t_ns and self.encoded > 1:
+            self._shift_ns = self._t_ns + round(1e9 / self.rate_hz) - t_ns
+        self._t_ns = t_ns + self._shift_ns
+        return self._t_ns
+
+    def _report(self, t_ns: int) -> bytes:
+        now = self._loop.time()
+        if now - self._reported_at < REPORT_S:
+            return b""
+        self._reported_at = now
+        return self._packets.report(t_ns)
+
+    async def close(self) -> None:
+        """End it; pictures that wait for the encoder are waited for."""
+        self._takers.clear()
+        if self._encoder is not None or self._waiting:
+            await self._worker.run(self._finish)
+        await self._worker.close(lambda: None)
+
+    def _finish(self) -> None:
+        """On the stream's thread."""
+        encoder, self._encoder = self._encoder, None
+        if encoder is not None:
+            encoder.close()

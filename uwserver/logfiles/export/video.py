@@ -1,0 +1,135 @@
+"""The pictures of one topic as a video (MP4, H.264), each shown from its own time on. Needs PyAV."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Collection, Iterator, Mapping
+from fractions import Fraction
+from itertools import chain, islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uwserver.adapter.pictures import Pixels, pixels
+from uwserver.logfiles.log import Log, LogError
+from uwserver.ports import Buffer
+from uwserver.ports.buffer import unpacked
+
+TICKS_HZ = 90_000
+_LOOKED_AT = 50
+"""Data of a topic that are looked at for a picture: a camera may need some time before its first."""
+_SMALLEST = 16
+_HD = 720
+"""Height from which players take colours for those of BT.709."""
+
+
+def write_mp4(log: Log, topics: Collection[str], target: Path) -> list[str]:
+    """Write it; sentences about what to know of it.
+
+    Args:
+        log: open.
+        topics: of which exactly one must hold pictures: of ours, or compressed ones as of ROS and Foxglove.
+        target: the file; what is there is written over.
+
+    Raises:
+        ImportError: PyAV is not installed.
+        LogError: no topic holds pictures, or several do.
+    """
+    av: Any = importlib.import_module("av")
+    topic = _the_topic(log, topics, av)
+    found = _pictures(log, topic, av)
+    first = next(found, None)
+    if first is None:
+        raise LogError(f"{log.path}: {topic} holds no picture that can be shown")
+    height, width = (max(extent & ~1, _SMALLEST) for extent in first[1].shape[:2])
+    count, resized = 0, 0
+    last = -1
+    with av.open(str(target), "w", format="mp4", options={"movflags": "faststart"}) as container:
+        stream = container.add_stream("libx264", options={"crf": "20", "preset": "veryfast"})
+        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+        stream.time_base = stream.codec_context.time_base = Fraction(1, TICKS_HZ)
+        context, is_hd = stream.codec_context, height >= _HD
+        context.colorspace = context.color_primaries = context.color_trc = 1 if is_hd else 6
+        for t_ns, shown in chain((first,), found):
+            resized += shown.shape[:2] != first[1].shape[:2]
+            frame = av.VideoFrame.from_ndarray(_in_colour(shown), format="rgb24")
+            frame = frame.reformat(width, height, "yuv420p", dst_colorspace="itu709" if is_hd else "itu601")
+            at = (t_ns - first[0]) * 9 // 100_000
+            frame.pts = last = max(at, last + 1)
+            frame.time_base = stream.time_base
+            container.mux(stream.encode(frame))
+            count += 1
+        container.mux(stream.encode(None))
+    told = [f"{count} pictures of {topic}, {width} x {height}"]
+    if resized:
+        told.append(f"{resized} of them had another size and were stretched")
+    return told
+
+
+def _the_topic(log: Log, topics: Collection[str], av: Any) -> str:
+    holding = [name for name in log.topics if name in topics and _has_picture(log, name, av)]
+    # Beside our own channel a recording has one for viewers, with the same pictures.
+    holding = [name for name in holding if not (name.startswith("/") and name[1:] in holding)]
+    if not holding:
+        raise LogError(f"{log.path}: none of these topics holds pictures: {', '.join(list(topics)[:40])}")
+    if len(holding) > 1:
+        raise LogError(f"{log.path}: several topics hold pictures, choose one by --topics: {', '.join(holding[:40])}")
+    return holding[0]
+
+
+def _has_picture(log: Log, topic: str, av: Any) -> bool:
+    if (
+        log.kind == "uwserver"
+        and not topic.startswith("/")
+        and all(f.type != "object" for f in log.topics[topic].fields)
+    ):
+        return False
+    return any(_picture_of(datum.value, av) is not None for datum in islice(log.read([topic]), _LOOKED_AT))
+
+
+def _pictures(log: Log, topic: str, av: Any) -> Iterator[tuple[int, Pixels]]:
+    for datum in log.read([topic]):
+        shown = _picture_of(datum.value, av)
+        if shown is not None:
+            yield datum.t_ns, shown
+
+
+def _picture_of(value: Mapping[str, object], av: Any) -> Pixels | None:
+    """The picture of a datum: a buffer among its fields, the one named `image` first, or a compressed picture."""
+    data = value.get("data")
+    if isinstance(data, bytes) and "format" in value:
+        return _decompressed(data, av)
+    fields = value.get("value", value)
+    if not isinstance(fields, Mapping):
+        return None
+    for entry in (fields.get("image"), *fields.values()):
+        buffer = entry if isinstance(entry, Buffer) else _buffer(entry)
+        shown = pixels(buffer)
+        if shown is not None:
+            return shown
+    return None
+
+
+def _buffer(entry: object) -> Buffer | None:
+    if not isinstance(entry, Mapping) or "dtype" not in entry:
+        return None
+    try:
+        return unpacked(entry)
+    except ValueError:
+        return None
+
+
+def _decompressed(data: bytes, av: Any) -> Pixels | None:
+    """Of JPEG or PNG."""
+    name = "png" if data[:4] == b"\x89PNG" else "mjpeg"
+    try:
+        frames = av.CodecContext.create(name, "r").decode(av.Packet(data))
+    except av.FFmpegError:
+        return None
+    shown: Pixels | None = frames[0].to_ndarray(format="rgb24") if frames else None
+    return shown
+
+
+def _in_colour(shown: Pixels) -> Pixels:
+    return np.repeat(shown[:, :, None], 3, axis=2) if shown.ndim == 2 else np.ascontiguousarray(shown)
