@@ -39,6 +39,7 @@ class Body:
         thrusters: thruster rows by name.
         wrench: a wrench row: the vehicle's, or one of its own for an actuator of an extension.
         servos: servo rows by table and name (``fins.rudder``).
+        lamps: names of its lamps.
     """
 
     def __init__(
@@ -48,12 +49,14 @@ class Body:
         thrusters: Mapping[str, int],
         wrench: int,
         servos: Mapping[str, int] | None = None,
+        lamps: tuple[str, ...] = (),
     ) -> None:
         self.hydro = hydro
         self.row = row
         self.thrusters = thrusters
         self.wrench = wrench
         self.servos = servos or {}
+        self.lamps = lamps
 
     def push(self, force: Sequence[float], moment: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
         """Hold a force (N) and a moment (N m) about the body origin, in B, from now on; each replaces the last."""

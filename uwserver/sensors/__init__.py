@@ -21,6 +21,7 @@ from uwserver.sensors.onboard.clock import ClockConfig
 from uwserver.sensors.onboard.contact import ContactConfig
 from uwserver.sensors.onboard.leak import LeakConfig
 from uwserver.sensors.onboard.rpm import RpmConfig
+from uwserver.sensors.optical.camera.config import CameraConfig
 from uwserver.sensors.optical.range_array import RangeArrayConfig
 from uwserver.sensors.water.ctd import CtdConfig
 from uwserver.sensors.water.pressure import PressureConfig
@@ -42,6 +43,7 @@ SensorConfig = (
     | CtdConfig
     | SoundSpeedConfig
     | RangeArrayConfig
+    | CameraConfig
     | ContactConfig
     | BatteryConfig
     | LeakConfig
@@ -51,7 +53,7 @@ SensorConfig = (
 )
 
 __all__ = [
-    "AdcpConfig", "AltimeterConfig", "AttitudeConfig", "BatteryConfig", "ClockConfig", "CompoundConfig", "ContactConfig",
+    "AdcpConfig", "AltimeterConfig", "AttitudeConfig", "BatteryConfig", "CameraConfig", "ClockConfig", "CompoundConfig", "ContactConfig",
     "CtdConfig", "DvlConfig", "GpsConfig", "IdealSensor", "ImuConfig", "LblConfig", "LeakConfig", "MagnetometerConfig",
     "MotionCaptureConfig", "Pose", "PressureConfig", "RangeArrayConfig", "RpmConfig", "ScanningSonarConfig", "Scope", "Sensor",
     "SensorConfig", "SensorTable", "Settings", "SoundSpeedConfig", "StreamTable", "UsblConfig", "carriers",

@@ -22,6 +22,7 @@ from uwserver.modifiers.base import NOTHING, Draws, Memory, check_lengths
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.rays.raycast import Geometry, OpenWater
 from uwserver.ports import Argument, Field, Json, Refused, Value
+from uwserver.sensors.sight import Sight
 from uwserver.sensors.wiring import Wiring
 from uwserver.table import Name, NonNegative, Positive, Table
 from uwserver.units import NANOSECONDS, rad
@@ -118,6 +119,8 @@ class Scope:
         wiring: thrusters and hull of this vehicle; None where a sensor stands alone.
         lambert: (n) backscatter of the solids' materials by their number, Lambert's parameter, linear.
         sediments: the same materials as a bottom that reflects sound.
+        sight: what cameras may see; None where nobody says.
+        row: of this body in the state of all; -1 for none.
     """
 
     t_ns: int
@@ -134,6 +137,8 @@ class Scope:
     wiring: Wiring | None = None
     lambert: FloatArray = field(default_factory=lambda: SEDIMENT, compare=False)
     sediments: tuple[Sediment, ...] = BOTTOM
+    sight: Sight | None = None
+    row: int = -1
 
     @property
     def t(self) -> float:

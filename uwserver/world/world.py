@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from uwserver.physics.scene import Scene
 
 __all__ = ["Diverged", "World"]
+_UNSEEN: Sight | None = None
 
 
 class World:
@@ -54,7 +55,7 @@ class World:
         scene: solid things; None where nothing is solid.
         geometry: the same, as sensors see it.
         lambert, sediments: (n) backscatter of their materials by number, and these as a bottom that reflects.
-        water, earth: the environment, and where N lies.
+        water, earth, sight: the environment, where N lies, and what cameras see.
         parts: all that lives in it, by path: its own parts and those of the members, sorted. The rows of the bodies stand before all others,
             which may look at them when they load.
         own_parts: those that are no body's.
@@ -72,7 +73,7 @@ class World:
         self.name, self.rate_hz, self.seed, self.epoch_utc = name, rate_hz, seed, epoch_utc
         self.hydro, self.water = hydro, water
         self.geometry: Geometry = OpenWater()
-        self.earth, self.lambert, self.sediments = Earth(), SEDIMENT, BOTTOM
+        self.earth, self.lambert, self.sediments, self.sight = Earth(), SEDIMENT, BOTTOM, _UNSEEN
         self._rate, self.ticks = (rate_hz.numerator, rate_hz.denominator), Ticks(rate_hz)
         self.tick = self.jumps = 0
         self.vehicles: dict[str, Vehicle] = {}
@@ -94,7 +95,7 @@ class World:
         self.parts: dict[str, Part] = {}
         self.own_parts: list[Part] = []
         self.instruments = Instruments(
-            hydro, water, lambda: Around(self.vehicles, self.earth, self.geometry, self.lambert, self.sediments)
+            hydro, water, lambda: Around(self.vehicles, self.earth, self.geometry, self.lambert, self.sediments, self.sight)
         )
         self._sensing = Sensing(self.sensors, self.instruments, self._seconds)
         self._pilots = Pilots(hydro)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from uwserver.physics.dynamics.appendage_params import Appendages
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.vehicle.body import body_params
-from uwserver.sensors import AltimeterConfig, DvlConfig, LblConfig, ScanningSonarConfig, UsblConfig
+from uwserver.sensors import AltimeterConfig, CameraConfig, DvlConfig, LblConfig, ScanningSonarConfig, UsblConfig
 
 
 def kernels_of(resolved: Resolved, sea: bool) -> frozenset[str]:
@@ -28,6 +28,8 @@ def kernels_of(resolved: Resolved, sea: bool) -> frozenset[str]:
         needs.add("sea")
     if any(isinstance(config, ScanningSonarConfig) for config in sensors):
         needs |= {"echoes", "pictures"}
+    if any(isinstance(config, CameraConfig) for config in sensors):
+        needs.add("cameras")
     if vehicles:
         needs.add("sensors")
     if any(isinstance(config, AltimeterConfig | DvlConfig) for config in sensors):

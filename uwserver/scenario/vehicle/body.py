@@ -116,7 +116,7 @@ def own_rows(hydro: Hydrodynamics, vehicle: VehicleFile, row: int) -> dict[str, 
     thrusters = {thruster: first + k for k, thruster in enumerate(vehicle.thrusters)}
     servos = {servo.name: first_servo + k for k, servo in enumerate(hydro.params[row].appendages.servos)}
     names = ("", *own_actuators(vehicle))
-    return {name: Body(hydro, row, thrusters, wrench + k, servos) for k, name in enumerate(names)}
+    return {name: Body(hydro, row, thrusters, wrench + k, servos, tuple(vehicle.lamps)) for k, name in enumerate(names)}
 
 
 def thruster_params(name: str, thruster: Thruster, device: ThrusterDevice, density: float) -> ThrusterParams:

@@ -1,0 +1,127 @@
+"""What cameras see of a scenario's world: things with the colours that viewers know, lamps as their actuators have them, and its light."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
+
+from msgspec import UnsetType
+
+from uwserver.actuators import CameraMount, Lamps
+from uwserver.environment.light import WATER_TYPES
+from uwserver.physics.geometry.shapes import HalfSpace
+from uwserver.scenario.load.resolved import Resolved
+from uwserver.scenario.scene.palette import OBJECT, SEABED, STRUCTURE, VEHICLE, Colour, colour_of
+from uwserver.sensors import CameraConfig, Pose, Sensor, SensorConfig
+from uwserver.sensors.sight import Sight
+from uwserver.units import rad
+from uwserver.world.components import ActuatorSlot
+from uwserver.world.world import World
+
+if TYPE_CHECKING:
+    from uwserver.sensors.optical.camera.faces import Paint
+    from uwserver.sensors.optical.camera.lamps import LampAt
+    from uwserver.sensors.optical.camera.visible import Seen
+
+log = logging.getLogger(__name__)
+_SEABED_NAME = "seabed"
+
+
+def give_sight(world: World, resolved: Resolved) -> None:
+    """Let cameras of a world see what its scenario has."""
+    environment = resolved.scenario.environment
+    scenery = _Scenery(world, resolved)
+    world.sight = Sight(
+        (WATER_TYPES[environment.water_type], environment.daylight.daylight), scenery.things, scenery.who, scenery.lamps,
+        lambda: world.hydro.state,
+    )  # fmt: skip
+
+
+def look_around(world: World, resolved: Resolved) -> None:
+    """Make what cameras look at before a tick has to wait for it, where there are any, and say what cannot be shown."""
+    has_cameras = any(has_camera(v.vehicle.sensors) for v in resolved.vehicles.values())
+    if has_cameras and world.sight is not None:
+        for fault in world.sight.faults():
+            log.warning("cameras show it plain: %s", fault)
+
+
+def has_camera(sensors: Mapping[str, SensorConfig]) -> bool:
+    """Whether any of a vehicle's sensors is a camera."""
+    return any(isinstance(config, CameraConfig) for config in sensors.values())
+
+
+def hang_cameras(
+    made: Mapping[str, Sensor], configs: Mapping[str, SensorConfig], actuators: Mapping[str, ActuatorSlot]
+) -> None:
+    """Let cameras turn with the mounts that they sit on."""
+    if not has_camera(configs):
+        return
+    from uwserver.sensors.optical.camera.camera import Camera
+
+    joints = {slot.actuator.mount: slot.actuator for slot in actuators.values() if isinstance(slot.actuator, CameraMount)}
+    for key, sensor in made.items():
+        mount = configs[key].mount
+        if isinstance(sensor, Camera) and isinstance(mount, str) and mount in joints:
+            sensor.hang(joints[mount])
+
+
+class _Scenery:
+    """Tells what stands and swims in a world."""
+
+    def __init__(self, world: World, resolved: Resolved) -> None:
+        self._world, self._resolved = world, resolved
+
+    def who(self) -> tuple[tuple[str, int], ...]:
+        """The bodies in the world, with their rows."""
+        return tuple((name, member.vehicle.row) for name, member in self._world.members.items())
+
+    def things(self) -> Iterator[Seen]:
+        """Seabed, structures, and bodies."""
+        from uwserver.sensors.optical.camera.faces import GROWTH, PLAIN
+        from uwserver.sensors.optical.camera.faces import SEABED as SAND
+        from uwserver.sensors.optical.camera.visible import Seen
+
+        resolved = self._resolved
+        for name, solid in resolved.static.items():
+            is_seabed = name == _SEABED_NAME and not isinstance(resolved.scenario.seabed, UnsetType)
+            paint = self._paint(SEABED, SAND) if is_seabed else self._paint(STRUCTURE, GROWTH)
+            looks, placed = resolved.looks.get(name, b""), solid.shapes[0] if solid.shapes else None
+            if looks and placed is not None and not isinstance(placed.shape, HalfSpace):
+                yield Seen(name, solid, paint, looks, p=placed.p, R=placed.R)
+            else:
+                yield Seen(name, solid, paint)
+        for name, like in self._world.population.likes().items():
+            row = self._world.members[name].vehicle.row
+            if like in resolved.vehicles:
+                vehicle = resolved.vehicles[like]
+                yield Seen(name, vehicle.solid, self._paint(VEHICLE, PLAIN), vehicle.looks, row)
+            else:
+                body = resolved.objects[like]
+                yield Seen(name, body.solid, self._paint(OBJECT, PLAIN), body.looks, row)
+
+    def _paint(self, otherwise: Colour, pattern: int) -> Paint:
+        from uwserver.sensors.optical.camera.faces import Paint
+
+        return Paint((*(colour_of(name, otherwise) for name in self._resolved.materials), otherwise), pattern)
+
+    def lamps(self) -> tuple[LampAt, ...]:
+        """All lamps that shine."""
+        from uwserver.sensors.optical.camera.lamps import LampAt
+
+        found = []
+        for name, like in self._world.population.likes().items():
+            vehicle = self._resolved.vehicles.get(like)
+            if vehicle is None or not vehicle.vehicle.lamps:
+                continue
+            file, member = vehicle.vehicle, self._world.members[name]
+            for slot in member.actuators:
+                if isinstance(slot.actuator, Lamps):
+                    for lamp, level in zip(slot.actuator.names, slot.actuator.memory.levels, strict=True):
+                        if level > 0.0:
+                            table = file.lamps[lamp]
+                            place = file.mounts[table.mount]
+                            pose = Pose.from_degrees(place.rpy_deg, place.position_frd_m)
+                            lumens = level * table.lumens
+                            found.append(LampAt(member.vehicle.row, pose.p, pose.q, rad(table.cone_deg), lumens))
+        return tuple(found)
