@@ -10,7 +10,7 @@ from uwserver.physics.kernel.arrays import FloatArray
 
 if TYPE_CHECKING:
     from uwserver.sensors.optical.camera.lamps import LampAt
-    from uwserver.sensors.optical.camera.visible import Seen, Visible
+    from uwserver.sensors.optical.camera.visible import Look, Models, Seen
 
 
 class Sight:
@@ -41,21 +41,21 @@ class Sight:
         self.water, self.day = light
         self.lamps, self.state = lamps, state
         self._things, self._who = things, who
-        self._models: object = None
-        self._made: tuple[Hashable, Visible] | None = None
+        self._models: Models | None = None
+        self._look: tuple[Hashable, Look] | None = None
 
-    def visible(self) -> Visible:
-        """All that is there now; costs something after bodies came or went."""
-        from uwserver.sensors.optical.camera.visible import Models, Visible
-
+    def look(self) -> Look:
+        """At all that is there now; the same until bodies come or go."""
         who = self._who()
-        if self._made is None or self._made[0] != who:
-            if not isinstance(self._models, Models):
+        if self._look is None or self._look[0] != who:
+            from uwserver.sensors.optical.camera.visible import Look, Models
+
+            if self._models is None:
                 self._models = Models()
-            self._made = who, Visible(self._things(), self._models)
-        return self._made[1]
+            self._look = who, Look(self._things(), self._models)
+        return self._look[1]
 
     def faults(self) -> list[str]:
-        """What cannot be shown as it is, as texts."""
-        self.visible()
-        return list(getattr(self._models, "faults", ()))
+        """What cannot be shown as it is, as texts. Before anything runs."""
+        self.look().made()
+        return [] if self._models is None else self._models.faults

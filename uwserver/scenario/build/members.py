@@ -87,7 +87,7 @@ def vehicle_member(world: World, resolved: ResolvedVehicle, row: int, name: str)
     actuators = {
         key: _actuator(world, f"{name}/{key}", config, bodies.get(key, body)) for key, config in file.actuators.items()
     }
-    hang_cameras(made, configs, actuators)
+    hang_cameras(built, configs, actuators)
     ports = {slot.port.path: slot.port for slot in built.values()}
     piloted = build_autopilot(world, resolved, params, name, row, mounts, ports, actuators)
     slots = list(actuators.values())

@@ -13,10 +13,11 @@ from uwserver.environment.light import WATER_TYPES
 from uwserver.physics.geometry.shapes import HalfSpace
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.scene.palette import OBJECT, SEABED, STRUCTURE, VEHICLE, Colour, colour_of
-from uwserver.sensors import CameraConfig, Pose, Sensor, SensorConfig
+from uwserver.sensors import CameraConfig, Pose, SensorConfig
 from uwserver.sensors.sight import Sight
 from uwserver.units import rad
 from uwserver.world.components import ActuatorSlot
+from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.world import World
 
 if TYPE_CHECKING:
@@ -52,7 +53,7 @@ def has_camera(sensors: Mapping[str, SensorConfig]) -> bool:
 
 
 def hang_cameras(
-    made: Mapping[str, Sensor], configs: Mapping[str, SensorConfig], actuators: Mapping[str, ActuatorSlot]
+    slots: Mapping[str, SensorSlot], configs: Mapping[str, SensorConfig], actuators: Mapping[str, ActuatorSlot]
 ) -> None:
     """Let cameras turn with the mounts that they sit on."""
     if not has_camera(configs):
@@ -60,10 +61,11 @@ def hang_cameras(
     from uwserver.sensors.optical.camera.camera import Camera
 
     joints = {slot.actuator.mount: slot.actuator for slot in actuators.values() if isinstance(slot.actuator, CameraMount)}
-    for key, sensor in made.items():
+    for key, slot in slots.items():
         mount = configs[key].mount
-        if isinstance(sensor, Camera) and isinstance(mount, str) and mount in joints:
-            sensor.hang(joints[mount])
+        for sensor in (slot.sensor, slot.twin):
+            if isinstance(sensor, Camera) and isinstance(mount, str) and mount in joints:
+                sensor.hang(joints[mount])
 
 
 class _Scenery:

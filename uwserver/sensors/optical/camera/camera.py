@@ -12,6 +12,7 @@ from uwserver.frames import multiply, quat_from_rpy, rotate
 from uwserver.modifiers.base import NEVER, Measurement, Memory, Number, Time
 from uwserver.ports import Argument, Buffer, Field, Layout, Value
 from uwserver.sensors.base import Pose, Scope, Sensor, Settings, blank, earlier
+from uwserver.sensors.job import Begun, Job
 from uwserver.sensors.optical.camera import electronics
 from uwserver.sensors.optical.camera.config import CameraConfig, gain_of
 from uwserver.sensors.optical.camera.picture import Optics, View
@@ -61,7 +62,15 @@ class Joint(Protocol):
         """With the `tilt` (rad) that it was told."""
 
 
-class Shot(NamedTuple):
+class Film(NamedTuple):
+    """What of a camera never changes, for its jobs, which share the arrays of the optics."""
+
+    config: CameraConfig
+    optics: Optics
+    chip: electronics.Chip
+
+
+class Shot(Job):
     """An exposure, as a worker gets it.
 
     Attributes:
@@ -71,16 +80,37 @@ class Shot(NamedTuple):
         seed: of the noise; 0 for none.
     """
 
-    view: View
-    exposure: float
-    gain: float
-    seed: int
+    def __init__(self, film: Film, view: View, exposure: float, gain: float, seed: int) -> None:
+        self.view, self.exposure, self.gain, self.seed = view, exposure, gain, seed
+        self._film = film
+
+    def run(self) -> tuple[Value, ...]:
+        """The picture; of a segmentation also which objects it shows, and how much of them."""
+        config, optics, chip = self._film
+        if config.mode == "depth":
+            return (Buffer.of(optics.depth_mm(self.view)),)
+        if config.mode == "segmentation":
+            return _segmented(optics, self.view)
+        radiance = optics.form(self.view, config.lamp_shadows)
+        channels = 3 if config.mode == "rgb" else 1
+        n = config.width * config.height
+        counts: Any = np.empty((n, channels), np.uint16)
+        expose = electronics.expose if channels == 3 else electronics.expose_mono
+        expose(
+            radiance, chip.electrons(self.exposure), chip.dark * self.exposure, chip.full_well, chip.read_noise,
+            chip.gain * gain_of(self.gain), np.uint64(self.seed), electronics.NORMAL, counts if channels == 3 else counts.reshape(-1),
+        )  # fmt: skip
+        picture: Any = np.empty((n, channels), np.uint8)
+        balance = np.array(config.white_balance) if channels == 3 else np.ones(1)
+        electronics.develop(counts, electronics.gamma_table(), balance, picture)
+        shape = (config.height, config.width, 3) if channels == 3 else (config.height, config.width)
+        return (Buffer.of(picture.reshape(shape)),)
 
 
 class Camera(Sensor):
     """Pictures."""
 
-    paces = True
+    paces = takes_time = True
     settings: CameraSettings
     memory: CameraMemory
 
@@ -95,6 +125,7 @@ class Camera(Sensor):
         self.doc, self.fields = _DOCS[config.mode], _fields(config)
         self.arguments = () if self._is_exact else _arguments(config)
         auto = config.auto_exposure and not config.ideal
+        self.learns = auto and not self._is_exact
         super().__init__(CameraSettings(config.exposure_s, config.gain_db, auto))
 
     @property
@@ -125,37 +156,29 @@ class Camera(Sensor):
 
     # -- on the tick ----------------------------------------------------------------------------------------------------------------
 
-    def sense(self, scope: Scope) -> Measurement | None:
-        """A picture at once."""
-        shot = self.shot(scope)
-        if shot is None:
-            return Measurement(self._nothing(), False)
-        values, level = self.develop(shot)
-        self.memory.level = level
-        return Measurement(values, True, self.delay_ns(shot.exposure))
-
-    def delay_ns(self, exposure: float) -> int:
-        """From the middle of the exposure to the end of the read-out."""
-        return round((0.5 * exposure + self._config.read_out_s) * NANOSECONDS)
-
-    def shot(self, scope: Scope) -> Shot | None:
-        """What this picture is made of; None where there is nothing to be seen. Costs microseconds."""
+    def sense(self, scope: Scope) -> Measurement:
+        """Begin a picture; invalid in a world where nobody says what can be seen."""
         if scope.sight is None:
-            return None
-        config, memory, now = self._config, self.memory, scope.t
+            return Measurement(blank(self.fields), False)
+        config, memory, sight, now = self._config, self.memory, scope.sight, scope.t
         self._expose(now)
         mount = self._turned(now)
-        half = 0.5 * config.read_out_s if config.rolling_shutter and not self._is_exact else 0.0
-        first, last = _at(scope, mount, half), _at(scope, mount, -half)
         memory.last = now
+        half = 0.5 * config.read_out_s if config.rolling_shutter and not self._is_exact else 0.0
         p = scope.position(mount.p)
-        sight = scope.sight
         view = View(
-            now, sight.visible(), sight.state().copy(), first, last, scope.submergence(p), sight.water, sight.day, sight.lamps(),
-            scope.water.current, scope.row,
+            now, sight.look(), sight.state().copy(), _at(scope, mount, half), _at(scope, mount, -half), scope.submergence(p), sight.water,
+            sight.day, sight.lamps(), scope.water.current, scope.row,
         )  # fmt: skip
         seed = 0 if config.ideal else int(self.rng.integers(1, 1 << 63))
-        return Shot(view, memory.exposure, memory.gain, seed)
+        job = Shot(Film(config, self._lens(), self._chip), view, memory.exposure, memory.gain, seed)
+        numbers: list[Value] = [None, None, None] if config.mode == "segmentation" else [None, memory.exposure, memory.gain]
+        return Begun(numbers[: len(self.fields)], True, self._delay_ns(memory.exposure), job=job)
+
+    def _delay_ns(self, exposure: float) -> int:
+        """From the middle of the exposure to the end of the read-out."""
+        exposed = 0.0 if self._is_exact else 0.5 * exposure
+        return round((exposed + self._config.read_out_s) * NANOSECONDS)
 
     def _expose(self, now: float) -> None:
         """Set exposure and gain of this picture."""
@@ -185,38 +208,11 @@ class Camera(Sensor):
         memory.tilt += min(max(way, -reach), reach)
         return Pose(self._mount.p, multiply(self._mount.q, quat_from_rpy(0.0, memory.tilt, 0.0)))
 
-    def _nothing(self) -> list[Value]:
-        """Values of a camera in a world where nothing can be seen."""
-        config = self._config
-        shape = (config.height, config.width, 3) if config.mode == "rgb" else (config.height, config.width)
-        values = blank(self.fields)
-        values[0] = Buffer.of(np.zeros(shape, np.uint16 if self._is_exact else np.uint8))
-        return values
-
-    # -- on a worker ----------------------------------------------------------------------------------------------------------------
-
-    def develop(self, shot: Shot) -> tuple[list[Value], float]:
-        """The values of a picture, and how bright it is. It reads the shot alone, so a worker may do it."""
-        config, optics, chip = self._config, self._lens(), self._chip
-        if config.mode == "depth":
-            return [Buffer.of(optics.depth_mm(shot.view))], -1.0
-        if config.mode == "segmentation":
-            return _segmented(optics, shot.view), -1.0
-        radiance = optics.form(shot.view, config.lamp_shadows)
-        channels = 3 if config.mode == "rgb" else 1
-        n = config.width * config.height
-        counts: Any = np.empty((n, channels), np.uint16)
-        expose = electronics.expose if channels == 3 else electronics.expose_mono
-        expose(
-            radiance, chip.electrons(shot.exposure), chip.dark * shot.exposure, chip.full_well, chip.read_noise,
-            chip.gain * gain_of(shot.gain), np.uint64(shot.seed), electronics.NORMAL, counts if channels == 3 else counts[:, 0],
-        )  # fmt: skip
-        picture: Any = np.empty((n, channels), np.uint8)
-        balance = np.array(config.white_balance) if channels == 3 else np.ones(1)
-        electronics.develop(counts, _gamma(), balance, picture)
-        shape = (config.height, config.width, 3) if channels == 3 else (config.height, config.width)
-        level = electronics.level_of(counts)
-        return [Buffer.of(picture.reshape(shape)), shot.exposure, shot.gain], level
+    def learn(self, values: tuple[Value, ...]) -> None:
+        """Meter the picture that was just delivered."""
+        picture = values[0]
+        if isinstance(picture, Buffer):
+            self.memory.level = electronics.metered(picture.array())
 
 
 def _at(scope: Scope, mount: Pose, ago: float) -> Place:
@@ -226,22 +222,13 @@ def _at(scope: Scope, mount: Pose, ago: float) -> Place:
     return Place((p_NB[0] + dx, p_NB[1] + dy, p_NB[2] + dz), multiply(q_NB, mount.q))
 
 
-def _segmented(optics: Optics, view: View) -> list[Value]:
+def _segmented(optics: Optics, view: View) -> tuple[Value, ...]:
     ids, counts = optics.ids(view)
     share = np.divide(counts[:, 0], counts[:, 1], out=np.zeros(len(counts)), where=counts[:, 1] > 0.0)
     there = np.flatnonzero(counts[:, 1])
-    names = ",".join(f"{k}:{view.visible.names[k]}" for k in there.tolist())
+    names = ",".join(f"{k}:{view.look.made().names[k]}" for k in there.tolist())
     seen = np.column_stack((there, counts[there, 0], share[there])).astype(np.float32)
-    return [Buffer.of(ids), names, Buffer.of(seen)]
-
-
-_GAMMA: list[Any] = []
-
-
-def _gamma() -> Any:
-    if not _GAMMA:
-        _GAMMA.append(electronics.gamma_table())
-    return _GAMMA[0]
+    return Buffer.of(ids), names, Buffer.of(seen)
 
 
 _DOCS = {

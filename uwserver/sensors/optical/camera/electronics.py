@@ -8,6 +8,7 @@ normal with its mean and variance.
 from __future__ import annotations
 
 import math
+from functools import cache
 from statistics import NormalDist
 from typing import Any, NamedTuple
 
@@ -65,6 +66,7 @@ NORMAL: Any = _normal_table()
 _GAMMA_BITS = 12
 
 
+@cache
 def gamma_table() -> Any:
     """(4096) sRGB of each count."""
     from uwserver.sensors.optical.camera.textures import encoded
@@ -145,19 +147,14 @@ def develop(counts: Array, table: Array, balance: Array, picture: Array) -> None
             picture[k, i] = table[int(min(counts[k, i] * balance[i], 4095.0))]
 
 
-@entry
-def brightness(counts: Array, every: int, histogram: Array) -> None:
-    """Count (64) how bright pixels are, of each the brightest colour; one of `every`."""
-    for k in range(0, len(counts), every):
-        most = 0
-        for i in range(counts.shape[1]):
-            most = max(most, int(counts[k, i]))
-        histogram[most >> 6] += 1
+def metered(picture: Any) -> float:
+    """How bright a picture is, as a part of full scale: the 97th percentile of the brightest colour of some of its pixels."""
+    from uwserver.sensors.optical.camera.textures import LINEAR
+
+    some = picture[::_EVERY, ::_EVERY]
+    if some.ndim == 3:
+        some = some.max(axis=2)
+    return float(LINEAR[np.partition(some.ravel(), k := min(int(0.01 * PERCENTILE * some.size), some.size - 1))[k]])
 
 
-def level_of(counts: Any) -> float:
-    """The 97th percentile of a picture (n, c) of counts, as a part of full scale."""
-    histogram = np.zeros(64, np.int64)
-    brightness(counts, 7, histogram)
-    reached = np.searchsorted(np.cumsum(histogram), 0.01 * PERCENTILE * histogram.sum())
-    return float(min(int(reached), 63) + 0.5) / 64.0
+_EVERY = 8

@@ -14,7 +14,7 @@ from uwserver.sensors.optical.camera import caustics, formation, rays, snow
 from uwserver.sensors.optical.camera.lamps import LAMP, RANGES, LampAt, candelas, exponent_of, light_rays, veil_of
 from uwserver.sensors.optical.camera.lens import Lens
 from uwserver.sensors.optical.camera.textures import LINEAR
-from uwserver.sensors.optical.camera.visible import Visible
+from uwserver.sensors.optical.camera.visible import Look
 from uwserver.sensors.optical.camera.window import WATER_INDEX, Window, outside
 
 _LEAST_LUX = 0.02
@@ -36,7 +36,7 @@ class View(NamedTuple):
 
     Attributes:
         t: simulation time, s.
-        visible: what there is.
+        look: at what there is.
         state: (n, 13) of the bodies.
         first, last: poses of the camera when the first and the last row of pixels are read.
         depth: of the camera below the surface, m; negative in air.
@@ -47,7 +47,7 @@ class View(NamedTuple):
     """
 
     t: float
-    visible: Visible
+    look: Look
     state: FloatArray
     first: Pose
     last: Pose
@@ -88,19 +88,19 @@ class Optics:
         table, start = self._bundle(view.depth > 0.0)
         R, p = _rows(view, lens.height, base)
         rays.aim(table, start, lens.width, R, p, buffers.origin, buffers.direction)
-        things = view.visible.placed(view.state, base)
+        things = view.look.made().placed(view.state, base)
         buffers.clear()
-        for plane in view.visible.planes:
+        for plane in view.look.made().planes:
             rays.meet_floor(buffers.origin, buffers.direction, plane.p - base, plane.normal, plane.face, buffers.distance, buffers.face)
-        for placed in view.visible.scenes:
+        for placed in view.look.made().scenes:
             row = things["row"][placed.thing]
-            buffers.cast(placed._replace(own=bool(row >= 0 and row == view.own)), things, view.visible.faces)
+            buffers.cast(placed._replace(own=bool(row >= 0 and row == view.own)), things, view.look.made().faces)
         return base, things
 
     def form(self, view: View, shadows: bool = True) -> Any:
         """Radiance (n, 3) of a picture, lux/sr; overwritten by the next one."""
         base, things = self.cast(view)
-        lens, buffers, visible = self.lens, self.buffers, view.visible
+        lens, buffers, visible = self.lens, self.buffers, view.look.made()
         north, east, down = base.tolist()
         water = view.water if view.depth > 0.0 else AIR
         sea = formation.sea_row(water, view.day, (north, east, down), view.depth, 1.0 / lens.fx)
@@ -137,7 +137,7 @@ class Optics:
             light_rays(
                 lamps[k : k + 1], buffers.origin, buffers.direction, buffers.distance, least, min(water.attenuation), points, towards, reach
             )  # fmt: skip
-            for placed in view.visible.scenes:
+            for placed in view.look.made().scenes:
                 row = things["row"][placed.thing]
                 if row < 0 or row != lamps["row"][k]:
                     buffers.shade(placed, things, points, towards, reach, lit[k])
@@ -153,7 +153,7 @@ class Optics:
     def ids(self, view: View) -> tuple[Any, FloatArray]:
         """(h, w) uint16 ids of the objects, 0 for none; and (objects, 2) pixels of each that are seen, and that would be if it were alone."""
         _, things = self.cast(view)
-        buffers, visible = self.buffers, view.visible
+        buffers, visible = self.buffers, view.look.made()
         out: Any = np.empty(buffers.n, np.uint16)
         rays.owners(buffers.face, visible.faces, things, out)
         counts: FloatArray = np.zeros((len(visible.names), 2))

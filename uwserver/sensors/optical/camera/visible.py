@@ -100,6 +100,20 @@ class Models:
             return Atlas()
 
 
+class Look:
+    """At all things of one moment, from which faces are made by who looks first: the thread that makes pictures."""
+
+    def __init__(self, things: Iterable[Seen], models: Models) -> None:
+        self._things, self._models = tuple(things), models
+        self._made: Visible | None = None
+
+    def made(self) -> Visible:
+        """The catalogue. In one thread at a time."""
+        if self._made is None:
+            self._made = Visible(self._things, self._models)
+        return self._made
+
+
 class Visible:
     """A catalogue of faces, and how to place them.
 
