@@ -40,6 +40,7 @@ class Body:
         wrench: a wrench row: the vehicle's, or one of its own for an actuator of an extension.
         servos: servo rows by table and name (``fins.rudder``).
         lamps: names of its lamps.
+        tilts: mounts that tilt: lowest and highest angle (rad), and how fast (rad/s), by name.
     """
 
     def __init__(
@@ -50,6 +51,7 @@ class Body:
         wrench: int,
         servos: Mapping[str, int] | None = None,
         lamps: tuple[str, ...] = (),
+        tilts: Mapping[str, tuple[float, float, float]] | None = None,
     ) -> None:
         self.hydro = hydro
         self.row = row
@@ -57,6 +59,7 @@ class Body:
         self.wrench = wrench
         self.servos = servos or {}
         self.lamps = lamps
+        self.tilts = tilts or {}
 
     def push(self, force: Sequence[float], moment: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
         """Hold a force (N) and a moment (N m) about the body origin, in B, from now on; each replaces the last."""

@@ -2,41 +2,33 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-from msgspec import Meta, Struct
+from msgspec import Struct
 
 from uwserver.actuators.base import ActuatorTable, Body, Given, Timeout
 from uwserver.ports import Field
-from uwserver.table import Name, Positive
-from uwserver.units import rad
-
-Angle = Annotated[float, Meta(ge=-180, le=180)]
+from uwserver.table import Name
 
 
 class CameraMountConfig(ActuatorTable, tag="camera_mount", kw_only=True, frozen=True):
-    """Tilts a mount of the vehicle about its y axis: up is positive. It turns the cameras on that mount, and no other sensor.
+    """Tilts a mount of the vehicle that has `tilt_deg`. It turns the cameras on that mount, and no other sensor.
 
     Attributes:
-        mount: name of the vehicle's mount.
-        low_deg, high_deg: how far it tilts.
-        rate_degps: how fast.
+        mount: its name.
     """
 
     timeout_s: Timeout = 0.0
     mount: Name
-    low_deg: Angle = -45.0
-    high_deg: Angle = 45.0
-    rate_degps: Positive = 90.0
 
-    def __post_init__(self) -> None:
-        """ValueError where keys do not go together."""
-        if not self.low_deg <= 0.0 <= self.high_deg:
-            raise ValueError("low_deg and high_deg must have 0, its neutral, between them")
+    def build(self, body: Body) -> CameraMount:
+        """The actuator.
 
-    def build(self, body: Body) -> CameraMount:  # noqa: ARG002 - of all actuators
-        """The actuator."""
-        return CameraMount(self)
+        Raises:
+            ValueError: no such mount tilts, named with those that do.
+        """
+        if self.mount not in body.tilts:
+            there = ", ".join(body.tilts) or "none"
+            raise ValueError(f'no mount "{self.mount}" that tilts, there are: {there}; give it tilt_deg')
+        return CameraMount(self.mount, *body.tilts[self.mount])
 
 
 class MountMemory(Struct):
@@ -54,11 +46,9 @@ class CameraMount:
         memory: the tilt.
     """
 
-    def __init__(self, config: CameraMountConfig) -> None:
-        self.mount, self.rate = config.mount, rad(config.rate_degps)
-        self.memory = MountMemory()
-        self.doc = f'Tilt of the mount "{config.mount}" with the cameras on it.'
-        low, high = rad(config.low_deg), rad(config.high_deg)
+    def __init__(self, mount: str, low: float, high: float, rate: float) -> None:
+        self.mount, self.rate, self.memory = mount, rate, MountMemory()
+        self.doc = f'Tilt of the mount "{mount}" with the cameras on it.'
         self.fields = (Field("tilt", "rad", "angle above the mount's rest, up positive", minimum=low, maximum=high),)
 
     def apply(self, value: Given) -> None:

@@ -55,7 +55,7 @@ class Lamps:
         order = ", ".join(self.names)
         self.doc = f"Lamps {order}."
         doc = f"level of each lamp, 0 dark and 1 bright, order: {order}"
-        self.fields = (Field("level", "1", doc, "", (len(self.names),), minimum=0.0, maximum=1.0),)
+        self.fields = (Field("levels", "1", doc, "", (len(self.names),), minimum=0.0, maximum=1.0),)
         self.neutral()
 
     def apply(self, value: Given) -> None:

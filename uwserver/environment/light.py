@@ -11,8 +11,6 @@ from __future__ import annotations
 import math
 from typing import Literal, NamedTuple
 
-from uwserver.units import rad
-
 Colours = tuple[float, float, float]
 """Red, green and blue."""
 WAVELENGTHS_NM: Colours = (620.0, 540.0, 450.0)
@@ -73,7 +71,7 @@ class Daylight(NamedTuple):
     """
 
     illuminance: float = 60_000.0
-    elevation: float = rad(50.0)
+    elevation: float = 0.87
     azimuth: float = 0.0
     sky: float = 0.25
 

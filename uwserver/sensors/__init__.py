@@ -21,7 +21,7 @@ from uwserver.sensors.onboard.clock import ClockConfig
 from uwserver.sensors.onboard.contact import ContactConfig
 from uwserver.sensors.onboard.leak import LeakConfig
 from uwserver.sensors.onboard.rpm import RpmConfig
-from uwserver.sensors.optical.camera.config import CameraConfig
+from uwserver.sensors.optical.camera.camera import CameraConfig
 from uwserver.sensors.optical.range_array import RangeArrayConfig
 from uwserver.sensors.water.ctd import CtdConfig
 from uwserver.sensors.water.pressure import PressureConfig

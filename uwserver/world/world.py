@@ -82,20 +82,17 @@ class World:
         self.actuators: dict[str, ActuatorSlot] = {}
         self.members: dict[str, Member] = {}
         self.scene: Scene | None = None
-        self._solids: dict[Member, int] = {}
-        self._settled: list[Member] = []
+        self._solids, self._settled = dict[Member, int](), list[Member]()
         self._own_services: dict[str, tuple[Service, Carry]] = {}
         self._carry, self._events = dict[str, Carry](), list[Event]()
         self._tracing = Tracing()
         self.answers: Answers = []
         self.population: Population
         self.identity: Callable[[], str] = str
-        self.parts: dict[str, Part] = {}
-        self.own_parts: list[Part] = []
-        self.instruments = Instruments(
-            hydro, water, lambda: Around(self.vehicles, self.earth, self.geometry, self.lambert, self.sediments, self.sight)
-        )
-        self.readings_dropped, self.readings_failed = self.instruments.computing.dropped, self.instruments.computing.failed
+        self.parts, self.own_parts = dict[str, Part](), list[Part]()
+        self.instruments = Instruments(hydro, water, self._around)
+        self.readings_dropped = self.instruments.computing.dropped
+        self.readings_failed = self.instruments.computing.failed
         self.sensing = Sensing(self.sensors, self.instruments, self._seconds)
         self._profile: Profile | None = None
         self._pilots = Pilots(hydro)
@@ -110,6 +107,9 @@ class World:
         water_parts = Bodies(hydro), Flowing(water, self._seconds, self.set_current)
         for part in (*water_parts, self._commands, self._pilots, self.sensing):
             self.add(part)
+
+    def _around(self) -> Around:
+        return Around(self.vehicles, self.earth, self.geometry, self.lambert, self.sediments, self.sight)
 
     def set_scene(self, scene: Scene) -> None:
         """Give the world its solid things; before any body is in it."""

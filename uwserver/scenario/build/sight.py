@@ -12,8 +12,9 @@ from uwserver.actuators import CameraMount, Lamps
 from uwserver.environment.light import WATER_TYPES
 from uwserver.physics.geometry.shapes import HalfSpace
 from uwserver.scenario.load.resolved import Resolved
-from uwserver.scenario.scene.palette import OBJECT, SEABED, STRUCTURE, VEHICLE, Colour, colour_of
+from uwserver.scenario.solids.palette import OBJECT, SEABED, STRUCTURE, VEHICLE, Colour, colour_of
 from uwserver.sensors import CameraConfig, Pose, SensorConfig
+from uwserver.sensors.optical.camera.camera import Camera
 from uwserver.sensors.sight import Sight
 from uwserver.units import rad
 from uwserver.world.components import ActuatorSlot
@@ -23,28 +24,30 @@ from uwserver.world.world import World
 if TYPE_CHECKING:
     from uwserver.sensors.optical.camera.faces import Paint
     from uwserver.sensors.optical.camera.lamps import LampAt
-    from uwserver.sensors.optical.camera.visible import Seen
+    from uwserver.sensors.optical.camera.visible import Seen, Watch
 
 log = logging.getLogger(__name__)
 _SEABED_NAME = "seabed"
 
 
-def give_sight(world: World, resolved: Resolved) -> None:
-    """Let cameras of a world see what its scenario has."""
+def give_sight(world: World, resolved: Resolved) -> Watch | None:
+    """Let cameras of a world see what its scenario has; None where no vehicle has any, so that nothing is loaded for them."""
+    if not any(has_camera(vehicle.vehicle.sensors) for vehicle in resolved.vehicles.values()):
+        return None
+    from uwserver.sensors.optical.camera.visible import Watch
+
     environment = resolved.scenario.environment
     scenery = _Scenery(world, resolved)
-    world.sight = Sight(
-        (WATER_TYPES[environment.water_type], environment.daylight.daylight), scenery.things, scenery.who, scenery.lamps,
-        lambda: world.hydro.state,
-    )  # fmt: skip
+    watch = Watch(scenery.things, scenery.who)
+    light = WATER_TYPES[environment.water_type], environment.daylight.daylight
+    world.sight = Sight(*light, watch.look, scenery.lamps, lambda: world.hydro.state)
+    return watch
 
 
-def look_around(world: World, resolved: Resolved) -> None:
-    """Make what cameras look at before a tick has to wait for it, where there are any, and say what cannot be shown."""
-    has_cameras = any(has_camera(v.vehicle.sensors) for v in resolved.vehicles.values())
-    if has_cameras and world.sight is not None:
-        for fault in world.sight.faults():
-            log.warning("cameras show it plain: %s", fault)
+def look_around(watch: Watch | None) -> None:
+    """Make what cameras look at before a tick has to wait for it, and say what cannot be shown."""
+    for fault in [] if watch is None else watch.faults():
+        log.warning("cameras show it plain: %s", fault)
 
 
 def has_camera(sensors: Mapping[str, SensorConfig]) -> bool:
@@ -58,9 +61,9 @@ def hang_cameras(
     """Let cameras turn with the mounts that they sit on."""
     if not has_camera(configs):
         return
-    from uwserver.sensors.optical.camera.camera import Camera
-
-    joints = {slot.actuator.mount: slot.actuator for slot in actuators.values() if isinstance(slot.actuator, CameraMount)}
+    joints = {
+        slot.actuator.mount: slot.actuator for slot in actuators.values() if isinstance(slot.actuator, CameraMount)
+    }
     for key, slot in slots.items():
         mount = configs[key].mount
         for sensor in (slot.sensor, slot.twin):

@@ -58,14 +58,14 @@ def build(resolved: Resolved, seed: int | None = None, *, prepared: bool = False
     world.population = ScenarioPopulation(world, resolved)
     world.add(world.population)
     world.identity = cache(partial(identity, resolved))
-    give_sight(world, resolved)
+    watch = give_sight(world, resolved)
     world.population.begin()
     hydro.load_kernels()
     world.set_current(water.current)
     for name, fault in scenario.faults.items():
         for part, effect in effects(name, fault, faults.targets(), stream_of(seed, f"faults/{name}")).items():
             faults.set(part, effect)
-    look_around(world, resolved)
+    look_around(watch)
     offer_world_services(world)
     offer_state_services(world)
     return world

@@ -140,6 +140,8 @@ def _check_members(draft: Draft, report: Report) -> None:
                 report(path, "the vehicle has no lamps to command: give it some under [lamps]")
         if isinstance(actuator, CameraMountConfig):
             check_mount(draft, actuator.mount, (*path, "mount"), report)
+            if "tilt_deg" not in draft.tree.at("mounts", actuator.mount).parts:
+                report((*path, "mount"), f'the mount "{actuator.mount}" does not tilt: give it tilt_deg')
         if not isinstance(actuator, ThrustersConfig):
             continue
         if actuator.members is None and not present:

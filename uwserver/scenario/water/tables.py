@@ -39,7 +39,7 @@ class DaylightTable(Table, kw_only=True, frozen=True):
 
     illuminance_lux: Annotated[float, Meta(ge=0, le=200_000)] = 60_000.0
     sun_elevation_deg: Annotated[float, Meta(ge=1, le=90)] = 50.0
-    sun_azimuth_deg: Annotated[float, Meta(ge=-360, le=360)] = 0.0
+    sun_azimuth_deg: Annotated[float, Meta(ge=-400, le=400)] = 0.0
     sky: Probability = 0.25
 
     @property

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Protocol
 
 import numpy as np
-from msgspec import Meta
+from msgspec import UNSET, Meta, UnsetType, structs
 
-from uwserver.frames import multiply, quat_from_rpy, rotate
+from uwserver.frames import Vec3, multiply, quat_from_rpy, rotate
 from uwserver.modifiers.base import NEVER, Measurement, Memory, Number, Time
 from uwserver.ports import Argument, Buffer, Field, Layout, Value
 from uwserver.sensors.base import Pose, Scope, Sensor, Settings, blank, earlier
 from uwserver.sensors.job import Begun, Job
 from uwserver.sensors.optical.camera import electronics
-from uwserver.sensors.optical.camera.config import CameraConfig, gain_of
-from uwserver.sensors.optical.camera.picture import Optics, View
-from uwserver.sensors.optical.camera.picture import Pose as Place
+from uwserver.sensors.optical.camera.config import CameraTable, gain_of
+from uwserver.sensors.optical.camera.view import Pose as Place
+from uwserver.sensors.optical.camera.view import View
 from uwserver.units import NANOSECONDS
+
+if TYPE_CHECKING:
+    from uwserver.sensors.optical.camera.picture import Optics
 
 _SETTLING_S = 0.4
 """Auto-exposure goes to the light with this time constant."""
@@ -25,6 +28,21 @@ _DAZZLED = 0.97
 """From this part of full scale on nobody knows how bright it is: it goes down by `_STEP`."""
 _STEP = 0.3
 _SHORTEST_S = 2e-5
+_GREY, _LAMPLIGHT = 0.35, 0.05
+"""Of the guess for the first picture: albedo, and lux of a lamp's lumen 2 m away."""
+
+
+class CameraConfig(CameraTable, tag="camera", kw_only=True, frozen=True):
+    """A camera that looks along its x axis, with y to the right of the picture and z down."""
+
+    def right(self) -> CameraConfig | None:
+        """The right camera of a pair; None where it is none."""
+        if isinstance(self.baseline_m, UnsetType):
+            return None
+        return structs.replace(self, baseline_m=UNSET, streams={}, modifiers={})
+
+    def build(self, mount: Pose) -> Camera:
+        return Camera(mount, self)
 
 
 class CameraSettings(Settings, frozen=True):
@@ -98,7 +116,7 @@ class Shot(Job):
         expose = electronics.expose if channels == 3 else electronics.expose_mono
         expose(
             radiance, chip.electrons(self.exposure), chip.dark * self.exposure, chip.full_well, chip.read_noise,
-            chip.gain * gain_of(self.gain), np.uint64(self.seed), electronics.NORMAL, counts if channels == 3 else counts.reshape(-1),
+            chip.gain * gain_of(self.gain), np.uint64(self.seed), electronics.normal_table(), counts if channels == 3 else counts.reshape(-1),
         )  # fmt: skip
         picture: Any = np.empty((n, channels), np.uint8)
         balance = np.array(config.white_balance) if channels == 3 else np.ones(1)
@@ -149,6 +167,8 @@ class Camera(Sensor):
     def _lens(self) -> Optics:
         """The rays of the lens; made once."""
         if self._optics is None:
+            from uwserver.sensors.optical.camera.picture import Optics
+
             config = self._config
             exact = self._is_exact or config.ideal
             self._optics = Optics(config.optics(), config.window(), 0.0 if exact else config.snow_pm3)
@@ -161,18 +181,20 @@ class Camera(Sensor):
         if scope.sight is None:
             return Measurement(blank(self.fields), False)
         config, memory, sight, now = self._config, self.memory, scope.sight, scope.t
-        self._expose(now)
+        p = scope.position(self._mount.p)
+        self._expose(scope, p)
         mount = self._turned(now)
         memory.last = now
         half = 0.5 * config.read_out_s if config.rolling_shutter and not self._is_exact else 0.0
-        p = scope.position(mount.p)
         view = View(
             now, sight.look(), sight.state().copy(), _at(scope, mount, half), _at(scope, mount, -half), scope.submergence(p), sight.water,
             sight.day, sight.lamps(), scope.water.current, scope.row,
         )  # fmt: skip
         seed = 0 if config.ideal else int(self.rng.integers(1, 1 << 63))
         job = Shot(Film(config, self._lens(), self._chip), view, memory.exposure, memory.gain, seed)
-        numbers: list[Value] = [None, None, None] if config.mode == "segmentation" else [None, memory.exposure, memory.gain]
+        numbers: list[Value] = (
+            [None, None, None] if config.mode == "segmentation" else [None, memory.exposure, memory.gain]
+        )
         return Begun(numbers[: len(self.fields)], True, self._delay_ns(memory.exposure), job=job)
 
     def _delay_ns(self, exposure: float) -> int:
@@ -180,23 +202,37 @@ class Camera(Sensor):
         exposed = 0.0 if self._is_exact else 0.5 * exposure
         return round((exposed + self._config.read_out_s) * NANOSECONDS)
 
-    def _expose(self, now: float) -> None:
-        """Set exposure and gain of this picture."""
-        config, memory, settings = self._config, self.memory, self.settings
+    def _expose(self, scope: Scope, p: Vec3) -> None:
+        """Set exposure and gain of this picture, taken at p (N)."""
+        config, memory, settings, now = self._config, self.memory, self.settings, scope.t
         if not settings.auto_exposure:
             memory.exposure, memory.gain = settings.exposure, settings.gain
             return
         if memory.exposure <= 0.0:
             memory.exposure, memory.gain = min(settings.exposure, config.longest_s), settings.gain
+            memory.level = self._guess(scope, p)
         if memory.level < 0.0:
             return
-        dt = self.dt if memory.last < 0.0 else max(now - memory.last, 0.0)
-        wanted = _STEP if memory.level > _DAZZLED else min(max(electronics.TARGET / memory.level, 0.1), 10.0)
-        change = wanted ** (1.0 - math.exp(-dt / _SETTLING_S))
-        total = memory.exposure * gain_of(memory.gain) * change
+        wanted = electronics.TARGET / memory.level
+        if memory.last >= 0.0:  # the first picture is taken as it was guessed, the others follow slowly
+            wanted = _STEP if memory.level > _DAZZLED else min(max(wanted, 0.1), 10.0)
+            wanted **= 1.0 - math.exp(-max(now - memory.last, 0.0) / _SETTLING_S)
+        total = memory.exposure * gain_of(memory.gain) * wanted
         memory.exposure = min(max(total, _SHORTEST_S), config.longest_s)
         more = 20.0 * math.log10(max(total / memory.exposure, 1.0))
         memory.gain = min(more, config.max_gain_db)
+
+    def _guess(self, scope: Scope, p: Vec3) -> float:
+        """How bright the first picture will be: daylight where the camera is, and lamps on something a few metres away, on grey."""
+        sight, memory = scope.sight, self.memory
+        assert sight is not None
+        depth = max(scope.submergence(p), 0.0)
+        light = np.exp(-depth * np.array(sight.water.fading)) * sight.day.illuminance
+        light += (
+            sum(lamp.lumens for lamp in sight.lamps()) * _LAMPLIGHT * np.exp(-4.0 * np.array(sight.water.attenuation))
+        )
+        electrons = float((light * _GREY / math.pi * self._chip.electrons(memory.exposure)).max())
+        return min(max(electrons * gain_of(memory.gain) / self._chip.full_well, 1e-4), 1.0)
 
     def _turned(self, now: float) -> Pose:
         """The mount as its joint has it by now."""
@@ -217,7 +253,9 @@ class Camera(Sensor):
 
 def _at(scope: Scope, mount: Pose, ago: float) -> Place:
     """Pose of the camera a little while ago (s)."""
-    p_NB, q_NB = earlier(scope.p_NB, scope.q_NB, (*scope.v_NB_B, *scope.w_NB_B), ago) if ago else (scope.p_NB, scope.q_NB)
+    p_NB, q_NB = (
+        earlier(scope.p_NB, scope.q_NB, (*scope.v_NB_B, *scope.w_NB_B), ago) if ago else (scope.p_NB, scope.q_NB)
+    )
     dx, dy, dz = rotate(q_NB, mount.p)
     return Place((p_NB[0] + dx, p_NB[1] + dy, p_NB[2] + dz), multiply(q_NB, mount.q))
 
@@ -242,7 +280,15 @@ _DOCS = {
 def _fields(config: CameraConfig) -> tuple[Field, ...]:
     size = config.height, config.width
     if config.mode == "depth":
-        return (Field("image", "mm", "distance along the optical axis, 0 for nothing", type="buffer", buffer=Layout("uint16", size)),)
+        return (
+            Field(
+                "image",
+                "mm",
+                "distance along the optical axis, 0 for nothing",
+                type="buffer",
+                buffer=Layout("uint16", size),
+            ),
+        )
     if config.mode == "segmentation":
         return (
             Field("image", "1", "ids of objects, 0 for none", type="buffer", buffer=Layout("uint16", size)),
@@ -262,9 +308,15 @@ def _fields(config: CameraConfig) -> tuple[Field, ...]:
 
 def _arguments(config: CameraConfig) -> tuple[Argument, ...]:
     return (
-        Argument("exposure", "float", "exposure time without auto-exposure", "s", False, minimum=1e-6, maximum=config.longest_s),
+        Argument(
+            "exposure",
+            "float",
+            "exposure time without auto-exposure",
+            "s",
+            False,
+            minimum=1e-6,
+            maximum=config.longest_s,
+        ),
         Argument("gain", "float", "gain without auto-exposure", "dB", False, minimum=0, maximum=60),
         Argument("auto_exposure", "bool", "whether exposure and gain follow the light", required=False),
     )
-
-

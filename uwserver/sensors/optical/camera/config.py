@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
-from msgspec import UNSET, Meta, UnsetType, structs
+import numpy as np
+from msgspec import UNSET, Meta, UnsetType
 
 from uwserver.frames import rotate
 from uwserver.sensors.base import Pose, SensorTable
 from uwserver.sensors.optical.camera.lens import Lens, Model, lens_of, padded
-from uwserver.sensors.optical.camera.window import ACRYLIC_INDEX, DomePort, FlatPort, Window
+from uwserver.sensors.optical.camera.window import ACRYLIC_INDEX, DomePort, FlatPort, Window, outside
 from uwserver.table import Positive, Probability, Table
 from uwserver.units import rad
-
-if TYPE_CHECKING:
-    from uwserver.sensors.optical.camera.camera import Camera
 
 MOST_PIXELS = 4096 * 3072
 _WIDEST_DEG = 170.0
@@ -62,7 +60,7 @@ class DomeTable(Table, tag="dome", tag_field="kind", kw_only=True, frozen=True):
         return DomePort(self.radius_m, self.thickness_m, self.offset_m, self.index)
 
 
-class CameraConfig(SensorTable, tag="camera", kw_only=True, frozen=True):
+class CameraTable(SensorTable, kw_only=True, frozen=True):
     """A camera that looks along its x axis, with y to the right of the picture and z down.
 
     Attributes:
@@ -140,16 +138,14 @@ class CameraConfig(SensorTable, tag="camera", kw_only=True, frozen=True):
         else:
             middle = 0.5 * (self.width - 1), 0.5 * (self.height - 1)
             lens = Lens(self.width, self.height, *self.focal_px, *middle, self.lens, padded(self.lens, self.distortion))
-        return lens if isinstance(self.centre_px, UnsetType) else lens._replace(cx=self.centre_px[0], cy=self.centre_px[1])
+        return (
+            lens if isinstance(self.centre_px, UnsetType) else lens._replace(cx=self.centre_px[0], cy=self.centre_px[1])
+        )
 
     def window(self) -> Window:
         """The port; ValueError where it lets no light to the corners."""
         window = None if isinstance(self.port, UnsetType) else self.port.window()
         if window is not None:
-            import numpy as np
-
-            from uwserver.sensors.optical.camera.window import outside
-
             u, v = np.meshgrid(np.linspace(0, self.width - 1, 9), np.linspace(0, self.height - 1, 9))
             outside(window, self.optics().directions(u.ravel(), v.ravel()))
         return window
@@ -163,17 +159,6 @@ class CameraConfig(SensorTable, tag="camera", kw_only=True, frozen=True):
         """Where the right camera of a pair sits."""
         x, y, z = rotate(mount.q, (0.0, self.baseline_m or 0.0, 0.0))
         return Pose((mount.p[0] + x, mount.p[1] + y, mount.p[2] + z), mount.q)
-
-    def right(self) -> CameraConfig | None:
-        """The right camera of a pair; None where it is none."""
-        if isinstance(self.baseline_m, UnsetType):
-            return None
-        return structs.replace(self, baseline_m=UNSET, streams={}, modifiers={})
-
-    def build(self, mount: Pose) -> Camera:
-        from uwserver.sensors.optical.camera.camera import Camera
-
-        return Camera(mount, self)
 
 
 def gain_of(gain_db: float) -> float:

@@ -16,6 +16,7 @@ import numpy as np
 
 from uwserver.physics.kernel.arrays import Array, FloatArray
 from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.sensors.optical.camera.textures import LINEAR, encoded
 
 PHOTONS = 4.1e3
 """Photons that a lux of daylight brings to a square micrometre in a second within one colour: 1/683 W/lm over the energy of a photon of 555 nm."""
@@ -54,14 +55,13 @@ class Chip(NamedTuple):
         return per * np.array(self.efficiency)
 
 
-def _normal_table() -> Any:
+@cache
+def normal_table() -> Any:
     """Normal deviates of unit variance at even quantiles."""
     normal = NormalDist()
     table = np.array([normal.inv_cdf((k + 0.5) / _QUANTILES) for k in range(_QUANTILES)])
     return (table / table.std()).astype(np.float32)
 
-
-NORMAL: Any = _normal_table()
 
 _GAMMA_BITS = 12
 
@@ -69,8 +69,6 @@ _GAMMA_BITS = 12
 @cache
 def gamma_table() -> Any:
     """(4096) sRGB of each count."""
-    from uwserver.sensors.optical.camera.textures import encoded
-
     return encoded((np.arange(1 << _GAMMA_BITS) / float(MOST_DN)).astype(np.float32))
 
 
@@ -149,12 +147,11 @@ def develop(counts: Array, table: Array, balance: Array, picture: Array) -> None
 
 def metered(picture: Any) -> float:
     """How bright a picture is, as a part of full scale: the 97th percentile of the brightest colour of some of its pixels."""
-    from uwserver.sensors.optical.camera.textures import LINEAR
-
-    some = picture[::_EVERY, ::_EVERY]
+    every = max(1, math.isqrt(picture.shape[0] * picture.shape[1] // _METERED))
+    some = picture[::every, ::every]
     if some.ndim == 3:
         some = some.max(axis=2)
     return float(LINEAR[np.partition(some.ravel(), k := min(int(0.01 * PERCENTILE * some.size), some.size - 1))[k]])
 
 
-_EVERY = 8
+_METERED = 4096

@@ -47,6 +47,9 @@ _GROWTH, _SEABED = 2, 1
 _SUN_WIDTH = 0.06
 """rad; of the sun's image in a ruffled surface."""
 _NEVER = 1e6
+_SURFACE = -2
+_TURNED_AWAY = -0.2
+"""Smooth normals may turn a little away at an outline; farther, and one is inside a wall, where it is dark."""
 _LEAST_SEEN = 1e-4
 """Of the light of a thing; less is lost in the veil."""
 
@@ -62,7 +65,12 @@ def sea_row(water: WaterLight, day: Daylight, base: tuple[float, float, float], 
     """
     row: Any = np.zeros(1, SEA)
     sea = row[0]
-    sea["attenuation"], sea["fading"], sea["glow"], sea["spreading"] = water.attenuation, water.fading, water.glow(), water.spreading()[1]
+    sea["attenuation"], sea["fading"], sea["glow"], sea["spreading"] = (
+        water.attenuation,
+        water.fading,
+        water.glow(),
+        water.spreading()[1],
+    )
     sea["surface"], sea["wet"], sea["above"], sea["sky"] = -depth, depth > 0.0, day.illuminance, day.sky
     sea["sun"], sea["entered"] = day.below()
     level = math.cos(day.elevation)
@@ -125,7 +133,9 @@ def _window(sea: Any, tile: Array, x: float, y: float, z: float, north: float, e
 
 
 @compiled
-def _albedo(face: Any, owner: Any, x: Array, pixel: float, place: Array, texels: Array, levels: Array, light: Array, normal: Array, colour: Array) -> None:  # fmt: skip
+def _albedo(
+    face: Any, owner: Any, x: Array, pixel: float, place: Array, texels: Array, levels: Array, light: Array, normal: Array, colour: Array
+) -> None:  # fmt: skip
     """Colour and normal (N) of a face where a ray meets it.
 
     Args:
@@ -196,79 +206,94 @@ def form(
     for k in range(len(distance)):
         dx, dy, dz = float(direction[k, 0]), float(direction[k, 1]), float(direction[k, 2])
         r, hit = min(distance[k], _NEVER), met[k]
-        surface = -1.0
         if (dz < 0.0) == wet and dz != 0.0:
             surface = (s.surface - origin[k, 2]) / dz
             if 0.0 <= surface < r:
-                r, hit = surface, -2
+                r, hit = surface, _SURFACE
         x[0], x[1], x[2] = origin[k, 0] + r * dx, origin[k, 1] + r * dy, origin[k, 2] + r * dz
-        for i in range(3):
-            seen[i] = 0.0
-            if wet:
-                through[i] = math.exp(-s.attenuation[i] * r)
-                deeper[i] = math.exp(-s.fading[i] * r * dz) if abs(dz) * r < 400.0 else 0.0
-                rate = s.attenuation[i] + s.fading[i] * dz
-                # (1 - exp(-rate r)) / rate, and its series where that would be a small difference.
-                column = (1.0 - through[i] * deeper[i]) / rate if abs(rate * r) > 1e-4 else r * (1.0 - 0.5 * rate * r)
-                back[i] = s.glow[i] * fresh[i] * column
-            else:
-                through[i], back[i], deeper[i] = 1.0, 0.0, 1.0
-        if hit >= 0 and max(through[0], max(through[1], through[2])) > _LEAST_SEEN:
-            face = faces[hit]
-            owner = things[face.thing]
-            pixel = s.pixel * r
-            _albedo(face, owner, x, pixel, place, texels, levels, light, normal, colour)
+        _between(s, wet, dz, r, fresh, through, deeper, back)
+        seen[0] = seen[1] = seen[2] = 0.0
+        if hit >= 0 and max(through[0], through[1], through[2]) > _LEAST_SEEN:
+            face, pixel = faces[hit], s.pixel * r
+            _albedo(face, things[face.thing], x, pixel, place, texels, levels, light, normal, colour)
             facing = -(normal[0] * dx + normal[1] * dy + normal[2] * dz)
             if facing < 0.0 and face.sided == 0:
                 normal[0], normal[1], normal[2], facing = -normal[0], -normal[1], -normal[2], -facing
-            if face.pattern != 0:
-                px, py, pz = place[0] + shift[face.thing, 0], place[1] + shift[face.thing, 1], place[2] + shift[face.thing, 2]
-                if face.pattern == _SEABED:
-                    paint_seabed(px, py, pixel / math.sqrt(max(facing, 0.05)), colour)
-                else:
-                    paint_growth(px, py, pz, -normal[2], pixel, colour)
+            _paint(face, shift[face.thing], place, pixel, facing, normal, colour)
             _daylight(s, tile, x, normal, deeper, fresh, arrived)
             for m in range(len(lamps)):
-                lamp = lamps[m]
-                if lit[m, k] == 0:
-                    continue
-                lx, ly, lz = x[0] - lamp.p[0], x[1] - lamp.p[1], x[2] - lamp.p[2]
-                far = max(math.sqrt(lx * lx + ly * ly + lz * lz), 0.01)
-                cosine = -(normal[0] * lx + normal[1] * ly + normal[2] * lz) / far
-                if cosine <= 0.0:
-                    continue
-                lux = intensity(lamp, lx, ly, lz, far) / (far * far) * cosine
-                for i in range(3):
-                    arrived[i] += lux * (math.exp(-s.attenuation[i] * far) if wet else 1.0)
-            if facing > -0.2:  # smooth normals may turn a little away at an outline; else one is inside a wall
+                if lit[m, k] != 0:
+                    _lamplight(s, wet, lamps[m], x, normal, arrived)
+            if facing > _TURNED_AWAY:
                 for i in range(3):
                     seen[i] = colour[i] * arrived[i] / math.pi
-        elif hit == -2:
-            north, east = s.north + x[0], s.east + x[1]
-            if wet:
-                above, mirrored = _window(s, tile, dx, dy, dz, north, east)
-                for i in range(3):
-                    # What is mirrored is water, as one sees it level just below the surface.
-                    level = s.glow[i] / max(s.attenuation[i], 1e-6)
-                    seen[i] = above + mirrored * level * s.above * s.entered
-            else:
-                a, b = _tile_at(tile, north, east, 0), _tile_at(tile, north, east, 1)
-                size = 1.0 / math.sqrt(1.0 + a * a + b * b)
-                cosine = max((dx * a + dy * b + dz) * size, 0.02)
-                mirrored = _reflected(cosine, 1.0 / REFRACTION)
-                back_x, back_y, back_z = dx - 2.0 * cosine * a * size, dy - 2.0 * cosine * b * size, dz - 2.0 * cosine * size
-                bright = mirrored * _sky(s, back_x, back_y, min(back_z, -0.01))
-                for i in range(3):
-                    depth = s.glow[i] / (s.attenuation[i] + s.fading[i] + 1e-9)
-                    seen[i] = bright + (1.0 - mirrored) * depth * s.above * s.entered
-        elif not wet:
-            bright = _sky(s, dx, dy, dz)
-            for i in range(3):
-                seen[i] = bright
+        elif hit == _SURFACE and wet:
+            _from_below(s, tile, dx, dy, dz, x, seen)
+        elif hit == _SURFACE:
+            _from_above(s, tile, dx, dy, dz, x, seen)
+        elif hit < 0 and not wet:
+            seen[0] = seen[1] = seen[2] = _sky(s, dx, dy, dz)
         for i in range(3):
             radiance[k, i] = seen[i] * through[i] + back[i]
         if veil.shape[0] > 0 and wet:
             _add_veil(veil, ranges, k // width, k % width, r, radiance[k])
+
+
+@compiled
+def _between(s: Any, wet: bool, dz: float, r: float, fresh: Array, through: Array, deeper: Array, back: Array) -> None:
+    """What the water does along r m of a ray: the part of light that comes through, how daylight changes to its end, and what it adds."""
+    for i in range(3):
+        through[i], deeper[i], back[i] = 1.0, 1.0, 0.0
+        if wet:
+            through[i] = math.exp(-s.attenuation[i] * r)
+            deeper[i] = math.exp(-s.fading[i] * r * dz) if abs(dz) * r < 400.0 else 0.0
+            rate = s.attenuation[i] + s.fading[i] * dz
+            # (1 - exp(-rate r)) / rate, and its series where that would be a small difference.
+            column = (1.0 - through[i] * deeper[i]) / rate if abs(rate * r) > 1e-4 else r * (1.0 - 0.5 * rate * r)
+            back[i] = s.glow[i] * fresh[i] * column
+
+
+@compiled
+def _paint(face: Any, shift: Array, place: Array, pixel: float, facing: float, normal: Array, colour: Array) -> None:
+    """Put the pattern of a face on its colour."""
+    x, y, z = place[0] + shift[0], place[1] + shift[1], place[2] + shift[2]
+    if face.pattern == _SEABED:
+        paint_seabed(x, y, pixel / math.sqrt(max(facing, 0.05)), colour)
+    elif face.pattern == _GROWTH:
+        paint_growth(x, y, z, -normal[2], pixel, colour)
+
+
+@compiled
+def _lamplight(s: Any, wet: bool, lamp: Any, x: Array, normal: Array, arrived: Array) -> None:
+    """Add what a lamp brings to a face at x."""
+    lx, ly, lz = x[0] - lamp.p[0], x[1] - lamp.p[1], x[2] - lamp.p[2]
+    far = max(math.sqrt(lx * lx + ly * ly + lz * lz), 0.01)
+    cosine = -(normal[0] * lx + normal[1] * ly + normal[2] * lz) / far
+    if cosine > 0.0:
+        lux = intensity(lamp, lx, ly, lz, far) / (far * far) * cosine
+        for i in range(3):
+            arrived[i] += lux * (math.exp(-s.attenuation[i] * far) if wet else 1.0)
+
+
+@compiled
+def _from_below(s: Any, tile: Array, dx: float, dy: float, dz: float, x: Array, seen: Array) -> None:
+    """The surface as one sees it at x from the water. What it mirrors is water, as one sees it level just below."""
+    above, mirrored = _window(s, tile, dx, dy, dz, s.north + x[0], s.east + x[1])
+    for i in range(3):
+        seen[i] = above + mirrored * s.glow[i] / max(s.attenuation[i], 1e-6) * s.above * s.entered
+
+
+@compiled
+def _from_above(s: Any, tile: Array, dx: float, dy: float, dz: float, x: Array, seen: Array) -> None:
+    """The surface as one sees it at x from the air: the sky mirrored, and the colour of the water."""
+    a, b = _tile_at(tile, s.north + x[0], s.east + x[1], 0), _tile_at(tile, s.north + x[0], s.east + x[1], 1)
+    size = 1.0 / math.sqrt(1.0 + a * a + b * b)
+    cosine = max((dx * a + dy * b + dz) * size, 0.02)
+    mirrored = _reflected(cosine, 1.0 / REFRACTION)
+    ux, uy, uz = dx - 2.0 * cosine * a * size, dy - 2.0 * cosine * b * size, dz - 2.0 * cosine * size
+    bright = mirrored * _sky(s, ux, uy, min(uz, -0.01))
+    for i in range(3):
+        seen[i] = bright + (1.0 - mirrored) * s.glow[i] / (s.attenuation[i] + s.fading[i] + 1e-9) * s.above * s.entered
 
 
 @compiled

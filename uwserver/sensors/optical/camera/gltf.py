@@ -51,7 +51,7 @@ def read_glb(data: bytes) -> Looks:
     try:
         reader = _Reader(data)
         parts = reader.parts()
-    except (KeyError, IndexError, ValueError, TypeError, struct.error, OverflowError) as error:
+    except (KeyError, IndexError, ValueError, TypeError, AttributeError, struct.error, OverflowError) as error:
         raise BadLooks(f"looks that do not fit together: {type(error).__name__}: {error}") from error
     if not parts:
         raise BadLooks("looks without triangles")

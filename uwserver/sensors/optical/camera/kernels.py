@@ -13,7 +13,8 @@ from uwserver.sensors.optical.camera import caustics, electronics, faces, format
 from uwserver.sensors.optical.camera.faces import Paint
 from uwserver.sensors.optical.camera.lamps import LampAt
 from uwserver.sensors.optical.camera.lens import lens_of
-from uwserver.sensors.optical.camera.picture import Optics, Pose, View
+from uwserver.sensors.optical.camera.picture import Optics
+from uwserver.sensors.optical.camera.view import Pose, View
 from uwserver.sensors.optical.camera.visible import Look, Models, Seen
 
 KERNELS = (
@@ -46,8 +47,8 @@ def load() -> None:
     depth, (ids, _) = optics.depth_mm(view), optics.ids(view)
     n, per = 256, np.ones(3)
     counts, single, picture = np.empty((n, 3), np.uint16), np.empty((n, 1), np.uint16), np.empty((n, 3), np.uint8)
-    electronics.expose(seen, per, 0.0, 1e4, 2.0, 1.0, np.uint64(7), electronics.NORMAL, counts)
-    electronics.expose_mono(seen, per, 0.0, 1e4, 2.0, 1.0, np.uint64(7), electronics.NORMAL, single.reshape(-1))
+    electronics.expose(seen, per, 0.0, 1e4, 2.0, 1.0, np.uint64(7), electronics.normal_table(), counts)
+    electronics.expose_mono(seen, per, 0.0, 1e4, 2.0, 1.0, np.uint64(7), electronics.normal_table(), single.reshape(-1))
     table = electronics.gamma_table()
     electronics.develop(counts, table, per, picture)
     electronics.develop(single, table, np.ones(1), np.empty((n, 1), np.uint8))

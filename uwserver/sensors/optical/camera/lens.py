@@ -103,14 +103,15 @@ def lens_of(
     """
     width, height = size
     half, reach = 0.5 * max(width - 1, 1), 0.5 * field_of_view
+    coefficients = padded(model, coefficients)
     if model == "fisheye":
-        bent = float(_bent(np.array([reach]), coefficients or (0.0,) * 4)[0])
+        bent = float(_bent(np.array([reach]), coefficients)[0])
         if not bent > 0.0:
             raise ValueError("the distortion folds the picture within the field of view: check the coefficients")
         f = half / bent
     else:
         f = half / math.tan(reach)
-    return Lens(width, height, f, f, 0.5 * (width - 1), 0.5 * (height - 1), model, padded(model, coefficients))
+    return Lens(width, height, f, f, 0.5 * (width - 1), 0.5 * (height - 1), model, coefficients)
 
 
 def padded(model: Model, coefficients: tuple[float, ...]) -> tuple[float, ...]:

@@ -33,7 +33,7 @@ def flat_noise(x: float, y: float) -> float:
     u, v = u * u * (3.0 - 2.0 * u), v * v * (3.0 - 2.0 * v)
     low = _lattice(i, j, 0) * (1.0 - u) + _lattice(i + 1, j, 0) * u
     high = _lattice(i, j + 1, 0) * (1.0 - u) + _lattice(i + 1, j + 1, 0) * u
-    return low * (1.0 - v) + high * v
+    return float(low * (1.0 - v) + high * v)
 
 
 @compiled
@@ -49,7 +49,7 @@ def noise(x: float, y: float, z: float) -> float:
     far = (_lattice(i, j, k) * (1.0 - u) + _lattice(i + 1, j, k) * u) * (1.0 - v) + (
         _lattice(i, j + 1, k) * (1.0 - u) + _lattice(i + 1, j + 1, k) * u
     ) * v
-    return near * (1.0 - w) + far * w
+    return float(near * (1.0 - w) + far * w)
 
 
 @compiled
@@ -98,7 +98,9 @@ def paint_growth(x: float, y: float, z: float, up: float, pixel: float, colour: 
 
 
 @compiled
-def sample(texels: Array, levels: Array, texture: int, u: float, v: float, blur: float, light: Array, colour: Array) -> None:
+def sample(
+    texels: Array, levels: Array, texture: int, u: float, v: float, blur: float, light: Array, colour: Array
+) -> None:
     """Multiply a colour by a texture, which repeats.
 
     Args:

@@ -3,60 +3,25 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from uwserver.environment.light import AIR, Daylight, WaterLight
-from uwserver.frames import Quat, Vec3, matrix, multiply, rotate
+from uwserver.environment.light import AIR, WaterLight
+from uwserver.frames import Quat, matrix, multiply, rotate
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.sensors.optical.camera import caustics, formation, rays, snow
-from uwserver.sensors.optical.camera.lamps import LAMP, RANGES, LampAt, candelas, exponent_of, light_rays, veil_of
+from uwserver.sensors.optical.camera.lamps import LAMP, RANGES, candelas, exponent_of, light_rays, veil_of
 from uwserver.sensors.optical.camera.lens import Lens
 from uwserver.sensors.optical.camera.textures import LINEAR
-from uwserver.sensors.optical.camera.visible import Look
-from uwserver.sensors.optical.camera.window import WATER_INDEX, Window, outside
+from uwserver.sensors.optical.camera.view import View
+from uwserver.sensors.optical.camera.window import WATER_INDEX, FlatPort, Window, outside
 
 _LEAST_LUX = 0.02
 """Where a lamp brings less, its shadows are not looked for."""
 _SHADOWED = 0.03
 """Nor where it brings less than this part of the daylight."""
 _SNOW_REACH_M = 2.0
-
-
-class Pose(NamedTuple):
-    """Of a camera: p_NS (m) and q_NS."""
-
-    p: Vec3
-    q: Quat
-
-
-class View(NamedTuple):
-    """What a picture is made of, copied from the world at one instant.
-
-    Attributes:
-        t: simulation time, s.
-        look: at what there is.
-        state: (n, 13) of the bodies.
-        first, last: poses of the camera when the first and the last row of pixels are read.
-        depth: of the camera below the surface, m; negative in air.
-        water, day: light.
-        lamps: all that shine.
-        current: of the water, m/s, N.
-        own: row of the camera's vehicle; -1 for none.
-    """
-
-    t: float
-    look: Look
-    state: FloatArray
-    first: Pose
-    last: Pose
-    depth: float
-    water: WaterLight
-    day: Daylight
-    lamps: tuple[LampAt, ...] = ()
-    current: Vec3 = (0.0, 0.0, 0.0)
-    own: int = -1
 
 
 class Optics:
@@ -91,7 +56,15 @@ class Optics:
         things = view.look.made().placed(view.state, base)
         buffers.clear()
         for plane in view.look.made().planes:
-            rays.meet_floor(buffers.origin, buffers.direction, plane.p - base, plane.normal, plane.face, buffers.distance, buffers.face)
+            rays.meet_floor(
+                buffers.origin,
+                buffers.direction,
+                plane.p - base,
+                plane.normal,
+                plane.face,
+                buffers.distance,
+                buffers.face,
+            )
         for placed in view.look.made().scenes:
             row = things["row"][placed.thing]
             buffers.cast(placed._replace(own=bool(row >= 0 and row == view.own)), things, view.look.made().faces)
@@ -103,20 +76,26 @@ class Optics:
         lens, buffers, visible = self.lens, self.buffers, view.look.made()
         north, east, down = base.tolist()
         water = view.water if view.depth > 0.0 else AIR
-        sea = formation.sea_row(water, view.day, (north, east, down), view.depth, 1.0 / lens.fx)
+        sea = formation.sea_row(view.water, view.day, (north, east, down), view.depth, 1.0 / lens.fx)
         lamps = lamp_rows(view, base)
         lit: Any = np.ones((len(lamps), buffers.n), np.uint8)
         if shadows:
             self._shadows(view, things, lamps, lit, water)
         attenuation, scattering = np.array(water.attenuation), np.array(water.scattering)
-        veil = veil_of(lamps, (buffers.origin, buffers.direction), lens.width, attenuation, scattering)
+        veil = veil_of(
+            lamps[:0] if water is AIR else lamps,
+            (buffers.origin, buffers.direction),
+            lens.width,
+            attenuation,
+            scattering,
+        )
         tile = caustics.tile(view.t)
         formation.form(
             sea, buffers.origin, buffers.direction, buffers.distance, buffers.face, visible.faces, things, visible.shifts(),
             visible.atlas.texels, visible.atlas.levels, self._light, lamps, lit, veil, RANGES, tile, lens.width, self.radiance,
         )  # fmt: skip
         if len(self._flakes) and view.depth > 0.0:
-            wide = lens.fx * (WATER_INDEX if hasattr(self._window, "distance") else 1.0)
+            wide = lens.fx * (WATER_INDEX if isinstance(self._window, FlatPort) else 1.0)
             snow.add_flakes(
                 self._flakes, snow.drifted((north, east, down), view.current, view.t), snow.CUBE_M, np.array(matrix(view.first.q)),
                 np.array((wide, wide * lens.fy / lens.fx, lens.cx, lens.cy)), lens.width, lens.height, 0.5 * _SNOW_REACH_M, sea, lamps,
@@ -161,11 +140,21 @@ class Optics:
         base = np.array(view.first.p)
         for plane in visible.planes:
             buffers.clear()
-            rays.meet_floor(buffers.origin, buffers.direction, plane.p - base, plane.normal, plane.face, buffers.distance, buffers.face)
+            rays.meet_floor(
+                buffers.origin,
+                buffers.direction,
+                plane.p - base,
+                plane.normal,
+                plane.face,
+                buffers.distance,
+                buffers.face,
+            )
             counts[visible.ids[plane.thing], 1] += np.count_nonzero(buffers.face >= 0)
         for number, thing, scene in visible.alone():
             own = bool(things["row"][thing] >= 0 and things["row"][thing] == view.own)
-            counts[number, 1] += buffers.count(rays.Placed(scene, thing, visible.first_of(thing), own), things, visible.faces)
+            counts[number, 1] += buffers.count(
+                rays.Placed(scene, thing, visible.first_of(thing), own), things, visible.faces
+            )
         return out.reshape(self.lens.height, self.lens.width), counts
 
 

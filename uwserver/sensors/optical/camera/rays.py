@@ -39,13 +39,13 @@ class PickScene(NamedTuple):
         picker: of the engine.
         centre: (3) of its origin in the frame of the things, m.
         radius: of the ball about it, m.
-        count: of its triangles.
+        triangles: how many.
     """
 
     picker: Picker
     centre: FloatArray
     radius: float
-    count: int
+    triangles: int
 
 
 class Placed(NamedTuple):
@@ -93,7 +93,9 @@ class Buffers:
     def cast(self, placed: Placed, things: Any, faces: Any) -> None:
         """Meet a scene, before what was met so far."""
         scene, thing = placed.scene, things[placed.thing : placed.thing + 1]
-        count = select(self.origin, self.direction, self.distance, thing, scene.radius, self._start, self._towards, self._limit, self._index)  # fmt: skip
+        count = select(
+            self.origin, self.direction, self.distance, thing, scene.radius, self._start, self._towards, self._limit, self._index
+        )  # fmt: skip
         self._gone[:count] = 0.0
         for _ in range(_HIDDEN if placed.own else 1):
             if count == 0:
@@ -121,7 +123,9 @@ class Buffers:
             lit: (m) uint8, becomes 0.
         """
         scene, thing = placed.scene, things[placed.thing : placed.thing + 1]
-        count = select(points, towards, reach, thing, scene.radius, self._start, self._towards, self._limit, self._index)
+        count = select(
+            points, towards, reach, thing, scene.radius, self._start, self._towards, self._limit, self._index
+        )
         if count:
             picked = scene.picker.pick(self._start[:count], self._towards[:count], self._limit[:count])
             darken(picked, self._index, lit)
@@ -146,7 +150,9 @@ def aim(
             s = 0 if single else k
             for i in range(3):
                 direction[k, i] = R[row, i, 0] * table[k, 0] + R[row, i, 1] * table[k, 1] + R[row, i, 2] * table[k, 2]
-                origin[k, i] = p[row, i] + R[row, i, 0] * start[s, 0] + R[row, i, 1] * start[s, 1] + R[row, i, 2] * start[s, 2]
+                origin[k, i] = (
+                    p[row, i] + R[row, i, 0] * start[s, 0] + R[row, i, 1] * start[s, 1] + R[row, i, 2] * start[s, 2]
+                )
 
 
 @entry
@@ -233,7 +239,7 @@ def meet(
                 count += 1
             continue
         k, far = index[m], gone[m] + reached
-        if 0.0 <= reached and far < distance[k]:
+        if reached >= 0.0 and far < distance[k]:
             distance[k], met[k] = far, first + picked[m]
     return count
 

@@ -89,7 +89,10 @@ def add_flakes(
 
 
 @compiled
-def _draw(s: Any, lamps: Array, x: Array, far: float, u: float, v: float, size: float, cover: float, width: int, height: int, distance: Array, albedo: float, radiance: Array) -> None:  # fmt: skip
+def _draw(
+    s: Any, lamps: Array, x: Array, far: float, u: float, v: float, size: float, cover: float, width: int, height: int, distance: Array,
+    albedo: float, radiance: Array,
+) -> None:  # fmt: skip
     """One flake: a soft disc of `size` pixels about (u, v)."""
     glow = np.empty(3)
     for i in range(3):

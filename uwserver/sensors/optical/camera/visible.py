@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -112,6 +112,27 @@ class Look:
         if self._made is None:
             self._made = Visible(self._things, self._models)
         return self._made
+
+
+class Watch:
+    """Looks at things that come and go."""
+
+    def __init__(self, things: Callable[[], Iterable[Seen]], who: Callable[[], Hashable]) -> None:
+        """things: tells all that can be seen; `who`: another value when bodies came or went."""
+        self._things, self._who, self._models = things, who, Models()
+        self._look: tuple[Hashable, Look] | None = None
+
+    def look(self) -> Look:
+        """At all that is there now; the same until bodies come or go."""
+        who = self._who()
+        if self._look is None or self._look[0] != who:
+            self._look = who, Look(self._things(), self._models)
+        return self._look[1]
+
+    def faults(self) -> list[str]:
+        """What cannot be shown as it is, as texts; makes what is looked at. Before anything runs."""
+        self.look().made()
+        return self._models.faults
 
 
 class Visible:

@@ -24,12 +24,12 @@ class FlatPort(NamedTuple):
     Attributes:
         distance: of its inner face from the pupil, m.
         thickness: m.
-        index: of its material.
+        refraction: index of its material.
     """
 
     distance: float
     thickness: float = 0.0
-    index: float = ACRYLIC_INDEX
+    refraction: float = ACRYLIC_INDEX
 
 
 class DomePort(NamedTuple):
@@ -39,13 +39,13 @@ class DomePort(NamedTuple):
         radius: of its outer face, m.
         thickness: m.
         offset: of its centre ahead of the pupil, m.
-        index: of its material.
+        refraction: index of its material.
     """
 
     radius: float
     thickness: float = 0.0
     offset: float = 0.0
-    index: float = ACRYLIC_INDEX
+    refraction: float = ACRYLIC_INDEX
 
 
 Window = FlatPort | DomePort | None
@@ -73,19 +73,21 @@ def outside(window: Window, direction: FloatArray, water: float = WATER_INDEX) -
         return Bundle(np.zeros_like(direction), direction.copy())
     if isinstance(window, FlatPort):
         if bool((direction[:, 0] <= 1e-3).any()):
-            raise ValueError("a flat port lets nothing in from the side: give a field of view below 175 degrees, or a dome")
+            raise ValueError(
+                "a flat port lets nothing in from the side: give a field of view below 175 degrees, or a dome"
+            )
         axis = np.zeros_like(direction)
         axis[:, 0] = 1.0
         at = direction * (window.distance / direction[:, :1])
-        inside = bent(direction, axis, 1.0 / window.index)
+        inside = bent(direction, axis, 1.0 / window.refraction)
         at = at + inside * (window.thickness / inside[:, :1])
-        return Bundle(at, bent(inside, axis, window.index / water))
+        return Bundle(at, bent(inside, axis, window.refraction / water))
     inner = window.radius - window.thickness
     if not abs(window.offset) < inner:
         raise ValueError("the pupil lies outside the dome: give a smaller offset or thickness")
     centre = np.array((window.offset, 0.0, 0.0))
     at, inside = np.zeros_like(direction), direction
-    for radius, ratio in ((inner, 1.0 / window.index), (window.radius, window.index / water)):
+    for radius, ratio in ((inner, 1.0 / window.refraction), (window.radius, window.refraction / water)):
         at = at + inside * _reach(at - centre, inside, radius)
         inside = bent(inside, (at - centre) / radius, ratio)
     return Bundle(at, inside)
