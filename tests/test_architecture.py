@@ -543,11 +543,13 @@ TESTED_WITH = {
         "si": "logfiles/test_mapping",
         **dict.fromkeys(("export.alog", "export.rosbag2", "export.tlog"), "logfiles/export/test_there_and_back"),
     },
-    "scenario": {"build.modems": "world/modems/test_medium", "scene.palette": "scenario/scene/test_scenery"},
+    "scenario": {"build.modems": "world/modems/test_medium", "solids.palette": "scenario/scene/test_scenery"},
     "sensors": {
         "acoustic.echo": "sensors/acoustic/test_altimeter", "acoustic.fan": "sensors/acoustic/test_scanning_sonar",
         "acoustic.current_profile": "sensors/acoustic/test_adcp", "acoustic.janus": "sensors/acoustic/test_dvl",
         "wiring": "sensors/onboard/test_contact",
+        **{f"optical.camera.{name}": "sensors/optical/camera/test_picture" for name in ("formation", "rays", "view")},
+        "optical.camera.kernels": "sensors/optical/camera/test_camera",
     },
     "simulation": {"source": "server/test_playback"},
     "table": {"": "scenario/files/test_convert"},
@@ -585,7 +587,7 @@ def test_every_module_has_a_test_file():
 
 UNITS = {
     "1", "m", "m/s", "m/s^2", "rad", "rad/s", "rad/s^2", "N", "N m", "Pa", "degC", "s", "Hz", "kg", "T", "V", "A", "W", "m^3",
-    "m^2/s^2", "J", "N s", "S/m", "m^2", "ns", "dB", "N, N m",
+    "mm", "m^2/s^2", "J", "N s", "S/m", "m^2", "ns", "dB", "N, N m",
 }  # fmt: skip
 
 

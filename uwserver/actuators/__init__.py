@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from uwserver.actuators.ballast import BallastConfig
 from uwserver.actuators.base import Actuator, ActuatorTable, Body, Given
+from uwserver.actuators.camera_mount import CameraMount, CameraMountConfig
 from uwserver.actuators.fin import FinConfig, FinsConfig
 from uwserver.actuators.force_torque import ForceTorqueConfig
+from uwserver.actuators.lamps import Lamps, LampsConfig
 from uwserver.actuators.moving_mass import MovingMassConfig
 from uwserver.actuators.propeller import PropellerConfig
 from uwserver.actuators.teleport import TeleportConfig
@@ -21,9 +23,12 @@ ActuatorConfig = (
     | MovingMassConfig
     | ForceTorqueConfig
     | TeleportConfig
+    | LampsConfig
+    | CameraMountConfig
 )
 
 __all__ = [
-    "Actuator", "ActuatorConfig", "ActuatorTable", "BallastConfig", "Body", "FinConfig", "FinsConfig", "ForceTorqueConfig", "Given",
-    "MovingMassConfig", "PropellerConfig", "TeleportConfig", "ThrusterConfig", "Thrusters", "ThrustersConfig",
+    "Actuator", "ActuatorConfig", "ActuatorTable", "BallastConfig", "Body", "CameraMount", "CameraMountConfig", "FinConfig", "FinsConfig",
+    "ForceTorqueConfig", "Given", "Lamps", "LampsConfig", "MovingMassConfig", "PropellerConfig", "TeleportConfig", "ThrusterConfig",
+    "Thrusters", "ThrustersConfig",
 ]  # fmt: skip

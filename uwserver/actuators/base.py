@@ -39,6 +39,8 @@ class Body:
         thrusters: thruster rows by name.
         wrench: a wrench row: the vehicle's, or one of its own for an actuator of an extension.
         servos: servo rows by table and name (``fins.rudder``).
+        lamps: names of its lamps.
+        tilts: mounts that tilt: lowest and highest angle (rad), and how fast (rad/s), by name.
     """
 
     def __init__(
@@ -48,12 +50,16 @@ class Body:
         thrusters: Mapping[str, int],
         wrench: int,
         servos: Mapping[str, int] | None = None,
+        lamps: tuple[str, ...] = (),
+        tilts: Mapping[str, tuple[float, float, float]] | None = None,
     ) -> None:
         self.hydro = hydro
         self.row = row
         self.thrusters = thrusters
         self.wrench = wrench
         self.servos = servos or {}
+        self.lamps = lamps
+        self.tilts = tilts or {}
 
     def push(self, force: Sequence[float], moment: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
         """Hold a force (N) and a moment (N m) about the body origin, in B, from now on; each replaces the last."""

@@ -17,6 +17,12 @@ WAVELENGTHS_NM: Colours = (620.0, 540.0, 450.0)
 WaterType = Literal["I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C"]
 """I to III: the open sea, from the clearest; 1C to 9C: coasts."""
 _VEIL_DEPTH_M = 3.0
+ASYMMETRY = 0.924
+"""Mean cosine of scattering in sea water as Petzold measured it, for Henyey and Greenstein's phase function (C. D. Mobley et al., Phase function
+effects on oceanic light fields, Appl. Opt. 41 (2002) 1035)."""
+_SIDEWAYS = 0.5
+"""Part of isotropic scattering that makes the light seen level in a lake at 480 nm, b = 0.285 and c = 0.4 /m: radiance 0.03 /sr of the
+irradiance downwards (J. E. Tyler, Radiance distribution as a function of depth, Bull. Scripps Inst. Oceanogr. 7 (1960) 363; recalled)."""
 
 
 class WaterLight(NamedTuple):
@@ -38,6 +44,63 @@ class WaterLight(NamedTuple):
         parts = [b / k * math.exp(-k * _VEIL_DEPTH_M) for b, k in zip(self.scattering, self.fading, strict=True)]
         red, green, blue = (part / max(parts) for part in parts)
         return red, green, blue
+
+    def glow(self) -> Colours:
+        """Light that a metre of water sends sideways into a line of sight, 1/(m sr) of the irradiance downwards, scattered many times."""
+        red, green, blue = (_SIDEWAYS * b / (4.0 * math.pi) for b in self.scattering)
+        return red, green, blue
+
+    def spreading(self) -> Colours:
+        """How sunlight loses its direction, 1/m: b (1 - g), as many small deflections do (similarity)."""
+        red, green, blue = (b * (1.0 - ASYMMETRY) for b in self.scattering)
+        return red, green, blue
+
+
+AIR = WaterLight((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+"""Where a camera is out of the water."""
+
+
+class Daylight(NamedTuple):
+    """Light from above.
+
+    Attributes:
+        illuminance: on the surface, lux; 0 at night.
+        elevation: of the sun, rad.
+        azimuth: of it, from north over east, rad.
+        sky: part of the light that comes from all of the sky.
+    """
+
+    illuminance: float = 60_000.0
+    elevation: float = 0.87
+    azimuth: float = 0.0
+    sky: float = 0.25
+
+    def below(self) -> tuple[tuple[float, float, float], float]:
+        """Unit vector (N) towards the sun as seen in still water, and the part of the light that enters (Fresnel, and 6 % of the sky's is lost)."""
+        into, lost = math.cos(self.elevation) / REFRACTION, fresnel(math.sin(self.elevation), 1.0 / REFRACTION)
+        entered = (1.0 - self.sky) * (1.0 - lost) + 0.94 * self.sky
+        down = math.sqrt(1.0 - into * into)
+        return (into * math.cos(self.azimuth), into * math.sin(self.azimuth), -down), entered
+
+
+REFRACTION = 1.34
+"""Index of sea water over that of air (X. Quan and E. S. Fry, Appl. Opt. 34 (1995) 3477)."""
+
+
+def fresnel(cosine: float, ratio: float) -> float:
+    """Part of unpolarised light that a plane reflects.
+
+    Args:
+        cosine: of the angle of incidence.
+        ratio: index before the plane over that behind it.
+    """
+    square = 1.0 - ratio * ratio * (1.0 - cosine * cosine)
+    if square <= 0.0:
+        return 1.0
+    behind = math.sqrt(square)
+    across = (ratio * cosine - behind) / (ratio * cosine + behind)
+    along = (cosine - ratio * behind) / (cosine + ratio * behind)
+    return 0.5 * (across * across + along * along)
 
 
 WATER_TYPES: dict[WaterType, WaterLight] = {

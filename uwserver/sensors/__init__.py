@@ -23,6 +23,7 @@ from uwserver.sensors.onboard.clock import ClockConfig
 from uwserver.sensors.onboard.contact import ContactConfig
 from uwserver.sensors.onboard.leak import LeakConfig
 from uwserver.sensors.onboard.rpm import RpmConfig
+from uwserver.sensors.optical.camera.camera import CameraConfig
 from uwserver.sensors.optical.optical_modem import OpticalModemConfig
 from uwserver.sensors.optical.range_array import RangeArrayConfig
 from uwserver.sensors.water.ctd import CtdConfig
@@ -47,6 +48,7 @@ SensorConfig = (
     | CtdConfig
     | SoundSpeedConfig
     | RangeArrayConfig
+    | CameraConfig
     | ContactConfig
     | BatteryConfig
     | LeakConfig
@@ -56,9 +58,8 @@ SensorConfig = (
 )
 
 __all__ = [
-    "AcousticModemConfig", "AdcpConfig", "AltimeterConfig", "AttitudeConfig", "BatteryConfig", "ClockConfig", "CompoundConfig", "ContactConfig",
-    "CtdConfig", "DvlConfig", "GpsConfig", "IdealSensor", "ImuConfig", "LblConfig", "LeakConfig", "MagnetometerConfig",
-    "ModemTable", "MotionCaptureConfig", "OpticalModemConfig",
-    "Pose", "PressureConfig", "RangeArrayConfig", "RpmConfig", "ScanningSonarConfig", "Scope", "Sensor",
-    "SensorConfig", "SensorTable", "Settings", "SoundSpeedConfig", "StreamTable", "UsblConfig", "carriers",
+    "AcousticModemConfig", "AdcpConfig", "AltimeterConfig", "AttitudeConfig", "BatteryConfig", "CameraConfig", "ClockConfig", "CompoundConfig",
+    "ContactConfig", "CtdConfig", "DvlConfig", "GpsConfig", "IdealSensor", "ImuConfig", "LblConfig", "LeakConfig", "MagnetometerConfig",
+    "ModemTable", "MotionCaptureConfig", "OpticalModemConfig", "Pose", "PressureConfig", "RangeArrayConfig", "RpmConfig", "ScanningSonarConfig",
+    "Scope", "Sensor", "SensorConfig", "SensorTable", "Settings", "SoundSpeedConfig", "StreamTable", "UsblConfig", "carriers",
 ]  # fmt: skip

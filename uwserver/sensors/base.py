@@ -23,6 +23,7 @@ from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.rays.raycast import Geometry, OpenWater
 from uwserver.ports import Argument, Field, Json, Refused, Value
 from uwserver.sensors.job import finished
+from uwserver.sensors.sight import Sight
 from uwserver.sensors.wiring import Wiring
 from uwserver.table import Name, NonNegative, Positive, Table
 from uwserver.units import NANOSECONDS, rad
@@ -131,6 +132,8 @@ class Scope:
         wiring: thrusters and hull of this vehicle; None where a sensor stands alone.
         lambert: (n) backscatter of the solids' materials by their number, Lambert's parameter, linear.
         sediments: the same materials as a bottom that reflects sound.
+        sight: what cameras may see; None where nobody says.
+        row: of this body in the state of all; -1 for none.
     """
 
     t_ns: int
@@ -147,6 +150,8 @@ class Scope:
     wiring: Wiring | None = None
     lambert: FloatArray = field(default_factory=lambda: SEDIMENT, compare=False)
     sediments: tuple[Sediment, ...] = BOTTOM
+    sight: Sight | None = None
+    row: int = -1
 
     @property
     def t(self) -> float:

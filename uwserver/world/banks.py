@@ -65,6 +65,18 @@ def _pictures() -> Iterable[Any]:
     return [kernel.made() for kernel in KERNELS]
 
 
+def _load_cameras() -> None:
+    from uwserver.sensors.optical.camera.kernels import load
+
+    load()
+
+
+def _cameras() -> Iterable[Any]:
+    from uwserver.sensors.optical.camera.kernels import KERNELS
+
+    return [kernel.made() for kernel in KERNELS]
+
+
 def _autopilots() -> Iterable[Any]:
     from uwserver.autopilot.entries import ENTRIES
 
@@ -81,7 +93,7 @@ def load_autopilots() -> None:
 
 COMPILE: dict[str, Callable[[], None]] = {
     "sensors": _load_sensors, "soundings": _load_soundings, "sound": channel.load_kernels, "pictures": _load_pictures,
-    "autopilots": load_autopilots,
+    "autopilots": load_autopilots, "cameras": _load_cameras,
 }  # fmt: skip
 """What compiles the kernels of a stage, and no others."""
 
@@ -91,6 +103,7 @@ _KERNELS: dict[str, Callable[[], Iterable[Any]]] = {
     "sound": channel.kernels,
     "pictures": _pictures,
     "autopilots": _autopilots,
+    "cameras": _cameras,
 }
 
 

@@ -19,6 +19,7 @@ from uwserver.physics.rays.raycast import Geometry, OpenWater
 from uwserver.ports.thinning import Thinning
 from uwserver.sensors import Scope, surroundings
 from uwserver.sensors.bank import HEAD, Bank, load, reader
+from uwserver.sensors.sight import Sight
 from uwserver.sensors.surroundings import place_row, water_arrays
 from uwserver.sensors.wiring import ELECTRIC, Wiring
 from uwserver.world.computing import Computing
@@ -30,13 +31,14 @@ _NONE: FloatArray = np.zeros(0)
 
 
 class Around(NamedTuple):
-    """What sensors see besides water: bodies by name, where N lies, solid things, and the backscatter of their materials."""
+    """What sensors see besides water: bodies by name, where N lies, solid things, the backscatter of their materials, and their looks."""
 
     vehicles: Mapping[str, Vehicle]
     earth: Earth
     solids: Geometry
     lambert: FloatArray
     sediments: tuple[Sediment, ...] = ()
+    sight: Sight | None = None
 
 
 class Delivered(NamedTuple):
@@ -236,7 +238,7 @@ class Instruments:
                 scope = seen[row] = Scope(
                     t_ns, tuple(x[0:3]), tuple(x[3:7]), tuple(x[7:10]), tuple(x[10:13]), water,
                     geometry=around.solids, vehicles=around.vehicles, earth=around.earth, wiring=wiring,
-                    lambert=around.lambert, sediments=around.sediments,
+                    lambert=around.lambert, sediments=around.sediments, sight=around.sight, row=row,
                 )  # fmt: skip
                 if with_rates:
                     scope.nu_dot, scope.tau = tuple(self.nu_dot[row].tolist()), tuple(self.tau[row].tolist())

@@ -16,6 +16,7 @@ from uwserver.ports.checks import checked_args, checked_command, find
 from uwserver.ports.crossing import Answers, Later, Posted, TickOutput
 from uwserver.ports.thinning import WHOLE, Thinned
 from uwserver.sensors.base import BOTTOM, SEDIMENT
+from uwserver.sensors.sight import Sight
 from uwserver.world.commands import Commands
 from uwserver.world.components import ActuatorSlot, SensorStream
 from uwserver.world.diverged import Diverged, report
@@ -54,7 +55,7 @@ class World:
         scene: solid things; None where nothing is solid.
         geometry: the same, as sensors see it.
         lambert, sediments: (n) backscatter of their materials by number, and these as a bottom that reflects.
-        water, earth: the environment, and where N lies.
+        water, earth, sight: the environment, where N lies, and what cameras see.
         parts: all that lives in it, by path: its own parts and those of the members, sorted. The rows of the bodies stand before all others,
             which may look at them when they load.
         own_parts, population: those that are no body's, and the one that makes bodies.
@@ -71,6 +72,7 @@ class World:
         self.hydro, self.water = hydro, water
         self.geometry: Geometry = OpenWater()
         self.earth, self.lambert, self.sediments = Earth(), SEDIMENT, BOTTOM
+        self.sight: Sight | None = None
         self._rate, self.ticks = (rate_hz.numerator, rate_hz.denominator), Ticks(rate_hz)
         self.tick = self.jumps = 0
         self.vehicles: dict[str, Vehicle] = {}
@@ -80,20 +82,15 @@ class World:
         self.actuators: dict[str, ActuatorSlot] = {}
         self.members: dict[str, Member] = {}
         self.scene: Scene | None = None
-        self._solids: dict[Member, int] = {}
-        self._settled: list[Member] = []
+        self._solids, self._settled = dict[Member, int](), list[Member]()
         self._own_services: dict[str, tuple[Service, Carry]] = {}
-        self._carry: dict[str, Carry] = {}
-        self._events: list[Event] = []
+        self._carry, self._events = dict[str, Carry](), list[Event]()
         self._tracing = Tracing()
         self.answers: Answers = []
         self.population: Population
         self.identity: Callable[[], str] = str
-        self.parts: dict[str, Part] = {}
-        self.own_parts: list[Part] = []
-        self.instruments = Instruments(
-            hydro, water, lambda: Around(self.vehicles, self.earth, self.geometry, self.lambert, self.sediments)
-        )
+        self.parts, self.own_parts = dict[str, Part](), list[Part]()
+        self.instruments = Instruments(hydro, water, self._around)
         self.readings_dropped = self.instruments.computing.dropped
         self.readings_failed = self.instruments.computing.failed
         self.sensing = Sensing(self.sensors, self.instruments, self._seconds)
@@ -110,6 +107,9 @@ class World:
         water_parts = Bodies(hydro), Flowing(water, self._seconds, self.set_current)
         for part in (*water_parts, self._commands, self._pilots, self.sensing):
             self.add(part)
+
+    def _around(self) -> Around:
+        return Around(self.vehicles, self.earth, self.geometry, self.lambert, self.sediments, self.sight)
 
     def set_scene(self, scene: Scene) -> None:
         """Give the world its solid things; before any body is in it."""

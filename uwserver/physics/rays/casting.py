@@ -49,12 +49,12 @@ def has_embree() -> bool:
     return find_spec("embreex") is not None
 
 
-def make_picker(corners: FloatArray) -> Picker:
-    """The quickest picker that is installed, of triangles (t, 3, 3) about the origin."""
+def make_picker(corners: FloatArray, robust: bool = True) -> Picker:
+    """The quickest picker that is installed, of triangles (t, 3, 3) about the origin; if it need not be `robust`, a ray may slip through an edge."""
     if has_embree():
         from uwserver.physics.rays.embree import EmbreePicker
 
-        return EmbreePicker(corners)
+        return EmbreePicker(corners, robust)
     from uwserver.physics.rays.tree import TreePicker
 
     return TreePicker(corners)

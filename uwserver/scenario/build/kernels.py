@@ -8,6 +8,7 @@ from uwserver.scenario.vehicle.body import body_params
 from uwserver.sensors import (
     AcousticModemConfig,
     AltimeterConfig,
+    CameraConfig,
     DvlConfig,
     LblConfig,
     ScanningSonarConfig,
@@ -35,6 +36,8 @@ def kernels_of(resolved: Resolved, sea: bool) -> frozenset[str]:
         needs.add("sea")
     if any(isinstance(config, ScanningSonarConfig) for config in sensors):
         needs |= {"echoes", "pictures"}
+    if any(isinstance(config, CameraConfig) for config in sensors):
+        needs.add("cameras")
     if vehicles:
         needs.add("sensors")
     if any(isinstance(config, AltimeterConfig | DvlConfig) for config in sensors):

@@ -15,11 +15,12 @@ from uwserver.physics.kernel.random import key_of
 from uwserver.ports import Field, Port
 from uwserver.scenario.build.autopilot import build_autopilot
 from uwserver.scenario.build.modems import send_slots
+from uwserver.scenario.build.sight import hang_cameras
 from uwserver.scenario.load.resolved import Resolved, ResolvedObject, ResolvedVehicle
 from uwserver.scenario.vehicle.body import own_rows
 from uwserver.scenario.vehicle.tables import Electric as ElectricTable
 from uwserver.scenario.vehicle.tables import VehicleFile
-from uwserver.sensors import Pose, Sensor, SensorConfig
+from uwserver.sensors import CameraConfig, Pose, Sensor, SensorConfig
 from uwserver.sensors.bank import BankSensor
 from uwserver.sensors.truth import TRUTH
 from uwserver.sensors.wiring import Electric, Wiring
@@ -70,11 +71,16 @@ def vehicle_member(world: World, resolved: ResolvedVehicle, row: int, name: str)
     body = bodies[""]
     wiring = Wiring(hydro, row, body.thrusters, _electrics(resolved))
     mounts = {key: mount_of(config, file) for key, config in file.sensors.items()}
-    made = {key: config.build(mounts[key]) for key, config in file.sensors.items()}
+    configs = dict(file.sensors)
+    for key, left in file.sensors.items():
+        right = left.right() if isinstance(left, CameraConfig) else None
+        if isinstance(left, CameraConfig) and right is not None:
+            configs[f"{key}/right"], mounts[f"{key}/right"] = right, left.beside(mounts[key])
+    made = {key: config.build(mounts[key]) for key, config in configs.items()}
     built: dict[str, SensorSlot] = {}
     for key, sensor in sorted(made.items(), key=lambda item: item[1].repeats):
-        path = file.sensors[key].port_of(name, key)
-        built[key] = sensor_slot(world, path, file.sensors[key], sensor, row, mounts[key], built)
+        path = configs[key].port_of(name, key)
+        built[key] = sensor_slot(world, path, configs[key], sensor, row, mounts[key], built)
     for slot in built.values():
         slot.wiring = wiring
     sensors = list(built.values())
@@ -83,6 +89,7 @@ def vehicle_member(world: World, resolved: ResolvedVehicle, row: int, name: str)
     actuators = {
         key: _actuator(world, f"{name}/{key}", config, bodies.get(key, body)) for key, config in file.actuators.items()
     }
+    hang_cameras(built, configs, actuators)
     ports = {slot.port.path: slot.port for slot in built.values()}
     piloted = build_autopilot(world, resolved, params, name, row, mounts, ports, actuators)
     slots = [*actuators.values(), *send_slots(world, sensors)]

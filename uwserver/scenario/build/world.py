@@ -11,6 +11,7 @@ from uwserver.scenario.build.kernels import kernels_of
 from uwserver.scenario.build.members import build_scene, physics_rate, stream_of
 from uwserver.scenario.build.modems import add_medium
 from uwserver.scenario.build.population import ScenarioPopulation
+from uwserver.scenario.build.sight import give_sight, look_around
 from uwserver.scenario.load.export import identity
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.solids.tables import FlatSeabed
@@ -59,12 +60,14 @@ def build(resolved: Resolved, seed: int | None = None, *, prepared: bool = False
     world.population = ScenarioPopulation(world, resolved)
     world.add(world.population)
     world.identity = cache(partial(identity, resolved))
+    watch = give_sight(world, resolved)
     world.population.begin()
     hydro.load_kernels()
     world.set_current(water.current)
     for name, fault in scenario.faults.items():
         for part, effect in effects(name, fault, faults.targets(), stream_of(seed, f"faults/{name}")).items():
             faults.set(part, effect)
+    look_around(watch)
     offer_world_services(world)
     offer_state_services(world)
     return world

@@ -37,6 +37,7 @@ from uwserver.scenario.vehicle.tables import (
 )
 from uwserver.scenario.vehicle.tables import NearBoundary as NearBoundaryTable
 from uwserver.scenario.water.tables import Environment
+from uwserver.units import rad
 
 
 class Matrices(NamedTuple):
@@ -115,8 +116,13 @@ def own_rows(hydro: Hydrodynamics, vehicle: VehicleFile, row: int) -> dict[str, 
     first, wrench, first_servo = (int(hydro.bodies[f"{kind}_first"][row]) for kind in ("thruster", "wrench", "servo"))
     thrusters = {thruster: first + k for k, thruster in enumerate(vehicle.thrusters)}
     servos = {servo.name: first_servo + k for k, servo in enumerate(hydro.params[row].appendages.servos)}
-    names = ("", *own_actuators(vehicle))
-    return {name: Body(hydro, row, thrusters, wrench + k, servos) for k, name in enumerate(names)}
+    names, lamps = ("", *own_actuators(vehicle)), tuple(vehicle.lamps)
+    tilts = {
+        mount: (rad(table.tilt_deg[0]), rad(table.tilt_deg[1]), rad(table.tilt_rate_degps))
+        for mount, table in vehicle.mounts.items()
+        if not isinstance(table.tilt_deg, UnsetType)
+    }
+    return {name: Body(hydro, row, thrusters, wrench + k, servos, lamps, tilts) for k, name in enumerate(names)}
 
 
 def thruster_params(name: str, thruster: Thruster, device: ThrusterDevice, density: float) -> ThrusterParams:

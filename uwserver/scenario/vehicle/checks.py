@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from msgspec import UNSET, Struct
 
-from uwserver.actuators import ThrusterConfig, ThrustersConfig
+from uwserver.actuators import CameraMountConfig, LampsConfig, ThrusterConfig, ThrustersConfig
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.scenario.files.convert import Report
 from uwserver.scenario.files.errors import KeyPath
@@ -133,6 +133,15 @@ def _check_members(draft: Draft, report: Report) -> None:
             continue
         if isinstance(actuator, ThrusterConfig):
             check_member(actuator.member, present, "thruster", (*path, "member"), report)
+        if isinstance(actuator, LampsConfig):
+            for k, member in enumerate(actuator.members):
+                check_member(member, draft.names("lamps"), "lamp", (*path, "members", k), report)
+            if not draft.lamps:
+                report(path, "the vehicle has no lamps to command: give it some under [lamps]")
+        if isinstance(actuator, CameraMountConfig):
+            check_mount(draft, actuator.mount, (*path, "mount"), report)
+            if "tilt_deg" not in draft.tree.at("mounts", actuator.mount).parts:
+                report((*path, "mount"), f'the mount "{actuator.mount}" does not tilt: give it tilt_deg')
         if not isinstance(actuator, ThrustersConfig):
             continue
         if actuator.members is None and not present:

@@ -120,10 +120,18 @@ class Damping(Table, kw_only=True, frozen=True):
 
 
 class Mount(Table, kw_only=True, frozen=True):
-    """A named place on the vehicle where sensors sit."""
+    """A named place on the vehicle where sensors sit.
+
+    Attributes:
+        tilt_deg: how far a servo tilts the cameras on it about its y axis, up positive: lowest and highest; an actuator of kind
+            ``camera_mount`` commands it. Other sensors stay where they are.
+        tilt_rate_degps: how fast.
+    """
 
     position_frd_m: Vector3 = (0.0, 0.0, 0.0)
     rpy_deg: Vector3 = (0.0, 0.0, 0.0)
+    tilt_deg: tuple[Annotated[float, Meta(ge=-175, le=0)], Annotated[float, Meta(ge=0, le=175)]] | UnsetType = UNSET
+    tilt_rate_degps: Positive = 60.0
 
 
 class Lamp(Sourced, kw_only=True, frozen=True):

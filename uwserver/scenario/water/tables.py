@@ -10,10 +10,10 @@ from msgspec.structs import replace
 from uwserver.environment.column import ColumnConfig, surface_density
 from uwserver.environment.currents import CurrentConfig
 from uwserver.environment.earth import GRAVITY_GROWTH, normal_gravity
-from uwserver.environment.light import WaterType
+from uwserver.environment.light import Daylight, WaterType
 from uwserver.environment.waves import WavesConfig
-from uwserver.table import NonNegative, Table, Vector3
-from uwserver.units import STANDARD_ATMOSPHERE_PA
+from uwserver.table import NonNegative, Probability, Table, Vector3
+from uwserver.units import STANDARD_ATMOSPHERE_PA, rad
 
 SEA_WATER_KGPM3 = 1025.0
 """Density where nobody says what the water is like."""
@@ -25,6 +25,27 @@ class Current(Table, kw_only=True, frozen=True):
     """Uniform, steady current; `velocity_ned_mps` is the water's velocity in N."""
 
     velocity_ned_mps: Vector3 = (0.0, 0.0, 0.0)
+
+
+class DaylightTable(Table, kw_only=True, frozen=True):
+    """Light from above, which cameras see; nothing else follows from it.
+
+    Attributes:
+        illuminance_lux: on the surface; 100000 at noon, 10000 under clouds, 0 at night.
+        sun_elevation_deg: above the horizon.
+        sun_azimuth_deg: from north over east.
+        sky: part of the light that comes from all of the sky; 1 for an overcast one.
+    """
+
+    illuminance_lux: Annotated[float, Meta(ge=0, le=200_000)] = 60_000.0
+    sun_elevation_deg: Annotated[float, Meta(ge=1, le=90)] = 50.0
+    sun_azimuth_deg: Annotated[float, Meta(ge=-400, le=400)] = 0.0
+    sky: Probability = 0.25
+
+    @property
+    def daylight(self) -> Daylight:
+        """In radians."""
+        return Daylight(self.illuminance_lux, rad(self.sun_elevation_deg), rad(self.sun_azimuth_deg), self.sky)
 
 
 class Environment(Table, kw_only=True, frozen=True):
@@ -40,6 +61,7 @@ class Environment(Table, kw_only=True, frozen=True):
             default: uniform water of `density_kgpm3` and `temperature_degc` under p = rho g h.
         water_type: how clear it is, by Jerlov: I, IA, IB, II and III of the open sea, 1C, 3C, 5C, 7C and 9C of coasts. What is seen follows it,
             and nothing else does.
+        daylight: light from above.
         current: uniform, steady current.
         currents: more of them, by name; all add up.
         waves: of the surface; default: none.
@@ -52,6 +74,7 @@ class Environment(Table, kw_only=True, frozen=True):
     atmospheric_pressure_pa: NonNegative = STANDARD_ATMOSPHERE_PA
     surface_level_m: Annotated[float, Meta(ge=-20, le=20)] = 0.0
     water_type: WaterType = "II"
+    daylight: DaylightTable = DaylightTable()
     current: Current = Current()
     water: ColumnConfig | UnsetType = UNSET
     currents: dict[str, CurrentConfig] = field(default_factory=dict)

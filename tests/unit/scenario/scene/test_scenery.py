@@ -21,8 +21,8 @@ from uwserver.scenario.builder import ScenarioBuilder
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.load.scenario import load
-from uwserver.scenario.scene.palette import MATERIALS
 from uwserver.scenario.scene.scenery import Scenery
+from uwserver.scenario.solids.palette import MATERIALS
 from uwserver.world.lookout import Lookout
 
 SHIPPED = sorted(path.stem for path in (Path(__file__).parents[4] / "scenarios" / "uwserver_scenarios").glob("*.toml"))

@@ -1,0 +1,98 @@
+"""What cameras see of a scenario: everything that is in it and in the world, and nothing is loaded where there is no camera."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from uwserver.scenario.build.world import build
+from uwserver.scenario.load.scenario import load
+from uwserver.world import World
+
+CAMERA = """
+[vehicles.rov.sensors.cam]
+kind = "camera"
+rate_hz = 10
+width = 32
+height = 24
+mode = "segmentation"
+"""
+SCENARIO = """schema = 1
+[world]
+rate_hz = 240
+[seabed]
+kind = "flat"
+depth_m = 9.0
+material = "mud"
+[structures.pile]
+kind = "box"
+size_m = [1.0, 1.0, 4.0]
+position_ned_m = [3.0, 0.0, 7.0]
+{looks}
+[objects.crate]
+kind = "box"
+size_m = [0.5, 0.5, 0.5]
+density_kgpm3 = 1025
+position_ned_m = [2.0, 0.6, 5.0]
+[vehicles.rov]
+model = "bluerov2"
+position_ned_m = [0.0, 0.0, 5.0]
+[vehicles.rov.override.actuators.lights]
+level = 0.5
+"""
+
+
+def made(folder: Path, text: str, looks: str = "") -> World:
+    (folder / "s.toml").write_text(text.format(looks=looks), encoding="utf-8")
+    return build(load(folder / "s.toml", adapters={}))
+
+
+def test_all_things_with_the_colours_that_viewers_know(tmp_path: Path) -> None:
+    world = made(tmp_path, SCENARIO + CAMERA)
+    assert world.sight is not None
+    visible = world.sight.look().made()
+    assert visible.names == ["", "seabed", "pile", "rov", "crate"]
+    assert visible.faces["colour"][visible.planes[0].face].tolist() == pytest.approx([0.19, 0.16, 0.12])
+    assert sorted(set(visible.rows.tolist())) == [-1, 0, 1]
+
+
+def test_who_comes_is_seen_and_who_goes_is_not(tmp_path: Path) -> None:
+    world = made(tmp_path, SCENARIO + CAMERA)
+    assert world.sight is not None
+    population: Any = world.population
+    population.spawn("second", "crate", (2.0, -0.6, 5.0), (1.0, 0.0, 0.0, 0.0))
+    assert "second" in world.sight.look().made().names
+    population.remove("crate")
+    names = world.sight.look().made().names
+    assert "crate" not in names
+    assert "second" in names
+    seen = [sample for _ in range(60) for sample in world.step() if sample.port == "rov/cam"][-1].value[1]
+    assert "second" in seen
+    assert "crate" not in seen
+
+
+def test_lamps_shine_as_their_actuators_have_them(tmp_path: Path) -> None:
+    world = made(tmp_path, SCENARIO + CAMERA)
+    assert world.sight is not None
+    assert [lamp.lumens for lamp in world.sight.lamps()] == [750.0, 750.0]
+    world.command("rov/lights", levels=(0.0, 1.0))
+    world.step()
+    assert [lamp.lumens for lamp in world.sight.lamps()] == [1500.0]
+
+
+def test_without_a_camera_nothing_is_there(tmp_path: Path) -> None:
+    assert made(tmp_path, SCENARIO).sight is None
+
+
+def test_looks_that_cannot_be_shown_are_told_once_at_the_start(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    from sensors.optical.camera.glb import glb
+
+    (tmp_path / "pile.glb").write_bytes(glb(b"no picture"))
+    made(tmp_path, SCENARIO + CAMERA, 'looks = "pile.glb"')
+    assert [record.message for record in caplog.records if "pile" in record.message] == [
+        next(record.message for record in caplog.records if "no PNG or JPEG" in record.message)
+    ]

@@ -1,0 +1,62 @@
+"""A mount that tilts the cameras on it, as the servo in the dome of an ROV does."""
+
+from __future__ import annotations
+
+from msgspec import Struct
+
+from uwserver.actuators.base import ActuatorTable, Body, Given, Timeout
+from uwserver.ports import Field
+from uwserver.table import Name
+
+
+class CameraMountConfig(ActuatorTable, tag="camera_mount", kw_only=True, frozen=True):
+    """Tilts a mount of the vehicle that has `tilt_deg`. It turns the cameras on that mount, and no other sensor.
+
+    Attributes:
+        mount: its name.
+    """
+
+    timeout_s: Timeout = 0.0
+    mount: Name
+
+    def build(self, body: Body) -> CameraMount:
+        """The actuator.
+
+        Raises:
+            ValueError: no such mount tilts, named with those that do.
+        """
+        if self.mount not in body.tilts:
+            there = ", ".join(body.tilts) or "none"
+            raise ValueError(f'no mount "{self.mount}" that tilts, there are: {there}; give it tilt_deg')
+        return CameraMount(self.mount, *body.tilts[self.mount])
+
+
+class MountMemory(Struct):
+    """Where it is to go, rad."""
+
+    tilt: float = 0.0
+
+
+class CameraMount:
+    """Remembers a tilt, to which cameras on the mount turn.
+
+    Attributes:
+        mount: name of it.
+        rate: rad/s.
+        memory: the tilt.
+    """
+
+    def __init__(self, mount: str, low: float, high: float, rate: float) -> None:
+        self.mount, self.rate, self.memory = mount, rate, MountMemory()
+        self.doc = f'Tilt of the mount "{mount}" with the cameras on it.'
+        self.fields = (Field("tilt", "rad", "angle above the mount's rest, up positive", minimum=low, maximum=high),)
+
+    def apply(self, value: Given) -> None:
+        """Go there; the field is required, so it is given."""
+        (tilt,) = value
+        if tilt is not None:
+            self.memory = MountMemory(tilt[0])
+
+    def neutral(self) -> None:
+        """Back to rest."""
+        self.memory = MountMemory()

@@ -1,0 +1,69 @@
+"""The lamps of a vehicle: how bright each of them is."""
+
+from __future__ import annotations
+
+from msgspec import Struct
+
+from uwserver.actuators.base import ActuatorTable, Body, Given, Timeout
+from uwserver.ports import Field
+from uwserver.table import Name, Probability
+
+
+class LampsConfig(ActuatorTable, tag="lamps", kw_only=True, frozen=True):
+    """Some or all lamps of the vehicle, as one vector of levels. Cameras see their light.
+
+    Attributes:
+        members: names of lamps, in the order of the command; default: all, in the order of the vehicle file.
+        level: at the start, and after `timeout_s` without a command; 0 dark, 1 bright.
+    """
+
+    timeout_s: Timeout = 0.0
+    members: tuple[Name, ...] = ()
+    level: Probability = 0.0
+
+    def build(self, body: Body) -> Lamps:
+        """The actuator.
+
+        Raises:
+            ValueError: a lamp that the vehicle has not, named with those it has; or it has none.
+        """
+        return Lamps(self, body.lamps)
+
+
+class LampMemory(Struct):
+    """The level of each lamp."""
+
+    levels: tuple[float, ...]
+
+
+class Lamps:
+    """Remembers levels, which cameras read.
+
+    Attributes:
+        names: of the lamps.
+        memory: their levels.
+    """
+
+    def __init__(self, config: LampsConfig, there: tuple[str, ...]) -> None:
+        self.names = config.members or there
+        for name in self.names:
+            if name not in there:
+                raise ValueError(f'no lamp "{name}" here, there are: {", ".join(there) or "none"}')
+        if not self.names:
+            raise ValueError("the vehicle has no lamps: give it some under [lamps]")
+        self._level = config.level
+        order = ", ".join(self.names)
+        self.doc = f"Lamps {order}."
+        doc = f"level of each lamp, 0 dark and 1 bright, order: {order}"
+        self.fields = (Field("levels", "1", doc, "", (len(self.names),), minimum=0.0, maximum=1.0),)
+        self.neutral()
+
+    def apply(self, value: Given) -> None:
+        """Shine so from now on; the field is required, so it is given."""
+        (levels,) = value
+        if levels is not None:
+            self.memory = LampMemory(levels)
+
+    def neutral(self) -> None:
+        """As at the start."""
+        self.memory = LampMemory((self._level,) * len(self.names))

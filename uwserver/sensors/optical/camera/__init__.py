@@ -1,0 +1,1 @@
+"""Cameras: pictures of rays, with the light of the water between."""

@@ -1,0 +1,322 @@
+"""A camera in the world: what it takes along at an exposure, what a worker makes of it, and how its exposure follows the light."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Protocol
+
+import numpy as np
+from msgspec import UNSET, Meta, UnsetType, structs
+
+from uwserver.frames import Vec3, multiply, quat_from_rpy, rotate
+from uwserver.modifiers.base import NEVER, Measurement, Memory, Number, Time
+from uwserver.ports import Argument, Buffer, Field, Layout, Value
+from uwserver.sensors.base import Pose, Scope, Sensor, Settings, blank, earlier
+from uwserver.sensors.job import Begun, Job
+from uwserver.sensors.optical.camera import electronics
+from uwserver.sensors.optical.camera.config import CameraTable, gain_of
+from uwserver.sensors.optical.camera.view import Pose as Place
+from uwserver.sensors.optical.camera.view import View
+from uwserver.units import NANOSECONDS
+
+if TYPE_CHECKING:
+    from uwserver.sensors.optical.camera.picture import Optics
+
+_SETTLING_S = 0.4
+"""Auto-exposure goes to the light with this time constant."""
+_DAZZLED = 0.97
+"""From this part of full scale on nobody knows how bright it is: it goes down by `_STEP`."""
+_STEP = 0.3
+_SHORTEST_S = 2e-5
+_GREY, _LAMPLIGHT = 0.35, 0.05
+"""Of the guess for the first picture: albedo, and lux of a lamp's lumen 2 m away."""
+
+
+class CameraConfig(CameraTable, tag="camera", kw_only=True, frozen=True):
+    """A camera that looks along its x axis, with y to the right of the picture and z down."""
+
+    def right(self) -> CameraConfig | None:
+        """The right camera of a pair; None where it is none."""
+        if isinstance(self.baseline_m, UnsetType):
+            return None
+        return structs.replace(self, baseline_m=UNSET, streams={}, modifiers={})
+
+    def build(self, mount: Pose) -> Camera:
+        return Camera(mount, self)
+
+
+class CameraSettings(Settings, frozen=True):
+    """See `CameraConfig`."""
+
+    exposure: Annotated[float, Meta(ge=1e-6, le=10)]
+    gain: Annotated[float, Meta(ge=0, le=60)]
+    auto_exposure: bool
+
+
+class CameraMemory(Memory):
+    """Attributes:
+    exposure: of the next picture, s; 0 before the first.
+    gain: dB.
+    level: how bright the last picture was, as a part of full scale; negative before the first.
+    tilt: of its mount, rad.
+    last: when it looked last, s."""
+
+    exposure: Annotated[float, Meta(ge=0, le=10)] = 0.0
+    gain: Annotated[float, Meta(ge=0, le=60)] = 0.0
+    level: Number = -1.0
+    tilt: Annotated[float, Meta(ge=-4, le=4)] = 0.0
+    last: Time = NEVER
+
+
+class Joint(Protocol):
+    """What tilts a camera."""
+
+    @property
+    def rate(self) -> float:
+        """rad/s."""
+
+    @property
+    def memory(self) -> Any:
+        """With the `tilt` (rad) that it was told."""
+
+
+class Film(NamedTuple):
+    """What of a camera never changes, for its jobs, which share the arrays of the optics."""
+
+    config: CameraConfig
+    optics: Optics
+    chip: electronics.Chip
+
+
+class Shot(Job):
+    """An exposure, as a worker gets it.
+
+    Attributes:
+        view: the world at its middle.
+        exposure: s.
+        gain: dB.
+        seed: of the noise; 0 for none.
+    """
+
+    def __init__(self, film: Film, view: View, exposure: float, gain: float, seed: int) -> None:
+        self.view, self.exposure, self.gain, self.seed = view, exposure, gain, seed
+        self._film = film
+
+    def run(self) -> tuple[Value, ...]:
+        """The picture; of a segmentation also which objects it shows, and how much of them."""
+        config, optics, chip = self._film
+        if config.mode == "depth":
+            return (Buffer.of(optics.depth_mm(self.view)),)
+        if config.mode == "segmentation":
+            return _segmented(optics, self.view)
+        radiance = optics.form(self.view, config.lamp_shadows)
+        channels = 3 if config.mode == "rgb" else 1
+        n = config.width * config.height
+        counts: Any = np.empty((n, channels), np.uint16)
+        expose = electronics.expose if channels == 3 else electronics.expose_mono
+        expose(
+            radiance, chip.electrons(self.exposure), chip.dark * self.exposure, chip.full_well, chip.read_noise,
+            chip.gain * gain_of(self.gain), np.uint64(self.seed), electronics.normal_table(), counts if channels == 3 else counts.reshape(-1),
+        )  # fmt: skip
+        picture: Any = np.empty((n, channels), np.uint8)
+        balance = np.array(config.white_balance) if channels == 3 else np.ones(1)
+        electronics.develop(counts, electronics.gamma_table(), balance, picture)
+        shape = (config.height, config.width, 3) if channels == 3 else (config.height, config.width)
+        return (Buffer.of(picture.reshape(shape)),)
+
+
+class Camera(Sensor):
+    """Pictures."""
+
+    paces = takes_time = True
+    settings: CameraSettings
+    memory: CameraMemory
+
+    def __init__(self, mount: Pose, config: CameraConfig) -> None:
+        self._mount, self._config = mount, config
+        self._joint: Joint | None = None
+        self._optics: Optics | None = None
+        self._chip = electronics.Chip(
+            config.pixel_um, config.f_number, config.quantum_efficiency, config.full_well_e,
+            0.0 if config.ideal else config.read_noise_e, config.dark_current_eps, electronics.MOST_DN / config.full_well_e,
+        )  # fmt: skip
+        self.doc, self.fields = _DOCS[config.mode], _fields(config)
+        self.arguments = () if self._is_exact else _arguments(config)
+        auto = config.auto_exposure and not config.ideal
+        self.learns = auto and not self._is_exact
+        super().__init__(CameraSettings(config.exposure_s, config.gain_db, auto))
+
+    @property
+    def _is_exact(self) -> bool:
+        return self._config.mode in ("depth", "segmentation")
+
+    def hang(self, joint: Joint) -> None:
+        """Sit on a mount that tilts."""
+        self._joint = joint
+
+    def turn_on(self) -> CameraMemory:
+        """With the exposure of its settings."""
+        return CameraMemory()
+
+    def load_kernels(self) -> None:
+        from uwserver.sensors.optical.camera.kernels import load
+
+        load()
+        self._lens()
+
+    def _lens(self) -> Optics:
+        """The rays of the lens; made once."""
+        if self._optics is None:
+            from uwserver.sensors.optical.camera.picture import Optics
+
+            config = self._config
+            exact = self._is_exact or config.ideal
+            self._optics = Optics(config.optics(), config.window(), 0.0 if exact else config.snow_pm3)
+        return self._optics
+
+    # -- on the tick ----------------------------------------------------------------------------------------------------------------
+
+    def sense(self, scope: Scope) -> Measurement:
+        """Begin a picture; invalid in a world where nobody says what can be seen."""
+        if scope.sight is None:
+            return Measurement(blank(self.fields), False)
+        config, memory, sight, now = self._config, self.memory, scope.sight, scope.t
+        p = scope.position(self._mount.p)
+        self._expose(scope, p)
+        mount = self._turned(now)
+        memory.last = now
+        half = 0.5 * config.read_out_s if config.rolling_shutter and not self._is_exact else 0.0
+        view = View(
+            now, sight.look(), sight.state().copy(), _at(scope, mount, half), _at(scope, mount, -half), scope.submergence(p), sight.water,
+            sight.day, sight.lamps(), scope.water.current, scope.row,
+        )  # fmt: skip
+        seed = 0 if config.ideal else int(self.rng.integers(1, 1 << 63))
+        job = Shot(Film(config, self._lens(), self._chip), view, memory.exposure, memory.gain, seed)
+        numbers: list[Value] = (
+            [None, None, None] if config.mode == "segmentation" else [None, memory.exposure, memory.gain]
+        )
+        return Begun(numbers[: len(self.fields)], True, self._delay_ns(memory.exposure), job=job)
+
+    def _delay_ns(self, exposure: float) -> int:
+        """From the middle of the exposure to the end of the read-out."""
+        exposed = 0.0 if self._is_exact else 0.5 * exposure
+        return round((exposed + self._config.read_out_s) * NANOSECONDS)
+
+    def _expose(self, scope: Scope, p: Vec3) -> None:
+        """Set exposure and gain of this picture, taken at p (N)."""
+        config, memory, settings, now = self._config, self.memory, self.settings, scope.t
+        if not settings.auto_exposure:
+            memory.exposure, memory.gain = settings.exposure, settings.gain
+            return
+        if memory.exposure <= 0.0:
+            memory.exposure, memory.gain = min(settings.exposure, config.longest_s), settings.gain
+            memory.level = self._guess(scope, p)
+        if memory.level < 0.0:
+            return
+        wanted = electronics.TARGET / memory.level
+        if memory.last >= 0.0:  # the first picture is taken as it was guessed, the others follow slowly
+            wanted = _STEP if memory.level > _DAZZLED else min(max(wanted, 0.1), 10.0)
+            wanted **= 1.0 - math.exp(-max(now - memory.last, 0.0) / _SETTLING_S)
+        total = memory.exposure * gain_of(memory.gain) * wanted
+        memory.exposure = min(max(total, _SHORTEST_S), config.longest_s)
+        more = 20.0 * math.log10(max(total / memory.exposure, 1.0))
+        memory.gain = min(more, config.max_gain_db)
+
+    def _guess(self, scope: Scope, p: Vec3) -> float:
+        """How bright the first picture will be: daylight where the camera is, and lamps on something a few metres away, on grey."""
+        sight, memory = scope.sight, self.memory
+        assert sight is not None
+        depth = max(scope.submergence(p), 0.0)
+        light = np.exp(-depth * np.array(sight.water.fading)) * sight.day.illuminance
+        light += (
+            sum(lamp.lumens for lamp in sight.lamps()) * _LAMPLIGHT * np.exp(-4.0 * np.array(sight.water.attenuation))
+        )
+        electrons = float((light * _GREY / math.pi * self._chip.electrons(memory.exposure)).max())
+        return min(max(electrons * gain_of(memory.gain) / self._chip.full_well, 1e-4), 1.0)
+
+    def _turned(self, now: float) -> Pose:
+        """The mount as its joint has it by now."""
+        joint, memory = self._joint, self.memory
+        if joint is None:
+            return self._mount
+        dt = self.dt if memory.last < 0.0 else max(now - memory.last, 0.0)
+        way, reach = float(joint.memory.tilt) - memory.tilt, joint.rate * dt
+        memory.tilt += min(max(way, -reach), reach)
+        return Pose(self._mount.p, multiply(self._mount.q, quat_from_rpy(0.0, memory.tilt, 0.0)))
+
+    def learn(self, values: tuple[Value, ...]) -> None:
+        """Meter the picture that was just delivered."""
+        picture = values[0]
+        if isinstance(picture, Buffer):
+            self.memory.level = electronics.metered(picture.array())
+
+
+def _at(scope: Scope, mount: Pose, ago: float) -> Place:
+    """Pose of the camera a little while ago (s)."""
+    p_NB, q_NB = (
+        earlier(scope.p_NB, scope.q_NB, (*scope.v_NB_B, *scope.w_NB_B), ago) if ago else (scope.p_NB, scope.q_NB)
+    )
+    dx, dy, dz = rotate(q_NB, mount.p)
+    return Place((p_NB[0] + dx, p_NB[1] + dy, p_NB[2] + dz), multiply(q_NB, mount.q))
+
+
+def _segmented(optics: Optics, view: View) -> tuple[Value, ...]:
+    ids, counts = optics.ids(view)
+    share = np.divide(counts[:, 0], counts[:, 1], out=np.zeros(len(counts)), where=counts[:, 1] > 0.0)
+    there = np.flatnonzero(counts[:, 1])
+    names = ",".join(f"{k}:{view.look.made().names[k]}" for k in there.tolist())
+    seen = np.column_stack((there, counts[there, 0], share[there])).astype(np.float32)
+    return Buffer.of(ids), names, Buffer.of(seen)
+
+
+_DOCS = {
+    "rgb": "Pictures in colour, sRGB, row after row from above.",
+    "mono": "Grey pictures, row after row from above.",
+    "depth": "Distance along the optical axis of what each pixel sees.",
+    "segmentation": "Which object each pixel sees, and how much of each object is seen.",
+}
+
+
+def _fields(config: CameraConfig) -> tuple[Field, ...]:
+    size = config.height, config.width
+    if config.mode == "depth":
+        return (
+            Field(
+                "image",
+                "mm",
+                "distance along the optical axis, 0 for nothing",
+                type="buffer",
+                buffer=Layout("uint16", size),
+            ),
+        )
+    if config.mode == "segmentation":
+        return (
+            Field("image", "1", "ids of objects, 0 for none", type="buffer", buffer=Layout("uint16", size)),
+            Field("objects", "1", "names of those before the camera, as id:name, with commas between", type="str"),
+            Field(
+                "shares", "1", "of each: its id, the pixels that show it, and their part of those that would if it were alone",
+                type="buffer", buffer=Layout("float32", (-1, 3)),
+            ),
+        )  # fmt: skip
+    shape = (*size, 3) if config.mode == "rgb" else size
+    return (
+        Field("image", "1", "picture, 0 to 255", type="buffer", buffer=Layout("uint8", shape)),
+        Field("exposure", "s", "exposure time of this picture"),
+        Field("gain", "dB", "gain of this picture"),
+    )
+
+
+def _arguments(config: CameraConfig) -> tuple[Argument, ...]:
+    return (
+        Argument(
+            "exposure",
+            "float",
+            "exposure time without auto-exposure",
+            "s",
+            False,
+            minimum=1e-6,
+            maximum=config.longest_s,
+        ),
+        Argument("gain", "float", "gain without auto-exposure", "dB", False, minimum=0, maximum=60),
+        Argument("auto_exposure", "bool", "whether exposure and gain follow the light", required=False),
+    )

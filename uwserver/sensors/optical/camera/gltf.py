@@ -1,0 +1,181 @@
+"""Looks: the triangles, colours and textures of a .glb file of glTF 2.0, which was checked when the scenario was loaded."""
+
+from __future__ import annotations
+
+import struct
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+import numpy.typing as npt
+
+from uwserver.physics.kernel.arrays import FloatArray, IntArray
+from uwserver.sensors.optical.camera.faces import blank_faces, smooth_normals
+from uwserver.sensors.optical.camera.textures import BadTexture, Picture, decoded
+
+FRD: FloatArray = np.array(((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)))
+"""From the axes of glTF, y up and x forward, to forward, right, down."""
+_TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+_TRIANGLES = 4
+_DEEPEST = 64
+_MOST_NODES = 50_000
+"""Visited, as nodes may hang below several others."""
+MOST_TRIANGLES = 2_000_000
+
+
+class BadLooks(ValueError):
+    """A file of looks that cannot be drawn; the text says why."""
+
+
+class Looks(NamedTuple):
+    """What a file looks like.
+
+    Attributes:
+        faces: FACE (n) in forward, right, down; `texture` numbers `pictures`.
+        pictures: (h, w, 3) each.
+        faults: what of it cannot be shown, as texts.
+    """
+
+    faces: Any
+    pictures: list[Picture]
+    faults: tuple[str, ...]
+
+
+def read_glb(data: bytes) -> Looks:
+    """The looks of a file.
+
+    Raises:
+        BadLooks: it has no triangles, or they do not fit together.
+    """
+    try:
+        reader = _Reader(data)
+        parts = reader.parts()
+    except (KeyError, IndexError, ValueError, TypeError, AttributeError, struct.error, OverflowError) as error:
+        raise BadLooks(f"looks that do not fit together: {type(error).__name__}: {error}") from error
+    if not parts:
+        raise BadLooks("looks without triangles")
+    return Looks(np.concatenate(parts), reader.pictures, tuple(reader.faults))
+
+
+class _Reader:
+    """Walks through the nodes of one file."""
+
+    def __init__(self, data: bytes) -> None:
+        size = struct.unpack_from("<I", data, 12)[0]
+        self._told: dict[str, Any] = msgspec.json.decode(data[20 : 20 + size])
+        begin = 20 + size
+        length = struct.unpack_from("<I", data, begin)[0] if begin + 8 <= len(data) else 0
+        self._binary = data[begin + 8 : begin + 8 + length]
+        self.pictures: list[Picture] = []
+        self.faults: list[str] = []
+        self._numbers: dict[int, int] = {}
+        self._count = self._visited = 0
+
+    def parts(self) -> list[Any]:
+        """FACE of all meshes, each where its nodes put it."""
+        told, found = self._told, list[Any]()
+        scenes = told.get("scenes") or [{"nodes": list(range(len(told.get("nodes", []))))}]
+        for node in scenes[told.get("scene", 0)].get("nodes", []):
+            self._walk(node, np.eye(4), 0, found)
+        return found
+
+    def _walk(self, number: int, above: FloatArray, depth: int, found: list[Any]) -> None:
+        self._visited += 1
+        if depth > _DEEPEST or self._visited > _MOST_NODES:
+            raise ValueError("nodes that hold themselves, or too many")
+        node = self._told["nodes"][number]
+        here = above @ _placed(node)
+        if "mesh" in node:
+            for primitive in self._told["meshes"][node["mesh"]]["primitives"]:
+                if primitive.get("mode", _TRIANGLES) == _TRIANGLES:
+                    found.append(self._primitive(primitive, here))
+        for child in node.get("children", []):
+            self._walk(child, here, depth + 1, found)
+
+    def _primitive(self, told: dict[str, Any], pose: FloatArray) -> Any:
+        points = self._accessor(told["attributes"]["POSITION"]).astype(np.float64)
+        points = (points @ pose[:3, :3].T + pose[:3, 3]) @ FRD.T
+        if not bool(np.isfinite(points).all()):
+            raise ValueError("vertices that are not finite")
+        order: IntArray = np.arange(len(points))
+        if "indices" in told:
+            order = self._accessor(told["indices"]).ravel().astype(np.int64)
+        order = order[: len(order) // 3 * 3].reshape(-1, 3)
+        if np.linalg.det(pose[:3, :3]) < 0.0:
+            order = order[:, ::-1]
+        self._count += len(order)
+        if self._count > MOST_TRIANGLES:
+            raise ValueError(f"more than {MOST_TRIANGLES} triangles")
+        rows = blank_faces(len(order))
+        corners = points[order]
+        rows["corners"], rows["normals"] = corners, smooth_normals(corners)
+        material = self._told["materials"][told["material"]] if "material" in told else {}
+        rows["sided"] = 0 if material.get("doubleSided") else 1
+        surface = material.get("pbrMetallicRoughness", {})
+        rows["colour"] = surface.get("baseColorFactor", (1.0, 1.0, 1.0, 1.0))[:3]
+        texture = surface.get("baseColorTexture")
+        coordinates = told["attributes"].get(f"TEXCOORD_{texture.get('texCoord', 0)}") if texture else None
+        if texture is not None and coordinates is not None:
+            self._paint(rows, corners, self._accessor(coordinates)[order], texture["index"])
+        return rows
+
+    def _paint(self, rows: Any, corners: FloatArray, uv: npt.NDArray[Any], texture: int) -> None:
+        number = self._texture(texture)
+        if number < 0:
+            return
+        height, width = self.pictures[number].shape[:2]
+        rows["texture"], rows["uv"] = number, uv
+        area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        sides = (uv[:, 1:] - uv[:, :1]).astype(np.float64) * (width, height)
+        texels = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
+        rows["texel"] = np.sqrt(area / np.maximum(texels, 1e-6))
+
+    def _texture(self, texture: int) -> int:
+        """The number of its picture; -1 where it cannot be shown."""
+        if texture not in self._numbers:
+            self._numbers[texture] = -1
+            image = self._told["images"][self._told["textures"][texture]["source"]]
+            view = self._told["bufferViews"][image["bufferView"]]
+            begin = view.get("byteOffset", 0)
+            try:
+                self.pictures.append(decoded(self._binary[begin : begin + view["byteLength"]]))
+                self._numbers[texture] = len(self.pictures) - 1
+            except BadTexture as error:
+                self.faults.append(str(error))
+        return self._numbers[texture]
+
+    def _accessor(self, number: int) -> npt.NDArray[Any]:
+        """(count, width) values; whole numbers that stand for parts of one are these."""
+        told = self._told["accessors"][number]
+        view = self._told["bufferViews"][told["bufferView"]]
+        kind, width = np.dtype(_TYPES[told["componentType"]]), _WIDTHS[told["type"]]
+        step = view.get("byteStride") or kind.itemsize * width
+        begin = view.get("byteOffset", 0) + told.get("byteOffset", 0)
+        count = told["count"]
+        end = begin + (count - 1) * step + kind.itemsize * width
+        if count < 1 or end > len(self._binary):
+            raise ValueError("an accessor that ends beyond the file")
+        flat = np.frombuffer(self._binary, np.uint8)
+        rows = np.lib.stride_tricks.as_strided(flat[begin:], (count, kind.itemsize * width), (step, 1))
+        values: npt.NDArray[Any] = np.ascontiguousarray(rows).view(kind).reshape(count, width)
+        if told.get("normalized"):
+            values = values / np.float32(np.iinfo(kind).max)
+        return values
+
+
+def _placed(node: dict[str, Any]) -> FloatArray:
+    """The pose of a node in the one above."""
+    if "matrix" in node:
+        given: FloatArray = np.array(node["matrix"], np.float64).reshape(4, 4).T
+        return given
+    x, y, z, w = node.get("rotation", (0.0, 0.0, 0.0, 1.0))
+    pose: FloatArray = np.eye(4)
+    pose[:3, :3] = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    pose[:3, :3] *= np.array(node.get("scale", (1.0, 1.0, 1.0)))
+    pose[:3, 3] = node.get("translation", (0.0, 0.0, 0.0))
+    return pose

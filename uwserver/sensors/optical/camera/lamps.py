@@ -1,0 +1,166 @@
+"""Lamps in the water: what they light, and the veil of light that the water between sends back (compiled)."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from uwserver.environment.light import ASYMMETRY
+from uwserver.frames import Quat, Vec3
+from uwserver.physics.kernel.arrays import Array, FloatArray
+from uwserver.physics.kernel.deferred import compiled, entry
+
+LAMP = np.dtype(
+    [
+        ("p", "f8", (3,)),  # about the base of the picture, N, m
+        ("axis", "f8", (3,)),  # unit, N
+        ("candela", "f8"),  # on the axis
+        ("exponent", "f8"),  # of the cosine from the axis
+        ("row", "i4"),  # of the body that carries it
+    ]
+)
+"""A lamp in a picture."""
+
+COARSE = 16
+"""Pixels of the picture along a cell of the veil."""
+STEPS = 20
+_FIRST, _LAST = 0.05, 25.0
+"""m; ranges of the veil, which grow by the same factor."""
+RANGES: FloatArray = _FIRST * (_LAST / _FIRST) ** (np.arange(STEPS) / (STEPS - 1.0))
+_NEAREST = 0.03
+"""m from a lamp; nearer water counts as if it were there."""
+
+
+class LampAt(NamedTuple):
+    """A lamp on a body.
+
+    Attributes:
+        row: of the body.
+        p, q: of the lamp on it; it shines along its x.
+        cone: whole angle between the directions of half the intensity, rad.
+        lumens: of all its light, now.
+    """
+
+    row: int
+    p: Vec3
+    q: Quat
+    cone: float
+    lumens: float
+
+
+def exponent_of(cone: float) -> float:
+    """Of the cosine whose half value spans a cone (rad)."""
+    return math.log(0.5) / math.log(max(math.cos(0.5 * cone), 1e-6))
+
+
+def candelas(lumens: float, exponent: float) -> float:
+    """Intensity on the axis of a lamp whose intensity falls as a power of the cosine, over its half space."""
+    return lumens * (exponent + 1.0) / (2.0 * math.pi)
+
+
+@compiled
+def intensity(lamp: Any, x: float, y: float, z: float, far: float) -> float:
+    """Candelas towards a point at (x, y, z) from the lamp, `far` (m) away."""
+    along = (lamp.axis[0] * x + lamp.axis[1] * y + lamp.axis[2] * z) / far
+    if along <= 0.0:
+        return 0.0
+    return float(lamp.candela * math.exp(lamp.exponent * math.log(along)))
+
+
+@entry
+def fill_veil(
+    lamps: Array, origin: Array, direction: Array, width: int, coarse: int, ranges: Array, attenuation: Array, scattering: Array,
+    asymmetry: float, nearest: float, veil: Array,
+) -> None:  # fmt: skip
+    """Light of lamps that the water before each range sends back.
+
+    Args:
+        lamps: LAMP.
+        origin, direction: (n, 3) rays of the whole picture.
+        width: of the picture.
+        coarse: pixels along a cell of the veil.
+        ranges: (s) m.
+        attenuation, scattering: (3) of the water, 1/m.
+        asymmetry: of Henyey and Greenstein's phase function.
+        nearest: m; least distance from a lamp.
+        veil: (rows, columns, s, 3) receives it, lux/sr, at the corners of the cells.
+    """
+    g, gg = asymmetry, asymmetry * asymmetry
+    height = len(direction) // width
+    for row in range(veil.shape[0]):
+        for column in range(veil.shape[1]):
+            k = min(row * coarse, height - 1) * width + min(column * coarse, width - 1)
+            sums = np.zeros(3)
+            before = 0.0
+            for s in range(len(ranges)):
+                middle, step = 0.5 * (before + ranges[s]), ranges[s] - before
+                before = ranges[s]
+                px, py, pz = (
+                    origin[k, 0] + middle * direction[k, 0],
+                    origin[k, 1] + middle * direction[k, 1],
+                    origin[k, 2] + middle * direction[k, 2],
+                )
+                for lamp in lamps:
+                    x, y, z = px - lamp.p[0], py - lamp.p[1], pz - lamp.p[2]
+                    far = max(math.sqrt(x * x + y * y + z * z), nearest)
+                    light = intensity(lamp, x, y, z, far) / (far * far)
+                    if light <= 0.0:
+                        continue
+                    # Light goes on along (x, y, z); it comes back against the ray.
+                    turn = -(x * direction[k, 0] + y * direction[k, 1] + z * direction[k, 2]) / far
+                    spread = 1.0 + gg - 2.0 * g * turn
+                    phase = (1.0 - gg) / (4.0 * math.pi * spread * math.sqrt(spread))
+                    for i in range(3):
+                        sums[i] += light * phase * scattering[i] * step * math.exp(-attenuation[i] * (middle + far))
+                for i in range(3):
+                    veil[row, column, s, i] = sums[i]
+
+
+def veil_of(
+    lamps: Any, rays: tuple[Any, Any], width: int, attenuation: FloatArray, scattering: FloatArray
+) -> FloatArray:
+    """The veil of a picture: (rows, columns, STEPS, 3), see `fill_veil`; empty without lamps."""
+    if not len(lamps):
+        return np.zeros((0, 0, STEPS, 3))
+    origin, direction = rays
+    height = len(direction) // width
+    veil: FloatArray = np.empty((-(-height // COARSE) + 1, -(-width // COARSE) + 1, STEPS, 3))
+    fill_veil(lamps, origin, direction, width, COARSE, RANGES, attenuation, scattering, ASYMMETRY, _NEAREST, veil)
+    return veil
+
+
+@entry
+def light_rays(
+    lamp: Array, origin: Array, direction: Array, distance: Array, least: float, attenuation: float, points: Array, towards: Array,
+    reach: Array,
+) -> None:  # fmt: skip
+    """Rays from what each pixel sees to a lamp, for its shadows.
+
+    Args:
+        lamp: LAMP (1).
+        origin, direction, distance: of the rays of the picture.
+        least: lux; where the lamp brings less, nobody looks.
+        attenuation: of its least attenuated colour, 1/m.
+        points, towards: (n, 3) receive them.
+        reach: (n) receives m, 0 where nobody looks.
+    """
+    for k in range(len(distance)):
+        reach[k] = 0.0
+        r = distance[k]
+        if r > 1e6:
+            continue
+        # A little before the surface, so that it does not stand in its own light.
+        r -= 1e-3 + 1e-4 * r
+        for i in range(3):
+            points[k, i] = origin[k, i] + r * direction[k, i]
+        x, y, z = points[k, 0] - lamp[0].p[0], points[k, 1] - lamp[0].p[1], points[k, 2] - lamp[0].p[2]
+        far = math.sqrt(x * x + y * y + z * z)
+        if far < 0.01:
+            continue
+        lux = intensity(lamp[0], x, y, z, far) / (far * far) * math.exp(-attenuation * far)
+        if lux < least:
+            continue
+        towards[k, 0], towards[k, 1], towards[k, 2] = -x / far, -y / far, -z / far
+        reach[k] = far

@@ -1,0 +1,163 @@
+"""What a lens does: from pixels to directions in the air behind the port, and back.
+
+Directions are in S, the frame of the sensor: x along the optical axis, y to the right of the picture, z down. Pixels count from the middle of
+the first one: u to the right, v down. Models and the order of their coefficients are those of OpenCV and ROS: Brown-Conrady k1 k2 p1 p2 k3
+(D. C. Brown, Close-range camera calibration, Photogrammetric Engineering 37 (1971) 855), and Kannala-Brandt k1 to k4 (A generic camera model
+and calibration method, IEEE PAMI 28 (2006) 1335), which OpenCV calls fisheye and ROS equidistant.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from uwserver.physics.kernel.arrays import FloatArray
+
+Model = Literal["pinhole", "brown_conrady", "fisheye"]
+STEPS = 20
+"""Of the fixed-point iteration, after which a corner at 80 degrees is off by less than 1e-6 px."""
+_NEWTON = 20
+_EDGE = 64
+"""Pixels along each edge that are tried out by `check`."""
+_FOLDED_PX = 0.01
+
+
+class Lens(NamedTuple):
+    """Intrinsics.
+
+    Attributes:
+        width, height: of the picture, pixels.
+        fx, fy: focal lengths, pixels.
+        cx, cy: the principal point, pixels.
+        model: of the distortion.
+        coefficients: five of brown_conrady (k1 k2 p1 p2 k3), four of fisheye, none of pinhole.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    model: Model = "pinhole"
+    coefficients: tuple[float, ...] = ()
+
+    def directions(self, u: FloatArray, v: FloatArray) -> FloatArray:
+        """(n, 3) unit directions in S of pixels (n)."""
+        x, y = (u - self.cx) / self.fx, (v - self.cy) / self.fy
+        if self.model == "fisheye":
+            return _fisheye_directions(x, y, self.coefficients)
+        if self.model == "brown_conrady":
+            x, y = _undistorted(x, y, self.coefficients)
+        rays: FloatArray = np.stack((np.ones_like(x), x, y), axis=-1)
+        rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+        return rays
+
+    def pixels(self, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """u and v (n) of directions (n, 3) in S; nan for what lies behind a lens that is no fisheye."""
+        ahead, right, down = direction[..., 0], direction[..., 1], direction[..., 2]
+        if self.model == "fisheye":
+            across = np.hypot(right, down)
+            theta = np.arctan2(across, ahead)
+            scale = np.where(across > 0.0, _bent(theta, self.coefficients) / np.where(across > 0.0, across, 1.0), 1.0)
+            x, y = right * scale, down * scale
+        else:
+            ahead = np.where(ahead > 0.0, ahead, np.nan)
+            x, y = right / ahead, down / ahead
+            if self.model == "brown_conrady":
+                x, y = _distorted(x, y, self.coefficients)
+        return self.fx * x + self.cx, self.fy * y + self.cy
+
+    def table(self) -> FloatArray:
+        """(height width, 3) directions of all pixels, row after row."""
+        u, v = np.meshgrid(np.arange(self.width, dtype=np.float64), np.arange(self.height, dtype=np.float64))
+        return self.directions(u.ravel(), v.ravel())
+
+    def check(self) -> None:
+        """Raise ValueError where the distortion folds the picture: no light gives a pixel there."""
+        along = np.linspace(0.0, 1.0, _EDGE)
+        ends = np.zeros_like(along), np.ones_like(along)
+        u = np.concatenate((along, along, *ends)) * (self.width - 1)
+        v = np.concatenate((*ends, along, along)) * (self.height - 1)
+        with np.errstate(all="ignore"):
+            back = self.pixels(self.directions(u, v))
+            off = np.hypot(back[0] - u, back[1] - v)
+        if not bool((off < _FOLDED_PX).all()):
+            raise ValueError(
+                "the distortion folds the corners of the picture: no direction gives those pixels; "
+                "check the coefficients, or give a smaller field of view"
+            )
+
+
+def lens_of(
+    size: tuple[int, int], field_of_view: float, model: Model = "pinhole", coefficients: tuple[float, ...] = ()
+) -> Lens:
+    """A lens with its axis in the middle of the picture and square pixels.
+
+    Args:
+        size: width and height.
+        field_of_view: horizontal, between the middles of the outer pixels if there were no distortion but that of a fisheye, rad.
+        model, coefficients: as of `Lens`.
+    """
+    width, height = size
+    half, reach = 0.5 * max(width - 1, 1), 0.5 * field_of_view
+    coefficients = padded(model, coefficients)
+    if model == "fisheye":
+        bent = float(_bent(np.array([reach]), coefficients)[0])
+        if not bent > 0.0:
+            raise ValueError("the distortion folds the picture within the field of view: check the coefficients")
+        f = half / bent
+    else:
+        f = half / math.tan(reach)
+    return Lens(width, height, f, f, 0.5 * (width - 1), 0.5 * (height - 1), model, coefficients)
+
+
+def padded(model: Model, coefficients: tuple[float, ...]) -> tuple[float, ...]:
+    """As many coefficients as a model has; ValueError for more."""
+    wanted = {"pinhole": 0, "brown_conrady": 5, "fisheye": 4}[model]
+    if len(coefficients) > wanted:
+        raise ValueError(f"{model} has {wanted} coefficients, not {len(coefficients)}")
+    return coefficients + (0.0,) * (wanted - len(coefficients))
+
+
+def _distorted(x: FloatArray, y: FloatArray, k: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
+    radial, dx, dy = _terms(x, y, k)
+    return x * radial + dx, y * radial + dy
+
+
+def _terms(x: FloatArray, y: FloatArray, k: tuple[float, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    k1, k2, p1, p2, k3 = k
+    square = x * x + y * y
+    radial = 1.0 + square * (k1 + square * (k2 + square * k3))
+    return radial, 2.0 * p1 * x * y + p2 * (square + 2.0 * x * x), p1 * (square + 2.0 * y * y) + 2.0 * p2 * x * y
+
+
+def _undistorted(x: FloatArray, y: FloatArray, k: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
+    ideal_x, ideal_y = x, y
+    with np.errstate(all="ignore"):  # a lens that folds is found by `check`
+        for _ in range(STEPS):
+            radial, dx, dy = _terms(ideal_x, ideal_y, k)
+            ideal_x, ideal_y = (x - dx) / radial, (y - dy) / radial
+    return ideal_x, ideal_y
+
+
+def _bent(theta: FloatArray, k: tuple[float, ...]) -> FloatArray:
+    """The radius (in focal lengths) at an angle off the axis."""
+    s = theta * theta
+    bent: FloatArray = theta * (1.0 + s * (k[0] + s * (k[1] + s * (k[2] + s * k[3]))))
+    return bent
+
+
+def _fisheye_directions(x: FloatArray, y: FloatArray, k: tuple[float, ...]) -> FloatArray:
+    radius = np.hypot(x, y)
+    theta = radius.copy()
+    with np.errstate(all="ignore"):
+        for _ in range(_NEWTON):
+            s = theta * theta
+            slope = 1.0 + s * (3.0 * k[0] + s * (5.0 * k[1] + s * (7.0 * k[2] + s * 9.0 * k[3])))
+            theta = theta - (_bent(theta, k) - radius) / slope
+    across = np.where(radius > 0.0, np.sin(theta) / np.where(radius > 0.0, radius, 1.0), 1.0)
+    rays: FloatArray = np.stack((np.cos(theta), across * x, across * y), axis=-1)
+    return rays

@@ -1,0 +1,129 @@
+"""What is painted on things that have no texture: noise in a few octaves, of sand on the seabed and of growth on what stands in the sea (compiled).
+
+Octaves finer than two pixels are left out, so that nothing flickers far away.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import compiled
+
+_COUNT = 4096
+_TABLE: Any = np.random.Generator(np.random.PCG64(20)).random(_COUNT).astype(np.float32)
+_MASK = _COUNT - 1
+
+
+@compiled
+def _lattice(x: int, y: int, z: int) -> float:
+    h = x * 73856093 ^ y * 19349663 ^ z * 83492791
+    h ^= h >> 13
+    return float(_TABLE[(h * 1274126177 >> 7) & _MASK])
+
+
+@compiled
+def flat_noise(x: float, y: float) -> float:
+    """Value noise in a plane, 0 to 1, with a lattice of step one."""
+    a, b = math.floor(x), math.floor(y)
+    u, v, i, j = x - a, y - b, int(a), int(b)
+    u, v = u * u * (3.0 - 2.0 * u), v * v * (3.0 - 2.0 * v)
+    low = _lattice(i, j, 0) * (1.0 - u) + _lattice(i + 1, j, 0) * u
+    high = _lattice(i, j + 1, 0) * (1.0 - u) + _lattice(i + 1, j + 1, 0) * u
+    return float(low * (1.0 - v) + high * v)
+
+
+@compiled
+def noise(x: float, y: float, z: float) -> float:
+    """Value noise in space, 0 to 1."""
+    a, b, c = math.floor(x), math.floor(y), math.floor(z)
+    u, v, w, i, j, k = x - a, y - b, z - c, int(a), int(b), int(c)
+    u, v, w = u * u * (3.0 - 2.0 * u), v * v * (3.0 - 2.0 * v), w * w * (3.0 - 2.0 * w)
+    near = (_lattice(i, j, k) * (1.0 - u) + _lattice(i + 1, j, k) * u) * (1.0 - v) + (
+        _lattice(i, j + 1, k) * (1.0 - u) + _lattice(i + 1, j + 1, k) * u
+    ) * v
+    k += 1
+    far = (_lattice(i, j, k) * (1.0 - u) + _lattice(i + 1, j, k) * u) * (1.0 - v) + (
+        _lattice(i, j + 1, k) * (1.0 - u) + _lattice(i + 1, j + 1, k) * u
+    ) * v
+    return float(near * (1.0 - w) + far * w)
+
+
+@compiled
+def _share(length: float, pixel: float) -> float:
+    """How much of an octave of this length (m) a pixel (m) still shows."""
+    return min(max(0.5 * length / pixel - 0.5, 0.0), 1.0)
+
+
+@compiled
+def paint_seabed(x: float, y: float, pixel: float, colour: Array) -> None:
+    """Sand: patches of metres, ripples of decimetres, grains and shells of centimetres."""
+    tone = 0.35 * (flat_noise(0.31 * x, 0.31 * y) - 0.5)
+    share = _share(0.45, pixel)
+    if share > 0.0:
+        bend = 2.2 * flat_noise(0.6 * x + 7.0, 0.6 * y)
+        tone += 0.16 * share * math.sin(2.0 * math.pi * (x * 2.1 + 0.5 * y + bend)) * flat_noise(0.2 * x, 0.2 * y + 3.0)
+    share = _share(0.11, pixel)
+    if share > 0.0:
+        tone += 0.32 * share * (flat_noise(9.1 * x, 9.1 * y) - 0.5)
+    share = _share(0.022, pixel)
+    if share > 0.0:
+        grain = flat_noise(46.0 * x, 46.0 * y)
+        tone += 0.4 * share * (grain - 0.5)
+        if grain > 0.93:  # a bit of shell
+            tone += 0.5 * share
+    for i in range(3):
+        colour[i] = min(max(colour[i] * (1.0 + tone), 0.0), 1.0)
+
+
+@compiled
+def paint_growth(x: float, y: float, z: float, up: float, pixel: float, colour: Array) -> None:
+    """Algae and rust, more of them where light falls; `up` is the cosine of the face from straight up."""
+    coat = noise(1.3 * x, 1.3 * y, 1.3 * z)
+    share = _share(0.14, pixel)
+    fine = 0.5
+    if share > 0.0:
+        fine += share * (noise(7.0 * x, 7.0 * y, 7.0 * z) - 0.5)
+    coat = min(max(2.2 * (coat + 0.35 * (fine - 0.5) - 0.5) + 0.2 * up + 0.3, 0.0), 0.85)
+    share = _share(0.03, pixel)
+    tone = 0.75 + 0.5 * fine
+    if share > 0.0:
+        tone += 0.4 * share * (noise(33.0 * x, 33.0 * y, 33.0 * z) - 0.5)
+    colour[0] = tone * ((1.0 - coat) * colour[0] + coat * 0.14)
+    colour[1] = tone * ((1.0 - coat) * colour[1] + coat * 0.15)
+    colour[2] = tone * ((1.0 - coat) * colour[2] + coat * 0.06)
+
+
+@compiled
+def sample(
+    texels: Array, levels: Array, texture: int, u: float, v: float, blur: float, light: Array, colour: Array
+) -> None:
+    """Multiply a colour by a texture, which repeats.
+
+    Args:
+        texels, levels: of an atlas.
+        texture: its finest level.
+        u, v: where, 0 to 1 from the upper left.
+        blur: texels of the finest level that a pixel covers.
+        light: (256) of sRGB values.
+        colour: (3), follows.
+    """
+    coarser = 0
+    while blur > 1.4 and coarser < levels[texture].levels:
+        blur *= 0.5
+        coarser += 1
+    level = levels[texture + coarser]
+    w, h = level.width, level.height
+    x, y = (u - math.floor(u)) * w - 0.5, (v - math.floor(v)) * h - 0.5
+    a, b = math.floor(x), math.floor(y)
+    p, q = x - a, y - b
+    i, j = int(a) % w, int(b) % h
+    right, below = (i + 1) % w, (j + 1) % h
+    first = level.first
+    for c in range(3):
+        top = light[texels[first + j * w + i, c]] * (1.0 - p) + light[texels[first + j * w + right, c]] * p
+        low = light[texels[first + below * w + i, c]] * (1.0 - p) + light[texels[first + below * w + right, c]] * p
+        colour[c] *= top * (1.0 - q) + low * q

@@ -1,0 +1,190 @@
+"""One picture: from a snapshot of a world to light on the chip. It changes nothing but its own arrays, so a worker may do it."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from uwserver.environment.light import AIR, WaterLight
+from uwserver.frames import Quat, matrix, multiply, rotate
+from uwserver.physics.kernel.arrays import FloatArray
+from uwserver.sensors.optical.camera import caustics, formation, rays, snow
+from uwserver.sensors.optical.camera.lamps import LAMP, RANGES, candelas, exponent_of, light_rays, veil_of
+from uwserver.sensors.optical.camera.lens import Lens
+from uwserver.sensors.optical.camera.textures import LINEAR
+from uwserver.sensors.optical.camera.view import View
+from uwserver.sensors.optical.camera.window import WATER_INDEX, FlatPort, Window, outside
+
+_LEAST_LUX = 0.02
+"""Where a lamp brings less, its shadows are not looked for."""
+_SHADOWED = 0.03
+"""Nor where it brings less than this part of the daylight."""
+_SNOW_REACH_M = 2.0
+
+
+class Optics:
+    """A lens behind its port: the rays of all pixels, once in water and once in air, and the arrays for one picture at a time."""
+
+    def __init__(self, lens: Lens, window: Window, snow_density: float = 0.0) -> None:
+        """Raises ValueError where a pixel gets no light."""
+        self.lens, self._window = lens, window
+        self._bundles: dict[bool, tuple[Any, Any]] = {}
+        self._directions = lens.table()
+        self._bundle(True)
+        self.buffers = rays.Buffers(lens.width * lens.height)
+        self.radiance: Any = np.zeros((lens.width * lens.height, 3), np.float32)
+        self._flakes = snow.flakes(snow_density)
+        self._light = LINEAR.astype(np.float64)
+
+    def _bundle(self, wet: bool) -> tuple[Any, Any]:
+        """Directions and origins of all pixels in S, float32."""
+        if wet not in self._bundles:
+            found = outside(self._window, self._directions, WATER_INDEX if wet else 1.0)
+            origin = found.origin if self._window is not None else np.zeros((1, 3))
+            self._bundles[wet] = found.direction.astype(np.float32), origin.astype(np.float32)
+        return self._bundles[wet]
+
+    def cast(self, view: View) -> tuple[FloatArray, Any]:
+        """Find what each pixel sees; returns the base of the picture (3, N), and THING."""
+        lens, buffers = self.lens, self.buffers
+        base = np.array(view.first.p)
+        table, start = self._bundle(view.depth > 0.0)
+        R, p = _rows(view, lens.height, base)
+        rays.aim(table, start, lens.width, R, p, buffers.origin, buffers.direction)
+        things = view.look.made().placed(view.state, base)
+        buffers.clear()
+        for plane in view.look.made().planes:
+            rays.meet_floor(
+                buffers.origin,
+                buffers.direction,
+                plane.p - base,
+                plane.normal,
+                plane.face,
+                buffers.distance,
+                buffers.face,
+            )
+        for placed in view.look.made().scenes:
+            row = things["row"][placed.thing]
+            buffers.cast(placed._replace(own=bool(row >= 0 and row == view.own)), things, view.look.made().faces)
+        return base, things
+
+    def form(self, view: View, shadows: bool = True) -> Any:
+        """Radiance (n, 3) of a picture, lux/sr; overwritten by the next one."""
+        base, things = self.cast(view)
+        lens, buffers, visible = self.lens, self.buffers, view.look.made()
+        north, east, down = base.tolist()
+        water = view.water if view.depth > 0.0 else AIR
+        sea = formation.sea_row(view.water, view.day, (north, east, down), view.depth, 1.0 / lens.fx)
+        lamps = lamp_rows(view, base)
+        lit: Any = np.ones((len(lamps), buffers.n), np.uint8)
+        if shadows:
+            self._shadows(view, things, lamps, lit, water)
+        attenuation, scattering = np.array(water.attenuation), np.array(water.scattering)
+        veil = veil_of(
+            lamps[:0] if water is AIR else lamps,
+            (buffers.origin, buffers.direction),
+            lens.width,
+            attenuation,
+            scattering,
+        )
+        tile = caustics.tile(view.t)
+        formation.form(
+            sea, buffers.origin, buffers.direction, buffers.distance, buffers.face, visible.faces, things, visible.shifts(),
+            visible.atlas.texels, visible.atlas.levels, self._light, lamps, lit, veil, RANGES, tile, lens.width, self.radiance,
+        )  # fmt: skip
+        if len(self._flakes) and view.depth > 0.0:
+            wide = lens.fx * (WATER_INDEX if isinstance(self._window, FlatPort) else 1.0)
+            snow.add_flakes(
+                self._flakes, snow.drifted((north, east, down), view.current, view.t), snow.CUBE_M, np.array(matrix(view.first.q)),
+                np.array((wide, wide * lens.fy / lens.fx, lens.cx, lens.cy)), lens.width, lens.height, 0.5 * _SNOW_REACH_M, sea, lamps,
+                buffers.distance, snow.ALBEDO, self.radiance,
+            )  # fmt: skip
+        return self.radiance
+
+    def _shadows(self, view: View, things: Any, lamps: Any, lit: Any, water: WaterLight) -> None:
+        """Mark in `lit` what lamps do not reach. A vehicle's own shapes keep none of its own lamps from anything."""
+        buffers = self.buffers
+        if not len(lamps):
+            return
+        points, towards = np.empty((buffers.n, 3), np.float32), np.empty((buffers.n, 3), np.float32)
+        reach: FloatArray = np.empty(buffers.n)
+        day = view.day.illuminance * math.exp(-min(water.fading) * max(view.depth, 0.0))
+        for k in range(len(lamps)):
+            least = max(_LEAST_LUX, _SHADOWED * day)
+            light_rays(
+                lamps[k : k + 1], buffers.origin, buffers.direction, buffers.distance, least, min(water.attenuation), points, towards, reach
+            )  # fmt: skip
+            for placed in view.look.made().scenes:
+                row = things["row"][placed.thing]
+                if row < 0 or row != lamps["row"][k]:
+                    buffers.shade(placed, things, points, towards, reach, lit[k])
+
+    def depth_mm(self, view: View) -> Any:
+        """(h, w) uint16: distance along the optical axis from the pupil, mm; 0 where nothing is nearer than 65.5 m."""
+        self.cast(view)
+        out: Any = np.empty(self.buffers.n, np.uint16)
+        table, start = self._bundle(view.depth > 0.0)
+        rays.depths(table, start, self.buffers.distance, out)
+        return out.reshape(self.lens.height, self.lens.width)
+
+    def ids(self, view: View) -> tuple[Any, FloatArray]:
+        """(h, w) uint16 ids of the objects, 0 for none; and (objects, 2) pixels of each that are seen, and that would be if it were alone."""
+        _, things = self.cast(view)
+        buffers, visible = self.buffers, view.look.made()
+        out: Any = np.empty(buffers.n, np.uint16)
+        rays.owners(buffers.face, visible.faces, things, out)
+        counts: FloatArray = np.zeros((len(visible.names), 2))
+        counts[:, 0] = np.bincount(out, minlength=len(visible.names))
+        base = np.array(view.first.p)
+        for plane in visible.planes:
+            buffers.clear()
+            rays.meet_floor(
+                buffers.origin,
+                buffers.direction,
+                plane.p - base,
+                plane.normal,
+                plane.face,
+                buffers.distance,
+                buffers.face,
+            )
+            counts[visible.ids[plane.thing], 1] += np.count_nonzero(buffers.face >= 0)
+        for number, thing, scene in visible.alone():
+            own = bool(things["row"][thing] >= 0 and things["row"][thing] == view.own)
+            counts[number, 1] += buffers.count(
+                rays.Placed(scene, thing, visible.first_of(thing), own), things, visible.faces
+            )
+        return out.reshape(self.lens.height, self.lens.width), counts
+
+
+def _rows(view: View, height: int, base: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(h, 3, 3) and (h, 3) pose of the camera about the base when each row is read."""
+    R, p = np.empty((height, 3, 3)), np.zeros((height, 3))
+    first, last = view.first, view.last
+    if first == last:
+        R[:] = np.array(matrix(first.q))
+        return R, p
+    way = np.array(last.p) - base
+    q0, q1 = np.array(first.q), np.array(last.q)
+    q1 = q1 if q0 @ q1 >= 0.0 else -q1
+    for row in range(height):
+        part = row / max(height - 1, 1)
+        q = q0 + part * (q1 - q0)
+        w, x, y, z = (q / np.linalg.norm(q)).tolist()
+        R[row], p[row] = matrix((w, x, y, z)), part * way
+    return R, p
+
+
+def lamp_rows(view: View, base: FloatArray) -> Any:
+    """LAMP of all lamps that shine."""
+    rows: Any = np.zeros(len(view.lamps), LAMP)
+    for row, lamp in zip(rows, view.lamps, strict=True):
+        x = view.state[lamp.row].tolist()
+        q_NB: Quat = (x[3], x[4], x[5], x[6])
+        dx, dy, dz = rotate(q_NB, lamp.p)
+        row["p"] = np.array((x[0] + dx, x[1] + dy, x[2] + dz)) - base
+        row["axis"] = rotate(multiply(q_NB, lamp.q), (1.0, 0.0, 0.0))
+        row["exponent"] = exponent_of(lamp.cone)
+        row["candela"], row["row"] = candelas(lamp.lumens, row["exponent"]), lamp.row
+    return rows

@@ -1,0 +1,287 @@
+"""Which triangle each pixel sees: rays of a picture against all that stands and moves (compiled but for the engine).
+
+Directions and starts are float32, about a place near the camera; where a ray meets its triangle is worked out in float64. An engine knows no
+instances: what moves has a scene in its own frame, shared by what is alike, and only rays that pass the ball around it go there.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from uwserver.physics.kernel.arrays import Array, FloatArray
+from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.physics.rays.casting import Picker, make_picker
+
+NOTHING = -1
+THING = np.dtype(
+    [
+        ("R", "f8", (3, 3)),  # attitude of its frame in N
+        ("p", "f8", (3,)),  # origin of its faces about the base of the picture, N, m
+        ("id", "i4"),  # in pictures of mode segmentation
+        ("row", "i4"),  # of its body, -1 for what never moves
+    ]
+)
+"""What faces belong to; made anew for each picture."""
+
+_HIDDEN = 8
+"""Hidden faces of the camera's own vehicle that a ray passes at most."""
+_AHEAD = 1e-4
+"""m; a ray goes on so far behind a hidden face."""
+
+
+class PickScene(NamedTuple):
+    """Triangles in one frame with what finds the first that a ray meets.
+
+    Attributes:
+        picker: of the engine.
+        centre: (3) of its origin in the frame of the things, m.
+        radius: of the ball about it, m.
+        triangles: how many.
+    """
+
+    picker: Picker
+    centre: FloatArray
+    radius: float
+    triangles: int
+
+
+class Placed(NamedTuple):
+    """A scene in a picture: the row of THING that places it, and its first row of FACE; whether the camera sits in it."""
+
+    scene: PickScene
+    thing: int
+    first: int
+    own: bool = False
+
+
+def pick_scene(corners: FloatArray, centre: FloatArray) -> PickScene:
+    """A scene of triangles (n, 3, 3) about a centre (3)."""
+    about = corners - centre
+    radius = float(np.sqrt((about**2).sum(axis=2).max()))
+    return PickScene(make_picker(np.ascontiguousarray(about, np.float64), robust=False), centre, radius, len(corners))
+
+
+class Buffers:
+    """Arrays of one camera for n rays, and its results.
+
+    Attributes:
+        origin, direction: (n, 3) float32 of the rays, about the base, N.
+        distance: (n) m, inf where nothing is met.
+        face: (n) row of FACE that is met, -1 for none.
+    """
+
+    def __init__(self, n: int) -> None:
+        single, self.n = np.float32, n
+        self.origin: Any = np.zeros((n, 3), single)
+        self.direction: Any = np.zeros((n, 3), single)
+        self.distance: FloatArray = np.empty(n)
+        self.face: Any = np.empty(n, np.int32)
+        self._start: Any = np.empty((n, 3), single)
+        self._towards: Any = np.empty((n, 3), single)
+        self._limit: Any = np.empty(n, single)
+        self._index: Any = np.empty(n, np.int32)
+        self._gone: FloatArray = np.zeros(n)
+
+    def clear(self) -> None:
+        """Forget what was met."""
+        self.distance.fill(math.inf)
+        self.face.fill(NOTHING)
+
+    def cast(self, placed: Placed, things: Any, faces: Any) -> None:
+        """Meet a scene, before what was met so far."""
+        scene, thing = placed.scene, things[placed.thing : placed.thing + 1]
+        count = select(
+            self.origin, self.direction, self.distance, thing, scene.radius, self._start, self._towards, self._limit, self._index
+        )  # fmt: skip
+        self._gone[:count] = 0.0
+        for _ in range(_HIDDEN if placed.own else 1):
+            if count == 0:
+                return
+            start, towards, limit = self._start[:count], self._towards[:count], self._limit[:count]
+            picked = scene.picker.pick(start, towards, limit)
+            count = meet(
+                picked, placed.first, faces, placed.own, _AHEAD, self._start, self._towards, self._limit, self._index,
+                self._gone, self.distance, self.face,
+            )  # fmt: skip
+
+    def count(self, placed: Placed, things: Any, faces: Any) -> int:
+        """How many rays a scene would meet if it were alone. Forgets what was met."""
+        self.clear()
+        self.cast(placed, things, faces)
+        return int(np.count_nonzero(self.face != NOTHING))
+
+    def shade(self, placed: Placed, things: Any, points: Any, towards: Any, reach: FloatArray, lit: Any) -> None:
+        """Mark points that a scene keeps a lamp from.
+
+        Args:
+            placed, things: as of `cast`.
+            points, towards: (m, 3) float32: starts and directions to the lamp.
+            reach: (m) m to the lamp; 0 where there is no need to look.
+            lit: (m) uint8, becomes 0.
+        """
+        scene, thing = placed.scene, things[placed.thing : placed.thing + 1]
+        count = select(
+            points, towards, reach, thing, scene.radius, self._start, self._towards, self._limit, self._index
+        )
+        if count:
+            picked = scene.picker.pick(self._start[:count], self._towards[:count], self._limit[:count])
+            darken(picked, self._index, lit)
+
+
+@entry
+def aim(
+    table: Array, start: Array, width: int, R: Array, p: Array, origin: Array, direction: Array
+) -> None:  # fmt: skip
+    """Turn the rays of a lens into N.
+
+    Args:
+        table, start: (n, 3) directions and origins in S; `start` has one row where all begin at the pupil.
+        width: of a row of pixels.
+        R, p: (rows, 3, 3) and (rows, 3): pose of S in N about the base, when each row of pixels is read.
+        origin, direction: (n, 3) receive them.
+    """
+    single = len(start) == 1
+    for row in range(len(R)):
+        for column in range(width):
+            k = row * width + column
+            s = 0 if single else k
+            for i in range(3):
+                direction[k, i] = R[row, i, 0] * table[k, 0] + R[row, i, 1] * table[k, 1] + R[row, i, 2] * table[k, 2]
+                origin[k, i] = (
+                    p[row, i] + R[row, i, 0] * start[s, 0] + R[row, i, 1] * start[s, 1] + R[row, i, 2] * start[s, 2]
+                )
+
+
+@entry
+def meet_floor(
+    origin: Array, direction: Array, point: Array, normal: Array, face: int, distance: Array, met: Array
+) -> None:  # fmt: skip
+    """Meet the plane of a half-space through a point, from outside."""
+    a, b, c = normal[0], normal[1], normal[2]
+    for k in range(len(distance)):
+        approach = a * direction[k, 0] + b * direction[k, 1] + c * direction[k, 2]
+        if approach < 0.0:
+            height = a * (origin[k, 0] - point[0]) + b * (origin[k, 1] - point[1]) + c * (origin[k, 2] - point[2])
+            reached = -height / approach
+            if 0.0 <= reached < distance[k]:
+                distance[k], met[k] = reached, face
+
+
+@entry
+def select(
+    origin: Array, direction: Array, distance: Array, thing: Array, radius: float, start: Array, towards: Array, limit: Array,
+    index: Array,
+) -> int:  # fmt: skip
+    """Bring rays that pass a ball, before what they have met, into its frame.
+
+    Args:
+        origin, direction: (n, 3) of the rays.
+        distance: (n) of what they have met, m; 0 leaves a ray out.
+        thing: (1) THING that places the ball.
+        radius: of it.
+        start, towards, limit, index: (n) receive those rays, and which they are.
+
+    Returns:
+        How many.
+    """
+    R, p, count, square = thing[0].R, thing[0].p, 0, radius * radius
+    for k in range(len(distance)):
+        x, y, z = p[0] - origin[k, 0], p[1] - origin[k, 1], p[2] - origin[k, 2]
+        a, b, c = direction[k, 0], direction[k, 1], direction[k, 2]
+        along, size = a * x + b * y + c * z, x * x + y * y + z * z
+        if distance[k] <= 0.0 or along < -radius or size - along * along > square or along - radius > distance[k]:
+            continue
+        for i in range(3):
+            start[count, i] = -(R[0, i] * x + R[1, i] * y + R[2, i] * z)
+            towards[count, i] = R[0, i] * a + R[1, i] * b + R[2, i] * c
+        limit[count] = min(distance[k], 1e30)
+        index[count] = k
+        count += 1
+    return count
+
+
+@entry
+def meet(
+    picked: Array, first: int, faces: Array, own: bool, ahead: float, start: Array, towards: Array, limit: Array, index: Array,
+    gone: Array, distance: Array, met: Array,
+) -> int:  # fmt: skip
+    """Where rays meet the triangles that the engine has picked.
+
+    Args:
+        picked: (m) of a scene, -1 for none.
+        first: the first row of the scene in `faces`.
+        faces: FACE.
+        own: rays pass hidden faces; those that have to go on move to the front.
+        ahead: m behind a hidden face.
+        start, towards, limit, index: as `select` leaves them.
+        gone: (m) m that each ray has gone before.
+        distance, met: (n) of all rays, follow.
+
+    Returns:
+        How many must go on.
+    """
+    count = 0
+    for m in range(len(picked)):
+        if picked[m] < 0:
+            continue
+        face = faces[first + picked[m]]
+        reached, approach = _reached(face.corners, start[m], towards[m])
+        if own and approach > 0.0:
+            on = reached + ahead
+            if limit[m] > on:
+                for i in range(3):
+                    start[count, i] = start[m, i] + on * towards[m, i]
+                    towards[count, i] = towards[m, i]
+                limit[count], index[count], gone[count] = limit[m] - on, index[m], gone[m] + on
+                count += 1
+            continue
+        k, far = index[m], gone[m] + reached
+        if reached >= 0.0 and far < distance[k]:
+            distance[k], met[k] = far, first + picked[m]
+    return count
+
+
+@compiled
+def _reached(corners: Array, o: Array, d: Array) -> tuple[float, float]:
+    """How far along a ray the plane of a triangle is, and the rate at which the ray leaves it: negative from outside."""
+    ax, ay, az = float(corners[0, 0]), float(corners[0, 1]), float(corners[0, 2])
+    ux, uy, uz = corners[1, 0] - ax, corners[1, 1] - ay, corners[1, 2] - az
+    vx, vy, vz = corners[2, 0] - ax, corners[2, 1] - ay, corners[2, 2] - az
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    approach = nx * d[0] + ny * d[1] + nz * d[2]
+    if approach == 0.0:
+        return -1.0, 0.0
+    return (nx * (ax - o[0]) + ny * (ay - o[1]) + nz * (az - o[2])) / approach, approach
+
+
+@entry
+def darken(picked: Array, index: Array, lit: Array) -> None:
+    """Rays (m) that met something are in its shadow."""
+    for m in range(len(picked)):
+        if picked[m] >= 0:
+            lit[index[m]] = 0
+
+
+@entry
+def depths(table: Array, start: Array, distance: Array, out: Array) -> None:
+    """Distances of what rays meet along the optical axis, mm in 16 bits; 0 where there is nothing, or farther than they tell.
+
+    Args:
+        table, start: as of `aim`.
+        distance: (n) along the rays.
+        out: (n) uint16, receives them.
+    """
+    single = len(start) == 1
+    for k in range(len(out)):
+        along = 1e3 * (distance[k] * table[k, 0] + start[0 if single else k, 0]) + 0.5
+        out[k] = int(along) if 0.0 < along < 65536.0 else 0
+
+
+@entry
+def owners(met: Array, faces: Array, things: Array, out: Array) -> None:
+    """Ids (n, uint16) of the objects that rays meet; 0 for none."""
+    for k in range(len(out)):
+        out[k] = things[faces[met[k]].thing].id if met[k] >= 0 else 0

@@ -1,0 +1,117 @@
+"""Marine snow: flakes that stand in the water before the camera, lit as the water is (compiled).
+
+Flakes are those of a cube that repeats through all of the sea and drifts with the current, so they stay where they are when the camera moves.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from uwserver.physics.kernel.arrays import Array, FloatArray
+from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.sensors.optical.camera.lamps import intensity
+
+CUBE_M = 2.0
+"""Side of the cube."""
+_SINKING_MPS = 0.001
+"""100 m a day (A. L. Alldredge and C. Gotschalk, In situ settling behavior of marine snow, Limnol. Oceanogr. 33 (1988) 339: 16 to 368)."""
+ALBEDO = 0.35
+
+
+def flakes(density: float) -> FloatArray:
+    """(n, 4) places in the cube, m, and radii, m, of so many a cubic metre: 0.5 to 3 mm across, small ones more often."""
+    rng = np.random.Generator(np.random.PCG64(7))
+    n = round(min(density, 1e5) * CUBE_M**3)
+    places = rng.random((n, 3)) * CUBE_M
+    radius = 0.25e-3 * (1.0 - rng.random(n) * (1.0 - 6.0**-2.0)) ** -0.5
+    found: FloatArray = np.column_stack((places, radius))
+    return found
+
+
+def drifted(base: tuple[float, float, float], current: tuple[float, float, float], t: float) -> FloatArray:
+    """Where the base of a picture is in the cube that has drifted with the current (m/s, N) for t (s)."""
+    x = [(p - v * t) % CUBE_M for p, v in zip(base, current, strict=True)]
+    x[2] = (x[2] - _SINKING_MPS * t) % CUBE_M
+    return np.array(x)
+
+
+@entry
+def add_flakes(
+    flakes: Array, base: Array, cube: float, R: Array, lens: Array, width: int, height: int, reach: float, sea: Array, lamps: Array,
+    distance: Array, albedo: float, radiance: Array,
+) -> int:  # fmt: skip
+    """Draw what is nearer than the things behind it.
+
+    Args:
+        flakes: (n, 4).
+        base: (3) of the picture in the cube, see `drifted`.
+        cube: its side, m.
+        R: (3, 3) attitude of S in N.
+        lens: (4) focal lengths in water and principal point, pixels; near enough for specks.
+        width, height: of the picture.
+        reach: m; farther ones are too small.
+        sea, lamps: of `formation.form`.
+        distance: (n) of the pixels.
+        albedo: of a flake.
+        radiance: (n, 3), to which they are added by the part of a pixel that they cover.
+
+    Returns:
+        How many are drawn.
+    """
+    s, drawn = sea[0], 0
+    half = 0.5 * cube
+    x = np.empty(3)
+    for m in range(len(flakes)):
+        far = 0.0
+        for i in range(3):
+            x[i] = (flakes[m, i] - base[i] + half) % cube - half
+            far += x[i] * x[i]
+        far = math.sqrt(far)
+        ahead = R[0, 0] * x[0] + R[1, 0] * x[1] + R[2, 0] * x[2]
+        if far > reach or ahead < 0.03 or x[2] <= s.surface:
+            continue
+        right = R[0, 1] * x[0] + R[1, 1] * x[1] + R[2, 1] * x[2]
+        down = R[0, 2] * x[0] + R[1, 2] * x[1] + R[2, 2] * x[2]
+        u, v = lens[0] * right / ahead + lens[2], lens[1] * down / ahead + lens[3]
+        size = max(lens[0] * flakes[m, 3] / ahead, 0.35)
+        if not (-size <= u <= width - 1 + size and -size <= v <= height - 1 + size):
+            continue
+        cover = min((lens[0] * flakes[m, 3] / ahead) ** 2 / (size * size), 1.0)
+        # What is out of focus near by is spread.
+        blur = min(0.006 * lens[0] * max(0.12 / ahead - 0.3, 0.0), 8.0)
+        cover *= size * size / ((size + blur) * (size + blur))
+        _draw(s, lamps, x, far, u, v, size + blur, cover, width, height, distance, albedo, radiance)
+        drawn += 1
+    return drawn
+
+
+@compiled
+def _draw(
+    s: Any, lamps: Array, x: Array, far: float, u: float, v: float, size: float, cover: float, width: int, height: int, distance: Array,
+    albedo: float, radiance: Array,
+) -> None:  # fmt: skip
+    """One flake: a soft disc of `size` pixels about (u, v)."""
+    glow = np.empty(3)
+    for i in range(3):
+        glow[i] = 0.5 * s.above * s.entered * math.exp(-s.fading[i] * max(x[2] - s.surface, 0.0))
+    for lamp in lamps:
+        lx, ly, lz = x[0] - lamp.p[0], x[1] - lamp.p[1], x[2] - lamp.p[2]
+        away = max(math.sqrt(lx * lx + ly * ly + lz * lz), 0.05)
+        lux = intensity(lamp, lx, ly, lz, away) / (away * away)
+        for i in range(3):
+            glow[i] += lux * math.exp(-s.attenuation[i] * away)
+    for i in range(3):
+        glow[i] *= albedo / math.pi * math.exp(-s.attenuation[i] * far)
+    top, bottom = max(int(v - size), 0), min(int(v + size) + 1, height - 1)
+    left, right = max(int(u - size), 0), min(int(u + size) + 1, width - 1)
+    for row in range(top, bottom + 1):
+        for column in range(left, right + 1):
+            off = math.hypot(column - u, row - v)
+            share = cover * min(max(size + 0.5 - off, 0.0), 1.0)
+            k = row * width + column
+            if share > 0.0 and distance[k] > far:
+                for i in range(3):
+                    radiance[k, i] += share * (glow[i] - radiance[k, i] * 0.5)

@@ -1,0 +1,44 @@
+"""What a picture is made of."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from uwserver.environment.light import Daylight, WaterLight
+from uwserver.frames import Quat, Vec3
+from uwserver.physics.kernel.arrays import FloatArray
+
+
+class Pose(NamedTuple):
+    """Of a camera: p_NS (m) and q_NS."""
+
+    p: Vec3
+    q: Quat
+
+
+class View(NamedTuple):
+    """What a picture is made of, copied from the world at one instant.
+
+    Attributes:
+        t: simulation time, s.
+        look: a `visible.Look` at what there is.
+        state: (n, 13) of the bodies.
+        first, last: poses of the camera when the first and the last row of pixels are read.
+        depth: of the camera below the surface, m; negative in air.
+        water, day: light.
+        lamps: `lamps.LampAt` of all that shine.
+        current: of the water, m/s, N.
+        own: row of the camera's vehicle; -1 for none.
+    """
+
+    t: float
+    look: Any
+    state: FloatArray
+    first: Pose
+    last: Pose
+    depth: float
+    water: WaterLight
+    day: Daylight
+    lamps: tuple[Any, ...] = ()
+    current: Vec3 = (0.0, 0.0, 0.0)
+    own: int = -1

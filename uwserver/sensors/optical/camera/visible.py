@@ -1,0 +1,281 @@
+"""All that cameras see of a world: triangles with their paint, and scenes to cast rays at; made anew when bodies come or go."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from uwserver.physics.geometry.shapes import Solid
+from uwserver.physics.kernel.arrays import FloatArray, IntArray
+from uwserver.sensors.optical.camera.faces import FACE, Paint, blank_faces, floors, solid_faces
+from uwserver.sensors.optical.camera.gltf import BadLooks, Looks, read_glb
+from uwserver.sensors.optical.camera.rays import THING, PickScene, Placed, pick_scene
+from uwserver.sensors.optical.camera.textures import Atlas, BadTexture, Picture
+
+LATTICE_M = 1024.0
+"""Between centres of scenes of what never moves, so that something far away makes nothing near by coarser."""
+
+
+class Seen(NamedTuple):
+    """One thing of a world.
+
+    Attributes:
+        name: of the structure or body.
+        solid: its shapes, in N or B; None for one that has looks alone.
+        paint: of these.
+        looks: a .glb file that is shown instead, b"" for none.
+        row: of its body, -1 for what never moves.
+        p, R: where looks lie in the frame of the solid.
+    """
+
+    name: str
+    solid: Solid | None
+    paint: Paint
+    looks: bytes = b""
+    row: int = -1
+    p: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    R: FloatArray | None = None
+
+
+class _Plane(NamedTuple):
+    """A half-space: a point of it and its normal, N; its face."""
+
+    p: FloatArray
+    normal: FloatArray
+    face: int
+    thing: int
+
+
+class Models:
+    """Faces of what was seen before, so that what is alike shares them, and nothing is worked out twice."""
+
+    def __init__(self) -> None:
+        self._faces: dict[tuple[int, int], tuple[object, Any, list[Picture]]] = {}
+        self._scenes: dict[int, tuple[object, PickScene]] = {}
+        self._faults: dict[str, None] = {}
+
+    @property
+    def faults(self) -> list[str]:
+        """What could not be shown as it is."""
+        return [*self._faults]
+
+    def faces(self, seen: Seen) -> tuple[Any, list[Picture]]:
+        """FACE in the frame of its solid, and its pictures."""
+        key = id(seen.looks), id(seen.solid)
+        if key not in self._faces:
+            self._faces[key] = ((seen.looks, seen.solid), *self._made(seen))
+        return self._faces[key][1:]
+
+    def _made(self, seen: Seen) -> tuple[Any, list[Picture]]:
+        if seen.looks:
+            try:
+                looks: Looks = read_glb(seen.looks)
+            except BadLooks as error:
+                self._faults[f"{seen.name}: {error}"] = None
+            else:
+                self._faults.update(dict.fromkeys(f"{seen.name}: {fault}" for fault in looks.faults))
+                faces = looks.faces.copy()
+                if seen.R is not None:
+                    faces["corners"] = faces["corners"] @ seen.R.T + np.array(seen.p)
+                    faces["normals"] = faces["normals"] @ seen.R.T
+                return faces, looks.pictures
+        return (blank_faces(0) if seen.solid is None else solid_faces(seen.solid, seen.paint)), []
+
+    def moving(self, faces: Any) -> PickScene:
+        """The scene of what moves, in its own frame."""
+        if id(faces) not in self._scenes:
+            corners = faces["corners"].astype(np.float64)
+            flat = corners.reshape(-1, 3)
+            self._scenes[id(faces)] = faces, pick_scene(corners, 0.5 * (flat.min(axis=0) + flat.max(axis=0)))
+        return self._scenes[id(faces)][1]
+
+    def atlas(self, pictures: Sequence[Picture]) -> Atlas:
+        """All pictures; none where they are too many."""
+        try:
+            return Atlas(pictures)
+        except BadTexture as error:
+            self._faults[str(error)] = None
+            return Atlas()
+
+
+class Look:
+    """At all things of one moment, from which faces are made by who looks first: the thread that makes pictures."""
+
+    def __init__(self, things: Iterable[Seen], models: Models) -> None:
+        self._things, self._models = tuple(things), models
+        self._made: Visible | None = None
+
+    def made(self) -> Visible:
+        """The catalogue. In one thread at a time."""
+        if self._made is None:
+            self._made = Visible(self._things, self._models)
+        return self._made
+
+
+class Watch:
+    """Looks at things that come and go."""
+
+    def __init__(self, things: Callable[[], Iterable[Seen]], who: Callable[[], Hashable]) -> None:
+        """things: tells all that can be seen; `who`: another value when bodies came or went."""
+        self._things, self._who, self._models = things, who, Models()
+        self._look: tuple[Hashable, Look] | None = None
+
+    def look(self) -> Look:
+        """At all that is there now; the same until bodies come or go."""
+        who = self._who()
+        if self._look is None or self._look[0] != who:
+            self._look = who, Look(self._things(), self._models)
+        return self._look[1]
+
+    def faults(self) -> list[str]:
+        """What cannot be shown as it is, as texts; makes what is looked at. Before anything runs."""
+        self.look().made()
+        return self._models.faults
+
+
+class Visible:
+    """A catalogue of faces, and how to place them.
+
+    Attributes:
+        names: of the objects, by id; id 0 is none.
+        faces: FACE of all.
+        scenes: what rays are cast at.
+        planes: half-spaces.
+        rows: (things) row of the body that carries each, -1 for none.
+        centres: (things, 3) of the faces in the frame of the body, or in N.
+        ids: (things) of the objects.
+        atlas: of the textures.
+    """
+
+    def __init__(self, things: Iterable[Seen], models: Models) -> None:
+        """Of these things, with the models that are known."""
+        self.names: list[str] = [""]
+        self._parts: list[Any] = []
+        self._count = 0
+        self._pictures: list[Picture] = []
+        self._places: list[tuple[int, FloatArray, int]] = []
+        self.scenes: list[Placed] = []
+        self.planes: list[_Plane] = []
+        self._alone: list[tuple[int, int, PickScene]] | None = None
+        still: dict[tuple[float, ...], list[Any]] = {}
+        for seen in things:
+            number = len(self.names)
+            self.names.append(seen.name)
+            faces, pictures = models.faces(seen)
+            faces = self._numbered(faces, pictures)
+            if seen.row >= 0:
+                if len(faces):
+                    self._move(faces, models.moving(models.faces(seen)[0]), seen.row, number)
+                continue
+            if seen.solid is not None:
+                self._lay(seen, number)
+            if len(faces):
+                flat = faces["corners"].reshape(-1, 3).astype(np.float64)
+                about = LATTICE_M * np.round(0.5 * (flat.min(axis=0) + flat.max(axis=0)) / LATTICE_M)
+                faces["thing"] = number  # for now
+                still.setdefault(tuple(about.tolist()), []).append(faces)
+        for about_m, parts in still.items():
+            self._stand(np.array(about_m), parts)
+        self.scenes.sort(key=lambda placed: self._places[placed.thing][0] >= 0)  # the most is met first
+        self.faces: Any = np.concatenate(self._parts) if self._parts else np.zeros(0, FACE)
+        self.rows: IntArray = np.array([row for row, _, _ in self._places], np.int64)
+        self.centres: FloatArray = np.array([centre for _, centre, _ in self._places]).reshape(-1, 3)
+        self.ids: IntArray = np.array([number for _, _, number in self._places], np.int64)
+        self.atlas = models.atlas(self._pictures)
+        number_of = np.append(np.array(self.atlas.numbers, np.int32), -1)
+        wanted = self.faces["texture"]
+        self.faces["texture"] = number_of[np.where(wanted < len(self.atlas.numbers), wanted, -1)]
+
+    def _numbered(self, faces: Any, pictures: list[Picture]) -> Any:
+        """A copy, whose textures are numbered among all."""
+        faces = faces.copy()
+        faces["texture"] = np.where(faces["texture"] >= 0, faces["texture"] + len(self._pictures), -1)
+        self._pictures += pictures
+        return faces
+
+    def _place(self, row: int, centre: FloatArray, number: int) -> int:
+        self._places.append((row, centre, number))
+        return len(self._places) - 1
+
+    def _add(self, faces: Any) -> int:
+        first = self._count
+        self._parts.append(faces)
+        self._count += len(faces)
+        return first
+
+    def _move(self, faces: Any, scene: PickScene, row: int, number: int) -> None:
+        thing = self._place(row, scene.centre, number)
+        faces["corners"] -= scene.centre.astype(np.float32)
+        faces["thing"] = thing
+        self.scenes.append(Placed(scene, thing, self._add(faces)))
+
+    def _stand(self, about: FloatArray, parts: list[Any]) -> None:
+        """One scene of all that stands about a place of the lattice."""
+        first, things = self._count, []
+        for faces in parts:
+            number = int(faces["thing"][0])
+            things.append(self._place(-1, about, number))
+            faces["corners"] = faces["corners"].astype(np.float64) - about
+            faces["thing"] = things[-1]
+            self._add(faces)
+        corners = np.concatenate([faces["corners"] for faces in parts]).astype(np.float64)
+        scene = pick_scene(corners, np.zeros(3))
+        self.scenes.append(Placed(scene._replace(centre=about), things[0], first))
+
+    def _lay(self, seen: Seen, number: int) -> None:
+        """The half-spaces of a thing, each with a face that stands for all of it."""
+        assert seen.solid is not None
+        for floor in floors(seen.solid, seen.paint):
+            thing = self._place(-1, floor.p, number)
+            face = blank_faces(1)
+            across = np.cross(floor.normal, (0.0, 1.0, 0.0) if abs(floor.normal[1]) < 0.9 else (1.0, 0.0, 0.0))
+            across /= np.linalg.norm(across)
+            face["corners"][0, 1], face["corners"][0, 2] = across, np.cross(floor.normal, across)
+            face["normals"][0], face["colour"], face["pattern"] = floor.normal, floor.colour, seen.paint.pattern
+            face["thing"] = thing
+            self.planes.append(_Plane(floor.p, floor.normal, self._add(face), thing))
+
+    def alone(self) -> list[tuple[int, int, PickScene]]:
+        """Each meshed part of an object by itself: id, row of THING, and its scene; made when somebody asks first."""
+        if self._alone is None:
+            self._alone = []
+            of = self.faces["thing"]
+            flat = {plane.thing for plane in self.planes}
+            for thing in range(len(self.rows)):
+                if thing not in flat:
+                    corners = self.faces["corners"][of == thing].astype(np.float64)
+                    self._alone.append((int(self.ids[thing]), thing, pick_scene(corners, np.zeros(3))))
+        return self._alone
+
+    def first_of(self, thing: int) -> int:
+        """The first row of FACE of a row of THING."""
+        return int(np.argmax(self.faces["thing"] == thing))
+
+    def placed(self, state: FloatArray, base: FloatArray) -> Any:
+        """THING of a picture.
+
+        Args:
+            state: (m, 13) of the bodies.
+            base: (3) of the picture, N.
+        """
+        things: Any = np.zeros(len(self.rows), THING)
+        things["id"], things["row"], things["R"] = self.ids, self.rows, np.eye(3)
+        things["p"] = self.centres - base
+        for k in np.flatnonzero(self.rows >= 0):
+            x = state[self.rows[k]]
+            R = _matrix(x[3:7])
+            things["R"][k], things["p"][k] = R, x[0:3] + R @ self.centres[k] - base
+        return things
+
+    def shifts(self) -> FloatArray:
+        """(things, 3) by which the frame of their faces lies off that of their patterns, m."""
+        return self.centres
+
+
+def _matrix(q: FloatArray) -> FloatArray:
+    from uwserver.frames import matrix
+
+    w, x, y, z = q.tolist()
+    return np.array(matrix((w, x, y, z)))
