@@ -54,9 +54,7 @@ class Datagrams:
 
         def answered(answer: Answer | Progress) -> None:
             if isinstance(answer, Answer):
-                fault = "" if answer.fault is None else answer.fault.code
-                told = wire.OK if not fault else wire.BUSY if fault == "busy" else wire.FAIL
-                reply(encode(Message(wire.DAT_SEND, bytes((told, destination)))))
+                reply(encode(Message(wire.DAT_SEND, bytes((_status(answer), destination)))))
 
         value = {"destination": destination, "data": payload[3:], "acknowledge": float(wants)}
         try:
@@ -72,6 +70,8 @@ class Datagrams:
         destination, kind, length = payload[:3]
         if length != len(payload) - 3 or length > LONGEST:
             return f"a datagram of {length} bytes: {len(payload) - 3} are there, at most {LONGEST}", wire.PARAM_INVALID
+        if not length and kind in (wire.ONE_WAY, wire.ONE_WAY_USBL):
+            return "a datagram without data that wants no answer", wire.PARAM_INVALID
         if destination > 15 or destination == self._own:
             return f"beacon {destination}: 0 to 15, and not its own", wire.PARAM_INVALID
         if kind not in (wire.ONE_WAY, wire.ONE_WAY_USBL, wire.REQ, wire.REQU, wire.REQX):
@@ -109,3 +109,11 @@ class Datagrams:
             p_N = rotate(local.q_NS, p_S)
         travel_time = 0.0 if reach is None else 2.0 * reach / local.sound_speed
         return Found(reach, travel_time, bearing, elevation, p_N)
+
+
+def _status(answer: Answer) -> int:
+    if answer.fault is None:
+        return wire.OK
+    # Actuators have one code for all that they object to: that a modem sends already stands in the text alone.
+    is_busy = answer.fault.code == "busy" or " is busy" in answer.fault.text
+    return wire.BUSY if is_busy else wire.FAIL

@@ -55,14 +55,21 @@ def test_a_datagram_goes_to_the_modem_and_is_acknowledged_when_it_took_it():
     asyncio.run(scene())
 
 
-@pytest.mark.parametrize(("code", "told"), [("busy", 0x30), ("bad_argument", 0x01)])
-def test_what_the_modem_refuses_is_told(code: Any, told: int):
+@pytest.mark.parametrize(
+    ("code", "text", "told"),
+    [
+        ("busy", "", 0x30),
+        ("bad_argument", '"rov/modem/send" is busy: it sends until 3.1 s', 0x30),
+        ("bad_argument", "no", 0x01),
+    ],
+)
+def test_what_the_modem_refuses_is_told(code: Any, text: str, told: int):
     async def scene() -> None:
         device, context = make()
         context.held.add("rov/modem/send")
         replies, _ = ask(device, send(2, 0, 1, data=b"x"))
         assert replies == []
-        context.calls[0].finish(Answer(0, 0, fault=Fault(code, "no")))
+        context.calls[0].finish(Answer(0, 0, fault=Fault(code, text)))
         assert replies == [encode(Message(0x60, bytes((told, 2))))]
 
     asyncio.run(scene())
@@ -70,8 +77,8 @@ def test_what_the_modem_refuses_is_told(code: Any, told: int):
 
 @pytest.mark.parametrize(
     ("data", "code"),
-    [(send(2), 0x04), (send(2, 0, 3, data=b"xx"), 0x05), (send(2, 0, 32, data=bytes(32)), 0x05), (send(15, 0, 0), 0x05),
-     (send(16, 0, 0), 0x05), (send(2, 3, 0), 0x05), (send(0, 2, 0), 0x05)],
+    [(send(2), 0x04), (send(2, 0, 3, data=b"xx"), 0x05), (send(2, 0, 32, data=bytes(32)), 0x05), (send(15, 2, 0), 0x05),
+     (send(16, 2, 0), 0x05), (send(2, 0, 0), 0x05), (send(2, 3, 1, data=b'x'), 0x05), (send(0, 2, 0), 0x05)],
 )  # fmt: skip
 def test_what_cannot_be_sent_is_answered_by_the_makers_code(data: bytes, code: int):
     device, context = make()
