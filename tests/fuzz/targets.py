@@ -823,11 +823,12 @@ class DeviceMessages(InLoop):
         self._context = devices_rig.make_context()
         table: Any = {"tcp_port": 0}
         beacons = {"pole": seatrac.SeaTracBeacon(id=1)}
+        acoustic: Any = {"usbl": "rov/usbl", "attitude": "rov/attitude", "modem": "rov/modem"}
         inertial = {"imu": "rov/imu", "attitude": "rov/attitude", "gps": "rov/gps", "model": "VN-200"}
         self._devices: dict[str, Any] = {
             "ping360": ping360.Ping360Table(sensor="rov/sonar", **table).build(self._context),
             "vectornav": vectornav.VectorNavTable(**inertial, **table).build(self._context),
-            "seatrac": seatrac.SeaTracTable(usbl="rov/usbl", attitude="rov/attitude", beacons=beacons, **table).build(self._context),
+            "seatrac": seatrac.SeaTracTable(**acoustic, beacons=beacons, **table).build(self._context),
             "xsens": xsens.XsensTable(imu="rov/imu", attitude="rov/attitude", **table).build(self._context),
             "oculus": oculus.OculusTable(sonar="rov/multibeam", **table).build(self._context),
         }  # fmt: skip
@@ -941,8 +942,8 @@ class DeviceMessages(InLoop):
 
     def _seatrac(self) -> bytes:
         dice = self._dice
-        number = dice.one((0x01, 0x02, 0x03, 0x10, 0x11, 0x12, 0x3A, 0x40, 0x40, 0x50, dice.below(256)))
-        payload = dice.one((b"\x01\x04", b"\x01\x0f\x00", b"\x02\x04", b"", dice.bytes(8)))
+        number = dice.one((0x01, 0x02, 0x03, 0x10, 0x11, 0x12, 0x3A, 0x40, 0x40, 0x50, 0x60, 0x60, dice.below(256)))
+        payload = dice.one((b"\x01\x04", b"\x01\x0f\x00", b"\x02\x04", b"\x02\x02\x03abc", b"", dice.bytes(8)))
         return seatrac_messages.encode(seatrac_messages.Message(number, payload), b"#")
 
     def _oculus(self) -> bytes:

@@ -118,7 +118,34 @@ MULTIBEAM = Port(
     "Imaging sonar.",
     15.0,
 )
-PORTS = (DVL, ATTITUDE, GPS, ALTIMETER, DEPTH, SONAR, IMU, COMPASS, USBL, MULTIBEAM)
+HEARD = Port(
+    "rov/modem/received",
+    "sensor",
+    "acoustic_modem",
+    (
+        Field("event", "1", "x", type="str"),
+        Field("source", "1", "x", type="int"),
+        Field("destination", "1", "x", type="int"),
+        Field("data", "1", "x", type="bytes"),
+        Field("range", "m", "x"),
+        Field("bearing", "rad", "x"),
+        Field("elevation", "rad", "x"),
+    ),
+    "Modem.",
+    1.0,
+)
+SEND = Port(
+    "rov/modem/send",
+    "actuator",
+    "modem_send",
+    (
+        Field("destination", "1", "x", minimum=0.0, maximum=15.0),
+        Field("data", "1", "x", type="bytes", max_bytes=31),
+        Field("acknowledge", "1", "x", minimum=0.0, maximum=1.0),
+    ),
+    "Modem.",
+)
+PORTS = (DVL, ATTITUDE, GPS, ALTIMETER, DEPTH, SONAR, IMU, COMPASS, USBL, MULTIBEAM, HEARD, SEND)
 SERVICES = (
     Service(
         "rov/dvl/set",

@@ -1,4 +1,4 @@
-"""Blueprint Subsea SeaTrac X150: positions of other beacons by PING and NAV, and its own status."""
+"""Blueprint Subsea SeaTrac X150: positions of other beacons by PING and NAV, datagrams by DAT, and its own status."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from uwserver.table import Name, Table
 from uwserver_adapters.devices import seatrac_messages as wire
 from uwserver_adapters.devices.codec import NANOSECONDS
 from uwserver_adapters.devices.device import DeviceTable, Reply, Source
+from uwserver_adapters.devices.seatrac_datagrams import Datagrams
 from uwserver_adapters.devices.seatrac_messages import CommandReader, Found, Local, Message, encode
 
 BeaconId = Annotated[int, Meta(ge=1, le=15)]
@@ -43,6 +44,7 @@ class SeaTracTable(DeviceTable, tag="seatrac", kw_only=True, frozen=True):
     id: of this beacon.
     attitude: of this beacon, mounted as the sensor; without it there are no positions, only directions.
     depth: of this beacon, a sensor with a field `depth`.
+    modem: of this beacon (``rov/modem``), a modem whose addresses are the beacons' numbers: then it sends and receives datagrams.
     """
 
     usbl: Name
@@ -50,6 +52,7 @@ class SeaTracTable(DeviceTable, tag="seatrac", kw_only=True, frozen=True):
     id: BeaconId = 15
     attitude: Name | None = None
     depth: Name | None = None
+    modem: Name | None = None
 
     def __post_init__(self) -> None:
         """ValueError where two beacons have one number."""
@@ -114,8 +117,11 @@ class SeaTrac:
             name: _Senses(f"beacons.{name}.", beacon.attitude, beacon.depth, context)
             for name, beacon in table.beacons.items()
         }
+        self._modem = Datagrams(table.id, table.modem, context) if table.modem else None
         self.wanted: Collection[str] = {self._usbl.path}.union(
-            self._own.wanted, *(other.wanted for other in self._others.values())
+            self._own.wanted,
+            self._modem.wanted if self._modem else (),
+            *(other.wanted for other in self._others.values()),
         )
         self._there = (wire.ATTITUDE if table.attitude else 0) | (wire.ENVIRONMENT if table.depth else 0)
         self._content = self._there
@@ -144,6 +150,8 @@ class SeaTrac:
 
     def take(self, message: Message, reply: Reply) -> str:
         """A command; its answer has the same number."""
+        if message.number == wire.DAT_SEND and self._modem is not None:
+            return self._modem.send(message.payload, reply)
         answer = self._answers.get(message.number)
         if answer is None:
             return f"command 0x{message.number:02X} is not simulated"
@@ -228,6 +236,8 @@ class SeaTrac:
             other.see(sample)
         if sample.port == self._usbl.path:
             self._see_fix(sample)
+        if self._modem is not None and sample.port in self._modem.wanted:
+            return self._modem.hear(sample, self._own.local)
         self._t_ns = max(self._t_ns, sample.t_ns)
         rate = wire.STATUS_HZ[self._mode]
         period = int(self._t_ns * rate / NANOSECONDS)
@@ -252,9 +262,12 @@ class SeaTrac:
 
     def _answer(self, awaited: _Awaited, said: dict[str, Any]) -> bytes:
         local, remote = self._own.local, self._others[awaited.name].local
-        p_N = None if local.q_NS is None else rotate(local.q_NS, said["p_beacon_S"])
-        found = Found(said["range"], said["travel_time"], said["bearing"], said["elevation"], p_N, remote.depth)
-        record = wire.fix(self._table.id, awaited.number, awaited.request, local, found)
+        found = Found(said["range"], said["travel_time"])
+        if awaited.request != wire.REQ:
+            p_N = None if local.q_NS is None else rotate(local.q_NS, said["p_beacon_S"])
+            depth = remote.depth if awaited.request == wire.REQX else None
+            found = replace(found, bearing=said["bearing"], elevation=said["elevation"], p_N=p_N, depth=depth)
+        record = wire.fix(self._table.id, awaited.number, awaited.request + 1, local, found)
         if awaited.query is None:
             return encode(Message(wire.PING_RESP, record))
         flags, values = 0, b""

@@ -19,11 +19,21 @@ SYS_ALIVE, SYS_INFO, SYS_REBOOT = 0x01, 0x02, 0x03
 STATUS, STATUS_CFG_GET, STATUS_CFG_SET = 0x10, 0x11, 0x12
 XCVR_STATUS, PING_SEND, PING_RESP, PING_ERROR = 0x3A, 0x40, 0x42, 0x43
 NAV_QUERY_SEND, NAV_QUERY_RESP, NAV_ERROR = 0x50, 0x52, 0x53
-OK, PARAM_MISSING, PARAM_INVALID, BUSY, TIMED_OUT, IDLE, REQUESTING = 0x00, 0x04, 0x05, 0x30, 0x34, 0x3B, 0x3D
+DAT_SEND, DAT_RECEIVE, DAT_ERROR = 0x60, 0x61, 0x63
+OK, FAIL, PARAM_MISSING, PARAM_INVALID, BUSY, TIMED_OUT, IDLE, REQUESTING = (
+    0x00,
+    0x01,
+    0x04,
+    0x05,
+    0x30,
+    0x34,
+    0x3B,
+    0x3D,
+)
 ENVIRONMENT, ATTITUDE = 0x01, 0x02
 """What a status message may hold."""
-REQ, REQU, REQX = 2, 4, 6
-"""Requests: for a range, for a direction too, and for the other's depth too. The answer has the next number."""
+ONE_WAY, ONE_WAY_USBL, REQ, REQU, REQX = 0, 1, 2, 4, 6
+"""Messages that want no answer, and requests: for a range, for a direction too, and for the other's depth too. The answer has the next number."""
 RANGE_VALID, USBL_VALID, POSITION_VALID, POSITION_ENHANCED = 0x01, 0x02, 0x04, 0x08
 QUERY_DEPTH, QUERY_SUPPLY, QUERY_TEMPERATURE, QUERY_ATTITUDE = 0x01, 0x02, 0x04, 0x08
 STATUS_HZ = (0.0, 1.0, 2.5, 5.0, 10.0, 25.0)
@@ -147,41 +157,40 @@ class Local(Struct, frozen=True):
 
 
 class Found(Struct, frozen=True):
-    """Where another beacon is.
+    """What is known of where another beacon is; None where it is not.
 
     Attributes:
         reach: m.
         travel_time: there and back, s.
         bearing, elevation: rad; the elevation towards z, downwards.
-        p_N: from this beacon, m; None without an attitude.
-        depth: told by the other one, m; None where it does not.
+        p_N: from this beacon, m; it needs an attitude.
+        depth: told by the other one, m.
     """
 
-    reach: float
-    travel_time: float
-    bearing: float
-    elevation: float
+    reach: float | None = None
+    travel_time: float = 0.0
+    bearing: float | None = None
+    elevation: float = 0.0
     p_N: tuple[float, float, float] | None = None
     depth: float | None = None
 
 
-def fix(own: int, other: int, request: int, local: Local, found: Found) -> bytes:
-    """ACOFIX: the record of a fix. Signal strengths and the error of the fit, which nothing measures, are 0."""
-    has_direction = request != REQ
-    flags = RANGE_VALID | (USBL_VALID if has_direction else 0)
-    position = b""
-    if has_direction and found.p_N is not None:
-        north, east, down = found.p_N
-        flags |= POSITION_VALID
-        depth = (local.depth or 0.0) + down
-        if request == REQX and found.depth is not None:
-            flags, depth = flags | POSITION_ENHANCED, found.depth
-        position = struct.pack("<3h", i16(DECI * east), i16(DECI * north), i16(DECI * depth))
-    head = struct.pack("<BBBB", own, other, flags, request + 1) + local.attitude()
-    head += struct.pack("<HHh", u16(DECI * (local.depth or 0.0)), u16(DECI * local.sound_speed), 0)
-    count, one_way = i32(TIMER_HZ * found.travel_time), i32(0.5 * TENTH_US * found.travel_time)
-    body = struct.pack("<IiH", max(0, count), one_way, u16(DECI * found.reach))
-    if has_direction:
+def fix(own: int, other: int, kind: int, local: Local, found: Found) -> bytes:
+    """ACOFIX: the record of a fix, for a message of a kind. Signal strengths and the error of the fit, which nothing measures, are 0."""
+    flags, body = 0, b""
+    if found.reach is not None:
+        flags |= RANGE_VALID
+        count, one_way = i32(TIMER_HZ * found.travel_time), i32(0.5 * TENTH_US * found.travel_time)
+        body += struct.pack("<IiH", max(0, count), one_way, u16(DECI * found.reach))
+    if found.bearing is not None:
+        flags |= USBL_VALID
         azimuth, upwards = deg(found.bearing) % FULL_TURN_DEG, -deg(found.elevation)
         body += struct.pack("<B4hhhh", CHANNELS, 0, 0, 0, 0, i16(DECI * azimuth), i16(DECI * upwards), 0)
-    return head + body + position
+    if found.p_N is not None:
+        north, east, down = found.p_N
+        flags |= POSITION_VALID | (POSITION_ENHANCED if found.depth is not None else 0)
+        depth = (local.depth or 0.0) + down if found.depth is None else found.depth
+        body += struct.pack("<3h", i16(DECI * east), i16(DECI * north), i16(DECI * depth))
+    head = struct.pack("<BBBB", own, other, flags, kind) + local.attitude()
+    head += struct.pack("<HHh", u16(DECI * (local.depth or 0.0)), u16(DECI * local.sound_speed), 0)
+    return head + body

@@ -16,7 +16,7 @@ from uwserver_adapters.devices.device import Reply
 from uwserver_adapters.devices.inertial import InertialSensors, InertialTable, Readings
 from uwserver_adapters.devices.xbus import Message, MessageReader, encode
 
-FIRMWARE = (1, 12, 0)
+FIRMWARE, HARDWARE = (1, 12, 0), (2, 0)
 MOST_ITEMS = 32
 """Of an output configuration."""
 MOST_HZ = 2000
@@ -59,6 +59,7 @@ class Xsens:
             xbus.REQ_DID: lambda _: struct.pack(">I", table.device_id),
             xbus.REQ_PRODUCT_CODE: lambda _: table.product_code.encode("ascii").ljust(20),
             xbus.REQ_FIRMWARE: lambda _: bytes(FIRMWARE),
+            xbus.REQ_HARDWARE: lambda _: bytes(HARDWARE),
             xbus.REQ_BAUDRATE: lambda _: b"\x02",
             xbus.GO_TO_CONFIG: lambda _: self._measure(False),
             xbus.GO_TO_MEASUREMENT: lambda _: self._measure(True),

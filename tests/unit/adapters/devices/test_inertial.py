@@ -29,7 +29,7 @@ def test_the_imu_sets_the_pace_once_there_is_an_attitude():
         500_000_000, EPOCH_NS, (0.0, 0.0, -9.8), (0.1, 0.2, 0.3), (2e-5, 0.0, 4e-5), 12.5, LEVEL,
         Fix(3, 9, 1.0, 0.2, 3.0, (1.0, 2.0, 3.0), t_ns=400_000_000),
     )  # fmt: skip
-    sensors.see(sample(GPS, (None, None, None, (None,) * 3, 2, 0), 0.6, valid=False))
+    sensors.see(sample(GPS, (None, None, None, (None,) * 3, 2, 3), 0.6, valid=False))
     under = sensors.see(imu)
     assert under is not None
     assert under.fix == Fix(0, 2, t_ns=600_000_000)

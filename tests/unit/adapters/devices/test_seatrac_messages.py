@@ -6,9 +6,9 @@ import math
 import struct
 
 import pytest
+from msgspec.structs import replace
 from uwserver_adapters.devices.device import Garbage
 from uwserver_adapters.devices.seatrac_messages import (
-    REQ,
     REQU,
     REQX,
     CommandReader,
@@ -63,7 +63,7 @@ FOUND = Found(20.0, 0.027027, math.radians(-90.0), math.radians(30.0), (3.0, -4.
 
 
 def test_a_fix_with_position():
-    record = fix(15, 3, REQX, LOCAL, FOUND)
+    record = fix(15, 3, REQX + 1, LOCAL, FOUND)
     assert struct.unpack_from("<4B3hHHh", record) == (15, 3, 0x0F, 7, -300, -20, 10, 42, 14800, 0)
     count, time, distance, channels = struct.unpack_from("<IiHB", record, 16)
     # The time of one way, so that the distance is it times the sound speed.
@@ -73,16 +73,16 @@ def test_a_fix_with_position():
     assert len(record) == 47
 
 
-def test_a_fix_without_what_was_not_asked_for_or_is_not_known():
-    assert len(fix(15, 3, REQ, LOCAL, FOUND)) == 26
-    assert fix(15, 3, REQ, LOCAL, FOUND)[2:4] == b"\x01\x03"
-    assert fix(15, 3, REQU, LOCAL, FOUND)[2:4] == b"\x07\x05"
+def test_a_fix_without_what_is_not_known():
+    assert fix(15, 3, 1, LOCAL, Found())[2:] == b"\x00\x01" + fix(15, 3, 1, LOCAL, Found())[4:16]
+    assert fix(15, 3, 3, LOCAL, Found(20.0, 0.027))[2:4] == b"\x01\x03"
+    assert fix(15, 3, 5, Local(), Found(20.0, 0.027, 0.0, 0.0))[2] == 0x03
+    assert fix(15, 3, 1, Local(), Found(bearing=0.5))[2] == 0x02
     # The depth of a fix without the other's own is this beacon's and the way down.
-    assert struct.unpack("<h", fix(15, 3, REQU, LOCAL, FOUND)[-2:])[0] == 92
-    blind = Found(20.0, 0.027, 0.0, 0.0)
-    assert fix(15, 3, REQX, Local(), blind)[2] == 0x03
+    without = fix(15, 3, 5, LOCAL, replace(FOUND, depth=None))
+    assert (without[2], struct.unpack("<h", without[-2:])[0]) == (0x07, 92)
 
 
 def test_what_is_too_large_for_its_field_is_the_largest():
     far = Found(1e6, 1e3, 0.0, 0.0, (1e6, -1e6, 1e6))
-    assert struct.unpack("<3h", fix(15, 3, REQU, LOCAL, far)[-6:]) == (-32768, 32767, 32767)
+    assert struct.unpack("<3h", fix(15, 3, REQU + 1, LOCAL, far)[-6:]) == (-32768, 32767, 32767)

@@ -70,6 +70,11 @@ def test_body_and_navigation_frames():
     assert struct.unpack("<9f", FIELDS[4][3](said))[:3] == pytest.approx((0.0, -1.0, 0.0), abs=1e-6)
 
 
+def test_a_quaternion_has_its_scalar_last():
+    said = inertial_readings((0, 0, 90))
+    assert struct.unpack("<4f", FIELDS[0][4](said)) == pytest.approx((0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)))
+
+
 def test_without_a_fix_there_is_no_place():
     assert FIELDS[3][6](inertial_readings()) == bytes(24)
 

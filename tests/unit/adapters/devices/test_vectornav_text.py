@@ -76,3 +76,9 @@ def test_all_measurements_as_the_maker_prints_them():
 
 def test_a_quaternion_has_its_scalar_last():
     assert OUTPUTS[2].values(inertial_readings((0, 0, 90))) == "+0.000000,+0.000000,+0.707107,+0.707107"
+
+
+def test_a_line_without_end_is_not_kept():
+    reader = CommandReader()
+    reader.receive(b"x" * 4000)
+    assert isinstance(reader.next_event(), Garbage)

@@ -36,6 +36,7 @@ def test_it_says_who_it_is():
     assert answers(device, 0x00) == [encode(Message(0x01, b"\x00\x00\x12\x34"))]
     assert answers(device, 0x1C) == [encode(Message(0x1D, b"MTi-7".ljust(20)))]
     assert len(answers(device, 0x12)[0]) == 8
+    assert answers(device, 0x1E) == [encode(Message(0x1F, b"\x02\x00"))]
 
 
 def test_it_is_configured_and_measures_as_configured():

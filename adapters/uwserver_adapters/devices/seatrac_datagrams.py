@@ -1,0 +1,119 @@
+"""DAT of a SeaTrac: datagrams through a modem of the world."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from typing import Any, cast
+
+from uwserver.adapter import AdapterContext, CannotServe
+from uwserver.frames import rotate
+from uwserver.ports import Buffer, Progress, Refused, Sample
+from uwserver.ports import Reply as Answer
+from uwserver_adapters.devices import seatrac_messages as wire
+from uwserver_adapters.devices.device import Reply, Source
+from uwserver_adapters.devices.seatrac_messages import Found, Local, Message, encode
+
+LONGEST = 31
+"""Bytes of a datagram."""
+EVERYBODY = 0
+
+
+class Datagrams:
+    """What one beacon sends and hears.
+
+    Args:
+        own: number of this beacon.
+        modem: its path, without ``/send`` and ``/received``.
+        context: of the adapter.
+
+    Attributes:
+        wanted: the port where it hears.
+
+    Raises:
+        CannotServe: there is no such modem.
+    """
+
+    def __init__(self, own: int, modem: str, context: AdapterContext) -> None:
+        self._own, self._context = own, context
+        fields = ("event", "source", "destination", "data", "range", "bearing", "elevation")
+        self._heard = Source("modem", f"{modem}/received", context.ports, fields)
+        self._port = f"{modem}/send"
+        if self._port not in context.ports:
+            raise CannotServe(f'modem: there is no port "{self._port}": name a modem, without /send')
+        self.wanted: Collection[str] = (self._heard.path,)
+
+    def send(self, payload: bytes, reply: Reply) -> str:
+        """DAT_SEND: beacon, kind of message, length, data. It is answered when the modem has taken or refused it."""
+        destination = payload[0] if payload else 0
+        reason, code = self._fault(payload)
+        if code != wire.OK:
+            reply(encode(Message(wire.DAT_SEND, bytes((code, destination)))))
+            return reason
+        wants = payload[1] in (wire.REQ, wire.REQU, wire.REQX)
+
+        def answered(answer: Answer | Progress) -> None:
+            if isinstance(answer, Answer):
+                reply(encode(Message(wire.DAT_SEND, bytes((_status(answer), destination)))))
+
+        value = {"destination": destination, "data": payload[3:], "acknowledge": float(wants)}
+        try:
+            self._context.command(self._port, value, self._context.name, answered)
+        except Refused as refused:
+            reply(encode(Message(wire.DAT_SEND, bytes((wire.FAIL, destination)))))
+            return f"the modem refuses it: {refused.fault.text}"
+        return ""
+
+    def _fault(self, payload: bytes) -> tuple[str, int]:
+        if len(payload) < 3:
+            return "a datagram: beacon, kind of message and length are needed", wire.PARAM_MISSING
+        destination, kind, length = payload[:3]
+        if length != len(payload) - 3 or length > LONGEST:
+            return f"a datagram of {length} bytes: {len(payload) - 3} are there, at most {LONGEST}", wire.PARAM_INVALID
+        if not length and kind in (wire.ONE_WAY, wire.ONE_WAY_USBL):
+            return "a datagram without data that wants no answer", wire.PARAM_INVALID
+        if destination > 15 or destination == self._own:
+            return f"beacon {destination}: 0 to 15, and not its own", wire.PARAM_INVALID
+        if kind not in (wire.ONE_WAY, wire.ONE_WAY_USBL, wire.REQ, wire.REQU, wire.REQX):
+            return f"message type {kind}", wire.PARAM_INVALID
+        if destination == EVERYBODY and kind not in (wire.ONE_WAY, wire.ONE_WAY_USBL):
+            return "a message to all wants no answer", wire.PARAM_INVALID
+        return "", wire.OK
+
+    def hear(self, sample: Sample, local: Local) -> list[bytes]:
+        """A sample of the modem: a datagram that came, one that was delivered, or one that nobody answered."""
+        said = cast(dict[str, Any], self._heard.values(sample))
+        return [self._message(said, local)] if sample.valid else []
+
+    def _message(self, said: dict[str, Any], local: Local) -> bytes:
+        if said["event"] == "failed":
+            return encode(Message(wire.DAT_ERROR, bytes((wire.TIMED_OUT, said["destination"] & 0xFF))))
+        is_answer = said["event"] == "delivered"
+        other = (said["destination"] if is_answer else said["source"]) & 0xFF
+        data = said["data"].data[:LONGEST] if isinstance(said["data"], Buffer) and not is_answer else b""
+        found, kind = self._found(said, local), wire.ONE_WAY
+        if is_answer:
+            kind = (wire.REQ if found.bearing is None else wire.REQU) + 1
+        elif found.bearing is not None:
+            kind = wire.ONE_WAY_USBL
+        addressed = self._own if is_answer else said["destination"] & 0xFF
+        record = wire.fix(addressed, other, kind, local, found)
+        return encode(Message(wire.DAT_RECEIVE, record + bytes((is_answer, len(data))) + data + b"\x01"))
+
+    def _found(self, said: dict[str, Any], local: Local) -> Found:
+        reach, bearing, elevation = said["range"], said["bearing"], said["elevation"] or 0.0
+        p_N = None
+        if reach is not None and bearing is not None and local.q_NS is not None:
+            flat = reach * math.cos(elevation)
+            p_S = (flat * math.cos(bearing), flat * math.sin(bearing), reach * math.sin(elevation))
+            p_N = rotate(local.q_NS, p_S)
+        travel_time = 0.0 if reach is None else 2.0 * reach / local.sound_speed
+        return Found(reach, travel_time, bearing, elevation, p_N)
+
+
+def _status(answer: Answer) -> int:
+    if answer.fault is None:
+        return wire.OK
+    # Actuators have one code for all that they object to: that a modem sends already stands in the text alone.
+    is_busy = answer.fault.code == "busy" or " is busy" in answer.fault.text
+    return wire.BUSY if is_busy else wire.FAIL
