@@ -67,8 +67,8 @@ def fan(config: SensorConfig) -> FanView | None:
     if isinstance(config, MultibeamConfig):
         half = 0.5 * rad(config.field_deg)
         return FanView(
-            rad(config.beam_width_horizontal_deg), rad(config.beam_width_vertical_deg), 2.0 * half / config.beams,
-            (-half, half), config.bins, config.min_range_m, config.range_m,
+            rad(config.beam_width_horizontal_deg), rad(config.beam_width_vertical_deg), 0.0, (-half, half), config.bins,
+            config.min_range_m, config.range_m,
         )  # fmt: skip
     if not isinstance(config, ScanningSonarConfig):
         return None
