@@ -92,6 +92,7 @@ class MultibeamConfig(SensorTable, tag="multibeam", kw_only=True, frozen=True):
         gain_db: at the start.
         assumed_sound_speed_mps: what the device believes; default: the truth.
         overhead_s: between the end of a ping and the next one.
+        processing_s: from the last echo to the delivery of the picture, as a device needs for its beams; in real time no more is there to compute it.
     """
 
     ideal: bool = False
@@ -125,6 +126,7 @@ class MultibeamConfig(SensorTable, tag="multibeam", kw_only=True, frozen=True):
     gain_db: Annotated[float, Meta(ge=-60, le=60)] = 0.0
     assumed_sound_speed_mps: Positive | UnsetType = UNSET
     overhead_s: NonNegative = 0.005
+    processing_s: NonNegative = 0.06
 
     def __post_init__(self) -> None:
         """ValueError where keys do not go together."""
@@ -260,7 +262,7 @@ class PingJob(Job):
 class Multibeam(Sensor):
     """One picture a ping."""
 
-    doc = "Imaging sonar: echoes over range and azimuth of one ping, from the pose at its start, delivered when the last echo is in."
+    doc = "Imaging sonar: echoes over range and azimuth of one ping, from the pose at its start, delivered when the device has its beams."
     takes_time = True
     paces = True
     settings: MultibeamSettings
@@ -338,7 +340,7 @@ class Multibeam(Sensor):
         duration = 2.0 * reach / believed
         self.memory.ready = scope.t + duration + self._config.overhead_s
         values: list[Value] = [0.0, reach, self.settings.gain, head.table.frequency_hz, believed, None, None]
-        delay = round(duration * NANOSECONDS)
+        delay = round((duration + self._config.processing_s) * NANOSECONDS)
         height = scope.submergence(p)
         if height <= 0.0:
             return Measurement(values, False, delay_ns=delay)
