@@ -8,6 +8,7 @@ from uwserver.sensors.acoustic.altimeter import AltimeterConfig
 from uwserver.sensors.acoustic.dvl import DvlConfig
 from uwserver.sensors.acoustic.interrogation import carriers
 from uwserver.sensors.acoustic.lbl import LblConfig
+from uwserver.sensors.acoustic.multibeam import MultibeamConfig
 from uwserver.sensors.acoustic.scanning_sonar import ScanningSonarConfig
 from uwserver.sensors.acoustic.usbl import UsblConfig
 from uwserver.sensors.base import IdealSensor, Pose, Scope, Sensor, SensorTable, Settings, StreamTable
@@ -38,6 +39,7 @@ SensorConfig = (
     | AdcpConfig
     | AltimeterConfig
     | ScanningSonarConfig
+    | MultibeamConfig
     | UsblConfig
     | LblConfig
     | AcousticModemConfig
@@ -60,6 +62,7 @@ SensorConfig = (
 __all__ = [
     "AcousticModemConfig", "AdcpConfig", "AltimeterConfig", "AttitudeConfig", "BatteryConfig", "CameraConfig", "ClockConfig", "CompoundConfig",
     "ContactConfig", "CtdConfig", "DvlConfig", "GpsConfig", "IdealSensor", "ImuConfig", "LblConfig", "LeakConfig", "MagnetometerConfig",
-    "ModemTable", "MotionCaptureConfig", "OpticalModemConfig", "Pose", "PressureConfig", "RangeArrayConfig", "RpmConfig", "ScanningSonarConfig",
-    "Scope", "Sensor", "SensorConfig", "SensorTable", "Settings", "SoundSpeedConfig", "StreamTable", "UsblConfig", "carriers",
+    "ModemTable", "MotionCaptureConfig", "MultibeamConfig", "OpticalModemConfig", "Pose", "PressureConfig", "RangeArrayConfig", "RpmConfig",
+    "ScanningSonarConfig", "Scope", "Sensor", "SensorConfig", "SensorTable", "Settings", "SoundSpeedConfig", "StreamTable", "UsblConfig",
+    "carriers",
 ]  # fmt: skip

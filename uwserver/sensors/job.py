@@ -42,7 +42,7 @@ class Begun(Measurement):
         job: makes the rest of its values.
     """
 
-    job: Job = field(default_factory=_Nothing)
+    job: Job = field(default_factory=_Nothing, compare=False)
 
 
 def finished(reading: Measurement, fields: tuple[Field, ...]) -> Measurement:

@@ -11,6 +11,7 @@ from uwserver.sensors import (
     CameraConfig,
     DvlConfig,
     LblConfig,
+    MultibeamConfig,
     ScanningSonarConfig,
     UsblConfig,
 )
@@ -34,7 +35,7 @@ def kernels_of(resolved: Resolved, sea: bool) -> frozenset[str]:
         needs |= {"solids", "contact"} | ({"fins in contact"} if fins else set())
     if sea:
         needs.add("sea")
-    if any(isinstance(config, ScanningSonarConfig) for config in sensors):
+    if any(isinstance(config, ScanningSonarConfig | MultibeamConfig) for config in sensors):
         needs |= {"echoes", "pictures"}
     if any(isinstance(config, CameraConfig) for config in sensors):
         needs.add("cameras")
