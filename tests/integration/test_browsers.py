@@ -133,9 +133,13 @@ def command_of(adapter: str) -> bytes:
     if adapter == "yarp":
         return b"CONNECT /page\r\nd\r\npause\r\n"
     if adapter == "player":
-        services = 3  # of opaque devices, after those of the vehicle's ports; other numbers are none
         pause = player.octets(b'{"service":"world/pause"}')
-        return player.encode(player.Message(player.OPAQUE, services, player.REQ, 1, pause))
+        told = b""
+        for number in range(64):  # the services are the last of the opaque devices
+            wanted = player.address(0, 0, player.OPAQUE, number) + player.u32(player.OPEN, 0, 0)
+            told += player.encode(player.Message(player.PLAYER, 0, player.REQ, player.DEV, wanted))
+            told += player.encode(player.Message(player.OPAQUE, number, player.REQ, 1, pause))
+        return told
     if adapter == "moosdb":
         hello = wire.Message(wire.DATA, "asynchronous", data=b"page", kind=wire.STRING)
         pause = wire.notify("UWSERVER_CALL", "world/pause {}", 0.0, "page")
