@@ -443,6 +443,7 @@ def _everybody(stack: contextlib.ExitStack, address: str) -> Room:
     for name in THERE:
         clients[name] = stack.enter_context(contextlib.closing(CLIENTS[name][0](adapters, epoch.timestamp())))
     time.sleep(1.0)  # zenoh tells a publisher a little later that somebody subscribes, and nobody can ask
+    ask(driver, "call", service="world/status")  # answered after what the server was told until now
 
     def newcomer(name: str) -> Peer:
         return stack.enter_context(contextlib.closing(WIRES[name].connect(adapters)))
