@@ -137,9 +137,13 @@ def command_of(adapter: str) -> bytes:
     if adapter == "yarp":
         return b"CONNECT /page\r\nd\r\npause\r\n"
     if adapter == "player":
-        services = 3  # of opaque devices, after those of the vehicle's ports; other numbers are none
         pause = player.octets(b'{"service":"world/pause"}')
-        return player.encode(player.Message(player.OPAQUE, services, player.REQ, 1, pause))
+        told = b""
+        for number in range(64):  # the services are the last of the opaque devices
+            wanted = player.address(0, 0, player.OPAQUE, number) + player.u32(player.OPEN, 0, 0)
+            told += player.encode(player.Message(player.PLAYER, 0, player.REQ, player.DEV, wanted))
+            told += player.encode(player.Message(player.OPAQUE, number, player.REQ, 1, pause))
+        return told
     if adapter == "video":
         return b"SETUP rtsp://127.0.0.1/rov/camera RTSP/1.0\r\nCSeq: 1\r\nTransport: RTP/AVP/TCP\r\n\r\n"
     if adapter == "moosdb":

@@ -32,6 +32,7 @@ from uwserver.adapter.listening import (
     cannot_listen,
     is_host_known,
     is_loopback,
+    may_connect,
     serving,
 )
 from uwserver.adapter.log_file import LogFile
@@ -56,7 +57,7 @@ __all__ = [
     "LogFile", "OnAnswer", "Order", "Owed", "Peer", "Peers", "RateMeter", "Reading", "Readings", "Refusals", "SampleForm", "SerialPort",
     "Subscriber", "Thinned", "Thinning", "Token", "TooLong", "TurnTimes", "Undecodable", "VehicleFacts", "Worker", "WorldFacts",
     "adapter_entries", "address_text", "bound_socket", "cannot_listen", "decode", "did_you_mean", "field_of", "frame", "host_of", "http_answer",
-    "in_pieces", "installed_adapters", "is_host_known", "is_loopback", "json_member", "known_token", "line", "load_adapter", "msgpack_member",
-    "new_token", "note_no_descriptors", "port_of", "port_of_kind", "raw_field", "serve_tcp", "serving", "tls_context", "token_for", "vehicle_of",
-    "vehicles_of", "within",
+    "in_pieces", "installed_adapters", "is_host_known", "is_loopback", "json_member", "known_token", "line", "load_adapter", "may_connect",
+    "msgpack_member", "new_token", "note_no_descriptors", "port_of", "port_of_kind", "raw_field", "serve_tcp", "serving", "tls_context",
+    "token_for", "vehicle_of", "vehicles_of", "within",
 ]  # fmt: skip

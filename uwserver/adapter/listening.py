@@ -33,6 +33,11 @@ def is_loopback(bind: str) -> bool:
         return bind == "localhost"
 
 
+def may_connect(host: str, allowed: Sequence[str]) -> bool:
+    """Whether this server connects to a host that a peer has named: this machine, or one of those that were allowed."""
+    return host in allowed or host == socket.gethostname() or is_loopback(host)
+
+
 def is_host_known(host: str, names: Sequence[str] = ()) -> bool:
     """Whether an HTTP ``Host`` is meant for this server: an address, localhost, or one of the names; "*" stands for every name.
 

@@ -10,7 +10,7 @@ import msgspec
 
 from uwserver.adapter import SampleForm, decode
 from uwserver.frames import conjugate, frd_from_flu, ned_from_enu, rotate
-from uwserver.ports import Port, Refused, Sample, Value
+from uwserver.ports import Port, Refused, Sample
 from uwserver_adapters.player import codec, wire
 from uwserver_adapters.player.codec import Tell, Told
 from uwserver_adapters.player.wire import CMD, GPS, IMU, OPAQUE, POSITION3D, RANGER, REQ, Message
@@ -93,14 +93,15 @@ def _pose_of(vehicle: str, ports: Mapping[str, Port], pose: str) -> tuple[tuple[
         where, how_fast = f"{vehicle}/truth/pose", f"{vehicle}/truth/velocity"
         if where not in ports:
             return None
-        newest: dict[str, tuple[Value, ...]] = {}
+        newest: dict[str, Sample] = {}
 
         def truth(sample: Sample) -> Told | None:
-            newest[sample.port] = sample.value
-            values = (*newest.get(where, ()), *newest.get(how_fast, ()))
-            if sample.port != where or len(values) != 4 or not all(map(codec.is_whole, values)):
-                return None
-            return codec.state(*values)
+            newest[sample.port] = sample
+            place, speed = newest.get(where), newest.get(how_fast)
+            if place is None or speed is None or place.t_ns != speed.t_ns:
+                return None  # the other one of this moment is still to come
+            values = (*place.value, *speed.value)
+            return codec.state(*values) if len(values) == 4 and all(map(codec.is_whole, values)) else None
 
         return (where, how_fast), truth
     path = f"{vehicle}/autopilot/state"

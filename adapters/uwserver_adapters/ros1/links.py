@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import ipaddress
-import socket
 from collections.abc import Callable, Sequence
 from typing import Any
 from urllib.parse import urlsplit
 
-from uwserver.adapter import RateMeter, within
+from uwserver.adapter import RateMeter, may_connect, within
 from uwserver.ports import Refused
 from uwserver_adapters.ros1 import wire, xmlrpc
 
@@ -33,16 +31,6 @@ def place_of(uri: str) -> tuple[str, int, str]:
     if parts.scheme != "http" or not parts.hostname or port is None:
         raise Refused("bad_argument", f'"{uri[:100]}" is no address of a node: http://host:port/')
     return parts.hostname, port, parts.path or "/"
-
-
-def is_allowed(host: str, allowed: Sequence[str]) -> bool:
-    """Whether this node connects to a host that a peer has named: this machine, or one of those that were allowed."""
-    if host in ("localhost", socket.gethostname()) or host in allowed:
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
 
 
 async def ask(uri: str, method: str, *args: Any) -> Any:
@@ -140,7 +128,7 @@ class Subscription:
             writer.transport.abort()
 
     def _check(self, host: str) -> None:
-        if not is_allowed(host, self._allowed):
+        if not may_connect(host, self._allowed):
             raise Refused(
                 "denied",
                 f'it names the host "{host[:100]}": say allowed_hosts = ["{host[:100]}"] if that is one of yours',

@@ -16,14 +16,16 @@ from uwserver.adapter import (
     Refusals,
     address_text,
     is_loopback,
+    may_connect,
     serve_tcp,
     serving,
+    within,
 )
 from uwserver.ports import Event, Refused, Sample
 from uwserver_adapters.yarp import codec, names
 from uwserver_adapters.yarp.config import YarpConfig
 from uwserver_adapters.yarp.links import Link, connected
-from uwserver_adapters.yarp.names import Address, within
+from uwserver_adapters.yarp.names import Address
 from uwserver_adapters.yarp.peer import Answered, Peer
 from uwserver_adapters.yarp.port import Reader, Writer, YarpPort, ports_of
 from uwserver_adapters.yarp.wire import CARRIERS, Carrier
@@ -278,7 +280,7 @@ class YarpAdapter:
         address = names.address_in(answer)
         if address is None:
             raise Refused("unknown_port", f"Do not know how to connect to {name}")
-        if not names.is_allowed(address.host, (*self.config.allowed_hosts, self._server[0])):
+        if not may_connect(address.host, (*self.config.allowed_hosts, self._server[0])):
             text = f'{name} is at "{address.host}": say allowed_hosts = ["{address.host}"] if that is one of yours'
             raise Refused("denied", text)
         return address

@@ -6,10 +6,10 @@ import asyncio
 from collections.abc import Callable
 from typing import Any, cast
 
-from uwserver.adapter import HIGH_WATER, AdapterStats, Peers
+from uwserver.adapter import HIGH_WATER, AdapterStats, Peers, within
 from uwserver.ports import Refused
 from uwserver_adapters.yarp import wire
-from uwserver_adapters.yarp.names import ANSWER_S, Address, within
+from uwserver_adapters.yarp.names import ANSWER_S, Address
 from uwserver_adapters.yarp.port import YarpPort
 from uwserver_adapters.yarp.wire import Carrier
 

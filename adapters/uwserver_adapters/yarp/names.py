@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-import ipaddress
 import re
-import socket
-from collections.abc import Awaitable, Sequence
-from typing import NamedTuple, TypeVar
+from collections.abc import Sequence
+from typing import NamedTuple
 
-from uwserver.adapter import CannotServe
+from uwserver.adapter import CannotServe, within
 from uwserver.ports import Refused
 from uwserver_adapters.yarp.wire import hello, message
-
-T = TypeVar("T")
 
 ANSWER_S = 5.0
 """Wall time in which a name server, or a port that is to be connected, must answer."""
@@ -44,34 +40,6 @@ def server_of(text: str) -> tuple[str, int]:
     if not host or not port.isdecimal() or not 0 < int(port) < 65536:
         raise CannotServe(f'name_server: "{text}" is not host:port, as 127.0.0.1:10000')
     return host.strip("[]"), int(port)
-
-
-def is_allowed(host: str, allowed: Sequence[str]) -> bool:
-    """Whether this server connects to a host that a peer has named: this machine, or one of those that were allowed."""
-    if host in ("localhost", socket.gethostname()) or host in allowed:
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
-
-
-async def within(seconds: float, what: Awaitable[T], text: str) -> T:
-    """Wait for something, but no longer; `asyncio.wait_for` would lose a cancellation that comes together with the answer.
-
-    Raises:
-        OSError: it took too long; says the text.
-    """
-    task = asyncio.ensure_future(what)
-    try:
-        await asyncio.wait({task}, timeout=seconds)
-    finally:
-        if not task.done():
-            task.cancel()
-            await asyncio.gather(task, return_exceptions=True)
-    if task.cancelled():
-        raise OSError(f"{text} in {seconds:g} s")
-    return task.result()
 
 
 async def ask(server: tuple[str, int], questions: Sequence[str], caller: str) -> list[str]:

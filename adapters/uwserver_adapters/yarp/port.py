@@ -88,12 +88,14 @@ class YarpPort:
 
     def _send(self, command: str, values: Sequence[Value]) -> int:
         messages: dict[bool, bytes] = {}
+        encoded = 0
         for reader in list(self.readers.values()):
             text = wire.is_text(reader.carrier)
             if text not in messages:
                 messages[text] = wire.message(text, command, wire.payload(text, values))
+                encoded += 1
             reader.tell(messages[text])
-        return len(messages)
+        return encoded
 
     # -- connections ----------------------------------------------------------------------------------------------------------------------
 

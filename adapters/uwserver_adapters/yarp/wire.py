@@ -18,8 +18,8 @@ CARRIERS: tuple[Carrier, ...] = ("tcp", "fast_tcp", "text", "text_ack")
 
 MESSAGE_LIMIT = 1 << 20
 """Longest binary message that is read, bytes."""
-LINE_LIMIT = 1 << 16
-"""Longest line, bytes."""
+LINE_LIMIT = 1 << 14
+"""Longest line, bytes: one of escaped characters takes a millisecond."""
 NAME_LIMIT = 1000
 """Longest name of a sender, bytes; as in YARP itself."""
 _MAGIC = 7777

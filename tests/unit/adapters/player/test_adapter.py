@@ -273,6 +273,22 @@ def test_who_floods_is_refused_and_read_later() -> None:
     run(story)
 
 
+def test_who_has_said_nothing_valid_takes_no_place_and_is_ended_in_time() -> None:
+    async def story(context: FakeContext) -> None:
+        async with serving(PlayerConfig(port=0, max_clients=1, hello_timeout_s=0.3), context) as port:
+            silent, client = await Client.connect(port), await Client.connect(port)
+            assert (await client.ask(1, 0, 1))[0] == 4
+            late = await Client.connect(port)
+            late.send(1, 0, 3, 1)
+            assert await late.reader.read() == b""
+            assert await silent.reader.read() == b""
+            assert (await client.ask(1, 0, 1))[0] == 4
+            for each in (silent, client, late):
+                each.close()
+
+    run(story)
+
+
 @pytest.mark.parametrize(
     ("config", "error", "text"),
     [

@@ -6,6 +6,7 @@ import math
 import struct
 
 import pytest
+from msgspec import structs
 from uwserver_adapters.player import wire
 from uwserver_adapters.player.devices import SERVICES, Ask, Device, devices_of
 from uwserver_adapters.player.wire import CMD, GPS, IMU, OPAQUE, POSITION3D, RANGER, REQ, Message
@@ -78,12 +79,13 @@ def test_position3d_is_east_north_up_and_forward_left_up() -> None:
     assert devices()[POSITION3D, "rov"].tell(sample(STATE, "x", (None,) * 3, (0.0,) * 3, q_NB, (0.0,) * 3)) is None
 
 
-def test_the_truth_is_told_with_the_newest_velocity() -> None:
+def test_place_and_speed_of_the_same_moment_are_told_together() -> None:
     device = devices("truth")[POSITION3D, "rov"]
     level = (1.0, 0.0, 0.0, 0.0)
-    assert device.tell(sample(POSE, (1.0, 2.0, 3.0), level)) is None
-    assert device.tell(sample(VELOCITY, (0.5, 0.25, 0.125), (0.0, 0.0, 1.0))) is None
-    told = device.tell(sample(POSE, (1.0, 2.0, 3.0), level))
+    pose, speed = sample(POSE, (1.0, 2.0, 3.0), level), sample(VELOCITY, (0.5, 0.25, 0.125), (0.0, 0.0, 1.0))
+    assert device.tell(structs.replace(speed, t_ns=1_000_000_000)) is None
+    assert device.tell(pose) is None
+    told = device.tell(speed)
     assert told is not None
     assert struct.unpack(">12dI", told[1]) == pytest.approx(
         (2.0, 1.0, -3.0, 0.0, 0.0, math.pi / 2, 0.5, -0.25, -0.125, 0.0, 0.0, -1.0, 0)

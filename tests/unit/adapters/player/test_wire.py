@@ -11,7 +11,7 @@ from uwserver_adapters.player.wire import CMD, DATA, PLAYER, REQ, Decoder, Messa
 from uwserver.ports import Refused
 from uwserver.testing.codecs import CodecCase, check_codec, read_all
 
-# Of a connection of libplayerc 3.1.1: pull data, and open position3d:0. Its numbers of hosts and robots are of the connection: 0.
+# By the generated XDR of Player 3.1.1: pull data, and open position3d:0. Its numbers of hosts and robots are of the connection: 0.
 DATAMODE = bytes.fromhex(
     "00000000 00000000 00000001 00000000 00000003 00000005 0000000000000000 00000000 00000004 00000002"
 )

@@ -13,9 +13,9 @@ from msgspec import structs
 from uwserver_adapters.yarp import adapter as module
 from uwserver_adapters.yarp.adapter import YarpAdapter
 from uwserver_adapters.yarp.config import YarpConfig
-from uwserver_adapters.yarp.names import is_allowed, server_of, target_of
+from uwserver_adapters.yarp.names import server_of, target_of
 
-from uwserver.adapter import CannotListen, CannotServe
+from uwserver.adapter import CannotListen, CannotServe, may_connect
 from uwserver.ports import Port, Refused, Reply
 from uwserver.testing import FakeContext
 from uwserver.testing.fake_context import DEPTH, IMU, PORTS, THRUSTERS
@@ -489,6 +489,23 @@ def test_who_floods_is_refused_and_read_later() -> None:
     run(story)
 
 
+def test_who_has_said_nothing_valid_takes_no_place_and_is_ended_in_time() -> None:
+    async def story(context: FakeContext, server: NameServer) -> None:
+        async with serving(table(server, max_clients=1, hello_timeout_s=0.3), context) as port:
+            reader, silent = await asyncio.open_connection("127.0.0.1", port("rov/imu:o"))
+            client = await Client.text(port("rov/depth:o"))
+            late, writer = await asyncio.open_connection("127.0.0.1", port("world/rpc:i"))
+            writer.write(b"CONNECT /late\r\nd\r\npause\r\n")
+            assert b"1 clients are connected" in await late.read()
+            assert b"nothing valid" in await reader.read()
+            assert not context.calls
+            assert await client.ask("a", "[ver]") == "[ver] 1 2 3"
+            for each in (silent, client.writer, writer):
+                each.transport.abort()
+
+    run(story)
+
+
 @pytest.mark.parametrize(
     ("more", "text"), [({"bind": "0.0.0.0"}, "allow_network"), ({"bind": "0.0.0.0", "allow_network": True}, "host =")]
 )
@@ -513,6 +530,6 @@ def test_addresses_and_names() -> None:
     for wrong in ("", "/", "/a b", "/a\nregister /x"):
         with pytest.raises(Refused):
             target_of(wrong)
-    assert is_allowed("127.0.0.9", ())
-    assert is_allowed("robot", ("robot",))
-    assert not is_allowed("10.0.0.1", ("robot",))
+    assert may_connect("127.0.0.9", ())
+    assert may_connect("robot", ("robot",))
+    assert not may_connect("10.0.0.1", ("robot",))
