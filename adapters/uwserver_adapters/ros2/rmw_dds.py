@@ -236,7 +236,9 @@ class DdsCarrier:
                     self._inbox.put((take, sample.data[: most + 1]))
 
         qos = endpoint_qos(self._types.hash(type_name), 10 if reliable else 1, reliable=reliable, more=more)
-        entity = DataReader(self._participant, self._topic(name, kind), qos=qos, listener=_Came(came))
+        entity = DataReader(self._participant, self._topic(name, kind), qos=qos)
+        entity.set_listener(_Came(came))
+        came(entity)  # what came before: a listener that is given at once may be called before the reader is known
         self._readers.append(entity)
         self._is_changed = True
         return lambda: self.drop_entity(entity)
