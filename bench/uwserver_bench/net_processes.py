@@ -99,11 +99,23 @@ def tracing(mode: str = "realtime", router: str = "", megabyte: bool = False) ->
         BenchFailed: it did not come up.
     """
     way = f'mode = "client"\nconnect = ["{router}"]\n' if router else 'listen = ["tcp/127.0.0.1:0"]\n'
+    text = _SCENARIO % mode + (_ZENOH + way if HAS_ZENOH else "")
+    with traced_server(text, *(["megabyte"] if megabyte else [])) as traced:
+        yield traced
+
+
+@contextlib.contextmanager
+def traced_server(text: str, *options: str) -> Iterator[Traced]:
+    """A server of a scenario with an adapter `tcp` of sockets, for as long as the context is open; options as `traced` takes them.
+
+    Raises:
+        BenchFailed: it did not come up.
+    """
     with tempfile.TemporaryDirectory(prefix="uwserver-bench-") as folder:
         scenario, trace = Path(folder) / "net.toml", str(Path(folder) / "trace")
-        scenario.write_text(_SCENARIO % mode + (_ZENOH + way if HAS_ZENOH else ""), encoding="utf-8")
-        command = [sys.executable, "-m", "uwserver_bench.traced", str(scenario), trace]
-        with subprocess.Popen([*command, "megabyte"] if megabyte else command, stdout=subprocess.PIPE) as process:
+        scenario.write_text(text, encoding="utf-8")
+        command = [sys.executable, "-m", "uwserver_bench.traced", str(scenario), trace, *options]
+        with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
             try:
                 assert process.stdout is not None
                 line = process.stdout.readline()

@@ -1,4 +1,4 @@
-"""ROS messages: what making one costs each carrier, in processor time of the thread that does it."""
+"""ROS: what making a message costs each carrier, in processor time of the thread that does it; and (`ros_peers`) what peers hear."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from uwserver_adapters.rosbridge.codec import published
 
 from uwserver.ports import Buffer, Field, Port, Sample
 from uwserver_bench.processes import BenchFailed
+from uwserver_bench.ros_peers import bench_peers
 from uwserver_bench.rows import Row
 
 IMU_BAR_US, PICTURE_BAR_MS, WRITE_BAR_US = 8.0, 0.2, 5.0
@@ -33,8 +34,13 @@ def bench_ros(quick: bool, say: Callable[[str], None]) -> list[Row]:
         say: gets a line of progress.
 
     Raises:
-        BenchFailed: a message was not made.
+        BenchFailed: a message was not made, or a process did not do its part.
     """
+    return [*bench_messages(quick, say), *bench_peers(quick, say)]
+
+
+def bench_messages(quick: bool, say: Callable[[str], None]) -> list[Row]:
+    """What a message costs; arguments and errors as those of `bench_ros`."""
     say("ros: messages")
     repeats, times = (QUICK_REPEATS, 50) if quick else (REPEATS, 5000)
     types = Types()

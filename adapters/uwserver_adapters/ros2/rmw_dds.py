@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
+import socket
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -29,6 +30,8 @@ LOCALHOST = (
     '<MaxAutoParticipantIndex>32</MaxAutoParticipantIndex><Peers><Peer address="localhost"/></Peers></Discovery></Domain></CycloneDDS>'
 )
 """Nodes of this machine alone, as ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST has it."""
+_INTERFACE = '<NetworkInterface address="{}" multicast="false"/>'
+_INTERVAL = "<SPDPInterval>2s</SPDPInterval>"
 URI_VARIABLE = "CYCLONEDDS_URI"
 BLOCKING_MS = 100
 """Wall time for which a slow reader may hold up a write, on the sender's thread."""
@@ -36,6 +39,31 @@ TAKEN = 64
 """Messages that are taken of a reader at once."""
 _HEADER = slice(4, 20)
 _GRAPH, _GRAPH_TYPE = "ros_discovery_info", "rmw_dds_common/msg/ParticipantEntitiesInfo"
+
+
+def own_address() -> str:
+    """The address by which others reach this machine; "" where it has none. Nothing is sent."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))  # an address for documentation: any that is far would do
+        except OSError:
+            return ""
+        address = str(probe.getsockname()[0])
+    return "" if address.startswith("127.") else address
+
+
+def localhost(address: str) -> str:
+    """Settings that find the nodes of this machine, of whatever vendor and whoever began.
+
+    CycloneDDS takes one interface, and what comes by the other it drops: Fast DDS asks by way of the loopback, nodes of rmw_cyclonedds by the
+    machine's own address.
+    """
+    places = ["127.0.0.1", *([address] if address else [])]
+    interfaces = "".join(_INTERFACE.format(place) for place in reversed(places))
+    peers = "".join(f'<Peer address="{place}"/>' for place in places)
+    made = LOCALHOST.replace("<General>", f"<General><Interfaces>{interfaces}</Interfaces>")
+    # A node that looks on the subnet does not ask us: it hears of us when we say so next.
+    return made.replace('<Peer address="localhost"/>', peers).replace("</Peers>", f"</Peers>{_INTERVAL}")
 
 
 def endpoint_qos(type_hash: str, depth: int = 10, latched: bool = False, reliable: bool = True, more: str = "") -> Any:
@@ -119,8 +147,10 @@ class DdsCarrier:
             lambda came: came[0](came[1]), config.queue_requests, self._drop, lambda came: len(came[1]), WAITING_BYTES
         )
         domain = config.its_domain
-        base = LOCALHOST if config.discovery == "localhost" else ""
-        uri = ",".join(part for part in (base, os.environ.get(URI_VARIABLE, "")) if part)
+        given = os.environ.get(URI_VARIABLE, "")
+        # Who says which interfaces are taken gets no others of us.
+        base = "" if config.discovery != "localhost" else LOCALHOST if given else localhost(own_address())
+        uri = ",".join(part for part in (base, given) if part)
         self._domain = Domain(domain, uri) if uri else None
         self._participant = DomainParticipant(domain, Qos(Policy.Userdata(b"enclave=/;")))
         self._topics: dict[str, Any] = {}
@@ -206,7 +236,9 @@ class DdsCarrier:
                     self._inbox.put((take, sample.data[: most + 1]))
 
         qos = endpoint_qos(self._types.hash(type_name), 10 if reliable else 1, reliable=reliable, more=more)
-        entity = DataReader(self._participant, self._topic(name, kind), qos=qos, listener=_Came(came))
+        entity = DataReader(self._participant, self._topic(name, kind), qos=qos)
+        entity.set_listener(_Came(came))
+        came(entity)  # what came before: a listener that is given at once may be called before the reader is known
         self._readers.append(entity)
         self._is_changed = True
         return lambda: self.drop_entity(entity)

@@ -202,6 +202,36 @@ def _teleport(message: Any, vehicle: str) -> Value:
     return told if q is None else {**told, "q_NB": list(q)}
 
 
+def _seen_at(message: Any) -> dict[str, object]:
+    """The sender's clock, where it tells one."""
+    stamp = message.header.stamp
+    return {"stamp": stamp.sec + stamp.nanosec * 1e-9} if stamp.sec or stamp.nanosec else {}
+
+
+def _followed(message: Any, vehicle: str) -> Value:
+    """Where a vehicle is that is somebody else's."""
+    check_frame(message, "map", "world")
+    q = q_NB_of(message.pose.orientation)
+    told: dict[str, object] = {"p_NB": list(enu(parts(message.pose.position))), **_seen_at(message)}
+    return told if q is None else {**told, "q_NB": list(q)}
+
+
+def _odometry(message: Any, vehicle: str) -> Value:
+    """Likewise, and how fast: the twist is in the axes of the body; a covariance that begins with -1 says that it is not known."""
+    child = message.child_frame_id.strip("/")
+    if child not in ("", "base_link", f"{vehicle}/base_link"):
+        raise BadMessage(f'child_frame_id is "{child[:60]}": tell the twist in {vehicle}/base_link')
+    check_frame(message, "map", "world")
+    q = q_NB_of(message.pose.pose.orientation)
+    told: dict[str, object] = {"p_NB": list(enu(parts(message.pose.pose.position))), **_seen_at(message)}
+    if q is not None:
+        told["q_NB"] = list(q)
+    if message.twist.covariance[0] != -1.0:
+        twist = message.twist.twist
+        told |= {"v_NB_B": list(flu(parts(twist.linear))), "w_NB_B": list(flu(parts(twist.angular)))}
+    return told
+
+
 def _joy(message: Any, vehicle: str) -> Value:
     axes = message.axes.tolist()
     if len(axes) != 6:
@@ -223,6 +253,13 @@ _KINDS = {
         (
             ("{name}/cmd", "geometry_msgs/msg/Wrench", _wrench),
             ("{name}/cmd_stamped", "geometry_msgs/msg/WrenchStamped", _wrench_stamped),
+        ),
+    ),
+    "pose": _Kind(
+        ("p_NB", "q_NB", "v_NB_B", "w_NB_B", "stamp"),
+        (
+            ("{name}/cmd", "geometry_msgs/msg/PoseStamped", _followed),
+            ("{name}/odometry", "nav_msgs/msg/Odometry", _odometry),
         ),
     ),
     "teleport": _Kind(("p_NB", "q_NB"), (("{name}/cmd", "geometry_msgs/msg/PoseStamped", _teleport),)),

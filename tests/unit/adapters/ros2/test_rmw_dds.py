@@ -167,6 +167,23 @@ def test_the_network_is_asked_for():
     assert Ros2Config().offers_services
 
 
+def test_the_loopback_and_the_own_address_are_listened_to():
+    """Fast DDS asks by the loopback, rmw_cyclonedds by the machine's address: with one of them the other would not be found."""
+    from uwserver_adapters.ros2.rmw_dds import localhost, own_address
+
+    both = localhost("192.0.2.7")
+    for word in (
+        '<NetworkInterface address="127.0.0.1" multicast="false"/>',
+        '<NetworkInterface address="192.0.2.7" multicast="false"/>',
+    ):
+        assert both.count(word) == 1
+    assert '<Peers><Peer address="127.0.0.1"/><Peer address="192.0.2.7"/></Peers>' in both
+    assert "<AllowMulticast>false<" in both
+    alone = localhost("")
+    assert alone.count("<NetworkInterface") == alone.count("<Peer ") == 1
+    assert not own_address().startswith("127.")
+
+
 def test_what_is_read_raw_keeps_the_name_of_its_type():
     """Another vendor matches endpoints by it; a class of each type is made once."""
     from uwserver_adapters.ros.messages import Types

@@ -85,6 +85,42 @@ def test_a_pose_is_in_map(made):
     assert value(made, "/rov/teleport/cmd", {"pose": pose})[1]["q_NB"] == pytest.approx(quat_from_rpy(0, 0, 30 * DEG))
 
 
+BOAT = Port(
+    "boat/pose", "actuator", "pose", (
+        Field("p_NB", "m", "place", "N", (3,)), Field("q_NB", "1", "attitude", "NB", (4,)), Field("v_NB_B", "m/s", "speed", "B", (3,)),
+        Field("w_NB_B", "rad/s", "rate", "B", (3,)), Field("stamp", "s", "when"),
+    ), "An external vehicle.",
+)  # fmt: skip
+
+
+def test_an_external_vehicle_follows_odometry():
+    types = Types()
+    found = {inlet.topic: inlet for inlet in inlets(types, BOAT)}
+    assert set(found) == {"/boat/pose/cmd", "/boat/pose/odometry"}
+
+    def follow(topic, **given):
+        inlet = found[topic]
+        return inlet.value(built(types, inlet.type, given))
+
+    q = dict(zip("wxyz", attitude(quat_from_rpy(0.0, 0.0, 30 * DEG)), strict=True))
+    pose = {"position": {"x": 1.0, "y": 2.0, "z": -3.0}, "orientation": q}
+    header = {"frame_id": "map", "stamp": {"sec": 5, "nanosec": 250_000_000}}
+    twist = {"twist": {"linear": {"x": 1.0, "y": 2.0, "z": 3.0}, "angular": {"z": 0.5}}}
+    told = follow("/boat/pose/odometry", header=header, child_frame_id="base_link", pose={"pose": pose}, twist=twist)
+    assert told.pop("q_NB") == pytest.approx(quat_from_rpy(0.0, 0.0, 30 * DEG))
+    assert told == {"p_NB": [2.0, 1.0, 3.0], "stamp": 5.25, "v_NB_B": [1.0, -2.0, -3.0], "w_NB_B": [0.0, 0.0, -0.5]}
+    unknown = {**twist, "covariance": [-1.0] + [0.0] * 35}
+    assert follow("/boat/pose/odometry", twist=unknown) == {"p_NB": [0.0, 0.0, 0.0]}
+    assert follow("/boat/pose/cmd", pose={"position": pose["position"]}) == {"p_NB": [2.0, 1.0, 3.0]}
+    for wrong in (
+        {"child_frame_id": "odom"},
+        {"header": {"frame_id": "odom"}},
+        {"pose": {"pose": {"orientation": {"w": 3.0}}}},
+    ):
+        with pytest.raises(BadMessage):
+            follow("/boat/pose/odometry", **wrong)
+
+
 @pytest.mark.parametrize(
     ("topic", "given", "text"),
     [
