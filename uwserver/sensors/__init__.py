@@ -21,6 +21,7 @@ from uwserver.sensors.onboard.clock import ClockConfig
 from uwserver.sensors.onboard.contact import ContactConfig
 from uwserver.sensors.onboard.leak import LeakConfig
 from uwserver.sensors.onboard.rpm import RpmConfig
+from uwserver.sensors.onboard.training import TrainingConfig
 from uwserver.sensors.optical.range_array import RangeArrayConfig
 from uwserver.sensors.water.ctd import CtdConfig
 from uwserver.sensors.water.pressure import PressureConfig
@@ -47,6 +48,7 @@ SensorConfig = (
     | LeakConfig
     | RpmConfig
     | ClockConfig
+    | TrainingConfig
     | CompoundConfig
 )
 
@@ -54,5 +56,5 @@ __all__ = [
     "AdcpConfig", "AltimeterConfig", "AttitudeConfig", "BatteryConfig", "ClockConfig", "CompoundConfig", "ContactConfig",
     "CtdConfig", "DvlConfig", "GpsConfig", "IdealSensor", "ImuConfig", "LblConfig", "LeakConfig", "MagnetometerConfig",
     "MotionCaptureConfig", "Pose", "PressureConfig", "RangeArrayConfig", "RpmConfig", "ScanningSonarConfig", "Scope", "Sensor",
-    "SensorConfig", "SensorTable", "Settings", "SoundSpeedConfig", "StreamTable", "UsblConfig", "carriers",
+    "SensorConfig", "SensorTable", "Settings", "SoundSpeedConfig", "StreamTable", "TrainingConfig", "UsblConfig", "carriers",
 ]  # fmt: skip

@@ -220,7 +220,21 @@ def compound(world):
     assert last(world, "navigation", "compass_field_S") == last(world, "compass", "field_S")
 
 
-IN_A_WORLD = {"gps": gps, "battery": battery, "rpm": rpm, "contact": contact, "leak": leak, "compound": compound}
+def training(world):
+    """Under power near the surface: the first of one task runs."""
+    assert [last(world, "training", name) for name in ("state", "task", "number", "count")] == ["running", "dive", 1, 1]
+    assert last(world, "training", "distance") == pytest.approx(abs(4.0 - world.vehicles["heavy"].p_NB[2]), abs=0.05)
+
+
+IN_A_WORLD = {
+    "gps": gps,
+    "battery": battery,
+    "rpm": rpm,
+    "contact": contact,
+    "leak": leak,
+    "training": training,
+    "compound": compound,
+}
 
 
 def test_no_kind_is_forgotten():
@@ -259,7 +273,7 @@ BLIND = {
 """An instant at which it cannot measure: in air, under water, while it settles, unwired, without weight."""
 NEVER_BLIND = {
     "imu": "feels always", "magnetometer": "feels always", "contact": "nothing touched is an answer", "battery": "empty is an answer",
-    "leak": "dry is an answer", "clock": "goes on",
+    "leak": "dry is an answer", "training": "sees the truth", "clock": "goes on",
 }  # fmt: skip
 
 
@@ -293,6 +307,7 @@ SETTINGS = {
     "gps": {"satellites": 6},
     "battery": {"hotel_load_W": 50.0},
     "leak": {"area_m2": 1e-5},
+    "training": {"running": False},
 }  # fmt: skip
 """What can be set of the device besides its rate: range and gain where it has them."""
 PLAIN = {
