@@ -31,6 +31,7 @@ STILL: dict[str, tuple[str, ...]] = {
     "web_scenario_slope": ("slope", "--at", "5", "--view", "orbit", "--vehicle", "lander", *SMALL, *BARE),
     "web_scenario_push_the_crate": ("push_the_crate", "--at", "2", "--view", "orbit", *SMALL, *BARE),
     "web_scenario_rov_autopilot": ("rov_autopilot", "--at", "5", "--view", "orbit", *SMALL, *BARE),
+    "web_scenario_pilot_training": ("pilot_training", "--at", "5", "--view", "orbit", *SMALL, *BARE),
     "web_scenario_remus_survey": ("remus_survey", "--at", "5", "--view", "orbit", *SMALL, *BARE),
     "web_scenario_filter_review": ("filter_review", "--at", "100", "--view", "orbit", *SMALL, *BARE),
     "web_scenario_swarm_100": ("swarm_100", "--at", "5", "--view", "orbit", *SMALL, *BARE),

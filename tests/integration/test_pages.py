@@ -17,6 +17,7 @@ FOLLOWED = (
     "clients/python/README.md",
     "docs/how-to/batch.md",
     "docs/how-to/faults.md",
+    "docs/how-to/training.md",
 )
 """Pages of which nothing else is asked than that all works; the tests below follow others and look at what they show."""
 ELSEWHERE = {

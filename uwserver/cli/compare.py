@@ -24,7 +24,7 @@ _SECONDS = click.FloatRange(0.0, 1e9)
 _SAME, _APART, _BAD = 0, 1, 2
 _TAKES = (
     "compare takes what `uwserver run --record FILE` or `uwserver record` has written. A log of another origin becomes such a file: "
-    "serve it by `uwserver play LOG --port 0 --paused`, and write that down by `uwserver record 127.0.0.1:PORT OUT.mcap`"
+    "serve it by `uwserver play LOG --port 0 --paused`, write that down by `uwserver record 127.0.0.1:PORT OUT.mcap`, and call playback/resume"
 )
 
 

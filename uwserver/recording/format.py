@@ -27,6 +27,7 @@ from msgspec import Struct
 from uwserver import __version__
 from uwserver.physics import PHYSICS
 from uwserver.ports import Call, Command, Items
+from uwserver.recording.kept_looks import pack_looks, unpack_looks
 from uwserver.scenario.files.convert import NO_MORE, More, convert
 from uwserver.scenario.files.errors import KeyPath, dotted
 from uwserver.scenario.load.export import engine_named, tables
@@ -141,6 +142,7 @@ def metadata(resolved: Resolved, seed: int, timing: Timing) -> dict[str, str]:
         "scenario": msgspec.json.encode(whole, enc_hook=str).decode(),
         "solids": pack(resolved.solids),
         "tracks": tracks.pack(resolved.tracks),
+        **pack_looks(resolved),
     }
 
 
@@ -179,6 +181,7 @@ def head_with(record: Mapping[str, str], whole: dict[str, Any], more: More = NO_
     try:
         scenario = _typed(whole["scenario"], Scenario, more)
         solids = unpack(record["solids"])
+        looks = unpack_looks(record)
         followed = tracks.unpack(record["tracks"]) if "tracks" in record else {}  # none before they were known
         vehicles = {
             name: ResolvedVehicle(
@@ -187,17 +190,26 @@ def head_with(record: Mapping[str, str], whole: dict[str, Any], more: More = NO_
                 _typed(parts["vehicle"], VehicleFile, more),
                 msgspec.convert(parts["devices"], dict[str, ThrusterDevice]),
                 solids.get(f"vehicles/{name}"),
+                looks.get(f"vehicles/{name}", b""),
                 ghost=solids.get(f"ghosts/{name}"),
                 track=followed.get(name),
             )
             for name, parts in whole["vehicles"].items()
         }
         objects = {
-            name: ResolvedObject(name, entry, object_params(entry, scenario.environment), solids[f"objects/{name}"])
+            name: ResolvedObject(
+                name,
+                entry,
+                object_params(entry, scenario.environment),
+                solids[f"objects/{name}"],
+                looks.get(f"objects/{name}", b""),
+            )
             for name, entry in scenario.objects.items()
         }
         static = {name.removeprefix("static/"): solid for name, solid in solids.items() if name.startswith("static/")}
-        resolved = Resolved(whole["name"], scenario, vehicles, None, (), static, objects, tuple(whole["materials"]))
+        worn = {name.removeprefix("static/"): data for name, data in looks.items() if name.startswith("static/")}
+        materials = tuple(whole["materials"])
+        resolved = Resolved(whole["name"], scenario, vehicles, None, (), static, objects, materials, looks=worn)
         versions = msgspec.convert(dict(record), Versions)
         return Head(versions, int(record["seed"]), msgspec.json.decode(record["timing"]), resolved)
     except (KeyError, TypeError, ValueError) as error:

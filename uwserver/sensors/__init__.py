@@ -24,6 +24,7 @@ from uwserver.sensors.onboard.clock import ClockConfig
 from uwserver.sensors.onboard.contact import ContactConfig
 from uwserver.sensors.onboard.leak import LeakConfig
 from uwserver.sensors.onboard.rpm import RpmConfig
+from uwserver.sensors.onboard.training import TrainingConfig
 from uwserver.sensors.optical.camera.camera import CameraConfig
 from uwserver.sensors.optical.optical_modem import OpticalModemConfig
 from uwserver.sensors.optical.range_array import RangeArrayConfig
@@ -56,6 +57,7 @@ SensorConfig = (
     | LeakConfig
     | RpmConfig
     | ClockConfig
+    | TrainingConfig
     | CompoundConfig
 )
 
@@ -63,6 +65,6 @@ __all__ = [
     "AcousticModemConfig", "AdcpConfig", "AltimeterConfig", "AttitudeConfig", "BatteryConfig", "CameraConfig", "ClockConfig", "CompoundConfig",
     "ContactConfig", "CtdConfig", "DvlConfig", "GpsConfig", "IdealSensor", "ImuConfig", "LblConfig", "LeakConfig", "MagnetometerConfig",
     "ModemTable", "MotionCaptureConfig", "MultibeamConfig", "OpticalModemConfig", "Pose", "PressureConfig", "RangeArrayConfig", "RpmConfig",
-    "ScanningSonarConfig", "Scope", "Sensor", "SensorConfig", "SensorTable", "Settings", "SoundSpeedConfig", "StreamTable", "UsblConfig",
-    "carriers",
+    "ScanningSonarConfig", "Scope", "Sensor", "SensorConfig", "SensorTable", "Settings", "SoundSpeedConfig", "StreamTable", "TrainingConfig",
+    "UsblConfig", "carriers",
 ]  # fmt: skip

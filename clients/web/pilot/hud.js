@@ -6,13 +6,23 @@ import { euler, isNowhere } from "../core/frames.js";
 const DEG = 180 / Math.PI;
 const STALE_MS = 3000;
 
-/** Readings by kind of port: label, field, unit, digits, how it is judged. @type {Record<string, {label: string, field: string, unit: string, digits: number, mood?: (value: any) => "" | "warn" | "bad", text?: (value: any) => string, factor?: number}>} */
+/** Readings by kind of port: label, field, unit, digits, how it is judged. @type {Record<string, {label: string, field: string, unit: string, digits: number, mood?: (value: any) => "" | "warn" | "bad", text?: (value: any, all: Record<string, any>) => string, factor?: number}>} */
 const READINGS = {
   altimeter: { label: "Altitude", field: "range", unit: "m", digits: 2, mood: (value) => (value < 0.5 ? "warn" : "") },
   dvl: { label: "DVL altitude", field: "altitude", unit: "m", digits: 2 },
   battery: { label: "Battery", field: "charge", unit: "%", digits: 0, factor: 100, mood: (value) => (value < 0.1 ? "bad" : value < 0.25 ? "warn" : "") },
+  training: { label: "Training", field: "state", unit: "", digits: 0, text: trained, mood: (value) => (value === "failed" ? "bad" : "") },
   leak: { label: "Leak", field: "leak", unit: "", digits: 0, text: (value) => (value ? "WET" : "dry"), mood: (value) => (value ? "bad" : "") },
 };
+
+/** Task, time and score of a pilot's training. @param {string} state @param {Record<string, any>} all */
+function trained(state, all) {
+  const [time, score] = [`${figure(all.time, 1)} s`, `${figure(all.score, 0)} points`];
+  if (state === "off") return "off";
+  if (state === "done" || state === "failed") return `${state === "done" ? "done" : "time is over"} · ${time} · ${score}`;
+  const held = all.hold > 0 && all.held > 0 ? ` (${figure(all.held, 0)} of ${figure(all.hold, 0)} s)` : "";
+  return `${all.number}/${all.count} ${all.task}${held} · ${state === "ready" ? "push to begin" : time} · ${score}`;
+}
 
 /** Gauges over the picture. */
 export class Hud {
@@ -51,7 +61,7 @@ export class Hud {
         seen = performance.now();
         const raw = sample.value[reading.field];
         const number = typeof raw === "number" ? figure(raw * (reading.factor ?? 1), reading.digits) : "–";
-        tell(value, reading.text ? reading.text(raw) : `${typeof raw === "number" ? (raw * (reading.factor ?? 1)).toFixed(reading.digits) : number} ${reading.unit}`);
+        tell(value, reading.text ? reading.text(raw, sample.value) : `${typeof raw === "number" ? (raw * (reading.factor ?? 1)).toFixed(reading.digits) : number} ${reading.unit}`);
         const mood = sample.valid && raw !== null ? (reading.mood?.(raw) ?? "") : "";
         box.className = `reading ${mood}`;
       }));

@@ -244,9 +244,15 @@ def optical_modem(world):
     assert there.towards == pytest.approx((-1.0, 0.0, 0.0), abs=1e-9)
 
 
+def training(world):
+    """Under power near the surface: the first of one task runs."""
+    assert [last(world, "training", name) for name in ("state", "task", "number", "count")] == ["running", "dive", 1, 1]
+    assert last(world, "training", "distance") == pytest.approx(abs(4.0 - world.vehicles["heavy"].p_NB[2]), abs=0.05)
+
+
 IN_A_WORLD = {
     "gps": gps, "battery": battery, "rpm": rpm, "contact": contact, "leak": leak, "compound": compound, "acoustic_modem": acoustic_modem,
-    "optical_modem": optical_modem,
+    "optical_modem": optical_modem, "training": training,
 }  # fmt: skip
 
 
@@ -287,7 +293,7 @@ BLIND = {
 """An instant at which it cannot measure: in air, under water, while it settles, unwired, without weight."""
 NEVER_BLIND = {
     "imu": "feels always", "magnetometer": "feels always", "contact": "nothing touched is an answer", "battery": "empty is an answer",
-    "leak": "dry is an answer", "clock": "goes on",
+    "leak": "dry is an answer", "training": "sees the truth", "clock": "goes on",
 }  # fmt: skip
 
 
@@ -324,6 +330,7 @@ SETTINGS = {
     "gps": {"satellites": 6},
     "battery": {"hotel_load_W": 50.0},
     "leak": {"area_m2": 1e-5},
+    "training": {"running": False},
 }  # fmt: skip
 """What can be set of the device besides its rate: range and gain where it has them."""
 PLAIN = {
