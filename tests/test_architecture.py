@@ -545,7 +545,7 @@ TESTED_WITH = {
     "sensors": {
         "acoustic.echo": "sensors/acoustic/test_altimeter", "acoustic.fan": "sensors/acoustic/test_scanning_sonar",
         "acoustic.current_profile": "sensors/acoustic/test_adcp", "acoustic.janus": "sensors/acoustic/test_dvl",
-        "wiring": "sensors/onboard/test_contact",
+        "messages": "sensors/test_modem", "wiring": "sensors/onboard/test_contact",
     },
     "simulation": {"source": "server/test_playback"},
     "table": {"": "scenario/files/test_convert"},

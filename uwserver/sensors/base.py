@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Protocol
 
@@ -254,6 +254,8 @@ class Sensor(ABC):
         dt: time between readings, s.
         paces: its memory holds no error, but what decides when and how it reads next; an ideal twin follows it.
         listens: it waits for something that comes between two readings, as told by `wake`.
+        rouses: the same, but it says so by `rouse` when `wake` has become a time, so that nobody asks before.
+        rouse: see there; set where it lives.
         repeats: it repeats what other sensors have just read, and so reads after them.
     """
 
@@ -267,6 +269,8 @@ class Sensor(ABC):
     dt = 1.0
     paces = False
     listens = False
+    rouses = False
+    rouse: Callable[[], None] = staticmethod(lambda: None)
     repeats = False
 
     def __init__(self, settings: Settings | None = None) -> None:
