@@ -91,7 +91,7 @@ class Bridge:
         self._raster = None if table.rate_hz is None else Raster(table.rate_hz)
         self._seen: dict[str, float] = {}
         self._passed_over: dict[str, float | None] = {}
-        vehicle = self._vehicle()
+        self._vehicle_name = vehicle = self._vehicle()
         ports = context.ports
         self._acomms = Acomms()
         self._mixer = Mixer(table.commands, ports, vehicle)
@@ -134,7 +134,7 @@ class Bridge:
         table = self._table
         self._outlets.clear()
         self._direct.clear()
-        self._acomms.find(self._context.ports, self._vehicle())
+        self._acomms.find(self._context.ports, self._vehicle_name)
         for path, port in self._context.ports.items():
             if port.direction == "actuator":
                 self._direct.update({variable(path, field.name): (port, field) for field in port.fields})
