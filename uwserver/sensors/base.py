@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated, NamedTuple, Protocol
 
@@ -276,6 +276,8 @@ class Sensor(ABC):
         dt: time between readings, s.
         paces: its memory holds no error, but what decides when and how it reads next; an ideal twin follows it.
         listens: it waits for something that comes between two readings, as told by `wake`.
+        rouses: the same, but it says so by `rouse` when `wake` has become a time, so that nobody asks before.
+        rouse: see there; set where it lives.
         repeats: it repeats what other sensors have just read, and so reads after them.
         takes_time: its readings are begun and computed later (`uwserver.sensors.job`).
         learns: `learn` hears what was computed.
@@ -291,6 +293,8 @@ class Sensor(ABC):
     dt = 1.0
     paces = False
     listens = False
+    rouses = False
+    rouse: Callable[[], None] = staticmethod(lambda: None)
     repeats = False
     takes_time = False
     learns = False

@@ -59,6 +59,7 @@ class Instruments:
         heads, streams, operations, numbers: of all sensors (`sensors.bank`, `world.streams`, `modifiers.operations`).
         nu_dot, tau: (n, 6) of the bodies, where a sensor needs them: see `Hydrodynamics.rates_of_change`.
         next_ns: when the next sample on its way arrives.
+        roused: sensors that have something to tell, whatever their rate (`Sensor.rouse`).
         read_count: how many of the samples of this tick somebody reads in Python.
         computing: of readings that take time.
     """
@@ -74,6 +75,7 @@ class Instruments:
             Pool(HEAD), Pool(STREAM), Pool(OPERATION), Pool(np.float64),
         )  # fmt: skip
         self._banks: dict[int, Pool] = {}
+        self.roused: dict[Any, None] = {}  # slots, which stand above this module
         self._pending, self._told = np.zeros(_SLOTS, ENTRY), np.zeros(_SLOTS, ENTRY)
         self._free, self._counts = np.arange(_SLOTS), np.zeros(1, COUNTS)
         self._told_counts = self._counts.view(np.int64)  # quicker to look at than a record

@@ -231,13 +231,14 @@ class Sensing(Part):
         """
         told, masks = 0, self._masks
         mask = masks[tick % len(masks)] if masks else self._mask_of(tick)
-        if not mask and not self._listening and not self._repeating and t_ns < self._instruments.next_ns:
+        roused = self._roused() if self._instruments.roused else []
+        if not (mask or self._listening or self._repeating or roused) and t_ns < self._instruments.next_ns:
             return
         now, begins = self._seconds(), True
         self._instruments.set_time(t_ns)
         if t_ns >= self._instruments.next_ns and not self.under_way.is_idle:
             self.under_way.arrive(t_ns)
-        called = [slot for slot in self._listening if slot.is_called(now)]
+        called = [slot for slot in (*self._listening, *roused) if slot.is_called(now)]
         if called:
             told, begins = self._measure(self._due(called), now, t_ns, begins), False
         told = self._measure(self._plan(mask), now, t_ns, begins)
@@ -249,6 +250,13 @@ class Sensing(Part):
         if told and self._instruments.read_count:
             self._give(samples)
         self.under_way.purge()
+
+    def _roused(self) -> list[SensorSlot]:
+        """Active sensors that have something to tell, in an order that does not depend on who came first."""
+        roused = self._instruments.roused
+        for slot in [slot for slot in roused if slot.sensor.wake is None]:
+            del roused[slot]
+        return sorted((slot for slot in roused if slot.active), key=lambda slot: slot.path)
 
     def _plan(self, mask: int) -> Due:
         """Those whose groups have their bit set; there are as many as sets of groups that ever meet."""

@@ -96,12 +96,15 @@ class SensorSlot(Part):
         self._rows = SensorRows(instruments, self.sensor, self.streams, self.row, self.latency_ns)
         self._time()
         self._rows.set_fault(self._fault)
+        if self.sensor.rouses:
+            self.sensor.rouse = lambda: instruments.roused.update({self: None})
         if self._rest is not None:
             self.load(self._rest)
 
     def move_out(self) -> None:
         """Give the places back; what it remembers stays with it."""
         rows, self._rest = self._here, self.save()
+        rows.instruments.roused.pop(self, None)
         rows.give_back()
         self._rows = None
 
@@ -331,6 +334,8 @@ class SensorSlot(Part):
                 sensor.fill(sensor.rows.rows[sensor.row])
         if self._has_memory:
             sensor.memory = read_record(state.memory, sensor.memory)
+        if sensor.wake is not None:
+            sensor.rouse()
         self._here.load(state.number, state.memory, state.held, state.numbers)
         for stream, loose in zip(self.streams, state.loose or state.pictures, strict=False):
             stream.loose = loose

@@ -7,7 +7,7 @@ from modem_rig import modem
 from msgspec import msgpack
 
 from uwserver.sensors import Pose
-from uwserver.sensors.modem import MOST_INBOX, Message, ModemMemory, Waiting
+from uwserver.sensors.messages import MOST_INBOX, Message, ModemMemory, Waiting
 
 
 def device(**keys):

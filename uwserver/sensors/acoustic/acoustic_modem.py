@@ -80,6 +80,10 @@ class AcousticModem(Modem):
     def load_kernels(self) -> None:
         self._link.load_kernels()
 
+    def speed_at(self, scope: Scope, p: Vec3) -> float:
+        """See `Modem`."""
+        return scope.water.sound_speed(p[2])
+
     def blur(self, distance: float) -> float:
         """See `Modem`."""
         return 0.5 * math.sqrt(1500.0 / self._config.frequency_hz * distance)

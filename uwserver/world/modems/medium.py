@@ -19,7 +19,8 @@ from uwserver.modifiers.base import Draws
 from uwserver.physics.kernel.random import EVENT, key_of
 from uwserver.ports import Sample
 from uwserver.sensors.base import Scope
-from uwserver.sensors.modem import MOST_SEEN, Crossing, Message, Modem, Outgoing, Waiting
+from uwserver.sensors.messages import MOST_SEEN, Message, Outgoing, Waiting
+from uwserver.sensors.modem import Crossing, Modem
 from uwserver.units import NANOSECONDS
 from uwserver.world.modems.node import Node, nodes_of
 from uwserver.world.modems.packets import COMING, MOST_LEGS, MOST_PACKETS, PAST, THERE, Leg, MediumState, Packet
@@ -30,7 +31,6 @@ _CLOSING = 0.02
 """Sender and receiver come nearer to each other at most with this part of the speed of the signal, or an arrival is noticed a little late."""
 _FAINTEST = 1e-3
 """What is weaker than this part of the noise neither is heard nor disturbs."""
-_EXACT_S = 1e-12
 _PATIENCE_S = 0.5
 """For so long an answer is waited for beyond the time in which it must have come."""
 
@@ -157,25 +157,18 @@ class Medium(Part):
 
     def _meet(self, leg: Leg, node: Node, now: float) -> Leg | None:
         """A leg under way, a little later: still under way, or there; None where it leads nowhere."""
-        packet = self._packets[leg.packet]
-        gain = self._fading(packet, node)
-        scope, ago = self._scope(node), 0.0
-        (p, q), crossing = node.pose(), None
-        for _ in range(20):
-            crossing = node.modem.crossing(scope, packet.signal, packet.p, p, q, gain)
-            if crossing is None:
-                return None
-            late = now - ago - packet.left - crossing.time
-            if ago == 0.0 and late < 0.0:
-                return structs.replace(leg, wake=now - late * (1.0 - _CLOSING))
-            if abs(late) < _EXACT_S:
-                break
-            ago += late
-            before = p
-            p, q = node.pose(ago)
-            if p == before:
-                break
-        assert crossing is not None
+        packet, scope = self._packets[leg.packet], self._scope(node)
+        p, q = node.pose()
+        crossing = node.modem.crossing(scope, packet.signal, packet.p, p, q, self._fading(packet, node))
+        if crossing is None:
+            return None
+        late = now - packet.left - crossing.time
+        if late < 0.0:
+            return structs.replace(leg, wake=now - late * (1.0 - _CLOSING))
+        # It has met the signal since the last tick: the time of travel changes with the end of a ray by the slowness along it (Fermat).
+        approach = math.fsum(u * v for u, v in zip(crossing.towards, node.velocity(), strict=True))
+        ago = late / (1.0 + approach / node.modem.speed_at(scope, p))
+        p, q = node.pose(ago)
         overlap = node.modem.overlap(packet.signal)
         signal = crossing.signal * overlap
         if signal < _FAINTEST * crossing.noise or scope.submergence(p) <= 0.0 or self._is_hidden(node, packet.p, p):

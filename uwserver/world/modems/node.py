@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from uwserver.frames import Quat, Vec3, multiply, rotate
-from uwserver.sensors.base import Scope, earlier
+from uwserver.sensors.base import earlier
 from uwserver.sensors.modem import Modem
 from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.vehicle import Vehicle
@@ -36,6 +36,12 @@ class Node(NamedTuple):
         dx, dy, dz = rotate(q, mount.p)
         return (p[0] + dx, p[1] + dy, p[2] + dz), multiply(q, mount.q)
 
+    def velocity(self) -> Vec3:
+        """v_NS, m/s."""
+        vehicle, (rx, ry, rz) = self.vehicle, self.modem.mount.p
+        vx, vy, vz, wx, wy, wz = vehicle.nu
+        return rotate(vehicle.q_NB, (vx + wy * rz - wz * ry, vy + wz * rx - wx * rz, vz + wx * ry - wy * rx))
+
 
 def nodes_of(sensors: Mapping[str, SensorSlot], vehicles: Mapping[str, Vehicle]) -> dict[str, Node]:
     """All modems of a world, by path."""
@@ -44,7 +50,3 @@ def nodes_of(sensors: Mapping[str, SensorSlot], vehicles: Mapping[str, Vehicle])
         if isinstance(slot.sensor, Modem):
             found[path] = Node(path, slot, slot.sensor, vehicles[path.partition("/")[0]])
     return found
-
-
-ScopeOf = Callable[[Node], Scope]
-"""What a node sees of the world now."""

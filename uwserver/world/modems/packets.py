@@ -7,7 +7,8 @@ from typing import Annotated, Final, Literal
 from msgspec import Meta, Struct
 
 from uwserver.modifiers.base import Number, Time
-from uwserver.sensors.modem import MOST_BYTES, Signal
+from uwserver.sensors.messages import MOST_BYTES
+from uwserver.sensors.modem import Signal
 from uwserver.world.part import State
 
 MOST_PACKETS = 4096
@@ -57,6 +58,8 @@ class Packet(Struct, frozen=True):
         return self.left + self.lasts
 
 
+_AT_ONCE_S = 1e-6
+"""Less than a symbol of any modem, and more than times are uncertain by."""
 COMING: Final = 0
 THERE: Final = 1
 PAST: Final = 2
@@ -91,8 +94,8 @@ class Leg(Struct, frozen=True):
     elevation: Number | None = None
 
     def meets(self, begin: float, over: float) -> bool:
-        """Whether it was heard at a time between these, s."""
-        return self.begin < over and begin < self.over
+        """Whether it was heard at a time between these, s; what follows at once does not meet it."""
+        return self.begin + _AT_ONCE_S < over and begin + _AT_ONCE_S < self.over
 
 
 class MediumState(State, frozen=True):

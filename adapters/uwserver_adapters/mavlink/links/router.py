@@ -254,7 +254,8 @@ class Router:
     @property
     def wanted(self) -> Collection[str] | None:
         """See `Readings.wanted`."""
-        return self.vehicle.bridge.readings.wanted
+        wanted = self.vehicle.bridge.readings.wanted
+        return None if wanted is None else {*wanted, *self.vehicle.tunnel.wanted}
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """Simulation time went on: whatever is due goes out."""
@@ -262,6 +263,7 @@ class Router:
             return
         t_ns = max(sample.t_sent_ns for sample in samples)
         self.vehicle.advance(t_ns)
+        self.vehicle.tunnel.put(samples)
         for channel in self.channels.values():
             for name in channel.streams.due(t_ns):
                 for payload in self._built(name, t_ns):

@@ -23,6 +23,7 @@ from uwserver_adapters.mavlink.vehicle.payload import Payload
 from uwserver_adapters.mavlink.vehicle.pilot import Pilot
 from uwserver_adapters.mavlink.vehicle.setpoints import SetPoints
 from uwserver_adapters.mavlink.vehicle.telemetry import Telemetry
+from uwserver_adapters.mavlink.vehicle.tunnel import Tunnel
 from uwserver_adapters.mavlink.vehicle.wording import in_words_of_mavlink
 from uwserver_adapters.mavlink.wire.channel import Channel
 from uwserver_adapters.mavlink.wire.codec import seconds
@@ -52,6 +53,7 @@ class ArduSub:
 
     Attributes:
         bridge: to ground stations and the world.
+        tunnel: to its modem.
     """
 
     def __init__(self, config: MavlinkConfig, context: AdapterContext, name: str, dialect: Dialect, send: Send) -> None:
@@ -66,6 +68,7 @@ class ArduSub:
         self.parameters = Parameters(given)
         self.bridge = bridge = Bridge(context, name, Home(config.origin_deg), dialect, send)
         self.payload = Payload()
+        self.tunnel = Tunnel(context, name, bridge)
         self.outputs = Outputs(self.parameters, self.payload, motors, patience_s)
         self.pilot = Pilot(self.parameters, self._steer, self._button_actions(), lambda text: bridge.tell(INFO, text))
         self.arming = Arming(bridge, self.pilot, self.outputs)
@@ -114,6 +117,7 @@ class ArduSub:
             "SET_POSITION_TARGET_GLOBAL_INT": lambda m, _, __: setpoints.geodetic(m),
             "SET_ATTITUDE_TARGET": lambda m, _, __: setpoints.attitude(m),
             "SET_GPS_GLOBAL_ORIGIN": lambda m, _, __: self._set_origin(m),
+            "TUNNEL": lambda m, _, __: self.tunnel.hear(m),
             "TIMESYNC": lambda m, c, _: self._timesync(m, c),
         }
 
@@ -233,6 +237,7 @@ class ArduSub:
         """Something that the pilot should know."""
         if event.event == "ports_changed":
             self.bridge.readings.open_ports()
+            self.tunnel.open_ports()
         elif event.event == "reset":
             self.bridge.readings.t_ns = event.t_ns
             self.bridge.readings.forget()

@@ -11,16 +11,15 @@ from uwserver.adapter import (
     AdapterContext,
     CannotServe,
     Conversation,
-    Undecodable,
-    decode,
     port_of_kind,
     vehicle_of,
     vehicles_of,
 )
 from uwserver.ports import Event, Fault, Field, Port, Progress, Refused, Reply, Sample, matches
+from uwserver_adapters.moos.bridge.acomms import Acomms
 from uwserver_adapters.moos.bridge.calls import Answer, Calls
 from uwserver_adapters.moos.bridge.mixing import Mixer
-from uwserver_adapters.moos.bridge.names import Outlet, variable
+from uwserver_adapters.moos.bridge.names import Outlet, given, number, variable
 from uwserver_adapters.moos.bridge.navigation import Navigation, Raster
 from uwserver_adapters.moos.bridge.pilot import Pilot
 from uwserver_adapters.moos.bridge.quota import Faults, Quota
@@ -92,8 +91,9 @@ class Bridge:
         self._raster = None if table.rate_hz is None else Raster(table.rate_hz)
         self._seen: dict[str, float] = {}
         self._passed_over: dict[str, float | None] = {}
-        vehicle = self._vehicle()
+        self._vehicle_name = vehicle = self._vehicle()
         ports = context.ports
+        self._acomms = Acomms()
         self._mixer = Mixer(table.commands, ports, vehicle)
         self._nav = None if table.nav is None else Navigation(table.nav, ports, vehicle)
         self._calls = Calls(context)
@@ -134,6 +134,7 @@ class Bridge:
         table = self._table
         self._outlets.clear()
         self._direct.clear()
+        self._acomms.find(self._context.ports, self._vehicle_name)
         for path, port in self._context.ports.items():
             if port.direction == "actuator":
                 self._direct.update({variable(path, field.name): (port, field) for field in port.fields})
@@ -144,7 +145,14 @@ class Bridge:
     def listens_to(self) -> tuple[str, ...]:
         """Variables of others that mean something here."""
         names = dict.fromkeys(
-            (*self._mixer.names, *self._direct, *self._pilot.hears, *self._reports.names, APPCAST_REQUEST)
+            (
+                *self._mixer.names,
+                *self._direct,
+                *self._acomms.names,
+                *self._pilot.hears,
+                *self._reports.names,
+                APPCAST_REQUEST,
+            )
         )
         if self._table.usm:
             names.update(dict.fromkeys(self._usm.names))
@@ -193,7 +201,8 @@ class Bridge:
     @property
     def wanted(self) -> Collection[str]:
         """Ports that become variables."""
-        return self._outlets.keys() | (frozenset() if self._nav is None else self._nav.wanted)
+        beside = self._nav.wanted if self._nav is not None else ()
+        return {*self._outlets, *beside, *filter(None, [self._acomms.received])}
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """All variables of a tick, together."""
@@ -203,6 +212,8 @@ class Bridge:
             outlet = self._outlets.get(sample.port)
             if outlet is not None and (self._raster is None or self._raster.is_due(sample.port, sample.t_sent_ns)):
                 pairs += outlet.pairs(sample)
+            if sample.port == self._acomms.received:
+                pairs += self._acomms.pairs(sample)
         if self._nav is not None:
             told = self._nav.pairs(samples)
             if told and self._usm.is_enabled:
@@ -279,7 +290,7 @@ class Bridge:
 
     def _read(self, name: str, value: bytes) -> str | bytes:
         """A binary variable: itself for a field of bytes or a buffer, or where it is too long, else text."""
-        packed = name in self._direct and self._direct[name][1].is_packed
+        packed = name in self._acomms.names or (name in self._direct and self._direct[name][1].is_packed)
         return value if packed or len(value) > TEXT_LIMIT else value.decode("utf-8", "replace")
 
     def _pass_over(self, name: str, value: float | str | bytes, source: str, time: float) -> None:
@@ -299,17 +310,20 @@ class Bridge:
             if quota.is_first_too_many(source):
                 self._refuse_flood(name, value, source, quota.most)
             return
-        if isinstance(value, bytes):
+        if name in self._acomms.names:
+            if (message := self._acomms.hear(name, value)) is not None:
+                self._command(self._acomms.send, message, source, name)
+        elif isinstance(value, bytes):
             self._obey_bytes(name, value, source)
         elif name in self._pilot.hears:
-            self._pilot.hear(name, _number(name, value), self._t_s)
+            self._pilot.hear(name, number(name, value), self._t_s)
         elif name in self._mixer.names:
-            if self._usm.is_enabled and self._pilot.admits(name, _number(name, value), self._t_s):
-                commanded.update(dict.fromkeys(self._mixer.take(name, _number(name, value)), source))
+            if self._usm.is_enabled and self._pilot.admits(name, number(name, value), self._t_s):
+                commanded.update(dict.fromkeys(self._mixer.take(name, number(name, value)), source))
         elif name in self._direct:
             port, field = self._direct[name]
-            given = value if field.type == "str" else _given(value)
-            self._command(port.path, {field.name: given}, source, name)
+            content = value if field.type == "str" else given(value)
+            self._command(port.path, {field.name: content}, source, name)
         elif name in self._reports.names:
             for path, told in self._reports.commands(name, value):
                 self._command(path, told, source, name)
@@ -329,7 +343,7 @@ class Bridge:
 
     def _quota_of(self, name: str) -> Quota | None:
         """Which limit a variable falls under; None for one that costs nothing."""
-        if name in self._mixer.names or name in self._direct or name in self._reports.names:
+        if name in self._mixer.names or name in self._direct or name in (*self._reports.names, *self._acomms.names):
             return self._command_quota
         if name == CALL:
             return self._call_quota
@@ -370,19 +384,3 @@ class Bridge:
         """Cancel calls under way."""
         self._calls.close()
         self._peer.close()
-
-
-def _number(name: str, value: float | str) -> float:
-    if isinstance(value, str):
-        raise Refused("bad_argument", f'"{value[:40]}" is a text: write {name} as a number', name)
-    return value
-
-
-def _given(value: float | str) -> object:
-    """A field of a command: a number, or a JSON list in a text."""
-    if not isinstance(value, str):
-        return value
-    try:
-        return decode(value.encode("utf-8", "replace"), "json")
-    except Undecodable:
-        raise ValueError(f'"{value[:40]}" is neither a number nor a JSON list') from None

@@ -9,7 +9,8 @@ from typing import Literal
 
 import msgspec
 
-from uwserver.ports import Buffer, Field, Port, Sample, Scalar, Value
+from uwserver.adapter import Undecodable, decode
+from uwserver.ports import Buffer, Field, Port, Refused, Sample, Scalar, Value
 
 MOST_COMPONENTS = 16
 """A longer field is one JSON list whatever the scenario says: nobody wants 300 variables of one sonar ping."""
@@ -86,3 +87,20 @@ def _written(value: Value) -> float | str | None:
 
 def _finite(value: tuple[Scalar, ...]) -> list[Scalar]:
     return [None if isinstance(part, float) and not math.isfinite(part) else part for part in value]
+
+
+def number(name: str, value: float | str) -> float:
+    """Of a variable that is to be one; Refused for a text."""
+    if isinstance(value, str):
+        raise Refused("bad_argument", f'"{value[:40]}" is a text: write {name} as a number', name)
+    return value
+
+
+def given(value: float | str) -> object:
+    """A field of a command: a number, or a JSON list in a text."""
+    if not isinstance(value, str):
+        return value
+    try:
+        return decode(value.encode("utf-8", "replace"), "json")
+    except Undecodable:
+        raise ValueError(f'"{value[:40]}" is neither a number nor a JSON list') from None

@@ -403,3 +403,17 @@ def test_a_ghost_of_the_sound_that_comes_too_late_smears_the_packet():
         world.command("a/modem/send", destination=2, data=bytes(60))
         assert [m.by for m in listen(world, 1.0)] == expected
         assert counts(world, "b") == ({"heard": 1} if expected else {"smeared": 1})
+
+
+def test_messages_that_wait_to_be_told_are_told_after_a_restore():
+    """Two came in one tick: one is told in it, the other in the next."""
+    world = world_of(FAR)
+    for data in (b"1", b"2"):
+        world.command("a/modem/send", destination=2, data=data)
+    while len(world.sensors["b/modem/received"].sensor.memory.inbox) != 1:
+        told = listen(world, 1.0 / 240)
+    assert [m.data for m in told] == [b"1"]
+    data = snapshot.to_bytes(world, snapshot.take(world))
+    fresh = world_of(FAR)
+    snapshot.from_bytes(fresh, data)
+    assert [m.data for m in listen(fresh, 2.0 / 240)] == [m.data for m in listen(world, 2.0 / 240)] == [b"2"]

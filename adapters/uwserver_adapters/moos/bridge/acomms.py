@@ -1,0 +1,62 @@
+"""A vehicle's modem by the variables of MOOS' drivers of acoustic modems: ACOMMS_TRANSMIT_DEST and _DATA in, ACOMMS_RECEIVED_* out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import msgspec
+
+from uwserver.ports import Buffer, Port, Refused, Sample
+
+DESTINATION, TEXT, BINARY = "ACOMMS_TRANSMIT_DEST", "ACOMMS_TRANSMIT_DATA", "ACOMMS_TRANSMIT_DATA_BINARY"
+SOURCE_ID, DEST_ID, DATA = "ACOMMS_RECEIVED_SOURCE_ID", "ACOMMS_RECEIVED_DEST_ID", "ACOMMS_RECEIVED_DATA"
+
+
+class Acomms:
+    """Sends what is written to a destination that was written before, or to all.
+
+    Attributes:
+        names: variables that mean something here; none without a modem.
+        received, send: ports of the modem; "" for none.
+    """
+
+    def __init__(self) -> None:
+        self.names: tuple[str, ...] = ()
+        self.received = self.send = ""
+        self._destination: float | None = None
+        self._fields: tuple[str, ...] = ()
+
+    def find(self, ports: Mapping[str, Port], vehicle: str) -> None:
+        """Look for the first acoustic modem of a vehicle."""
+        found = [p for p in ports.values() if p.kind == "acoustic_modem" and p.path.startswith(f"{vehicle}/")]
+        received = next((port for port in found if vehicle and port.direction == "sensor"), None)
+        self.received = "" if received is None else received.path
+        self.send = self.received.removesuffix("received") + "send" if received is not None else ""
+        self._fields = () if received is None else tuple([field.name for field in received.fields])
+        self.names = (DESTINATION, TEXT, BINARY) if received is not None else ()
+
+    def hear(self, name: str, value: float | str | bytes) -> dict[str, object] | None:
+        """What a variable sends; None for a destination.
+
+        Raises:
+            Refused: a text as destination, or a number as data.
+        """
+        if name == DESTINATION:
+            if not isinstance(value, float | int):
+                raise Refused("bad_argument", f"{DESTINATION} must be a number: an address, or -1 for all", name)
+            self._destination = None if value < 0 else float(value)
+            return None
+        if isinstance(value, float | int):
+            raise Refused("bad_argument", f"{name} must be a text, not a number: there is nothing to send", name)
+        data = value.encode() if isinstance(value, str) else value
+        return {"data": data} if self._destination is None else {"data": data, "destination": self._destination}
+
+    def pairs(self, sample: Sample) -> list[tuple[str, float | str]]:
+        """Variables of a message: the data last, when all that is said of them is there. Bytes that are no ASCII text come as JSON."""
+        told = dict(zip(self._fields, sample.value, strict=True))
+        data = told["data"]
+        if told["event"] != "data" or not isinstance(data, Buffer):
+            return []
+        text = data.data.decode("latin-1")
+        plain = text if text.isascii() and text.isprintable() else msgspec.json.encode(data).decode()
+        return [(SOURCE_ID, float(str(told["source"]))), (DEST_ID, float(str(told["destination"]))), (DATA, plain)]

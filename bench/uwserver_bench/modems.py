@@ -1,0 +1,82 @@
+"""What modems cost: a tick while they are silent, and a packet from its sending to the last modem that hears it.
+
+In processor time of the thread that does it all. What a tick costs without modems is taken off, measured beside it in turns.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from uwserver.scenario.build.world import build
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.entry import VehicleEntry
+from uwserver.sensors import AcousticModemConfig
+from uwserver.world.world import World
+from uwserver_bench.rows import Row
+
+VEHICLES, SPACING_M, DEPTH_M = 20, 150.0, 20.0
+IDLE_BAR_US, PACKET_BAR_US = 5.0, 1000.0
+SECONDS_A_PACKET = 3
+"""In which it has passed everybody."""
+
+
+def bench_modems(quick: bool, say: Callable[[str], None]) -> list[Row]:
+    """The part of the report on modems.
+
+    Args:
+        quick: two short repeats.
+        say: gets a line of progress.
+    """
+    repeats, seconds, packets = (2, 1, 2) if quick else (7, 10, 20)
+    without, silent = fleet(with_modems=False), fleet()
+    idle, each = [], []
+    for repeat in range(-1, repeats):  # the first warms up
+        say(f"modems: repeat {max(repeat, 0) + 1} of {repeats}")
+        base, quiet = _tick_us(without, seconds), _tick_us(silent, seconds)
+        spoken = _packet_us(silent, packets, quiet)
+        if repeat >= 0:
+            idle.append(quiet - base)
+            each.append(spoken / (VEHICLES - 1))
+    return [
+        Row("sensors", f"{VEHICLES} idle modems, a tick", "us", tuple(idle), at_most=IDLE_BAR_US),
+        Row(
+            "sensors", f"a packet, each of {VEHICLES - 1} modems that hear it", "us", tuple(each), at_most=PACKET_BAR_US
+        ),
+    ]
+
+
+def fleet(with_modems: bool = True) -> World:
+    """Vehicles in a row, without other sensors."""
+    off = {"sensors": {name: {"enabled": False} for name in ("imu", "pressure", "depth")}}
+    vehicles = {}
+    for k in range(VEHICLES):
+        modem = AcousticModemConfig(rate_hz=1, address=k + 1, bits_per_s=1000.0, max_range_m=5000.0)
+        vehicles[f"v{k}"] = VehicleEntry(
+            model="bluerov2_heavy", position_ned_m=(k * SPACING_M, 0.0, DEPTH_M), override=off,
+            sensors={"modem": modem} if with_modems else {},
+        )  # fmt: skip
+    world = build(load(Scenario(schema=1, vehicles=vehicles), adapters={}))
+    world.want(())
+    return world
+
+
+def _tick_us(world: World, seconds: int) -> float:
+    """Of a tick in which nobody says anything."""
+    ticks = round(seconds * world.rate_hz)
+    start = time.thread_time_ns()
+    for _ in range(ticks):
+        world.advance()
+    return (time.thread_time_ns() - start) * 1e-3 / ticks
+
+
+def _packet_us(world: World, packets: int, quiet_us: float) -> float:
+    """Of a broadcast, beyond ticks in which nobody says anything."""
+    ticks = round(SECONDS_A_PACKET * world.rate_hz)
+    start = time.thread_time_ns()
+    for k in range(packets):
+        world.command(f"v{k % VEHICLES}/modem/send", data=bytes(32))
+        for _ in range(ticks):
+            world.advance()
+    return (time.thread_time_ns() - start) * 1e-3 / packets - quiet_us * ticks
