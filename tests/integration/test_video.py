@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from server_process import Peer
+from server_process import serving as serving_process
 from uwserver_adapters.video.config import StreamTable
 from video_rig import HEIGHT, PATIENCE_S, WIDTH, filming, number_of, picture, psnr, serving
 
@@ -105,3 +107,63 @@ def test_the_chain_of_qgroundcontrol(tmp_path: Path) -> None:
             are_those_that_were_sent(await by_gstreamer(tmp_path, *source, *chain))
 
     asyncio.run(asyncio.wait_for(whole(), 2 * PATIENCE_S))
+
+
+CAMERA = '''
+"""A camera whose pictures count the samples."""
+import sys
+sys.path.insert(0, {tests!r})
+from video_rig import picture
+from uwserver.ports import Buffer, Field, Layout
+from uwserver.sensors import IdealSensor, SensorTable
+
+
+class CountingConfig(SensorTable, tag="counting", kw_only=True, frozen=True):
+    """Has no keys."""
+
+    def build(self, mount):
+        return Counting()
+
+
+class Counting(IdealSensor):
+    doc = "Counts."
+    fields = (Field("image", "1", "picture", type="buffer", buffer=Layout("uint8", (-1, -1, 3))),)
+
+    def measure(self, scope):
+        return True, [Buffer.of(picture(round(scope.t_ns * 20e-9)))]
+
+
+SENSORS = (CountingConfig,)
+'''
+SCENARIO = """
+schema = 1
+extensions = ["counting.py"]
+[vehicles.rov]
+model = "bluerov2"
+[vehicles.rov.sensors.camera]
+kind = "counting"
+rate_hz = 20
+[adapters.tcp]
+kind = "sockets"
+port = 0
+[adapters.video]
+kind = "video"
+rtsp_port = 0
+[adapters.web]
+kind = "web"
+port = 0
+"""
+
+
+def test_a_world_s_camera_from_the_server_to_the_player(tmp_path: Path) -> None:
+    (tmp_path / "counting.py").write_text(CAMERA.format(tests=str(Path(__file__).parents[1])))
+    (tmp_path / "camera.toml").write_text(SCENARIO)
+    with serving_process(tmp_path / "camera.toml") as (address, _):
+        peer = Peer(address)
+        adapter = peer.call("world/status")["result"]["value"]["adapters"]["video"]
+        assert adapter["details"]["streams"]["rov/camera"]["encoded"] == 0
+        found = by_ffmpeg(f"{adapter['address']}rov/camera", rtsp_transport="tcp")
+        are_those_that_were_sent(found)
+        adapter = peer.call("world/status")["result"]["value"]["adapters"]["video"]
+        assert adapter["encoded"] >= PICTURES
+        assert adapter["errors"] == 0

@@ -223,9 +223,10 @@ def test_an_encoder_without_time_loses_pictures_and_says_so(monkeypatch):
             await player.play()
             for number in range(10):
                 fake.put([sample(number)])
-            assert fake.stats.dropped == 10 - stream_module.WAITING
-            assert fake.stats.details["refused"] == {"slow encoder": 10 - stream_module.WAITING}
+            dropped = fake.stats.dropped
             Stuck.go_on.set()
+            assert dropped == 10 - stream_module.WAITING
+            assert fake.stats.details["refused"] == {"slow encoder": 10 - stream_module.WAITING}
             for _ in range(stream_module.WAITING):
                 await player.picture()
             fake.put([sample(11)])
