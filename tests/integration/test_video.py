@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import shutil
 import socket
 from pathlib import Path
@@ -158,8 +159,7 @@ port = 0
 def test_a_world_s_camera_from_the_server_to_the_player(tmp_path: Path) -> None:
     (tmp_path / "counting.py").write_text(CAMERA.format(tests=str(Path(__file__).parents[1])))
     (tmp_path / "camera.toml").write_text(SCENARIO)
-    with serving_process(tmp_path / "camera.toml") as (address, _):
-        peer = Peer(address)
+    with serving_process(tmp_path / "camera.toml") as (address, _), contextlib.closing(Peer(address)) as peer:
         adapter = peer.call("world/status")["result"]["value"]["adapters"]["video"]
         assert adapter["details"]["streams"]["rov/camera"]["encoded"] == 0
         found = by_ffmpeg(f"{adapter['address']}rov/camera", rtsp_transport="tcp")
