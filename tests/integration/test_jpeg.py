@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import importlib.util
 import io
+import json
 
 import numpy as np
 import pytest
@@ -84,7 +85,47 @@ def test_other_forms_and_servers_without_a_library_say_so(monkeypatch):
 
 
 @pytest.mark.skipif(importlib.util.find_spec("zenoh") is None, reason="eclipse-zenoh is not installed")
-def test_by_zenoh_it_is_refused():
+def test_by_zenoh_it_has_a_key_of_its_own():
+    import zenoh
+    from uwserver_adapters.zenoh_bus import ZenohAdapter
+
+    async def whole() -> None:
+        fake, ready = context(), asyncio.Event()
+        config = ZenohAdapter.Config(listen=("tcp/127.0.0.1:0",), scouting=False)
+        task = asyncio.ensure_future(ZenohAdapter(config, fake).run(ready))
+        peer = None
+        try:
+            await asyncio.wait_for(ready.wait(), PATIENCE_S)
+            options = (
+                f'{{connect: {{endpoints: ["{fake.stats.address}"]}}, scouting: {{multicast: {{enabled: false}}}}}}'
+            )
+            peer = await asyncio.to_thread(zenoh.open, zenoh.Config.from_json5(options))
+            came = []
+            subscriber = peer.declare_subscriber("uw/uwserver/@jpeg/rov/camera", came.append)
+            while not came:
+                fake.put([Sample(CAMERA.path, 0, 0, 0, False, (None, None)), sample(7)])
+                await asyncio.sleep(0.02)
+            shown = np.asarray(Image.open(io.BytesIO(came[0].payload.to_bytes())))
+            assert number_of(shown) == 7
+            assert str(came[0].encoding) == "image/jpeg"
+            meta = json.loads(came[0].attachment.to_bytes())
+            assert (meta["port"], meta["seq"], meta["field"]) == ("rov/camera", 7, "image")
+            subscriber.undeclare()
+            while fake.wanted:
+                await asyncio.sleep(0.02)
+            fake.set_ports([DEPTH])
+            assert fake.stats.errors == 0
+        finally:
+            if peer is not None:
+                peer.close()
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+
+    asyncio.run(asyncio.wait_for(whole(), 2 * PATIENCE_S))
+
+
+@pytest.mark.skipif(importlib.util.find_spec("zenoh") is None, reason="eclipse-zenoh is not installed")
+def test_by_zenoh_the_option_is_refused():
     from uwserver_adapters.zenoh_bus import ZenohAdapter
 
     async def whole() -> None:
