@@ -304,7 +304,8 @@ def test_too_many_clients_are_told_and_those_who_have_a_place_keep_it():
             players = [await Player.connect(fake, stack) for _ in range(3)]
             for player in players[:2]:
                 await player.play()
-            assert (await players[2].ask("OPTIONS"))[0] == 453
+            status, head = await players[2].ask("OPTIONS")
+            assert (status, "\r\nCSeq: 1\r\n" in head) == (453, True)
             assert (await players[2].reader.read()).startswith(b"2 clients are connected")
             fake.put([sample(0)])
             for player in players[:2]:
