@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import re
+import shlex
 import shutil
 import socket
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from server_process import Peer
 from server_process import serving as serving_process
-from uwserver_adapters.video.config import StreamTable
+from uwserver_adapters.video.config import StreamTable, VideoConfig
 from video_rig import HEIGHT, PATIENCE_S, WIDTH, filming, number_of, picture, psnr, serving
 
 av = pytest.importorskip("av", reason="PyAV is not installed")
 
+ROOT = Path(__file__).parents[2]
 GSTREAMER = shutil.which("gst-launch-1.0")
 PICTURES = 30
 ALIKE_DB = 30.0
@@ -106,6 +110,37 @@ def test_the_chain_of_qgroundcontrol(tmp_path: Path) -> None:
             source = ["udpsrc", f"port={port}", f"caps={caps}", "!", "rtpjitterbuffer", "latency=0", "!"]
             chain = ["rtph264depay", "!", "h264parse", "!", "avdec_h264"]
             are_those_that_were_sent(await by_gstreamer(tmp_path, *source, *chain))
+
+    asyncio.run(asyncio.wait_for(whole(), 2 * PATIENCE_S))
+
+
+@pytest.mark.parametrize("source", ["rtspsrc", "udpsrc"])
+def test_the_commands_of_the_page_show_what_its_table_serves(source: str) -> None:
+    if GSTREAMER is None:
+        pytest.skip("gst-launch-1.0 is not installed")
+    page = (ROOT / "docs/how-to/video.md").read_text()
+    _, table = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
+    (line,) = [line for line in page.splitlines() if line.startswith(f"gst-launch-1.0 {source} ")]
+    port = free_port()
+    given = msgspec.toml.decode(table.replace(":5600", f":{port}").replace(":14550", f":{free_port()}"))["adapters"][
+        "video"
+    ]
+    config = msgspec.convert({**given, "rtsp_port": 0}, VideoConfig)
+    assert config.mavlink
+    assert config.streams
+
+    async def whole() -> None:
+        fields = {name: getattr(config, name) for name in config.__struct_fields__}
+        async with serving(**fields) as fake, filming(fake):
+            words = line.replace("rtsp://127.0.0.1:8554/", fake.stats.address).replace("port=5600", f"port={port}")
+            words = re.sub("autovideosink.*", f"fakesink num-buffers={PICTURES}", words)
+            process = await asyncio.create_subprocess_exec(*shlex.split(words), stdout=asyncio.subprocess.DEVNULL)
+            try:
+                assert await asyncio.wait_for(process.wait(), PATIENCE_S) == 0
+            finally:
+                if process.returncode is None:
+                    process.kill()
+                    await process.wait()
 
     asyncio.run(asyncio.wait_for(whole(), 2 * PATIENCE_S))
 
