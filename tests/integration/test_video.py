@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import re
+import shlex
 import shutil
 import socket
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from uwserver_adapters.video.config import StreamTable
+from server_process import Peer
+from server_process import serving as serving_process
+from uwserver_adapters.video.config import StreamTable, VideoConfig
 from video_rig import HEIGHT, PATIENCE_S, WIDTH, filming, number_of, picture, psnr, serving
 
 av = pytest.importorskip("av", reason="PyAV is not installed")
 
+ROOT = Path(__file__).parents[2]
 GSTREAMER = shutil.which("gst-launch-1.0")
 PICTURES = 30
 ALIKE_DB = 30.0
@@ -105,3 +112,93 @@ def test_the_chain_of_qgroundcontrol(tmp_path: Path) -> None:
             are_those_that_were_sent(await by_gstreamer(tmp_path, *source, *chain))
 
     asyncio.run(asyncio.wait_for(whole(), 2 * PATIENCE_S))
+
+
+@pytest.mark.parametrize("source", ["rtspsrc", "udpsrc"])
+def test_the_commands_of_the_page_show_what_its_table_serves(source: str) -> None:
+    if GSTREAMER is None:
+        pytest.skip("gst-launch-1.0 is not installed")
+    page = (ROOT / "docs/how-to/video.md").read_text()
+    _, table = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
+    (line,) = [line for line in page.splitlines() if line.startswith(f"gst-launch-1.0 {source} ")]
+    port = free_port()
+    given = msgspec.toml.decode(table.replace(":5600", f":{port}").replace(":14550", f":{free_port()}"))["adapters"][
+        "video"
+    ]
+    config = msgspec.convert({**given, "rtsp_port": 0}, VideoConfig)
+    assert config.mavlink
+    assert config.streams
+
+    async def whole() -> None:
+        fields = {name: getattr(config, name) for name in config.__struct_fields__}
+        async with serving(**fields) as fake, filming(fake):
+            words = line.replace("rtsp://127.0.0.1:8554/", fake.stats.address).replace("port=5600", f"port={port}")
+            words = re.sub("autovideosink.*", f"fakesink num-buffers={PICTURES}", words)
+            process = await asyncio.create_subprocess_exec(*shlex.split(words), stdout=asyncio.subprocess.DEVNULL)
+            try:
+                assert await asyncio.wait_for(process.wait(), PATIENCE_S) == 0
+            finally:
+                if process.returncode is None:
+                    process.kill()
+                    await process.wait()
+
+    asyncio.run(asyncio.wait_for(whole(), 2 * PATIENCE_S))
+
+
+CAMERA = '''
+"""A camera whose pictures count the samples."""
+import sys
+sys.path.insert(0, {tests!r})
+from video_rig import picture
+from uwserver.ports import Buffer, Field, Layout
+from uwserver.sensors import IdealSensor, SensorTable
+
+
+class CountingConfig(SensorTable, tag="counting", kw_only=True, frozen=True):
+    """Has no keys."""
+
+    def build(self, mount):
+        return Counting()
+
+
+class Counting(IdealSensor):
+    doc = "Counts."
+    fields = (Field("image", "1", "picture", type="buffer", buffer=Layout("uint8", (-1, -1, 3))),)
+
+    def measure(self, scope):
+        return True, [Buffer.of(picture(round(scope.t_ns * 20e-9)))]
+
+
+SENSORS = (CountingConfig,)
+'''
+SCENARIO = """
+schema = 1
+extensions = ["counting.py"]
+[vehicles.rov]
+model = "bluerov2"
+[vehicles.rov.sensors.camera]
+kind = "counting"
+rate_hz = 20
+[adapters.tcp]
+kind = "sockets"
+port = 0
+[adapters.video]
+kind = "video"
+rtsp_port = 0
+[adapters.web]
+kind = "web"
+port = 0
+"""
+
+
+def test_a_world_s_camera_from_the_server_to_the_player(tmp_path: Path) -> None:
+    (tmp_path / "counting.py").write_text(CAMERA.format(tests=str(Path(__file__).parents[1])))
+    (tmp_path / "camera.toml").write_text(SCENARIO)
+    with serving_process(tmp_path / "camera.toml") as (address, _), contextlib.closing(Peer(address)) as peer:
+        adapter = peer.call("world/status")["result"]["value"]["adapters"]["video"]
+        assert adapter["details"]["streams"]["rov/camera"]["encoded"] == 0
+        found = by_ffmpeg(f"{adapter['address']}rov/camera", rtsp_transport="tcp")
+        are_those_that_were_sent(found)
+        adapter = peer.call("world/status")["result"]["value"]["adapters"]["video"]
+        assert adapter["encoded"] >= PICTURES
+        assert adapter["errors"] == 0

@@ -11,9 +11,10 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from uwserver.ports import Buffer, Field, Port
+from uwserver.ports import Buffer, Field, Port, Sample
 
 Pixels = NDArray[np.uint8]
 """``[h, w, 3]`` RGB or ``[h, w]`` grey, contiguous."""
@@ -112,6 +113,20 @@ def jpeg(shown: Pixels, quality: int = QUALITY) -> bytes:
     if library == "PIL":
         return _by_pillow(shown, quality)
     raise RuntimeError(f"JPEG needs simplejpeg or Pillow: pip install '{EXTRA}'")
+
+
+def with_jpeg(port: Port, sample: Sample) -> Sample:
+    """The sample with the bytes of a JPEG for its picture; itself where it holds none.
+
+    Raises:
+        RuntimeError: no library for JPEG is installed.
+    """
+    place = picture_place(port)
+    shown = pixels(sample.value[place]) if place is not None and place < len(sample.value) else None
+    if place is None or shown is None:
+        return sample
+    value = (*sample.value[:place], Buffer(data=jpeg(shown)), *sample.value[place + 1 :])
+    return replace(sample, value=value)
 
 
 def _by_simplejpeg(shown: Pixels, quality: int) -> bytes:

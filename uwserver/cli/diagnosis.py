@@ -32,6 +32,8 @@ _OPTIONAL = {
     "pymavlink": ("pymavlink", "scenarios with MAVLink", ""),
     "eclipse-zenoh": ("zenoh", "scenarios with zenoh", ""),
     "matplotlib": ("matplotlib", "pictures", "plot"),
+    "simplejpeg": ("simplejpeg", "JPEG of cameras", "pictures"),
+    "av": ("av", "H.264 of cameras, MP4", "video"),
 }
 """Module, who needs it, and the extra that brings it ("": none, every installation has it), by distribution; engines have findings of their own."""
 

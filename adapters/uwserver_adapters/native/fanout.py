@@ -9,6 +9,7 @@ from typing import Protocol
 import msgspec
 
 from uwserver.adapter import AdapterContext, SampleForm, Thinned
+from uwserver.adapter.pictures import with_jpeg
 from uwserver.ports import Event, Json, Port, Sample, matching
 from uwserver_adapters.native.codec import Codec
 from uwserver_adapters.native.encoding import Encoding
@@ -72,15 +73,16 @@ class _Route:
 
 
 class _Selection:
-    """All clients of one encoding that take the same fields of one port."""
+    """All clients of one encoding that take the same fields of one port, its pictures in the same form."""
 
-    __slots__ = ("_fields", "_form", "_port", "encoding", "routes")
+    __slots__ = ("_fields", "_form", "_is_jpeg", "_port", "encoding", "routes")
 
-    def __init__(self, encoding: Encoding, port: Port, fields: tuple[str, ...] | None) -> None:
+    def __init__(self, encoding: Encoding, port: Port, fields: tuple[str, ...] | None, is_jpeg: bool) -> None:
         self.encoding = encoding
         self.routes: dict[Subscriber, _Route] = {}
         self._port = port
         self._fields = fields
+        self._is_jpeg = is_jpeg
         self._form: SampleForm | None = None
 
     @property
@@ -90,8 +92,12 @@ class _Selection:
             self._form = SampleForm(self._port, self._fields)
         return self._form
 
+    def encoded(self, sample: Sample) -> bytes:
+        """The message of a sample, without its frame."""
+        return self.encoding.sample(self.form, with_jpeg(self._port, sample) if self._is_jpeg else sample)
 
-_Key = tuple[str, tuple[str, ...] | None]
+
+_Key = tuple[str, tuple[str, ...] | None, bool]
 
 
 class Fanout:
@@ -147,13 +153,13 @@ class Fanout:
 
     def _add(self, session: Subscriber, subscription: Subscription) -> None:
         subscription.paths = self._served(subscription)
-        key = (session.codec.encoding.name, subscription.fields)
+        key = (session.codec.encoding.name, subscription.fields, subscription.is_jpeg)
         for path in subscription.paths:
             selections = self._ports.setdefault(path, {})
             selection = selections.get(key)
             if selection is None:
                 port = self.context.ports[path]
-                selection = selections[key] = _Selection(session.codec.encoding, port, subscription.fields)
+                selection = selections[key] = _Selection(session.codec.encoding, port, *key[1:])
             route = selection.routes.get(session)
             if route is None:
                 route = selection.routes[session] = _Route(session.outbox, session.codec.frame)
@@ -168,7 +174,7 @@ class Fanout:
         self.context.follow_wants()
 
     def _remove(self, session: Subscriber, subscription: Subscription) -> None:
-        key = (session.codec.encoding.name, subscription.fields)
+        key = (session.codec.encoding.name, subscription.fields, subscription.is_jpeg)
         for path in subscription.paths:
             selections = self._ports[path]
             routes = selections[key].routes
@@ -286,7 +292,7 @@ def _distribute(sample: Sample, selection: _Selection, touched: set[Outgoing]) -
         delivery = route.delivery(sample.t_ns)
         if delivery is None:
             return False
-        message = route.frame(selection.encoding.sample(selection.form, sample))
+        message = route.frame(selection.encoded(sample))
         route.outbox.put_sample(selection, message, delivery)
         touched.add(route.outbox)
         return True
@@ -300,7 +306,7 @@ def _distribute(sample: Sample, selection: _Selection, touched: set[Outgoing]) -
         framed = messages.get(route.frame)
         if framed is None:
             if body is None:
-                body = selection.encoding.sample(selection.form, sample)
+                body = selection.encoded(sample)
             framed = messages[route.frame] = route.frame(body)
         route.outbox.put_sample(selection, framed, delivery)
         touched.add(route.outbox)

@@ -18,17 +18,20 @@ class Subscription:
     Attributes:
         serial: the client's name for it.
         fields: those to send; None for all.
+        is_jpeg: pictures are sent as JPEG.
         paths: ports that it covers now.
     """
 
     def __init__(
-        self, serial: int, pattern: str, rate_hz: float | None, fields: tuple[str, ...] | None, delivery: Delivery
-    ) -> None:
+        self, serial: int, pattern: str, rate_hz: float | None, fields: tuple[str, ...] | None, delivery: Delivery,
+        is_jpeg: bool = False,
+    ) -> None:  # fmt: skip
         self.serial = serial
         self.pattern = pattern
         self.rate_hz = rate_hz
         self.fields = fields
         self.delivery = delivery
+        self.is_jpeg = is_jpeg
         self.paths: tuple[str, ...] = ()
 
 

@@ -9,6 +9,7 @@ from enum import Enum
 from typing import Final
 
 from uwserver.adapter import did_you_mean
+from uwserver.adapter.pictures import EXTRA, can_encode_jpeg
 from uwserver.ports import Fault, Json, Refused, Reply
 from uwserver_adapters.native import params as read
 from uwserver_adapters.native.fanout import has_any
@@ -103,13 +104,14 @@ def _describe(session: Session, request: Request) -> object:
 
 
 def _subscribe(session: Session, request: Request) -> object:
-    params = read.taken(request, ("pattern", "rate_hz", "fields", "delivery"))
+    params = read.taken(request, ("pattern", "rate_hz", "fields", "delivery", "pictures"))
     pattern = read.name(params, "pattern", "a path, or a pattern of paths with * and **")
     rate_hz = read.positive(params, "rate_hz", "samples a second of simulation time")
     fields = read.names(params, "fields", "names of fields")
     delivery = params.get("delivery", "ring")
     if delivery not in session.outbox.deliveries:
         raise Refused("bad_argument", f'"delivery" is here one of {", ".join(session.outbox.deliveries)}', "delivery")
+    is_jpeg = _is_jpeg(params.get("pictures", "raw"))
     most = session.allowance.subscriptions
     if len(session.subscriptions) >= most:
         text = f"{most} subscriptions are the most a client can have: unsubscribe, or use one pattern for many"
@@ -124,10 +126,20 @@ def _subscribe(session: Session, request: Request) -> object:
         )
         raise Refused("overload", text, "pattern")
     session.subscribed += 1
-    subscription = Subscription(session.subscribed, pattern, rate_hz, fields, delivery)
+    subscription = Subscription(session.subscribed, pattern, rate_hz, fields, delivery, is_jpeg)
     session.fanout.add(session, subscription)
     session.subscriptions[subscription.serial] = subscription
     return {"subscription": subscription.serial, "ports": subscription.paths}
+
+
+def _is_jpeg(form: object) -> bool:
+    if form not in ("raw", "jpeg"):
+        raise Refused("bad_argument", '"pictures" is "raw" or "jpeg"', "pictures")
+    if form == "jpeg" and not can_encode_jpeg():
+        raise Refused(
+            "bad_argument", f"JPEG needs a library for it where the server runs: pip install '{EXTRA}'", "pictures"
+        )
+    return form == "jpeg"
 
 
 def _check_coverage(session: Session, pattern: str, fields: tuple[str, ...] | None) -> None:

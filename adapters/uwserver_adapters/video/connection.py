@@ -11,7 +11,7 @@ from uwserver.adapter import AdapterStats, Connection, Peers, RateMeter
 from uwserver.ports import Fault
 from uwserver_adapters.video.config import VideoConfig
 from uwserver_adapters.video.media_ports import Address, MediaPorts
-from uwserver_adapters.video.rtsp import Interleaved, Malformed, Reader, answer
+from uwserver_adapters.video.rtsp import Interleaved, Malformed, Reader, answer, sequence_number
 from uwserver_adapters.video.session import Session
 from uwserver_adapters.video.stream import Picture, Stream
 
@@ -54,6 +54,7 @@ class RtspConnection(Connection):
         self._rate = RateMeter(REQUESTS_PER_S)
         self._session: Session | None = None
         self._address = ""
+        self._seq = ""
         self._channel: int | None = None
         self._to: tuple[Address, Address] | None = None
         self._stream: Stream | None = None
@@ -89,9 +90,12 @@ class RtspConnection(Connection):
             self.farewell(
                 answer(event.status, "", {"Content-Type": "text/plain", "Connection": "close"}, f"{event.text}\r\n")
             )
-        elif isinstance(event, Interleaved):
+            return True
+        if isinstance(event, Interleaved):
             self._heard_at = now  # a report of a receiver
-        elif self.admit():
+            return True
+        self._seq = sequence_number(event)
+        if self.admit():
             assert self._session is not None
             self._heard_at = now
             self._stats.calls += 1
@@ -115,7 +119,7 @@ class RtspConnection(Connection):
     def refused(self, fault: Fault) -> bytes:
         """What a client gets for which there is no place, or which said nothing in time."""
         status = 453 if fault.code == "overload" else 400
-        return answer(status, "", {"Content-Type": "text/plain", "Connection": "close"}, f"{fault.text}\r\n")
+        return answer(status, self._seq, {"Content-Type": "text/plain", "Connection": "close"}, f"{fault.text}\r\n")
 
     def half_closed(self) -> None:
         """A client that asks nothing more takes nothing more."""

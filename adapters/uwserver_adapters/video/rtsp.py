@@ -21,6 +21,7 @@ _REASONS: Final[Mapping[int, str]] = {
     457: "Invalid Range", 459: "Aggregate Operation Not Allowed", 461: "Unsupported Transport", 501: "Not Implemented",
     503: "Service Unavailable", 505: "RTSP Version Not Supported", 551: "Option not supported",
 }  # fmt: skip
+_SEQ_LIMIT: Final = 10
 _DOLLAR: Final = 0x24
 _END: Final = re.compile(rb"\r?\n\r?\n")
 _LINE: Final = re.compile(r"([A-Z_]{1,32}) ([\x21-\x7e]{1,1024}) (RTSP/[0-9]\.[0-9])")
@@ -142,6 +143,12 @@ class Reader:
         self._is_lost = True
         self._buffer.clear()
         return Malformed(status, text)
+
+
+def sequence_number(request: Request) -> str:
+    """The header `CSeq`, which the answer repeats; "" where it is none."""
+    seq = request.headers.get("cseq", "")
+    return seq if seq.isascii() and seq.isdigit() and len(seq) <= _SEQ_LIMIT else ""
 
 
 def answer(status: int, seq: str, headers: Mapping[str, str] | None = None, body: str = "") -> bytes:

@@ -10,14 +10,13 @@ from typing import Final, Protocol
 from urllib.parse import unquote, urlsplit
 
 from uwserver.adapter import did_you_mean
-from uwserver_adapters.video.rtsp import VERSION, Request, Transport, answer, transports
+from uwserver_adapters.video.rtsp import VERSION, Request, Transport, answer, sequence_number, transports
 
 PUBLIC: Final = "OPTIONS, DESCRIBE, SETUP, PLAY, PAUSE, GET_PARAMETER, SET_PARAMETER, TEARDOWN"
 CONTROL: Final = "video"
 """Name of the one medium of a stream, below the stream's."""
 LOWEST_PORT: Final = 1024
 """Of a client by UDP: those below belong to services of its machine."""
-_SEQ_LIMIT: Final = 10
 _SDP: Final = "application/sdp"
 
 
@@ -84,8 +83,8 @@ class Session:
 
     def answer(self, request: Request) -> bytes:
         """The answer to a request, once it has been obeyed."""
-        seq = request.headers.get("cseq", "")
-        if not (seq.isascii() and seq.isdigit() and len(seq) <= _SEQ_LIMIT):
+        seq = sequence_number(request)
+        if not seq:
             return _refused(400, "", "a request has a header CSeq with its number")
         if request.version != VERSION:
             return _refused(505, seq, f"only {VERSION} is spoken here")

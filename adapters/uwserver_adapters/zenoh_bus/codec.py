@@ -8,6 +8,7 @@ import msgspec
 from msgspec import Struct
 
 from uwserver.adapter import EncodingName, SampleForm, Undecodable, decode, in_pieces, raw_field
+from uwserver.adapter.pictures import jpeg, picture_place, pixels
 from uwserver.ports import Buffer, Fault, Port, Refused, Sample
 
 PAYLOAD_LIMIT = 1 << 20
@@ -89,6 +90,15 @@ class Codec:
         value = form.value(sample, binary=self.name == "msgpack")
         payload = self.encode(in_pieces(value, self.encode) if form.is_long and self.name == "json" else value)
         return payload, self.media, self.encode(SampleMeta(*meta))
+
+    def picture(self, port: Port, sample: Sample) -> tuple[bytes, bytes] | None:
+        """JPEG and attachment of the picture in a sample; None where there is none."""
+        place = picture_place(port)
+        shown = pixels(sample.value[place]) if place is not None and place < len(sample.value) else None
+        if place is None or shown is None:
+            return None
+        meta = (sample.port, sample.seq, sample.t_ns, sample.t_sent_ns, sample.valid)
+        return jpeg(shown), self.encode(RawMeta(*meta, port.fields[place].name, "", ()))
 
 
 def encoding_of(media: str, default: EncodingName) -> EncodingName:

@@ -51,6 +51,10 @@ class KeyScheme:
         """Token of the server, a vehicle or a port."""
         return f"{self.root}/@alive/{path}" if path else f"{self.root}/@alive"
 
+    def jpeg(self, path: str) -> str:
+        """Key of a port's pictures as JPEG."""
+        return f"{self.root}/@jpeg/{path}"
+
     def identity(self, zid: str) -> str:
         """Token that tells apart two servers of one name."""
         return f"{self.root}/@id/{zid}"

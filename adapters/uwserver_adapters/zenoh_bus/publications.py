@@ -10,6 +10,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from uwserver.adapter import AdapterContext, SampleForm, Worker
+from uwserver.adapter.pictures import can_encode_jpeg, picture_place
 from uwserver.ports import Event, Port, Sample
 from uwserver_adapters.zenoh_bus.codec import Codec
 from uwserver_adapters.zenoh_bus.keys import KeyScheme
@@ -21,6 +22,7 @@ log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
+JPEG = "image/jpeg"
 LARGE_BYTES = 1 << 15
 """A payload above this goes out in fragments, for which zenoh may wait: not on the loop."""
 
@@ -49,7 +51,7 @@ class _Outlet:
     )
 
     def __init__(
-        self, port: Port, publisher: Publisher | None, token: LivelinessToken, changed: Callable[[], None]
+        self, port: Port, publisher: Publisher | None, token: LivelinessToken | None, changed: Callable[[], None]
     ) -> None:
         self.port = port
         self.form = SampleForm(port)
@@ -63,6 +65,13 @@ class _Outlet:
         if publisher is not None:
             self.listener = publisher.declare_matching_listener(direct(self._matches))
             self.look()
+
+    def close(self) -> None:
+        """Its port is gone."""
+        if self.token is not None:
+            self.token.undeclare()
+        if self.publisher is not None:
+            self.publisher.undeclare()
 
     def _matches(self, status: MatchingStatus) -> None:
         """Somebody subscribes, or nobody any more. A zenoh thread."""
@@ -93,6 +102,7 @@ class Publications:
         self._codec = codec
         self._sender = sender
         self._outlets: dict[str, _Outlet] = {}
+        self._jpegs: dict[str, _Outlet] = {}
         self._vehicles: dict[str, LivelinessToken] = {}
         self._loop = asyncio.get_running_loop()
         self._is_following = False
@@ -102,16 +112,17 @@ class Publications:
         """Declare publishers and tokens of all ports; again after they changed."""
         liveliness = self._session.liveliness()
         ports = self._context.ports
-        for path, outlet in list(self._outlets.items()):
-            if ports.get(path) != outlet.port:
-                outlet.token.undeclare()
-                if outlet.publisher is not None:
-                    outlet.publisher.undeclare()
-                del self._outlets[path]
+        for outlets in (self._outlets, self._jpegs):
+            for path, outlet in list(outlets.items()):
+                if ports.get(path) != outlet.port:
+                    outlet.close()
+                    del outlets[path]
         for path, port in ports.items():
             if path not in self._outlets:
                 token = liveliness.declare_token(self._keys.alive(path))
                 self._outlets[path] = _Outlet(port, self._publisher(port), token, self._changed)
+            if path not in self._jpegs and picture_place(port) is not None and can_encode_jpeg():
+                self._jpegs[path] = _Outlet(port, self._publisher(port, JPEG), None, self._changed)
         vehicles = {path.split("/")[0] for path in ports}
         for name in self._vehicles.keys() - vehicles:
             self._vehicles.pop(name).undeclare()
@@ -121,7 +132,7 @@ class Publications:
 
     def look(self) -> None:
         """Find subscribers of whom zenoh has not said anything yet: its listeners are told a little later than its tables."""
-        for outlet in self._outlets.values():
+        for outlet in (*self._outlets.values(), *self._jpegs.values()):
             if not outlet.is_heard:
                 outlet.look()
         self._follow()
@@ -135,19 +146,20 @@ class Publications:
 
     def _follow(self) -> None:
         self._is_following = False  # before the look: what changes during it is followed again
-        wanted = frozenset(path for path, outlet in self._outlets.items() if outlet.is_heard)
+        outlets = (*self._outlets.items(), *self._jpegs.items())
+        wanted = frozenset(path for path, outlet in outlets if outlet.is_heard)
         if wanted != self.wanted:
             self.wanted = wanted
             self._context.follow_wants()
 
-    def _publisher(self, port: Port) -> Publisher | None:
+    def _publisher(self, port: Port, media: str = "") -> Publisher | None:
         from zenoh import CongestionControl, Locality, Priority
 
         if port.direction != "sensor":
             return None
         return self._session.declare_publisher(
-            self._keys.of(port.path),
-            encoding=self._codec.media,
+            self._keys.jpeg(port.path) if media == JPEG else self._keys.of(port.path),
+            encoding=media or self._codec.media,
             congestion_control=CongestionControl.DROP,
             priority=Priority.DATA,
             allowed_destination=Locality.REMOTE,  # else our own subscriber for commands would count as one
@@ -157,6 +169,9 @@ class Publications:
         """Give each sample that anybody subscribes to to zenoh, which drops it for a peer that is too slow."""
         stats = self._context.stats
         for sample in samples:
+            picture = self._jpegs.get(sample.port) if self._jpegs else None
+            if picture is not None and picture.is_heard and sample.valid:
+                self._put_picture(picture, sample)
             outlet = self._outlets.get(sample.port)
             if outlet is None or outlet.publisher is None or not outlet.is_heard:
                 continue
@@ -188,6 +203,25 @@ class Publications:
             put()
         outlet.number = (outlet.number + 1) & 0xFFFFFFFF
         return True
+
+    def _put_picture(self, outlet: _Outlet, sample: Sample) -> None:
+        """Encode and put it on the thread, one at a time."""
+        from zenoh import SourceInfo
+
+        publisher, stats = outlet.publisher, self._context.stats
+        assert publisher is not None
+        number = outlet.number
+
+        def work() -> None:
+            found = self._codec.picture(outlet.port, sample)
+            if found is not None:
+                publisher.put(found[0], attachment=found[1], source_info=SourceInfo(publisher.id, number))
+                stats.encoded += 1
+                stats.samples_sent += 1
+                stats.bytes_sent += len(found[0])
+
+        if self._put_large(outlet, work):
+            outlet.number = (number + 1) & 0xFFFFFFFF
 
     def _put_large(self, outlet: _Outlet, put: Callable[[], object]) -> bool:
         if outlet.is_busy:

@@ -102,9 +102,10 @@ class AsyncClient(SessionView):
         rate_hz: float | None = None,
         fields: Sequence[str] | None = None,
         delivery: str | None = None,
+        pictures: str | None = None,
     ) -> Subscription:
         """Ask for the samples of every port that matches; arguments as for `Client.subscribe`."""
-        verb = verbs.subscribe(pattern, subscribe_options(rate_hz, fields, delivery))
+        verb = verbs.subscribe(pattern, subscribe_options(rate_hz, fields, delivery, pictures))
         subscription = await self._run(verb)
         self._session.subscribed(verb)
         return subscription

@@ -299,12 +299,15 @@ class Session:
         return self._latest.get(port)
 
 
-def subscribe_options(rate_hz: float | None, fields: Sequence[str] | None, delivery: str | None) -> dict[str, object]:
+def subscribe_options(
+    rate_hz: float | None, fields: Sequence[str] | None, delivery: str | None, pictures: str | None = None
+) -> dict[str, object]:
     """Return the options of `subscribe` that were given."""
     chosen: dict[str, float | str | list[str] | None] = {
         "rate_hz": rate_hz,
         "fields": list(fields) if fields is not None else None,
         "delivery": delivery,
+        "pictures": pictures,
     }
     return {name: value for name, value in chosen.items() if value is not None}
 

@@ -115,6 +115,7 @@ class Client(SessionView):
         rate_hz: float | None = None,
         fields: Sequence[str] | None = None,
         delivery: str | None = None,
+        pictures: str | None = None,
     ) -> Subscription:
         """Ask for the samples of every port that matches (`*` one level, `**` any number).
 
@@ -123,11 +124,12 @@ class Client(SessionView):
             rate_hz: at most this many samples a second of simulation time, each port.
             fields: only these fields.
             delivery: "latest", "ring" (the server's default) or "reliable".
+            pictures: "raw" (the server's default), or "jpeg": the field of a picture is then the bytes of a JPEG. Not over zenoh.
 
         Raises:
             CallRefused: `unknown_port` for a pattern without wildcard that matches nothing.
         """
-        verb = verbs.subscribe(pattern, subscribe_options(rate_hz, fields, delivery))
+        verb = verbs.subscribe(pattern, subscribe_options(rate_hz, fields, delivery, pictures))
         subscription = self._run(verb)
         self._session.subscribed(verb)
         return subscription

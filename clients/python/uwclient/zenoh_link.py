@@ -206,7 +206,7 @@ class ZenohLink:
         elif method == "cancel":
             self._ask(identity, f"{self._root}/@cancel", caller=params["id"])
         elif method == "subscribe" and identity is not None:
-            self._subscribe(identity, _Subscription(params), params.get("delivery"))
+            self._subscribe(identity, _Subscription(params), params)
         elif method == "unsubscribe" and identity is not None:
             self._unsubscribe(identity, str(params["pattern"]))
         else:
@@ -278,9 +278,13 @@ class ZenohLink:
 
     # Samples
 
-    def _subscribe(self, identity: RequestId, subscription: _Subscription, delivery: object) -> None:
+    def _subscribe(self, identity: RequestId, subscription: _Subscription, params: Mapping[str, object]) -> None:
         pattern = subscription.pattern
-        if delivery == "reliable":
+        if params.get("pictures", "raw") != "raw":
+            text = "over zenoh pictures come as they are: subscribe by a socket for JPEG"
+            self._frame(self._frames.refusal(identity, "bad_argument", text, "pictures"))
+            return
+        if params.get("delivery") == "reliable":
             text = 'over zenoh samples go by "ring" or "latest": what a slow receiver has no room for is dropped'
             self._frame(self._frames.refusal(identity, "bad_argument", text, "delivery"))
             return
