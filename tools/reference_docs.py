@@ -74,6 +74,7 @@ MODELS = {
     "scanning_sonar": "scanning_sonar",
     "usbl": "usbl",
     "lbl": "lbl",
+    "camera": "camera",
 }
 """Pages that are not about navigation."""
 
