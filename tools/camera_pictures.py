@@ -35,7 +35,7 @@ def main() -> None:
     shallow = photograph(camera, optics, look, "II", (0.0, 0.0, 9.5), Daylight(), shift=-8.0, up=0.15)
     above = photograph(camera, optics, look, "I", (0.0, 0.0, 9.5), Daylight(), up=0.9)
     DOCS.mkdir(parents=True, exist_ok=True)
-    side_by_side(day[:2] + [shallow, above]).save(DOCS / "camera_day.jpg", quality=84)
+    side_by_side([*day[:2], shallow, above]).save(DOCS / "camera_day.jpg", quality=84)
     side_by_side(night).save(DOCS / "camera_lamps.jpg", quality=84)
     small = side_by_side([day[1], night[1]])
     small.resize((small.width // 2, small.height // 2)).save(DOCS / "sensor_camera.png", optimize=True)

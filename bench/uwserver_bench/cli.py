@@ -35,7 +35,7 @@ PARTS = (
 )
 
 
-_MODULES = {"physics": ("physics", "remus"), "sensors": ("sensors", "sound"), "logs": ("logs", "recordings")}
+_MODULES = {"physics": ("physics", "remus"), "sensors": ("sensors", "sound", "cameras"), "logs": ("logs", "recordings")}
 """Where a part is not the module of its name."""
 Part = Callable[[bool, Callable[[str], None]], "list[Row]"]
 
