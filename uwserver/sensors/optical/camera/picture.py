@@ -54,7 +54,7 @@ class Optics:
         base = np.array(view.first.p)
         table, start = self._bundle(view.depth > 0.0)
         R, p = _rows(view, lens.height, base)
-        rays.aim(table, start, lens.width, R, p, buffers.origin, buffers.direction)
+        rays.turn(table, start, lens.width, R, p, buffers.origin, buffers.direction)
         things = view.look.made().placed(view.state, base)
         buffers.clear()
         for plane in view.look.made().planes:

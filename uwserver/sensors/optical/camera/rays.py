@@ -130,7 +130,7 @@ class Buffers:
 
 
 @entry
-def aim(
+def turn(
     table: Array, start: Array, width: int, R: Array, p: Array, origin: Array, direction: Array
 ) -> None:  # fmt: skip
     """Turn the rays of a lens into N.
@@ -247,7 +247,7 @@ def depths(table: Array, start: Array, distance: Array, out: Array) -> None:
     """Distances of what rays meet along the optical axis, mm in 16 bits; 0 where there is nothing, or farther than they tell.
 
     Args:
-        table, start: as of `aim`.
+        table, start: as of `turn`.
         distance: (n) along the rays.
         out: (n) uint16, receives them.
     """
