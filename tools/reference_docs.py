@@ -77,6 +77,7 @@ MODELS = {
     "lbl": "lbl",
     "acoustic_modem": "modem",
     "optical_modem": "modem",
+    "camera": "camera",
 }
 """Pages that are not about navigation."""
 

@@ -36,7 +36,11 @@ PARTS = (
 )
 
 
-_MODULES = {"physics": ("physics", "remus"), "sensors": ("sensors", "sound", "modems"), "logs": ("logs", "recordings")}
+_MODULES = {
+    "physics": ("physics", "remus"),
+    "sensors": ("sensors", "sound", "modems", "cameras"),
+    "logs": ("logs", "recordings"),
+}
 """Where a part is not the module of its name."""
 Part = Callable[[bool, Callable[[str], None]], "list[Row]"]
 

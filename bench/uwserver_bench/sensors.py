@@ -129,8 +129,11 @@ def bench_sensors(quick: bool, say: Callable[[str], None]) -> list[Row]:
     return [*rows, Row("sensors", title, "x realtime", tuple(values["all"]), REAL_TIME_BAR)]
 
 
-def survey() -> World:
+def survey(more: str = "") -> World:
     """A BlueROV2 Heavy with devices over a seabed of 99 458 triangles.
+
+    Args:
+        more: tables of the scenario.
 
     Raises:
         ImportError: without the engines of solid things.
@@ -140,7 +143,7 @@ def survey() -> World:
         size = round(len(depth) ** 0.5)
         np.save(Path(folder, "seabed.npy"), depth.reshape(size, size))
         file = Path(folder, "bench.toml")
-        file.write_text(SCENARIO, encoding="utf-8")
+        file.write_text(SCENARIO + more, encoding="utf-8")
         return build(load(file, adapters={}))
 
 

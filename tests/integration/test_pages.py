@@ -25,6 +25,7 @@ ELSEWHERE = {
     "docs/how-to/rosbridge.md": "tests/unit/adapters/rosbridge/test_peers.py",
     "docs/how-to/ardusub.md": "tests/integration/test_real_how_to.py",
     "docs/how-to/autopilot.md": "tests/integration/test_autopilot.py",
+    "docs/how-to/cameras.md": "tests/unit/sensors/optical/camera/test_how_to.py",
     "docs/how-to/browser.md": "tests/unit/adapters/sockets/test_websocket.py",
     "docs/how-to/install.md": "tests/integration/test_distributions.py",
     "docs/how-to/logs.md": "tests/unit/cli/test_export.py",

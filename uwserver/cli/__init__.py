@@ -28,6 +28,7 @@ _WHERE = {
     "shot": "shot",
     "validate": "validate",
     "manoeuvres": "manoeuvres",
+    "camera-info": "camera_info",
     "doctor": "doctor",
 }
 _ELSEWHERE = {"bench": "uwserver-bench"}

@@ -250,9 +250,27 @@ def training(world):
     assert last(world, "training", "distance") == pytest.approx(abs(4.0 - world.vehicles["heavy"].p_NB[2]), abs=0.05)
 
 
+def camera(world):
+    """Depth of a level bottom: of each pixel that does not see the pile."""
+    slot = world.sensors["heavy/ranger"]
+    lens, pose = slot.sensor._config.optics(), slot.sensor._mount
+    for sample in (s for _ in range(60) for s in world.step() if s.port == "heavy/ranger"):
+        depth = sample.value[0].array().astype(float)
+    x = world.hydro.state[world.vehicles["heavy"].row]
+    NS = Rotation.from_quat([*x[4:7], x[3]]) * Rotation.from_quat([*pose.q[1:], pose.q[0]])
+    p = x[:3] + Rotation.from_quat([*x[4:7], x[3]]).apply(pose.p)
+    rays = lens.table()
+    down = NS.apply(rays)[:, 2]
+    expected = np.where(down > 0.0, 1e3 * (40.0 - p[2]) / np.where(down > 0.0, down, 1.0) * rays[:, 0], 0.0)
+    expected[expected >= 65535.5] = 0.0
+    right = np.abs(depth.ravel() - expected) <= 0.02 * expected + 1.0  # the vehicle has moved since
+    assert right.mean() > 0.8
+    assert (expected > 0.0).mean() > 0.05
+
+
 IN_A_WORLD = {
     "gps": gps, "battery": battery, "rpm": rpm, "contact": contact, "leak": leak, "compound": compound, "acoustic_modem": acoustic_modem,
-    "optical_modem": optical_modem, "training": training,
+    "optical_modem": optical_modem, "camera": camera, "training": training,
 }  # fmt: skip
 
 
@@ -287,7 +305,7 @@ AIR = replace(SCOPE, p_NB=(3.0, -2.0, -5.0))
 BLIND = {
     "motion_capture": AIR, "dvl": AIR, "adcp": AIR, "altimeter": AIR, "scanning_sonar": AIR, "multibeam": AIR, "usbl": AIR, "lbl": AIR,
     "ctd": AIR, "sound_speed": AIR,
-    "range_array": AIR, "gps": SCOPE, "attitude": replace(SCOPE, t_ns=0), "rpm": SCOPE,
+    "range_array": AIR, "gps": SCOPE, "attitude": replace(SCOPE, t_ns=0), "rpm": SCOPE, "camera": SCOPE,
     "pressure": replace(SCOPE, water=replace(WATER, gravity=0.0)),
 }  # fmt: skip
 """An instant at which it cannot measure: in air, under water, while it settles, unwired, without weight."""
@@ -331,6 +349,7 @@ SETTINGS = {
     "battery": {"hotel_load_W": 50.0},
     "leak": {"area_m2": 1e-5},
     "training": {"running": False},
+    "camera": {"exposure": 0.005, "gain": 6.0, "auto_exposure": True},
 }  # fmt: skip
 """What can be set of the device besides its rate: range and gain where it has them."""
 PLAIN = {

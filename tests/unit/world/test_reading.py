@@ -57,7 +57,7 @@ def test_a_missing_number_is_nan_in_arrays_and_a_picture_is_itself():
 
 
 def test_what_a_world_and_a_vehicle_say_of_themselves(world):
-    assert repr(world) == "<World bluerov2_pool at 1.000 s (tick 240): bluerov2; 10 sensors, 2 actuators>"
+    assert repr(world) == "<World bluerov2_pool at 1.000 s (tick 240): bluerov2; 10 sensors, 4 actuators>"
     assert repr(world.vehicles["bluerov2"]).startswith("<bluerov2 (bluerov2_heavy): p_NB = (0.000, 0.000, 1.0")
     assert repr(world.read("bluerov2/depth")).startswith("<bluerov2/depth at 0.9")
 

@@ -13,6 +13,7 @@ from uwserver_adapters.mavlink.vehicle.commands import Commands
 from uwserver_adapters.mavlink.vehicle.config import MavlinkConfig
 from uwserver_adapters.mavlink.vehicle.failsafe import Failsafes
 from uwserver_adapters.mavlink.vehicle.files import SIZE, Files, message, parse
+from uwserver_adapters.mavlink.vehicle.fittings import Fittings
 from uwserver_adapters.mavlink.vehicle.home import Home
 from uwserver_adapters.mavlink.vehicle.identity import Identity
 from uwserver_adapters.mavlink.vehicle.missions import Missions
@@ -69,6 +70,7 @@ class ArduSub:
         self.bridge = bridge = Bridge(context, name, Home(config.origin_deg), dialect, send)
         self.payload = Payload()
         self.tunnel = Tunnel(context, name, bridge)
+        self._fittings = Fittings(context, name, self.payload)
         self.outputs = Outputs(self.parameters, self.payload, motors, patience_s)
         self.pilot = Pilot(self.parameters, self._steer, self._button_actions(), lambda text: bridge.tell(INFO, text))
         self.arming = Arming(bridge, self.pilot, self.outputs)
@@ -226,6 +228,7 @@ class ArduSub:
             self.telemetry.announce("HEARTBEAT")
         self.missions.tick(now)
         self.pilot.tick(self._now)
+        self._fittings.tick()
         self.failsafes.tick(self._now)
         self.bridge.readings.count_turns()
 

@@ -1,4 +1,5 @@
-"""Camera tilt and lights, as the buttons and commands of a ground station move them. No port stands for them yet: they are remembered and told."""
+"""Camera tilt and lights, as the buttons and commands of a ground station move them. They are remembered and told; `fittings`
+commands what the vehicle has of them."""
 
 from __future__ import annotations
 

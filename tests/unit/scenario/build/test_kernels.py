@@ -17,12 +17,25 @@ ALL = ("sensors", "autopilots")
         ("bluerov2_pool", False, {"fins", *ALL}),
         ("bluerov2_pool", True, {"fins", "sea", *ALL}),
         (
-            "one_of_everything", True,
-            {"fins", "sea", "solids", "contact", "fins in contact", "echoes", "pictures", "soundings", "sound", *ALL},
+            "one_of_everything",
+            True,
+            {
+                "fins",
+                "sea",
+                "solids",
+                "contact",
+                "fins in contact",
+                "echoes",
+                "pictures",
+                "soundings",
+                "sound",
+                "cameras",
+                *ALL,
+            },
         ),
         ("push_the_crate", False, {"fins", "solids", "contact", "fins in contact", *ALL}),
     ],
-)  # fmt: skip
+)
 def test_what_shipped_scenarios_need(scenario: str, sea: bool, needs: set[str]) -> None:
     from uwserver.adapter import installed_adapters
 

@@ -143,12 +143,16 @@ class Camera(Sensor):
         self.doc, self.fields = _DOCS[config.mode], _fields(config)
         self.arguments = () if self._is_exact else _arguments(config)
         auto = config.auto_exposure and not config.ideal
-        self.learns = auto and not self._is_exact
         super().__init__(CameraSettings(config.exposure_s, config.gain_db, auto))
 
     @property
     def _is_exact(self) -> bool:
         return self._config.mode in ("depth", "segmentation")
+
+    @property
+    def learns(self) -> bool:  # type: ignore[override]  # it follows the settings
+        """Whether the next exposure follows from the last picture."""
+        return self.settings.auto_exposure and not self._is_exact
 
     def hang(self, joint: Joint) -> None:
         """Sit on a mount that tilts."""

@@ -95,7 +95,7 @@ def cut(rows: Any) -> Any:
     return rows
 
 
-_SHORT_M, _EMPTY = 0.1, 10.0
+_SHORT_M, _EMPTY = 0.5, 10.0
 _CUTS, _MOST_CUT = 12, 400_000
 """Shorter edges are not cut; times that a box may be as large as its triangle; and where it ends."""
 

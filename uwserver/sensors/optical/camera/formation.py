@@ -17,7 +17,7 @@ from uwserver.environment.light import REFRACTION, Daylight, WaterLight
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled, entry
 from uwserver.sensors.optical.camera.caustics import TEXELS, TILE_M
-from uwserver.sensors.optical.camera.lamps import COARSE, intensity
+from uwserver.sensors.optical.camera.lamps import COARSE, SHADOW, intensity
 from uwserver.sensors.optical.camera.patterns import paint_growth, paint_seabed, sample
 
 SEA = np.dtype(
@@ -190,7 +190,7 @@ def form(
         faces, things: FACE and THING.
         shift: (things, 3) of the origin of faces in the frame of patterns, m.
         texels, levels, light: of the atlas, and the light of its values.
-        lamps, lit: LAMP (m), and (m, n) whether each reaches what is seen.
+        lamps, lit: LAMP (m), and (m, cells) whether each reaches what is seen, see `lamps.light_rays`.
         veil, ranges: of lamps, see `lamps.fill_veil`.
         tile: of waves.
         width: of the picture.
@@ -221,8 +221,9 @@ def form(
                 normal[0], normal[1], normal[2], facing = -normal[0], -normal[1], -normal[2], -facing
             _paint(face, shift[face.thing], place, pixel, facing, normal, colour)
             _daylight(s, tile, x, normal, deeper, fresh, arrived)
+            cell = (k // width // SHADOW) * ((width + SHADOW - 1) // SHADOW) + k % width // SHADOW
             for m in range(len(lamps)):
-                if lit[m, k] != 0:
+                if lit[m, cell] != 0:
                     _lamplight(s, wet, lamps[m], x, normal, arrived)
             if facing > _TURNED_AWAY:
                 for i in range(3):

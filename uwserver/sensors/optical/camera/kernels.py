@@ -18,7 +18,7 @@ from uwserver.sensors.optical.camera.view import Pose, View
 from uwserver.sensors.optical.camera.visible import Look, Models, Seen
 
 KERNELS = (
-    faces.average_normals, rays.aim, rays.meet_floor, rays.select, rays.meet, rays.darken, rays.depths, rays.owners, lamps.fill_veil,
+    faces.average_normals, rays.turn, rays.meet_floor, rays.select, rays.meet, rays.darken, rays.depths, rays.owners, lamps.fill_veil,
     lamps.light_rays, caustics.fill_tile, formation.form, snow.add_flakes, electronics.expose, electronics.expose_mono,
     electronics.develop,
 )  # fmt: skip
@@ -41,7 +41,7 @@ def load() -> None:
     state[0, 2], state[0, 3] = 3.0, 1.0
     pose = Pose((0.0, 0.0, 3.0), IDENTITY)
     lamp = LampAt(0, (0.0, 0.0, -0.2), IDENTITY, 2.0, 1000.0)
-    view = View(0.0, Look(things, Models()), state, pose, pose, 3.0, WATER_TYPES["II"], Daylight(), (lamp,), own=0)
+    view = View(0.0, Look(things, Models()), state, pose, pose, 3.0, WATER_TYPES["II"], Daylight(0.0), (lamp,), own=0)
     optics = Optics(lens_of((16, 16), 1.0), None, 50.0)
     seen = optics.form(view)
     depth, (ids, _) = optics.depth_mm(view), optics.ids(view)

@@ -131,36 +131,44 @@ def veil_of(
     return veil
 
 
+SHADOW = 2
+"""Pixels along a cell of the shadows: one ray to a lamp for each cell."""
+
+
 @entry
 def light_rays(
-    lamp: Array, origin: Array, direction: Array, distance: Array, least: float, attenuation: float, points: Array, towards: Array,
-    reach: Array,
+    lamp: Array, origin: Array, direction: Array, distance: Array, width: int, cell: int, least: float, attenuation: float, points: Array,
+    towards: Array, reach: Array,
 ) -> None:  # fmt: skip
-    """Rays from what each pixel sees to a lamp, for its shadows.
+    """Rays to a lamp from what a pixel of each cell sees, for its shadows.
 
     Args:
         lamp: LAMP (1).
         origin, direction, distance: of the rays of the picture.
+        width: of the picture.
+        cell: pixels along a cell.
         least: lux; where the lamp brings less, nobody looks.
         attenuation: of its least attenuated colour, 1/m.
-        points, towards: (n, 3) receive them.
-        reach: (n) receives m, 0 where nobody looks.
+        points, towards: (cells, 3) receive them, row after row.
+        reach: (cells) receives m, 0 where nobody looks.
     """
-    for k in range(len(distance)):
-        reach[k] = 0.0
+    columns = (width + cell - 1) // cell
+    for m in range(len(reach)):
+        reach[m] = 0.0
+        k = (m // columns) * cell * width + (m % columns) * cell
         r = distance[k]
         if r > 1e6:
             continue
         # A little before the surface, so that it does not stand in its own light.
         r -= 1e-3 + 1e-4 * r
         for i in range(3):
-            points[k, i] = origin[k, i] + r * direction[k, i]
-        x, y, z = points[k, 0] - lamp[0].p[0], points[k, 1] - lamp[0].p[1], points[k, 2] - lamp[0].p[2]
+            points[m, i] = origin[k, i] + r * direction[k, i]
+        x, y, z = points[m, 0] - lamp[0].p[0], points[m, 1] - lamp[0].p[1], points[m, 2] - lamp[0].p[2]
         far = math.sqrt(x * x + y * y + z * z)
         if far < 0.01:
             continue
         lux = intensity(lamp[0], x, y, z, far) / (far * far) * math.exp(-attenuation * far)
         if lux < least:
             continue
-        towards[k, 0], towards[k, 1], towards[k, 2] = -x / far, -y / far, -z / far
-        reach[k] = far
+        towards[m, 0], towards[m, 1], towards[m, 2] = -x / far, -y / far, -z / far
+        reach[m] = far

@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 
 from uwserver.environment.light import AIR, WaterLight
-from uwserver.frames import Quat, matrix, multiply, rotate
+from uwserver.frames import Quat, conjugate, matrix, multiply, rotate
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.sensors.optical.camera import caustics, formation, rays, snow
-from uwserver.sensors.optical.camera.lamps import LAMP, RANGES, candelas, exponent_of, light_rays, veil_of
+from uwserver.sensors.optical.camera.lamps import LAMP, RANGES, SHADOW, candelas, exponent_of, light_rays, veil_of
 from uwserver.sensors.optical.camera.lens import Lens
 from uwserver.sensors.optical.camera.textures import LINEAR
 from uwserver.sensors.optical.camera.view import View
+from uwserver.sensors.optical.camera.visible import Visible
 from uwserver.sensors.optical.camera.window import WATER_INDEX, FlatPort, Window, outside
 
 _LEAST_LUX = 0.02
@@ -37,6 +38,7 @@ class Optics:
         self.radiance: Any = np.zeros((lens.width * lens.height, 3), np.float32)
         self._flakes = snow.flakes(snow_density)
         self._light = LINEAR.astype(np.float64)
+        self._known: tuple[Visible, list[rays.Placed]] | None = None
 
     def _bundle(self, wet: bool) -> tuple[Any, Any]:
         """Directions and origins of all pixels in S, float32."""
@@ -52,7 +54,7 @@ class Optics:
         base = np.array(view.first.p)
         table, start = self._bundle(view.depth > 0.0)
         R, p = _rows(view, lens.height, base)
-        rays.aim(table, start, lens.width, R, p, buffers.origin, buffers.direction)
+        rays.turn(table, start, lens.width, R, p, buffers.origin, buffers.direction)
         things = view.look.made().placed(view.state, base)
         buffers.clear()
         for plane in view.look.made().planes:
@@ -65,10 +67,25 @@ class Optics:
                 buffers.distance,
                 buffers.face,
             )
-        for placed in view.look.made().scenes:
-            row = things["row"][placed.thing]
-            buffers.cast(placed._replace(own=bool(row >= 0 and row == view.own)), things, view.look.made().faces)
+        for placed in self._scenes(view):
+            buffers.cast(placed, things, view.look.made().faces)
         return base, things
+
+    def _scenes(self, view: View) -> list[rays.Placed]:
+        """All that rays are cast at. Of the camera's own vehicle those faces that look towards the camera: it sits inside the others."""
+        visible, own = view.look.made(), view.own
+        if self._known is None or self._known[0] is not visible:
+            others = [placed for placed in visible.scenes if own < 0 or visible.rows[placed.thing] != own]
+            p_SB = np.array(
+                rotate(conjugate(quat(view.state[own])), tuple((np.array(view.first.p) - view.state[own, :3]).tolist()))
+            )
+            mine = [
+                visible.facing(placed, p_SB)
+                for placed in visible.scenes
+                if own >= 0 and visible.rows[placed.thing] == own
+            ]
+            self._known = visible, [*others, *(placed for placed in mine if placed is not None)]
+        return self._known[1]
 
     def form(self, view: View, shadows: bool = True) -> Any:
         """Radiance (n, 3) of a picture, lux/sr; overwritten by the next one."""
@@ -78,7 +95,8 @@ class Optics:
         water = view.water if view.depth > 0.0 else AIR
         sea = formation.sea_row(view.water, view.day, (north, east, down), view.depth, 1.0 / lens.fx)
         lamps = lamp_rows(view, base)
-        lit: Any = np.ones((len(lamps), buffers.n), np.uint8)
+        cells = -(-lens.width // SHADOW) * -(-lens.height // SHADOW)
+        lit: Any = np.ones((len(lamps), cells), np.uint8)
         if shadows:
             self._shadows(view, things, lamps, lit, water)
         attenuation, scattering = np.array(water.attenuation), np.array(water.scattering)
@@ -108,13 +126,15 @@ class Optics:
         buffers = self.buffers
         if not len(lamps):
             return
-        points, towards = np.empty((buffers.n, 3), np.float32), np.empty((buffers.n, 3), np.float32)
-        reach: FloatArray = np.empty(buffers.n)
+        cells = lit.shape[1]
+        points, towards = np.empty((cells, 3), np.float32), np.empty((cells, 3), np.float32)
+        reach: FloatArray = np.empty(cells)
         day = view.day.illuminance * math.exp(-min(water.fading) * max(view.depth, 0.0))
         for k in range(len(lamps)):
             least = max(_LEAST_LUX, _SHADOWED * day)
             light_rays(
-                lamps[k : k + 1], buffers.origin, buffers.direction, buffers.distance, least, min(water.attenuation), points, towards, reach
+                lamps[k : k + 1], buffers.origin, buffers.direction, buffers.distance, self.lens.width, SHADOW, least,
+                min(water.attenuation), points, towards, reach,
             )  # fmt: skip
             for placed in view.look.made().scenes:
                 row = things["row"][placed.thing]
@@ -151,10 +171,12 @@ class Optics:
             )
             counts[visible.ids[plane.thing], 1] += np.count_nonzero(buffers.face >= 0)
         for number, thing, scene in visible.alone():
-            own = bool(things["row"][thing] >= 0 and things["row"][thing] == view.own)
-            counts[number, 1] += buffers.count(
-                rays.Placed(scene, thing, visible.first_of(thing), own), things, visible.faces
-            )
+            if visible.rows[thing] == view.own >= 0:  # nothing stands between a camera and what it is mounted on
+                counts[number, 1] += counts[number, 0]
+            else:
+                counts[number, 1] += buffers.count(
+                    rays.Placed(scene, thing, visible.first_of(thing)), things, visible.faces
+                )
         return out.reshape(self.lens.height, self.lens.width), counts
 
 
@@ -180,11 +202,16 @@ def lamp_rows(view: View, base: FloatArray) -> Any:
     """LAMP of all lamps that shine."""
     rows: Any = np.zeros(len(view.lamps), LAMP)
     for row, lamp in zip(rows, view.lamps, strict=True):
-        x = view.state[lamp.row].tolist()
-        q_NB: Quat = (x[3], x[4], x[5], x[6])
+        x, q_NB = view.state[lamp.row].tolist(), quat(view.state[lamp.row])
         dx, dy, dz = rotate(q_NB, lamp.p)
         row["p"] = np.array((x[0] + dx, x[1] + dy, x[2] + dz)) - base
         row["axis"] = rotate(multiply(q_NB, lamp.q), (1.0, 0.0, 0.0))
         row["exponent"] = exponent_of(lamp.cone)
         row["candela"], row["row"] = candelas(lamp.lumens, row["exponent"]), lamp.row
     return rows
+
+
+def quat(x: FloatArray) -> Quat:
+    """Attitude of a state (13)."""
+    _, _, _, w, i, j, k = x[:7].tolist()
+    return (w, i, j, k)

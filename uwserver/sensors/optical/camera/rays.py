@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from uwserver.physics.kernel.arrays import Array, FloatArray
+from uwserver.physics.kernel.arrays import Array, FloatArray, IntArray
 from uwserver.physics.kernel.deferred import compiled, entry
 from uwserver.physics.rays.casting import Picker, make_picker
 
@@ -25,11 +25,6 @@ THING = np.dtype(
     ]
 )
 """What faces belong to; made anew for each picture."""
-
-_HIDDEN = 8
-"""Hidden faces of the camera's own vehicle that a ray passes at most."""
-_AHEAD = 1e-4
-"""m; a ray goes on so far behind a hidden face."""
 
 
 class PickScene(NamedTuple):
@@ -49,12 +44,19 @@ class PickScene(NamedTuple):
 
 
 class Placed(NamedTuple):
-    """A scene in a picture: the row of THING that places it, and its first row of FACE; whether the camera sits in it."""
+    """A scene in a picture.
+
+    Attributes:
+        scene: the triangles.
+        thing: the row of THING that places it.
+        first: its first row of FACE; the others follow.
+        rows: its rows of FACE, where they do not.
+    """
 
     scene: PickScene
     thing: int
     first: int
-    own: bool = False
+    rows: IntArray | None = None
 
 
 def pick_scene(corners: FloatArray, centre: FloatArray) -> PickScene:
@@ -83,7 +85,6 @@ class Buffers:
         self._towards: Any = np.empty((n, 3), single)
         self._limit: Any = np.empty(n, single)
         self._index: Any = np.empty(n, np.int32)
-        self._gone: FloatArray = np.zeros(n)
 
     def clear(self) -> None:
         """Forget what was met."""
@@ -96,16 +97,13 @@ class Buffers:
         count = select(
             self.origin, self.direction, self.distance, thing, scene.radius, self._start, self._towards, self._limit, self._index
         )  # fmt: skip
-        self._gone[:count] = 0.0
-        for _ in range(_HIDDEN if placed.own else 1):
-            if count == 0:
-                return
-            start, towards, limit = self._start[:count], self._towards[:count], self._limit[:count]
-            picked = scene.picker.pick(start, towards, limit)
-            count = meet(
-                picked, placed.first, faces, placed.own, _AHEAD, self._start, self._towards, self._limit, self._index,
-                self._gone, self.distance, self.face,
-            )  # fmt: skip
+        if count == 0:
+            return
+        start, towards, limit = self._start[:count], self._towards[:count], self._limit[:count]
+        picked, first = scene.picker.pick(start, towards, limit), placed.first
+        if placed.rows is not None:
+            picked, first = np.where(picked >= 0, placed.rows[picked], -1), 0
+        meet(picked, first, faces, start, towards, self._index, self.distance, self.face)
 
     def count(self, placed: Placed, things: Any, faces: Any) -> int:
         """How many rays a scene would meet if it were alone. Forgets what was met."""
@@ -132,7 +130,7 @@ class Buffers:
 
 
 @entry
-def aim(
+def turn(
     table: Array, start: Array, width: int, R: Array, p: Array, origin: Array, direction: Array
 ) -> None:  # fmt: skip
     """Turn the rays of a lens into N.
@@ -205,56 +203,35 @@ def select(
 
 @entry
 def meet(
-    picked: Array, first: int, faces: Array, own: bool, ahead: float, start: Array, towards: Array, limit: Array, index: Array,
-    gone: Array, distance: Array, met: Array,
-) -> int:  # fmt: skip
+    picked: Array, first: int, faces: Array, start: Array, towards: Array, index: Array, distance: Array, met: Array
+) -> None:  # fmt: skip
     """Where rays meet the triangles that the engine has picked.
 
     Args:
         picked: (m) of a scene, -1 for none.
         first: the first row of the scene in `faces`.
         faces: FACE.
-        own: rays pass hidden faces; those that have to go on move to the front.
-        ahead: m behind a hidden face.
-        start, towards, limit, index: as `select` leaves them.
-        gone: (m) m that each ray has gone before.
+        start, towards, index: (m) as `select` leaves them.
         distance, met: (n) of all rays, follow.
-
-    Returns:
-        How many must go on.
     """
-    count = 0
     for m in range(len(picked)):
-        if picked[m] < 0:
-            continue
-        face = faces[first + picked[m]]
-        reached, approach = _reached(face.corners, start[m], towards[m])
-        if own and approach > 0.0:
-            on = reached + ahead
-            if limit[m] > on:
-                for i in range(3):
-                    start[count, i] = start[m, i] + on * towards[m, i]
-                    towards[count, i] = towards[m, i]
-                limit[count], index[count], gone[count] = limit[m] - on, index[m], gone[m] + on
-                count += 1
-            continue
-        k, far = index[m], gone[m] + reached
-        if reached >= 0.0 and far < distance[k]:
-            distance[k], met[k] = far, first + picked[m]
-    return count
+        if picked[m] >= 0:
+            reached, k = _reached(faces[first + picked[m]].corners, start[m], towards[m]), index[m]
+            if 0.0 <= reached < distance[k]:
+                distance[k], met[k] = reached, first + picked[m]
 
 
 @compiled
-def _reached(corners: Array, o: Array, d: Array) -> tuple[float, float]:
-    """How far along a ray the plane of a triangle is, and the rate at which the ray leaves it: negative from outside."""
+def _reached(corners: Array, o: Array, d: Array) -> float:
+    """How far along a ray the plane of a triangle is; negative where it never meets it."""
     ax, ay, az = float(corners[0, 0]), float(corners[0, 1]), float(corners[0, 2])
     ux, uy, uz = corners[1, 0] - ax, corners[1, 1] - ay, corners[1, 2] - az
     vx, vy, vz = corners[2, 0] - ax, corners[2, 1] - ay, corners[2, 2] - az
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     approach = nx * d[0] + ny * d[1] + nz * d[2]
     if approach == 0.0:
-        return -1.0, 0.0
-    return (nx * (ax - o[0]) + ny * (ay - o[1]) + nz * (az - o[2])) / approach, approach
+        return -1.0
+    return float((nx * (ax - o[0]) + ny * (ay - o[1]) + nz * (az - o[2])) / approach)
 
 
 @entry
@@ -270,7 +247,7 @@ def depths(table: Array, start: Array, distance: Array, out: Array) -> None:
     """Distances of what rays meet along the optical axis, mm in 16 bits; 0 where there is nothing, or farther than they tell.
 
     Args:
-        table, start: as of `aim`.
+        table, start: as of `turn`.
         distance: (n) along the rays.
         out: (n) uint16, receives them.
     """

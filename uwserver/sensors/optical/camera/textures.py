@@ -34,7 +34,7 @@ def decoded(data: bytes) -> Picture:
     try:
         from PIL import Image
     except ImportError as error:
-        raise BadTexture("textures need the extra \"camera\": pip install 'uwserver[camera]'") from error
+        raise BadTexture("textures need the extra \"pictures\": pip install 'uwserver[pictures]'") from error
     try:
         with Image.open(io.BytesIO(data), formats=("PNG", "JPEG")) as picture:
             width, height = picture.size

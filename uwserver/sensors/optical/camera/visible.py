@@ -249,6 +249,18 @@ class Visible:
                     self._alone.append((int(self.ids[thing]), thing, pick_scene(corners, np.zeros(3))))
         return self._alone
 
+    def facing(self, placed: Placed, point: FloatArray) -> Placed | None:
+        """Those faces of a moving scene that look towards a point (3) of its body, or have no back; None for none."""
+        faces = self.faces[placed.first : placed.first + placed.scene.triangles]
+        corners = faces["corners"].astype(np.float64)
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        away = np.einsum("ij,ij->i", corners[:, 0] - (point - placed.scene.centre), normal)
+        rows = np.flatnonzero((away < 0.0) | (faces["sided"] == 0))
+        if not len(rows):
+            return None
+        scene = pick_scene(corners[rows], np.zeros(3))
+        return Placed(scene, placed.thing, placed.first, placed.first + rows)
+
     def first_of(self, thing: int) -> int:
         """The first row of FACE of a row of THING."""
         return int(np.argmax(self.faces["thing"] == thing))
