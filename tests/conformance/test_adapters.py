@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import importlib
 import json
+import os
 import socket
 import struct
 import sys
@@ -639,6 +640,42 @@ def test_installed_adapters(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     unsaid = UNSAID.get(kind, set())
     assert {name for name, outcome in outcomes.items() if outcome.startswith("does not apply: the protocol ")} == unsaid
     assert {name for name, outcome in outcomes.items() if outcome == PASSED} == set(CHECKS) - unsaid
+
+
+DDS_DOMAIN = 190 + os.getpid() % 40
+
+
+class DdsStranger:
+    """Somebody who sends what is no RTPS to the ports of discovery, and hears nothing."""
+
+    def __init__(self) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+
+    @classmethod
+    async def connect(cls, context: FakeContext) -> DdsStranger:
+        return cls()
+
+    async def send(self, data: bytes) -> None:
+        for port in (10, 11):  # of the first participant: of discovery, and of samples
+            self._socket.sendto(data[:1400], ("127.0.0.1", 7400 + 250 * DDS_DOMAIN + port))
+
+    async def hear(self) -> bytes:
+        await asyncio.sleep(3600.0)
+        return b""
+
+    async def close(self) -> None:
+        self._socket.close()
+
+
+def test_ros2_on_dds() -> None:
+    """The other transport of `ros2`, whose sockets are CycloneDDS' own; its peers are in tests/unit/adapters/ros2."""
+    pytest.importorskip("cyclonedds")
+    adapter = load_adapter("ros2")
+    table = adapter.Config(transport="dds", allow_network=True, domain=DDS_DOMAIN)
+    outcomes = run(lambda: check_adapter(adapter, table, connect=DdsStranger.connect, greeting=b"RTPS"))
+    assert [name for name, outcome in outcomes.items() if outcome != PASSED] == [
+        "check_leaves_in_the_middle_of_a_call", "check_cancel", "check_time_out", "check_flood", "check_did_you_mean",
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize("check", ["check_strange_samples", "check_events"])

@@ -184,3 +184,29 @@ def test_a_fault_of_an_encoder_costs_that_form_once():
         await feed.close()
 
     run(story)
+
+
+def test_the_clock_goes_back_with_the_world():
+    """A reset is told as an event; a restore is only seen by its samples. Nodes with use_sim_time hear of both."""
+
+    async def story():
+        world = mounted(context())
+        _, told = heard_of(world, "/clock")
+        (path,) = world.wanted
+        base = sample(PORTS[path])
+
+        def at(t_ns):
+            world.put([Sample(path, 0, t_ns, t_ns, True, base.value)])
+            clock = told[-1][1].message.clock
+            return clock.sec * 10**9 + clock.nanosec - world.world.epoch_ns
+
+        assert at(5_000_000_000) == 5_000_000_000
+        world.say(Event("reset", 0, 0, "the world was reset"))
+        assert at(4_000_000) == 4_000_000
+        assert at(9_000_000_000) == 9_000_000_000
+        assert at(7_000_000_000) == 7_000_000_000
+        before = len(told)
+        world.put([Sample(path, 0, 7_001_000_000, 7_001_000_000, True, base.value)])
+        assert len(told) == before  # of the same hundredth of a second
+
+    run(story)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from adapter_rig import serving
-from ros_rig import PORTS, context, sample
+from ros_rig import PORTS, context, flying, sample
 
 pytest.importorskip("cyclonedds")
 
@@ -35,12 +35,12 @@ from cyclonedds.topic import Topic
 from cyclonedds.qos import Policy, Qos
 from cyclonedds.util import duration
 from idl_rig import Classes
-from uwserver_adapters.ros2.rmw_dds import LOCALHOST
+from uwserver_adapters.ros2.rmw_dds import localhost, own_address, write
 from uwserver_adapters.ros.messages import Types
 import numpy as np
 
 number, distro, call = int(sys.argv[1]), sys.argv[3], sys.argv[4] == "call"
-domain = Domain(number, LOCALHOST)
+domain = Domain(number, localhost(own_address()))
 participant = DomainParticipant(number, Qos(Policy.Userdata(b"enclave=/;")))
 types = Types(distro)
 classes = Classes(types)
@@ -108,13 +108,30 @@ if call:
         return len(answers) == 3
     until(answered, "answers")
     told["answers"] = answers
+    goal = "uwserver_msgs/action/Goto_SendGoal"
+    below = "/rov/goto/_action/"
+    sends = DataWriter(participant, topic(f"rq{below}send_goalRequest", f"{goal}_Request", in_service=True), qos=reliable)
+    taken = DataReader(participant, topic(f"rr{below}send_goalReply", f"{goal}_Response", in_service=True), qos=reliable)
+    status = DataReader(participant, topic(f"rt{below}status", "action_msgs/msg/GoalStatusArray"), qos=latched)
+    until(lambda: sends.get_matched_subscriptions() and taken.get_matched_publications(), "action")
+    time.sleep(0.5)
+    body = types.cdr(types.make(f"{goal}_Request"))
+    write(sends, body[:4] + bytes(16) + body[4:])
+    def accepted():
+        told["accepted"] = [one.accepted for one in taken.take(10)]
+        return told["accepted"]
+    until(accepted, "goal")
+    def running():
+        told["statuses"] = [[one.status for one in each.status_list] for each in status.take(10)]
+        return told["statuses"]
+    until(running, "status")
 print(json.dumps(told))
 """
 
 
 def told_by(distro, call=False, **config):
     async def story():
-        made = context()
+        made = flying() if call else context()
         table = Ros2Config(transport="dds", allow_network=True, domain=DOMAIN, ros_distro=distro, truth=True, **config)
         async with serving(Ros2Adapter(table, made)):
             process = await asyncio.create_subprocess_exec(
@@ -147,6 +164,7 @@ def test_another_participant_sees_hears_and_steers():
     assert told["hash"].startswith("typehash=RIHS01_7d9a00ff")
     assert world.commands[-1].value == ((0.1, 0.2, 0.3),)
     assert told["answers"] == [[77, 0, True], [77, 1, True], [77, 2, True]]
+    assert (told["accepted"], told["statuses"]) == ([True], [[2]])
 
 
 def test_humble_has_longer_identities_and_no_hashes():

@@ -374,3 +374,20 @@ def test_an_action_of_a_client_of_ros():
             assert tokens["MP", below + "feedback"].type == "uwserver_msgs::action::dds_::Goto_FeedbackMessage_"
 
     run(story)
+
+
+def test_numbers_that_are_none_and_lists_of_any_length_change_nothing():
+    async def story():
+        async with node() as (world, peer, aside):
+            kind, topic = "std_msgs/msg/Float64MultiArray", "/rov/thrusters/cmd"
+            wrong = [np.full(3, np.nan), np.array([0.1, np.inf, 0.0]), np.zeros(0), np.zeros(1000), np.zeros(100_000)]
+            for data in wrong:
+                await aside(peer.say, topic, kind, data=data)
+            await aside(peer.say, "/rov/cmd_depth", "std_msgs/msg/Float64", data=float("nan"))
+            await until(lambda: sum(world.stats.details.get("refused", {}).values()) == 6)
+            assert world.stats.details["refused"] == {"not_finite": 3, "bad_shape": 2, "message": 1}
+            assert world.commands == []
+            await aside(peer.say, topic, kind, data=np.zeros(3))
+            await until(lambda: world.commands)
+
+    run(story)

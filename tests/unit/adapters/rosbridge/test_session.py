@@ -516,7 +516,8 @@ def test_lines_of_chance_break_nothing():
     rng = np.random.default_rng(5)
     words = [
         '{"op":"subscribe","topic":"/rov/imu"', '"id":1', "}", "{", "[", "]", '"op":"publish"', '"topic":"/rov/thrusters/cmd"', '"msg":{"data":',
-        "1e999", "NaN", "null", "-1", '"\\ud800"', '"args":[[[]]]', '"service":"/world/step"', '"op":"call_service"', '"type":5', ",", ":", "\x00",
+        "1e999", "NaN", "null", "-1", '"\\ud800"', '"args":[[[]]]', '"service":"/world/step"', '"op":"call_service"',
+        '"op":"send_action_goal"', '"op":"cancel_action_goal"', '"action":"/uwserver/simulate_steps"', '"id":7', '"type":5', ",", ":", "\x00",
         '"compression":"png"', '"fragment_size":1', '"throttle_rate":1e300', '"queue_length":-0.5',
     ]  # fmt: skip
 
@@ -794,5 +795,42 @@ def test_parameters_are_read_and_changed():
             assert (lost["result"], "must be JSON" in lost["values"]) == (False, True)
             assert (await ask("get_param", name="rov.imu.rate", default_value="7"))["values"]["value"] == "7"
             assert (await ask("delete_param", name=names[0]))["values"]["successful"] is False
+
+    run(story)
+
+
+# -- much at once ---------------------------------------------------------------------------------------------------------------------------
+
+
+def test_hundreds_of_throttled_subscriptions_outlive_a_reset():
+    """Each has a timer of its own: none holds up another client, and none is left when its client goes."""
+
+    async def story():
+        async with bridge(2, queue_bytes=1 << 16) as (world, many, one):
+            for k in range(300):
+                await many.say(
+                    op="subscribe",
+                    id=k,
+                    topic=f"/rov/{'imu' if k % 2 else 'lasers'}",
+                    throttle_rate=k + 1,
+                    queue_length=k,
+                )
+            await many.settle()
+            await one.say(op="subscribe", topic="/rov/imu")
+            await one.settle()
+            for k in range(50):
+                world.put([later(k * 10**7), later(k * 10**7, PORTS["rov/lasers"])])
+            for _ in range(50):
+                assert (await one.hear())["topic"] == "/rov/imu"
+            world.say(Event("reset", 0, 0, "again"))
+            world.put([later(5)])
+            assert (await one.hear())["msg"]["header"]["stamp"]["nanosec"] == 5
+            for k in range(300):
+                await many.say(op="unsubscribe", id=k, topic=f"/rov/{'imu' if k % 2 else 'lasers'}")
+            await many.settle()
+            assert world.wanted == {"rov/imu"}
+            await many.socket.close()
+            await one.settle()
+            assert world.stats.errors == 0
 
     run(story)
