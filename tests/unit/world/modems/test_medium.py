@@ -329,6 +329,16 @@ def test_a_removed_receiver_hears_nothing_and_a_removed_sender_is_heard():
     assert world.parts["world/modems"].save().legs == ()
 
 
+def test_who_comes_under_the_name_of_one_that_went_hears_only_what_is_sent_then():
+    world = world_of({**TRIO, "d": (0.0, 400.0, 20.0)})
+    world.call("world/spawn", name="e", like="b", p_NB=[900.0, 100.0, 20.0])
+    world.command("a/modem/send", data=b"x")
+    listen(world, 0.1)
+    world.call("world/remove", name="e")
+    world.call("world/spawn", name="e", like="b", p_NB=[900.0, 100.0, 20.0])
+    assert sorted(m.by for m in listen(world, 1.5)) == ["b", "c", "d"]
+
+
 def test_a_spawned_copy_has_a_modem_that_can_be_given_an_address():
     world = world_of(FAR)
     world.command("a/modem/send", data=b"early")
