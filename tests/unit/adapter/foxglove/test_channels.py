@@ -95,6 +95,7 @@ def test_frames_form_one_tree_with_z_up_at_its_root(channels: SceneChannels) -> 
         "rov/gps": "rov",
         "rov/lasers": "rov",
         "rov/sonar": "rov",
+        "rov/camera": "rov",
     }
     root = transforms["N"].rotation
     q = (root.w, root.x, root.y, root.z)
