@@ -155,13 +155,12 @@ class CameraTable(SensorTable, kw_only=True, frozen=True):
         """Of an exposure."""
         return 0.9 / self.rate_hz if isinstance(self.max_exposure_s, UnsetType) else self.max_exposure_s
 
-    def core_share(self, lamps: int = 0) -> float:
-        """About what part of a 2.5 GHz core its pictures take, with so many lamps that throw shadows (`uwserver bench sensors`)."""
-        of_all = {"rgb": 330.0, "mono": 320.0, "depth": 170.0, "segmentation": 400.0}[self.mode]
-        if self.mode in ("rgb", "mono"):
-            of_all += lamps * (250.0 if self.lamp_shadows else 120.0)
+    @property
+    def cores(self) -> float:
+        """About what part of a 2.5 GHz core its pictures take by day (`uwserver bench sensors`); two lamps add half as much."""
+        of_each = {"rgb": 330.0, "mono": 320.0, "depth": 170.0, "segmentation": 400.0}[self.mode]
         both = 1.0 if isinstance(self.baseline_m, UnsetType) else 2.0
-        return both * of_all * 1e-9 * self.width * self.height * self.rate_hz
+        return both * of_each * 1e-9 * self.width * self.height * self.rate_hz
 
     def beside(self, mount: Pose) -> Pose:
         """Where the right camera of a pair sits."""
