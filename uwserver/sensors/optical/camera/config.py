@@ -12,7 +12,7 @@ from uwserver.frames import rotate
 from uwserver.sensors.base import Pose, SensorTable
 from uwserver.sensors.optical.camera.lens import Lens, Model, lens_of, padded
 from uwserver.sensors.optical.camera.window import ACRYLIC_INDEX, DomePort, FlatPort, Window, outside
-from uwserver.table import Positive, Probability, Table
+from uwserver.table import NonNegative, Positive, Probability, Table
 from uwserver.units import rad
 
 MOST_PIXELS = 4096 * 3072
@@ -64,6 +64,8 @@ class CameraTable(SensorTable, kw_only=True, frozen=True):
     """A camera that looks along its x axis, with y to the right of the picture and z down.
 
     Attributes:
+        latency_s: from the end of the read-out to the delivery, for compression and transport as a USB camera has them. In real time a picture
+            that is not computed by then is lost.
         mode: colours, grey, distance along the axis in mm (uint16, 0 for nothing), or ids of objects (uint16, 0 for none).
         ideal: without noise, and of constant exposure.
         width, height: of the picture, pixels.
@@ -91,6 +93,7 @@ class CameraTable(SensorTable, kw_only=True, frozen=True):
         baseline_m: makes it the left one of a stereo pair; the right one, so far along y, has the port ``<camera>/right``.
     """
 
+    latency_s: NonNegative | UnsetType = 0.15
     mode: Literal["rgb", "mono", "depth", "segmentation"] = "rgb"
     ideal: bool = False
     width: Extent = 640
