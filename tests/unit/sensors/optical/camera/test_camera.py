@@ -59,7 +59,7 @@ def pictures(world: World, ticks: int, port: str = "rov/cam") -> list[Any]:
 
 def test_pictures_come_at_the_end_of_the_read_out(tmp_path: Path) -> None:
     world = make(tmp_path, "auto_exposure = false\nexposure_s = 0.004\nread_out_s = 0.02\nlatency_s = 0.1")
-    first, second = pictures(world, 75)[:2]
+    first, second = pictures(world, 90)[:2]
     assert (first.valid, first.value[0].shape, first.value[0].dtype) == (True, (48, 64, 3), "uint8")
     assert first.value[1:] == (0.004, 0.0)
     assert second.t_ns - first.t_ns == 100_000_000
