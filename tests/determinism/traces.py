@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 
-from uwserver.ports import Progress, Reply, Sample
+from uwserver.ports import Buffer, Progress, Reply, Sample
 from uwserver.world import World, snapshot
 
 STATE_EVERY = 100
@@ -23,15 +23,17 @@ class Trace:
     Attributes:
         states: by ticks run: tick of the world and state hash.
         samples: digest of each `BLOCK` samples with all before, and which sample was the last.
+        rest: the same of all but pictures, of which some are lost in real time.
         replies: by act, without what tells who asked.
     """
 
     def __init__(self) -> None:
         self.states: dict[str, tuple[int, str]] = {}
         self.samples: list[tuple[str, str]] = []
+        self.rest: list[tuple[str, str]] = []
         self.replies: dict[str, Any] = {}
         self.count = 0
-        self._digest = hashlib.sha256()
+        self._digest, self._rest, self._rest_count = hashlib.sha256(), hashlib.sha256(), 0
         self._encode = msgspec.json.Encoder().encode
 
     def stand(self, step: int, steps: int, world: World) -> None:
@@ -46,7 +48,14 @@ class Trace:
 
     def take_one(self, *sample: object) -> None:
         """One sample, as its attributes in their order. As JSON, which tells every float from every other; NaN is null, as in a recording."""
-        self._digest.update(self._encode(sample))
+        encoded = self._encode(sample)
+        self._digest.update(encoded)
+        values = sample[5]
+        if not (isinstance(values, tuple) and any(isinstance(value, Buffer | dict) for value in values)):
+            self._rest.update(encoded)
+            self._rest_count += 1
+            if self._rest_count % BLOCK == 0:
+                self.rest.append((f"{sample[0]} {sample[1]}", self._rest.hexdigest()))
         self.count += 1
         if self.count % BLOCK == 0:
             self.samples.append((f"{sample[0]} {sample[1]}", self._digest.hexdigest()))
@@ -68,35 +77,37 @@ class Trace:
     def end(self) -> Trace:
         """No sample more."""
         self.samples.append((f"the end, after {self.count}", self._digest.hexdigest()))
+        self.rest.append((f"the end, after {self._rest_count}", self._rest.hexdigest()))
         return self
 
     def as_json(self) -> bytes:
         """For another process."""
-        return msgspec.json.encode([self.states, self.samples, self.replies])
+        return msgspec.json.encode([self.states, self.samples, self.rest, self.replies])
 
     @classmethod
     def from_json(cls, data: bytes) -> Trace:
         """Of another process."""
         trace = cls()
-        states, samples, trace.replies = msgspec.json.decode(data)
+        states, samples, rest, trace.replies = msgspec.json.decode(data)
         trace.states = {step: tuple(state) for step, state in states.items()}
-        trace.samples = [tuple(block) for block in samples]
+        trace.samples, trace.rest = [tuple(block) for block in samples], [tuple(block) for block in rest]
         return trace
 
 
-def difference(expected: Trace, found: Trace, *, replies: bool = True) -> str:
-    """Where two runs first differ; "" where they are equal."""
+def difference(expected: Trace, found: Trace, *, replies: bool = True, pictures: bool = True) -> str:
+    """Where two runs first differ; "" where they are equal. Without `pictures` of all other samples."""
+    here, there = (expected.samples, found.samples) if pictures else (expected.rest, found.rest)
     for step, state in expected.states.items():
         if found.states.get(step) != state:
             return f"after {step} ticks the state is {found.states.get(step)}, not {state}"
     if len(expected.states) != len(found.states):
         return f"{len(found.states)} states instead of {len(expected.states)}"
-    for n, block in enumerate(expected.samples):
-        if n >= len(found.samples) or found.samples[n] != block:
-            place = found.samples[n][0] if n < len(found.samples) else "nothing"
+    for n, block in enumerate(here):
+        if n >= len(there) or there[n] != block:
+            place = there[n][0] if n < len(there) else "nothing"
             return f"of the samples {n * BLOCK} to {(n + 1) * BLOCK}, the last of them {block[0]}, one is another ({place})"
-    if len(expected.samples) != len(found.samples):
-        return f"{len(found.samples)} blocks of samples instead of {len(expected.samples)}"
+    if len(here) != len(there):
+        return f"{len(there)} blocks of samples instead of {len(here)}"
     if replies:
         for name in sorted(expected.replies.keys() | found.replies.keys()):
             if expected.replies.get(name) != found.replies.get(name):

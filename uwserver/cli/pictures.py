@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from uwserver.physics.kernel.arrays import FloatArray
-from uwserver.ports import Field, Port, Sample
+from uwserver.ports import Buffer, Field, Port, Sample
 from uwserver.units import NANOSECONDS
 
 _WIDE = 6
@@ -143,6 +143,21 @@ def _beacons(port: Port, samples: Sequence[Sample]) -> Figure:
     return figure
 
 
+def _camera(port: Port, samples: Sequence[Sample]) -> Figure:
+    """The last picture; of depth and ids in false colours."""
+    newest = next((sample.value[0] for sample in reversed(samples) if isinstance(sample.value[0], Buffer)), None)
+    if newest is None:
+        raise ValueError(f'"{port.path}" made no picture in that time')
+    image = newest.array()
+    figure = Figure(figsize=(6.4, 4.8), layout="constrained")
+    axis: Any = figure.add_subplot()
+    shown = axis.imshow(image, cmap="gray" if image.dtype == np.uint8 else "viridis", interpolation="nearest")
+    if image.ndim == 2 and image.dtype != np.uint8:
+        figure.colorbar(shown, label=port.fields[0].unit)
+    axis.set_axis_off()
+    return figure
+
+
 def _over_time(port: Port, samples: Sequence[Sample]) -> Figure:
     """Every number over time, one panel a field; long arrays as an image."""
     numbers = [f for f in port.fields if f.type != "str" and not f.is_packed]
@@ -172,6 +187,7 @@ def _over_time(port: Port, samples: Sequence[Sample]) -> Figure:
 
 
 _PICTURES: Mapping[str, Callable[[Port, Sequence[Sample]], Figure]] = {
+    "camera": _camera,
     "scanning_sonar": _scanning_sonar,
     "dvl": _dvl,
     "adcp": _adcp,

@@ -16,7 +16,7 @@ from playback_rig import recorded
 
 from uwserver.cli.pictures import picture
 from uwserver.cli.plot import plot
-from uwserver.ports import Port, Sample
+from uwserver.ports import Buffer, Port, Sample
 from uwserver.recording.parts import Rotation
 from uwserver.scenario.authoring.catalogue import sensor_kinds
 
@@ -135,6 +135,10 @@ def samples(port: Port, n: int) -> list[Sample]:
     for k in range(n):
         value = []
         for field in port.fields:
+            if field.buffer:
+                shape = tuple(2 if extent < 0 else extent for extent in field.buffer.shape)
+                value.append(None if k % 4 == 3 else Buffer.of(np.full(shape, k, field.buffer.dtype)))
+                continue
             part = {"float": 0.1 * (k + 1), "int": k, "bool": k % 2 == 0, "str": f"b{k % 2}"}[field.type]
             part = None if k % 4 == 3 and field.type != "str" else part
             value.append((part,) * field.size if field.shape else part)

@@ -15,13 +15,10 @@ from uwserver.scenario.files.errors import KeyPath
 from uwserver.scenario.load.resolved import ResolvedObject, ResolvedVehicle
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.solids.objects import volume
-from uwserver.sensors import CameraConfig
 from uwserver.table import Vector3
 
 FLOATS = 1.5
 """Buoyancy over weight of a vehicle, fully under water, from which it is a surface vessel."""
-MUCH_OF_A_CORE = 0.7
-"""From here on `check` says what cameras take."""
 _SOURCES: Mapping[str, frozenset[str]] = {
     "attitude": frozenset({"attitude", "imu", "motion_capture"}),
     "heading": frozenset({"attitude", "motion_capture"}),
@@ -67,7 +64,6 @@ def check_plausible(
     bodies = [*_vehicle_bodies(scenario, vehicles), *_object_bodies(objects)]
     _check_above(bodies, warn)
     _check_apart(bodies, warn)
-    _check_cameras(vehicles, warn)
     for key, group in vehicles.items():
         for vehicle in group:
             _check_sensors(key, vehicle, warn)
@@ -128,26 +124,6 @@ def _check_apart(bodies: Iterable[_Body], warn: Report) -> None:
                         f"{late.name} and {early.name} begin in one place, and push each other apart: move one of them"
                     )
                     warn((*late.path, "position_ned_m"), text)
-
-
-def _check_cameras(vehicles: Mapping[str, Iterable[ResolvedVehicle]], warn: Report) -> None:
-    """All cameras of a world share one thread: what they take of a core, where it is much."""
-    total, count, first = 0.0, 0, ""
-    for key, group in vehicles.items():
-        for vehicle in group:
-            cameras = [config for config in vehicle.vehicle.sensors.values() if isinstance(config, CameraConfig)]
-            lamps = len(vehicle.vehicle.lamps)
-            total += sum(camera.core_share(lamps) for camera in cameras)
-            count, first = count + len(cameras), first or (key if cameras else "")
-    if total > MUCH_OF_A_CORE:
-        what = "its camera takes" if count == 1 else f"all {count} cameras take"
-        text = f"{what} about {total:.1f} of one core, with all lamps lit"
-        remedy = (
-            ""
-            if total < 1.0
-            else "; in real time pictures will be dropped: give fewer pixels or a lower rate_hz, or take cameras out"
-        )
-        warn(("vehicles", first, "sensors"), text + remedy)
 
 
 def _check_sensors(key: str, vehicle: ResolvedVehicle, warn: Report) -> None:

@@ -18,6 +18,7 @@ rate_hz = 10
 width = 32
 height = 24
 mode = "segmentation"
+latency_s = 0.0
 """
 SCENARIO = """schema = 1
 [world]

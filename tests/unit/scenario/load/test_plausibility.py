@@ -116,16 +116,3 @@ def test_a_scenario_of_python_may_have_no_adapter(adapters):
 def test_no_shipped_scenario_is_told_of(name, adapters):
     warnings = load(name, adapters=adapters).warnings
     assert not [w for w in warnings if w.path.startswith(("vehicles.", "adapters", "objects."))]
-
-
-CAMERA = '[vehicles.a.sensors.cam]\nkind = "camera"\nrate_hz = {rate}\nwidth = {width}\nheight = 480\n'
-
-
-def test_what_cameras_take_of_a_core_is_told_where_it_is_much(warned):
-    assert not warned(HEAD, rov("a", 0, 0, 5), CAMERA.format(rate=1, width=640))
-    (warning,) = warned(HEAD, rov("a", 0, 0, 5), CAMERA.format(rate=15, width=1280))
-    assert warning.startswith("vehicles.a.sensors: its camera takes about 7.")
-    assert "pictures will be dropped" in warning
-    more = "".join(CAMERA.format(rate=1, width=640).replace(".cam]", f".cam{k}]") for k in range(100))
-    (warning,) = warned(HEAD, rov("a", 0, 0, 5), more)
-    assert "all 100 cameras take about 25" in warning

@@ -12,7 +12,7 @@ from uwserver.frames import rotate
 from uwserver.sensors.base import Pose, SensorTable
 from uwserver.sensors.optical.camera.lens import Lens, Model, lens_of, padded
 from uwserver.sensors.optical.camera.window import ACRYLIC_INDEX, DomePort, FlatPort, Window, outside
-from uwserver.table import Positive, Probability, Table
+from uwserver.table import NonNegative, Positive, Probability, Table
 from uwserver.units import rad
 
 MOST_PIXELS = 4096 * 3072
@@ -64,6 +64,8 @@ class CameraTable(SensorTable, kw_only=True, frozen=True):
     """A camera that looks along its x axis, with y to the right of the picture and z down.
 
     Attributes:
+        latency_s: from the end of the read-out to the delivery, for compression and transport as a USB camera has them. In real time a picture
+            that is not computed by then is lost.
         mode: colours, grey, distance along the axis in mm (uint16, 0 for nothing), or ids of objects (uint16, 0 for none).
         ideal: without noise, and of constant exposure.
         width, height: of the picture, pixels.
@@ -91,6 +93,7 @@ class CameraTable(SensorTable, kw_only=True, frozen=True):
         baseline_m: makes it the left one of a stereo pair; the right one, so far along y, has the port ``<camera>/right``.
     """
 
+    latency_s: NonNegative | UnsetType = 0.15
     mode: Literal["rgb", "mono", "depth", "segmentation"] = "rgb"
     ideal: bool = False
     width: Extent = 640
@@ -155,13 +158,12 @@ class CameraTable(SensorTable, kw_only=True, frozen=True):
         """Of an exposure."""
         return 0.9 / self.rate_hz if isinstance(self.max_exposure_s, UnsetType) else self.max_exposure_s
 
-    def core_share(self, lamps: int = 0) -> float:
-        """About what part of a 2.5 GHz core its pictures take, with so many lamps that throw shadows (`uwserver bench sensors`)."""
-        of_all = {"rgb": 330.0, "mono": 320.0, "depth": 170.0, "segmentation": 400.0}[self.mode]
-        if self.mode in ("rgb", "mono"):
-            of_all += lamps * (250.0 if self.lamp_shadows else 120.0)
+    @property
+    def cores(self) -> float:
+        """About what part of a 2.5 GHz core its pictures take by day (`uwserver bench sensors`); two lamps add half as much."""
+        of_each = {"rgb": 330.0, "mono": 320.0, "depth": 170.0, "segmentation": 400.0}[self.mode]
         both = 1.0 if isinstance(self.baseline_m, UnsetType) else 2.0
-        return both * of_all * 1e-9 * self.width * self.height * self.rate_hz
+        return both * of_each * 1e-9 * self.width * self.height * self.rate_hz
 
     def beside(self, mount: Pose) -> Pose:
         """Where the right camera of a pair sits."""

@@ -196,12 +196,11 @@ def form(
         width: of the picture.
         radiance: (n, 3) float32 receives it.
     """
-    s = sea[0]
-    wet = s.wet != 0
+    s, wet = sea[0], sea[0].wet != 0
     colour, normal, x, place = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     through, deeper, back, arrived, seen = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    fresh = np.empty(3)  # daylight at the base
-    for i in range(3):
+    fresh = np.empty(3)
+    for i in range(3):  # daylight at the base
         fresh[i] = s.above * s.entered * math.exp(s.fading[i] * min(s.surface, 0.0))
     for k in range(len(distance)):
         dx, dy, dz = float(direction[k, 0]), float(direction[k, 1]), float(direction[k, 2])

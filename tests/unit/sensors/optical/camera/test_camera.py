@@ -48,6 +48,7 @@ mount = "camera"
 def make(folder: Path, keys: str = "", lux: float = 40_000.0, water: str = "II") -> World:
     path = folder / "pool.toml"
     keys = keys if "width" in keys else f"width = 64\nheight = 48\n{keys}"
+    keys = keys if "latency" in keys else f"latency_s = 0.0\n{keys}"
     path.write_text(SCENARIO.format(keys=keys, lux=lux, water=water), encoding="utf-8")
     return build(load(path, adapters={}))
 
@@ -57,12 +58,12 @@ def pictures(world: World, ticks: int, port: str = "rov/cam") -> list[Any]:
 
 
 def test_pictures_come_at_the_end_of_the_read_out(tmp_path: Path) -> None:
-    world = make(tmp_path, "auto_exposure = false\nexposure_s = 0.004\nread_out_s = 0.02")
-    first, second = pictures(world, 60)
+    world = make(tmp_path, "auto_exposure = false\nexposure_s = 0.004\nread_out_s = 0.02\nlatency_s = 0.1")
+    first, second = pictures(world, 90)[:2]
     assert (first.valid, first.value[0].shape, first.value[0].dtype) == (True, (48, 64, 3), "uint8")
     assert first.value[1:] == (0.004, 0.0)
     assert second.t_ns - first.t_ns == 100_000_000
-    assert first.t_sent_ns - first.t_ns == 22_000_000
+    assert first.t_sent_ns - first.t_ns == 122_000_000
 
 
 @pytest.mark.parametrize("lux", [60_000.0, 600.0])

@@ -46,3 +46,11 @@ def test_the_right_one_of_a_pair_sits_along_y() -> None:
 
 def test_decibels() -> None:
     assert gain_of(20.0) == pytest.approx(10.0)
+
+
+def test_what_pictures_take_of_a_core_grows_with_pixels_rate_and_mode() -> None:
+    one = CameraConfig(rate_hz=10.0).cores
+    assert 0.5 < one < 1.5
+    assert CameraConfig(rate_hz=5.0, width=1280).cores == pytest.approx(one)
+    assert CameraConfig(rate_hz=10.0, baseline_m=0.1).cores == pytest.approx(2.0 * one)
+    assert CameraConfig(rate_hz=10.0, mode="depth").cores < 0.6 * one

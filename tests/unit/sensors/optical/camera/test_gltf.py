@@ -55,7 +55,7 @@ def broken(**changes: object) -> bytes:
     [
         {"nodes": [{"children": [0]}]},
         {"nodes": [{"mesh": 7}]},
-        {"nodes": [{"children": [1] * 60_000}, {}]},
+        {"nodes": [{"children": [1] * 60_000, "mesh": 0}, {}]},
         {"meshes": [{"primitives": []}]},
         {"accessors": [{"bufferView": 0, "componentType": 5126, "count": 10**9, "type": "VEC3"}] * 3},
         {"scene": 5},
