@@ -367,7 +367,7 @@ class Multibeam(Sensor):
         paths = Paths(head.table.surface_ghosts, head.table.bottom_ghosts, again)
         poses = self._poses(scope, duration, rad(head.table.beam_width_horizontal_deg))
         ping = _Ping(
-            head, scope.still(), p, poses, ranges(reach, head.table.bins, c, believed / c, head.pulse), water, paths,
+            head, scope.still(with_vehicles=False), p, poses, ranges(reach, head.table.bins, c, believed / c, head.pulse), water, paths,
             self._noise(head, p, poses[0][:, 0]), self._beam_gain, level,
         )  # fmt: skip
         return Begun(values, True, delay_ns=delay, job=PingJob(ping))
