@@ -19,6 +19,7 @@ from uwserver.physics.geometry.shapes import Box, Cylinder, Placed, Solid, Trian
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.rays.casting import Rays
 from uwserver.physics.rays.raycast import Geometry
+from uwserver.ports import Buffer
 from uwserver.scenario.files.documents import read, shipped
 from uwserver.scenario.vehicle.profiles import check_profile
 from uwserver.sensors import (
@@ -55,6 +56,7 @@ def main() -> None:
     geometry = harbour()
     for name, draw in (
         ("scanning_sonar", scanning_sonar),
+        ("multibeam", multibeam),
         ("altimeter", altimeter),
         ("dvl", dvl),
         ("adcp", adcp),
@@ -127,6 +129,30 @@ def scanning_sonar(geometry: Geometry) -> Figure:
         axis.pcolormesh(ring, edges, rows.T, cmap="copper", vmin=0, vmax=max(60.0, float(np.quantile(rows, 0.999))))
         axis.set_theta_zero_location("N")
         axis.set_theta_direction(-1)
+        axis.set_title(title, fontsize=10)
+        axis.grid(visible=False)
+    return figure
+
+
+def multibeam(geometry: Geometry) -> Figure:
+    """The harbour as an Oculus M750d sees it, and with an array without taper, whose side lobes draw arcs."""
+    figure, axes = plt.subplots(1, 2, figsize=(15.0, 5.6), layout="constrained", subplot_kw={"projection": "polar"})
+    titles = ("Oculus M750d, low mode", 'taper = "none": side lobes of 13 dB')
+    for axis, taper, title in zip(axes, ("hamming", "none"), titles, strict=True):
+        sonar = device("oculus_m750d", range_m=25.0, taper=taper)
+        scope = instant(geometry, (-6.0, 0.0, DEPTH - 4.0))
+        scope.q_NB = quat_from_rpy(0.0, rad(-8.0), 0.0)
+        _, values = sonar.measure(scope)
+        azimuth, image = values[-2], values[-1]
+        assert isinstance(azimuth, Buffer)
+        assert isinstance(image, Buffer)
+        edges = np.linspace(0.0, 25.0, image.shape[0] + 1)
+        angles = np.append(azimuth.array(), 2.0 * azimuth.array()[-1] - azimuth.array()[-2])
+        axis.pcolormesh(angles, edges, image.array(), cmap="copper", vmin=0, vmax=200)
+        axis.set_theta_zero_location("N")
+        axis.set_theta_direction(-1)
+        axis.set_thetamin(-65)
+        axis.set_thetamax(65)
         axis.set_title(title, fontsize=10)
         axis.grid(visible=False)
     return figure

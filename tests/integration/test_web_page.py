@@ -464,3 +464,44 @@ def test_the_page_finds_its_server_again(browser: Browser, tmp_path: Path) -> No
         page.wait("performance.now() / 1000 - uw.arrived < 1 && uw.t < 60", "frames of the new one")
         assert page.ask("uw.errors") == []
         page.close()
+
+
+IMAGING = """
+[vehicles.rov.sensors.imaging]
+kind = "multibeam"
+rate_hz = 4
+range_m = 10
+beams = 64
+bins = 128
+field_deg = 90
+beam_width_horizontal_deg = 2
+rays_vertical = 64
+processing_s = 0.5
+rpy_deg = [0.0, -10.0, 0.0]
+position_frd_m = [0.4, 0.0, 0.0]
+"""
+
+
+def test_an_imaging_sonar_is_a_fan(browser: Browser, tmp_path: Path) -> None:
+    """The pile to starboard is bright where it stands, and the edges of the picture are dark."""
+    scenario = SCENARIO.replace("[vehicles.auv]", f"{IMAGING}\n[vehicles.auv]")
+    with server(tmp_path, scenario=scenario) as address:
+        page = ready(browser.open(f"{address}?fps=4#quality=low&tab=data&panels=picture%3Arov%2Fimaging"))
+        page.click("#tab-data")
+        button = "[...document.querySelectorAll('.port')].find((p) => p.textContent.includes('rov/imaging'))?.querySelectorAll('button')"
+        page.wait(button, "the port is listed")
+        page.ask(f"[...{button}].find((b) => b.textContent === 'Picture').click()")
+        fan = "document.querySelector('canvas[aria-label^=\"Echoes of the imaging sonar\"]')"
+        page.wait(fan, "a picture is drawn")
+        looks = f"""(() => {{
+          const data = {fan}.getContext("2d").getImageData(0, 0, 480, 300).data;
+          const of = (x, y) => data[4 * (y * 480 + x)] + data[4 * (y * 480 + x) + 1] + data[4 * (y * 480 + x) + 2];
+          let most = 0;
+          for (let y = 0; y < 300; y += 1) for (let x = 300; x < 400; x += 1) most = Math.max(most, of(x, y));
+          return [most, of(2, 2), of(477, 2)];
+        }})()"""
+        page.wait(f"{looks}[0] > 450", "the pile is bright")
+        assert page.ask(looks)[1:] == [25, 25]
+        page.picture(tmp_path / "imaging.png")
+        assert page.ask("uw.errors") == []
+        page.close()

@@ -25,6 +25,10 @@ from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.load.scenario import load
 from uwserver.sensors import ModemTable, SensorConfig
 
+_FEW = 4
+"""Sensors that are named."""
+_MOST_CORES = 0.8
+
 
 @click.command(short_help="Check scenario files, or shipped scenarios by name.")
 @click.argument("files", metavar="FILE...", nargs=-1, required=True)
@@ -52,6 +56,8 @@ def check(files: tuple[str, ...], explain: bool) -> None:
         click.echo(styled("ok", fg="green") + summary(file, resolved).removeprefix("ok"), err=explain)
         for line in parts(resolved):
             click.echo(f"  {line}", err=explain)
+        if (told := pictures(resolved)) is not None:
+            click.echo(told, err=True)
     sys.exit(1 if failed else 0)
 
 
@@ -86,6 +92,26 @@ def parts(resolved: Resolved) -> Iterator[str]:
     for name, config in resolved.scenario.adapters.items():
         for key, text in config.parts().items():
             yield f"{name}.{key}: {text}"
+
+
+def pictures(resolved: Resolved) -> str | None:
+    """What sensors that make pictures cost in real time; None where there are none."""
+    each = [
+        (getattr(sensor, "cores", 0.0), f"{vehicle}/{name}")
+        for vehicle, v in resolved.vehicles.items()
+        for name, sensor in v.vehicle.sensors.items()
+        if sensor.enabled
+    ]
+    each = sorted([one for one in each if one[0] > 0.0], reverse=True)
+    if not each:
+        return None
+    total = sum(part for part, _ in each)
+    text = f"pictures: in real time about {100.0 * total:.0f} % of a core while somebody reads all of them ("
+    text += ", ".join(f"{path} {100.0 * part:.0f} %" for part, path in each[:_FEW])
+    text += f" and {len(each) - _FEW} more)" if len(each) > _FEW else ")"
+    if total > _MOST_CORES:
+        text += "; one thread makes them all: most will be dropped. Lower rate_hz, beams, bins or rays_vertical, or a clock in mode freerun"
+    return text
 
 
 def alike(resolved: Resolved) -> dict[str, ResolvedVehicle]:

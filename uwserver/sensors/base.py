@@ -158,12 +158,14 @@ class Scope:
         """Simulation time, s."""
         return self.t_ns / NANOSECONDS
 
-    def still(self) -> Scope:
+    def still(self, *, with_vehicles: bool = True) -> Scope:
         """This instant for a job: solids and vehicles stay where they are, though the world goes on. Without wiring, and with the same water: a job
-        may ask it for what time does not change, as sound speed and waves (whose time is given), not for the current."""
+        may ask it for what time does not change, as sound speed and waves (whose time is given), not for the current. `vehicles` by name cost some
+        microseconds each; solids are there anyway."""
         still = getattr(self.geometry, "still", None)
         geometry = self.geometry if still is None else still()
-        vehicles = {name: Standing(place.p_NB, place.q_NB, place.nu) for name, place in self.vehicles.items()}
+        places = self.vehicles.items() if with_vehicles else ()
+        vehicles = {name: Standing(place.p_NB, place.q_NB, place.nu) for name, place in places}
         return replace(self, geometry=geometry, vehicles=vehicles, wiring=None)
 
     def position(self, p_BS: Vec3) -> Vec3:

@@ -187,8 +187,8 @@ class Pages:
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """Samples to those who have subscribed, pictures to those who see them."""
+        self.pictures.put_samples(samples)  # first: what is queued of the same tick is no reason to leave a picture out
         self._fanout.put_samples(samples)
-        self.pictures.put_samples(samples)
 
     @property
     def thinned(self) -> Thinned:

@@ -65,6 +65,30 @@ def test_check_tells_what_an_adapter_serves_where(folder: Path) -> None:
     assert "d.echo: rov/ping at 9090" in explained.stderr
 
 
+SONARS = """schema = 1
+[vehicles.rov]
+model = "bluerov2_heavy"
+copies = {{ count = {copies} }}
+[vehicles.rov.sensors.sonar]
+kind = "multibeam"
+profile = "gemini_720im"
+rate_hz = 10
+"""
+
+
+@pytest.mark.parametrize(("copies", "most"), [(2, False), (100, True)])
+def test_check_tells_what_pictures_cost(folder: Path, copies: int, most: bool) -> None:
+    path = folder / "sonars.toml"
+    path.write_text(SONARS.format(copies=copies), encoding="utf-8")
+    result = run("check", str(path))
+    assert result.exit_code == 0
+    found = re.search(r"pictures: in real time about (\d+) % of a core .*?\(rov_\d+/sonar (\d+) %", result.stderr)
+    assert found is not None, result.stderr
+    assert int(found[1]) == pytest.approx(copies * int(found[2]), rel=0.1)
+    assert ("most will be dropped" in result.stderr) is most
+    assert ("and 96 more" in result.stderr) is most
+
+
 def test_check_tells_all_faults_of_all_files_and_fails(folder: Path) -> None:
     (folder / "a.toml").write_text("schema = 1\nsede = 1\n")
     (folder / "b.toml").write_text("schema = \n")

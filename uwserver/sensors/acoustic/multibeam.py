@@ -18,7 +18,7 @@ from uwserver.sensors.acoustic.echo import Absorption, load_kernels
 from uwserver.sensors.acoustic.imaging import columns, speckle
 from uwserver.sensors.acoustic.imaging.array import Taper
 from uwserver.sensors.acoustic.imaging.kernels import load as load_pictures
-from uwserver.sensors.acoustic.imaging.swath import Plane, Swath
+from uwserver.sensors.acoustic.imaging.swath import Plane, Swath, columns_of, cost
 from uwserver.sensors.acoustic.receiver import (
     Echoes,
     Noise,
@@ -134,9 +134,9 @@ class MultibeamConfig(SensorTable, tag="multibeam", kw_only=True, frozen=True):
             raise ValueError(f'no mode "{self.mode}", there are: {", ".join(self.modes) or "none"}')
         for name in self.names:
             table, where = self.in_mode(name), f" in mode {name}" if name else ""
-            across = rad(table.field_deg) / rad(table.beam_width_horizontal_deg)
-            if 3.0 * across * table.rays_vertical > _MOST_RAYS:
-                text = f"{3.0 * across * table.rays_vertical:.0f} rays a ping{where} are more than {_MOST_RAYS}"
+            rays = table.columns * table.rays_vertical
+            if rays > _MOST_RAYS:
+                text = f"{rays} rays a ping{where} are more than {_MOST_RAYS}"
                 raise ValueError(f"{text}: wider beams, a smaller field or fewer rays_vertical need fewer")
         now = self.in_mode(self.mode)
         if not now.min_range_m <= self.range_m <= now.max_range_m:
@@ -146,6 +146,18 @@ class MultibeamConfig(SensorTable, tag="multibeam", kw_only=True, frozen=True):
     def names(self) -> tuple[str, ...]:
         """Of the modes; "" alone where there are none."""
         return tuple(self.modes) or ("",)
+
+    @property
+    def columns(self) -> int:
+        """Of rays."""
+        return columns_of(rad(self.field_deg), rad(self.beam_width_horizontal_deg))
+
+    @property
+    def cores(self) -> float:
+        """About the part of one core that its pictures take in real time, as it starts."""
+        table = self.in_mode(self.mode)
+        pings = min(self.rate_hz, 1.0 / (2.0 * self.range_m / 1500.0 + self.overhead_s))
+        return pings * cost(table.columns, table.rays_vertical, table.beams, table.bins)
 
     def in_mode(self, name: str) -> MultibeamConfig:
         """The table with what a mode changes, and without modes."""
@@ -355,7 +367,7 @@ class Multibeam(Sensor):
         paths = Paths(head.table.surface_ghosts, head.table.bottom_ghosts, again)
         poses = self._poses(scope, duration, rad(head.table.beam_width_horizontal_deg))
         ping = _Ping(
-            head, scope.still(), p, poses, ranges(reach, head.table.bins, c, believed / c, head.pulse), water, paths,
+            head, scope.still(with_vehicles=False), p, poses, ranges(reach, head.table.bins, c, believed / c, head.pulse), water, paths,
             self._noise(head, p, poses[0][:, 0]), self._beam_gain, level,
         )  # fmt: skip
         return Begun(values, True, delay_ns=delay, job=PingJob(ping))

@@ -19,7 +19,7 @@ from web_rig import Stage, ask, code_of, play, state_of
 from websockets.exceptions import ConnectionClosed
 
 from uwserver.ports import Buffer, Event, Field, Layout, Port, Sample
-from uwserver.testing import FakeContext
+from uwserver.testing import FakeContext, sample_of
 
 SONAR = Port(
     "rov/sonar", "sensor", "scanning_sonar",
@@ -225,6 +225,19 @@ def with_sonar() -> FakeContext:
 def ping(seq: int) -> Sample:
     row = Buffer(dtype="uint8", shape=(4,), data=bytes((seq, 1, 2, 3)))
     return Sample(SONAR.path, seq, 1000 + seq, 2000 + seq, True, (0.5, 30.0, 0.0, row))
+
+
+def test_what_is_subscribed_of_the_same_tick_is_no_reason_to_leave_a_picture_out() -> None:
+    async def scene(stage: Stage) -> None:
+        async with stage.page() as page:
+            number = (await ask(page, "view", pictures=["rov/sonar"]))["result"]["pictures"]["rov/sonar"]
+            await ask(page, "subscribe", pattern="rov/imu")
+            imu = sample_of(stage.context.ports["rov/imu"])
+            stage.context.put([imu, ping(3)])
+            frame = await frame_of(page)
+            assert struct.unpack_from("<BBH", frame) == (2, 3, number)
+
+    play(scene, with_sonar())
 
 
 def test_a_row_of_sonar_comes_as_bytes_and_the_next_one_when_it_was_seen() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+
 import numpy as np
 import pytest
 
@@ -196,6 +198,35 @@ def test_removed_and_moved_things():
     assert rays.at(STATE).raycast(o, d, 99.0).body.tolist() == [-1, -1]
     with pytest.raises(KeyError):
         rays.remove(1)
+
+
+@pytest.mark.parametrize("shape", [Box((1.0, 1.0, 1.0)), Sphere(0.5)])
+def test_what_is_kept_of_an_instant_stays_while_the_world_goes_on(shape):
+    """Bodies of few triangles and of many: they move on, come and go, while another thread casts rays at what was."""
+    rays, state = Rays(), STATE.copy()
+    rays.add_static(0, Solid("floor", (Placed(terrain(20)),)))
+    rays.add_moving(1, Solid("body", (Placed(shape),)), 0)
+    rng = np.random.default_rng(4)
+    o = np.tile([[2.0, -1.0, -6.0]], (500, 1)) + rng.uniform(-1.0, 1.0, (500, 3))
+    d = unit(rng, 500) * 0.1 + [0.0, 0.0, 1.0]
+    d /= np.linalg.norm(d, axis=1)[:, None]
+    expected = rays.at(state).raycast(o, d, 50.0)
+    assert set(expected.body.tolist()) == {0, 1}
+    kept = rays.still(state)
+    assert kept.still() is kept
+    found = []
+    thread = threading.Thread(target=lambda: found.extend(kept.raycast(o, d, 50.0) for _ in range(20)))
+    thread.start()
+    state[0, :3] += 30.0
+    for _ in range(5):
+        assert 1 not in rays.at(state).raycast(o, d, 50.0).body
+    rays.remove(1)
+    rays.add_moving(1, Solid("other", (Placed(Capsule(0.3, 1.0)),)), 0)
+    rays.at(STATE).raycast(o, d, 50.0)
+    thread.join()
+    assert len(found) == 20
+    for hits in found:
+        assert all(np.array_equal(one, other) for one, other in zip(hits, expected, strict=True))
 
 
 @pytest.mark.parametrize("n", [0, 1])

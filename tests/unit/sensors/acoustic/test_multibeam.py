@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -13,6 +14,8 @@ from scipy import integrate, stats
 
 from uwserver.frames import quat_from_rpy
 from uwserver.ports import Refused
+from uwserver.scenario.build.world import build
+from uwserver.scenario.load.scenario import load
 from uwserver.sensors import MultibeamConfig, Pose
 from uwserver.sensors.acoustic.imaging import array
 from uwserver.sensors.acoustic.multibeam import MultibeamMode
@@ -20,6 +23,7 @@ from uwserver.testing import FakeGeometry, check_sensor
 from uwserver.testing.fake_geometry import Plane, Sphere
 from uwserver.testing.sensors import scopes
 from uwserver.units import rad
+from uwserver.world import World
 
 DEEP, HEIGHT = 1000.0, 4.0
 BOTTOM = Plane((0.0, 0.0, DEEP + HEIGHT), (0.0, 0.0, -1.0))
@@ -300,3 +304,58 @@ def test_absurd_ranges_give_a_picture(facing: Any) -> None:
 def test_upside_down_it_sees_the_bottom_above(facing: Any) -> None:
     over = replace(facing(BOTTOM), q_NB=quat_from_rpy(math.pi, 0.0, 0.0))
     assert np.allclose(picture(LEVELS, over)[80:200, ::-1], picture(LEVELS, facing(BOTTOM))[80:200], rtol=0.3)
+
+
+# -- in a world -------------------------------------------------------------------------------------------------------------------------
+
+TANK = """schema = 1
+[world]
+rate_hz = 240
+[seabed]
+kind = "flat"
+depth_m = 6.0
+[vehicles.rov]
+model = "bluerov2_heavy"
+position_ned_m = [0.0, 0.0, 3.0]
+[vehicles.rov.sensors.sonar]
+kind = "multibeam"
+rate_hz = 12
+range_m = 12
+beams = 32
+bins = 64
+field_deg = 60
+beam_width_horizontal_deg = 3
+rays_vertical = 48
+[vehicles.rov.sensors.sonar.streams.exact]
+ideal = true
+[vehicles.other]
+model = "bluerov2_heavy"
+position_ned_m = [6.0, 0.0, 3.0]
+"""
+
+
+def test_in_a_world_the_thread_sees_the_instant_of_the_ping(tmp_path: Path) -> None:
+    """The picture of each ping is that which the sonar makes at once of the same instant, though another vehicle moves on and goes."""
+    path = tmp_path / "tank.toml"
+    path.write_text(TANK, encoding="utf-8")
+    threaded, at_once = (build(load(path, adapters={})) for _ in range(2))
+    assert at_once.geometry is not threaded.geometry
+    run_now(at_once)
+    for world in (threaded, at_once):
+        world.command("other/thrusters", u=[0.6] * 8)
+    found, wanted = threaded.step(200), at_once.step(200)
+    assert found == wanted
+    pictures = [s.value[-1] for s in found if s.port == "rov/sonar"]
+    assert len(pictures) >= 8
+    assert len({picture.data for picture in pictures}) == len(pictures)
+    assert len([s for s in found if s.port == "rov/sonar/exact"]) == len(pictures)
+    threaded.dismiss("other")  # a ping that has seen it is under way
+    threaded.step(60)
+    for world in (threaded, at_once):
+        world.end("over")
+
+
+def run_now(world: World) -> None:
+    """Let a world compute its jobs in the tick in which they begin."""
+    computing = world.instruments.computing
+    computing.begin = lambda work: work.run()  # type: ignore[method-assign]
