@@ -72,6 +72,7 @@ MODELS = {
     "adcp": "adcp",
     "altimeter": "altimeter",
     "scanning_sonar": "scanning_sonar",
+    "multibeam": "multibeam",
     "usbl": "usbl",
     "lbl": "lbl",
 }

@@ -46,6 +46,18 @@ TABLE = {
     sensor(
         "rov/sonar", "scanning_sonar", head_angle=("rad",), range=("m",), gain=("dB",), bins=("1", "", (4,), "int"),
     ): (0.5, 20.0, 30.0, (0, 10, 200, 255)),
+    Port(
+        "rov/imaging", "sensor", "multibeam",
+        (
+            Field("range_start", "m", "x"), Field("range", "m", "x"), Field("gain", "dB", "x"), Field("frequency", "Hz", "x"),
+            Field("sound_speed", "m/s", "x"),
+            Field("azimuth", "rad", "x", type="buffer", buffer=Layout("float32", (3,))),
+            Field("image", "1", "x", type="buffer", buffer=Layout("uint8", (2, 3))),
+        ),
+        "A sensor of a test.", rate_hz=10.0,
+    ): (
+        0.0, 20.0, 0.0, 750e3, 1500.0, Buffer.of(np.array([-0.5, 0.0, 0.5], np.float32)), Buffer.of(np.array([[0, 1, 2], [3, 4, 5]], np.uint8)),
+    ),
     sensor(
         "rov/usbl", "usbl", beacon=TEXT, range=("m",), bearing=("rad",), elevation=("rad",), p_beacon_S=V3, travel_time=("s",),
         hydrophone_ranges=("m", "", (2,)),

@@ -12,7 +12,7 @@ from uwserver.physics.collision.engine import AUTO
 from uwserver.physics.collision.solids import Solids
 from uwserver.physics.geometry.shapes import Solid
 from uwserver.physics.kernel.arrays import FloatArray
-from uwserver.physics.rays.casting import Rays
+from uwserver.physics.rays.casting import Rays, Still
 from uwserver.physics.rays.raycast import Hits
 
 
@@ -73,3 +73,7 @@ class Scene:
     def raycast(self, origin: FloatArray, direction: FloatArray, max_range: float) -> Hits:
         """As `geometry.Geometry`, where the bodies are now."""
         return self._rays.at(self._state()).raycast(origin, direction, max_range)
+
+    def still(self) -> Still:
+        """The same as a geometry for one other thread, with the bodies where they are now."""
+        return self._rays.still(self._state())

@@ -37,6 +37,8 @@ class PlayedWorld:
     services: Mapping[str, Service]
     members: Mapping[str, KnownMember]
     actuators: Mapping[str, Commanded] = field(default_factory=dict)
+    readings_dropped: Mapping[str, int] = field(default_factory=dict)
+    readings_failed: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from uwserver.sensors.acoustic.altimeter import AltimeterConfig
 from uwserver.sensors.acoustic.dvl import DvlConfig
 from uwserver.sensors.acoustic.interrogation import carriers
 from uwserver.sensors.acoustic.lbl import LblConfig
+from uwserver.sensors.acoustic.multibeam import MultibeamConfig
 from uwserver.sensors.acoustic.scanning_sonar import ScanningSonarConfig
 from uwserver.sensors.acoustic.usbl import UsblConfig
 from uwserver.sensors.base import IdealSensor, Pose, Scope, Sensor, SensorTable, Settings, StreamTable
@@ -34,6 +35,7 @@ SensorConfig = (
     | AdcpConfig
     | AltimeterConfig
     | ScanningSonarConfig
+    | MultibeamConfig
     | UsblConfig
     | LblConfig
     | MagnetometerConfig
@@ -53,6 +55,6 @@ SensorConfig = (
 __all__ = [
     "AdcpConfig", "AltimeterConfig", "AttitudeConfig", "BatteryConfig", "ClockConfig", "CompoundConfig", "ContactConfig",
     "CtdConfig", "DvlConfig", "GpsConfig", "IdealSensor", "ImuConfig", "LblConfig", "LeakConfig", "MagnetometerConfig",
-    "MotionCaptureConfig", "Pose", "PressureConfig", "RangeArrayConfig", "RpmConfig", "ScanningSonarConfig", "Scope", "Sensor",
+    "MotionCaptureConfig", "MultibeamConfig", "Pose", "PressureConfig", "RangeArrayConfig", "RpmConfig", "ScanningSonarConfig", "Scope", "Sensor",
     "SensorConfig", "SensorTable", "Settings", "SoundSpeedConfig", "StreamTable", "UsblConfig", "carriers",
 ]  # fmt: skip

@@ -6,8 +6,8 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Annotated, Protocol
+from dataclasses import dataclass, field, replace
+from typing import Annotated, NamedTuple, Protocol
 
 import msgspec
 import numpy as np
@@ -22,6 +22,7 @@ from uwserver.modifiers.base import NOTHING, Draws, Memory, check_lengths
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.rays.raycast import Geometry, OpenWater
 from uwserver.ports import Argument, Field, Json, Refused, Value
+from uwserver.sensors.job import finished
 from uwserver.sensors.wiring import Wiring
 from uwserver.table import Name, NonNegative, Positive, Table
 from uwserver.units import NANOSECONDS, rad
@@ -93,6 +94,14 @@ class Place(Protocol):
         """Its velocity, v_NB_B (m/s) and w_NB_B (rad/s)."""
 
 
+class Standing(NamedTuple):
+    """A `Place` of one instant."""
+
+    p_NB: Vec3
+    q_NB: Quat
+    nu: tuple[float, ...]
+
+
 _OPEN_WATER = OpenWater()
 _EARTH = Earth()
 SEDIMENT = lambert(["sediment"])
@@ -139,6 +148,14 @@ class Scope:
     def t(self) -> float:
         """Simulation time, s."""
         return self.t_ns / NANOSECONDS
+
+    def still(self) -> Scope:
+        """This instant for a job: solids and vehicles stay where they are, though the world goes on. Without wiring, and with the same water: a job
+        may ask it for what time does not change, as sound speed and waves (whose time is given), not for the current."""
+        still = getattr(self.geometry, "still", None)
+        geometry = self.geometry if still is None else still()
+        vehicles = {name: Standing(place.p_NB, place.q_NB, place.nu) for name, place in self.vehicles.items()}
+        return replace(self, geometry=geometry, vehicles=vehicles, wiring=None)
 
     def position(self, p_BS: Vec3) -> Vec3:
         """p_NS (m) of a point fixed to the body at p_BS."""
@@ -251,6 +268,8 @@ class Sensor(ABC):
         paces: its memory holds no error, but what decides when and how it reads next; an ideal twin follows it.
         listens: it waits for something that comes between two readings, as told by `wake`.
         repeats: it repeats what other sensors have just read, and so reads after them.
+        takes_time: its readings are begun and computed later (`uwserver.sensors.job`).
+        learns: `learn` hears what was computed.
     """
 
     fields: tuple[Field, ...]
@@ -264,6 +283,8 @@ class Sensor(ABC):
     paces = False
     listens = False
     repeats = False
+    takes_time = False
+    learns = False
 
     def __init__(self, settings: Settings | None = None) -> None:
         """Switched on with random numbers of no path, for one who reads it alone."""
@@ -300,10 +321,19 @@ class Sensor(ABC):
         """When (s) it has to be asked, whatever its rate: at the first tick that is not earlier; None while it waits for nothing."""
         return None
 
+    def begins(self, t: float) -> bool:
+        """Of one that takes time: whether a reading would begin, were it asked at this time (s)."""
+        return True
+
+    def learn(self, values: tuple[Value, ...]) -> None:  # noqa: B027 - few do
+        """Of one that takes time and learns: a job's values are delivered in this tick. They may change the memory; must be quick."""
+
     def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
         """Whether it could measure, and one value per field, without timing; missing values while it is not ready."""
         reading = self.sense(scope)
-        return (False, blank(self.fields)) if reading is None else (reading.valid, reading.values)
+        if reading is None:
+            return False, blank(self.fields)
+        return reading.valid, finished(reading, self.fields).values
 
     def properties(self) -> dict[str, Json]:
         """The settings, by name."""

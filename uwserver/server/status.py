@@ -62,6 +62,8 @@ class Monitor:
             "lateness": dict(self.lateness),
             "overruns": simulation.pace.overruns,
             "dropped": hub.bus.dropped,
+            "readings_dropped": dict(world.readings_dropped),
+            "readings_failed": dict(world.readings_failed),
             "vehicles": list(world.members),
             "conflicts": sum(slot.conflicts for slot in world.actuators.values()),
             "lockstep_waits_for": list(simulation.lockstep.barrier.missing(world.tick))
@@ -102,6 +104,7 @@ class Metrics:
             "uwserver_tick_lateness_seconds", "Lateness of paced ticks.", buckets, lateness.total_s
         )
         conflicts = sum(slot.conflicts for slot in simulation.world.actuators.values())
+        known = simulation.world
         for family, name, doc, value in (
             (CounterMetricFamily, "ticks", "Ticks done.", lateness.ticks),
             (GaugeMetricFamily, "simulation_time_seconds", "Simulation time.", simulation.world.t_ns / NANOSECONDS),
@@ -109,6 +112,8 @@ class Metrics:
             (GaugeMetricFamily, "paused", "1 while time stands still.", int(simulation.paused)),
             (CounterMetricFamily, "overruns", "Times the clock fell behind and started anew.", simulation.pace.overruns),
             (CounterMetricFamily, "bus_dropped_samples", "Samples the loop was too slow to take.", self._hub.bus.dropped),
+            (CounterMetricFamily, "readings_dropped", "Readings that were not computed in time.", sum(known.readings_dropped.values())),
+            (CounterMetricFamily, "readings_failed", "Readings that could not be computed.", sum(known.readings_failed.values())),
             (CounterMetricFamily, "command_conflicts", "Commands to an actuator that somebody else commands too.", conflicts),
         ):  # fmt: skip
             yield family(f"uwserver_{name}", doc, value)

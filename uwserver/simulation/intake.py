@@ -66,6 +66,15 @@ class Intake:
         if self.observer is not None:
             self.observer.ticked(self._world)
 
+    def for_tick(self, is_paced: bool) -> Iterable[Posted]:
+        """The same for a tick. Where the wall clock sets the pace it must not wait for readings under computation: the late ones are dropped."""
+        world = self._world
+        if is_paced and not world.sensing.under_way.is_idle:
+            tick = world.tick + 1
+            for call in world.sensing.under_way.late(tick, world.ticks.time_of(tick)):
+                self.submit(Posted(call, None))
+        return self.requests(is_paced)
+
     def requests(self, is_paced: bool) -> Iterable[Posted]:
         """What the world carries out now, the next when the one before is done.
 

@@ -80,6 +80,14 @@ class KnownWorld(Protocol):
     def actuators(self) -> Mapping[str, Commanded]:
         """By path."""
 
+    @property
+    def readings_dropped(self) -> Mapping[str, int]:
+        """Readings that were not computed in time, by port."""
+
+    @property
+    def readings_failed(self) -> Mapping[str, int]:
+        """Readings that could not be computed, by port."""
+
 
 class Reads(Protocol):
     """As `uwserver.simulation.readers.Readers`."""

@@ -220,7 +220,7 @@ class Simulation:
     def _tick(self) -> None:
         self.readers.begin()
         try:
-            output = self.world.advance(self._intake.requests(self._is_paced()))
+            output = self.world.advance(self._intake.for_tick(self._is_paced()))
         except Diverged as error:
             self._intake.batch += 1
             self._follow_jump()  # a load may have been in this tick; its failure is the one that follows

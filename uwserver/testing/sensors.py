@@ -27,6 +27,7 @@ from uwserver.modifiers import (
 )
 from uwserver.ports import Buffer, Field, Value
 from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
+from uwserver.sensors.job import finished
 from uwserver.testing.fake_geometry import FakeGeometry, Plane
 
 MOUNT = Pose((0.3, -0.2, 0.1), quat_from_rpy(0.4, -0.3, 2.0))
@@ -205,7 +206,8 @@ def _run(sensor: Sensor, scope: Scope, steps: range) -> list[Measurement | None]
     readings = []
     for k in steps:
         sensor.begin(k)
-        readings.append(sensor.sense(replace(scope, t_ns=scope.t_ns + k * _STEP_NS)))
+        reading = sensor.sense(replace(scope, t_ns=scope.t_ns + k * _STEP_NS))
+        readings.append(None if reading is None else finished(reading, sensor.fields))
     return readings
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Annotated, Any
@@ -14,6 +15,7 @@ from uwserver.modifiers.columns import Columns, columns_of
 from uwserver.modifiers.operations import Operation
 from uwserver.ports import Items, Port, Value
 from uwserver.ports.checks import check_given
+from uwserver.world.computing import Loose, settled
 from uwserver.world.part import Part, State, read_record, record
 
 Held = tuple[bool, tuple[Value, ...]] | None
@@ -49,10 +51,10 @@ class SensorStream:
     columns: Columns = field(init=False)
     operations: tuple[Operation, ...] = field(init=False)
     is_ready_made: bool = field(init=False)
-    fresh: tuple[Value, ...] = ()
-    loose: tuple[Value, ...] = ()
-    coming: dict[int, tuple[Value, ...]] = field(default_factory=dict)
-    newest: tuple[Value, ...] = ()
+    fresh: Loose = ()
+    loose: Loose = ()
+    coming: dict[int, Loose] = field(default_factory=dict)
+    newest: Loose = ()
 
     def __post_init__(self) -> None:
         self.columns = columns_of(self.port.fields)
@@ -66,7 +68,7 @@ class SensorStream:
         return self.columns.width + sum([len(operation.numbers) for operation in self.operations])
 
 
-class SensorState(State, frozen=True):
+class SensorState(State, frozen=True, omit_defaults=True):
     """What one sensor remembers.
 
     Attributes:
@@ -77,6 +79,7 @@ class SensorState(State, frozen=True):
         numbers: float64, of each stream the last reading, and what its operations remember.
         loose: of each stream the values of the last reading that are no numbers; empty where it has none.
         modifiers: memories of those modifiers whose streams are made in Python.
+        pictures: in place of `loose` of a sensor that takes time.
     """
 
     number: Count
@@ -88,6 +91,20 @@ class SensorState(State, frozen=True):
     numbers: bytes
     loose: tuple[tuple[Value, ...], ...]
     modifiers: tuple[bytes, ...]
+    pictures: tuple[tuple[Value, ...], ...] = ()
+
+    def deciding(self) -> SensorState:
+        """Pictures follow from the rest, and may be under computation."""
+        return structs.replace(self, pictures=()) if self.pictures else self
+
+    def settled(self) -> SensorState:
+        """With the pictures computed."""
+        return structs.replace(self, pictures=computed(self.pictures))
+
+
+def computed(pictures: Iterable[Loose]) -> tuple[tuple[Value, ...], ...]:
+    """Values of pictures, some of which may be under computation."""
+    return tuple([settled(loose) for loose in pictures])
 
 
 class Sources(Struct, frozen=True):

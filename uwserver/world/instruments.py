@@ -21,6 +21,7 @@ from uwserver.sensors import Scope, surroundings
 from uwserver.sensors.bank import HEAD, Bank, load, reader
 from uwserver.sensors.surroundings import place_row, water_arrays
 from uwserver.sensors.wiring import ELECTRIC, Wiring
+from uwserver.world.computing import Computing
 from uwserver.world.streams import COUNTS, ENTRY, FORMS, NEVER, NO_INTERVAL, STREAM, THINNING
 from uwserver.world.vehicle import Vehicle
 
@@ -57,6 +58,7 @@ class Instruments:
         nu_dot, tau: (n, 6) of the bodies, where a sensor needs them: see `Hydrodynamics.rates_of_change`.
         next_ns: when the next sample on its way arrives.
         read_count: how many of the samples of this tick somebody reads in Python.
+        computing: of readings that take time.
     """
 
     def __init__(self, hydro: Hydrodynamics, water: Water, around: Callable[[], Around]) -> None:
@@ -65,7 +67,7 @@ class Instruments:
 
         self._deliver = delivery.deliver
         delivery.load()
-        self._hydro, self._water, self._around = hydro, water, around
+        self._hydro, self._water, self._around, self.computing = hydro, water, around, Computing()
         self.heads, self.streams, self.operations, self.numbers = (
             Pool(HEAD), Pool(STREAM), Pool(OPERATION), Pool(np.float64),
         )  # fmt: skip
@@ -164,6 +166,26 @@ class Instruments:
         self._counted = n, 0
         self._counts["pending"], self._counts["told"], self._counts["order"] = n, 0, order
         self.next_ns = int(entries["t_sent_ns"][0]) if n else NEVER
+
+    def arriving(self, t_ns: int) -> list[tuple[int, int, int]]:
+        """Place, stream and number of each sample that is on its way and due at a time."""
+        entries = self._pending[: self._counted[0]]
+        places = np.flatnonzero(entries["t_sent_ns"] <= t_ns)
+        return list(
+            zip(places.tolist(), entries["stream"][places].tolist(), entries["seq"][places].tolist(), strict=True)
+        )
+
+    def spoil(self, place: int) -> None:
+        """The sample on its way in a place is invalid; until others come or go."""
+        self._pending["valid"][place] = 0
+
+    def lose(self, is_lost: Callable[[int, int], bool]) -> None:
+        """Samples are lost on their way, by stream and number. Between two deliveries."""
+        order, entries, numbers = self.on_their_way()
+        stays = np.array([not is_lost(k, n) for k, n in entries[["stream", "seq"]].tolist()], bool)
+        if not stays.all():
+            widths = self.streams.rows["width"][entries["stream"]]
+            self.send_on_their_way(order, entries[stays], numbers[np.repeat(stays, widths)])
 
     def newest(self, stream: int) -> Delivered | None:
         """The newest delivered sample of a stream."""

@@ -44,6 +44,10 @@ class State(Struct, frozen=True):
         """What of it decides how the run goes on, for the state hash."""
         return self
 
+    def settled(self) -> State:
+        """The same, to be encoded: what is under computation has been waited for."""
+        return self
+
 
 class Part(ABC):
     """Something that lives in a world, alone or for many.

@@ -7,20 +7,22 @@ from collections.abc import Callable, Collection, Container, Mapping, Sequence
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from msgspec import Meta
+from msgspec import Meta, structs
 
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Sample, Value
 from uwserver.ports.checks import check_values
 from uwserver.ports.thinning import WHOLE, Thinned
 from uwserver.ports.told import Origin, Told
-from uwserver.world.components import Count, SensorStream
+from uwserver.world.components import Count, SensorStream, computed
+from uwserver.world.computing import DROP, Loose, settled
 from uwserver.world.due import Due, due_of
 from uwserver.world.instruments import Instruments
 from uwserver.world.part import Part, Stage, State
 from uwserver.world.profile import Timer, untimed
 from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.streams import ENTRY, HEARD, READ
+from uwserver.world.under_way import UnderWay
 
 Listen = Callable[[Any, FloatArray, int, int], None]
 """Takes entries and numbers of delivered samples, how many, and the time (ns)."""
@@ -35,7 +37,7 @@ _WAY = np.dtype([(name, "i8") for name in ("t_sent_ns", "order", "port", "seq", 
 """A sample on its way in a state; `port` counts the ports of that state."""
 
 
-class OnTheirWay(State, frozen=True):
+class OnTheirWay(State, frozen=True, omit_defaults=True):
     """Samples that are measured and not delivered yet.
 
     Attributes:
@@ -44,6 +46,7 @@ class OnTheirWay(State, frozen=True):
         entries: a record of int64 each, in the order of their delivery: when (ns), order, port by its place in `ports`, seq, t_ns, valid.
         numbers: of one after the other, float64.
         loose: of those of ports with such fields, the values that are no numbers.
+        pictures: the same of sensors that take time.
     """
 
     order: Count
@@ -51,6 +54,15 @@ class OnTheirWay(State, frozen=True):
     entries: Annotated[bytes, Meta(max_length=_MOST * _WAY.itemsize)]
     numbers: bytes
     loose: Annotated[tuple[tuple[Value, ...], ...], Meta(max_length=_MOST)]
+    pictures: Annotated[tuple[tuple[Value, ...], ...], Meta(max_length=_MOST)] = ()
+
+    def deciding(self) -> OnTheirWay:
+        """Pictures follow from the rest, and may be under computation."""
+        return structs.replace(self, pictures=()) if self.pictures else self
+
+    def settled(self) -> OnTheirWay:
+        """With the pictures computed."""
+        return structs.replace(self, pictures=computed(self.pictures))
 
 
 class Sensing(Part):
@@ -58,6 +70,7 @@ class Sensing(Part):
 
     Attributes:
         numbers: of the streams, by port.
+        under_way: readings that take time.
     """
 
     path = "world/samples"
@@ -97,6 +110,8 @@ class Sensing(Part):
         self._skips = False
         self._told: Told | None = None
         self.numbers: dict[str, int] = {}
+        self.under_way = UnderWay(instruments, self._is_needed)
+        self.services = ((DROP, self.under_way.drop),)
         self.watch(untimed)
 
     def watch(self, timed: Timer) -> None:
@@ -117,7 +132,7 @@ class Sensing(Part):
         streams = dict(self._streams)
         if gone:
             lost = {k for slot in gone for k in slot.stream_numbers}
-            self._lose(lost)
+            self._instruments.lose(lambda k, _: k in lost)  # while they are still there
             for k in lost:
                 del streams[k]
             for slot in gone:
@@ -131,6 +146,7 @@ class Sensing(Part):
         self._wordy = [stream for stream in streams.values() if stream.columns.loose]
         self._origins = {k: Origin(s.port.path, s.columns.width, s.columns.unpack) for k, s in streams.items()}
         self._is_wordy = self._marked([k for k, stream in streams.items() if stream.columns.loose])
+        self.under_way.settle(slots.values())
         self._instruments.gather({id(s.wiring): s.wiring for s in slots.values() if s.wiring is not None}.values())
 
     def want(self, ports: Container[str] | None, thinned: Thinned = WHOLE) -> None:
@@ -173,6 +189,9 @@ class Sensing(Part):
         known = [(self.numbers.get(path), some) for path, some in self._thinned.items() if path not in self._heard]
         self._instruments.thin({k: some for k, some in known if k in read and not streams[k].columns.loose})
 
+    def _is_needed(self, stream: int) -> bool:
+        return self._wanted is None or bool(self._is_read[stream])
+
     def _marked(self, streams: Collection[int]) -> Any:
         """By number of a stream: whether it is one of these."""
         marked = np.zeros(max(self._streams, default=-1) + 1, bool)
@@ -204,7 +223,8 @@ class Sensing(Part):
     def after(self, tick: int, t_ns: int, samples: list[Sample]) -> None:
         """What is delivered in a tick. The order is part of the contract:
 
-        1. the delayed samples whose time has come, oldest first: they are older than anything measured now;
+        1. the delayed samples whose time has come, oldest first: they are older than anything measured now; what is not computed yet is
+           waited for (`uwserver.world.computing`);
         2. sensors to which something has come meanwhile that they wait for, as the answer of a beacon;
         3. sensors that are due, those of a shorter interval first, with their errors, from the new state;
         4. those that repeat what the others have read.
@@ -215,6 +235,8 @@ class Sensing(Part):
             return
         now, begins = self._seconds(), True
         self._instruments.set_time(t_ns)
+        if t_ns >= self._instruments.next_ns and not self.under_way.is_idle:
+            self.under_way.arrive(t_ns)
         called = [slot for slot in self._listening if slot.is_called(now)]
         if called:
             told, begins = self._measure(self._due(called), now, t_ns, begins), False
@@ -226,6 +248,7 @@ class Sensing(Part):
             self._listen(*self._instruments.delivered, told, t_ns)
         if told and self._instruments.read_count:
             self._give(samples)
+        self.under_way.purge()
 
     def _plan(self, mask: int) -> Due:
         """Those whose groups have their bit set; there are as many as sets of groups that ever meet."""
@@ -250,11 +273,12 @@ class Sensing(Part):
         told = self._deliver(due.heads, t_ns, begins, due.most)
         for slot in due.wordy:
             slot.keep_loose()
+            self.under_way.take(slot)
         return told
 
     def _tell(self, samples: list[Sample]) -> None:
         entries, rows = self._instruments.chosen()
-        loose: dict[int, tuple[Value, ...]] = {}
+        loose: dict[int, Loose] = {}
         is_large = False
         if self._wordy:
             streams = entries["stream"]
@@ -267,7 +291,7 @@ class Sensing(Part):
                 kept = np.flatnonzero(self._is_read[streams])
                 entries, rows = entries[kept], rows[kept]
                 loose = {i: loose[place] for i, place in enumerate(kept.tolist()) if place in loose}
-        told = Told(self._origins, entries, rows, loose)
+        told = Told(self._origins, entries, rows, {i: settled(values) for i, values in loose.items()})
         if is_large or len(told) < _FEW:  # the newest sample of a slow port must not keep another's picture
             samples += told
         elif len(told):
@@ -285,7 +309,7 @@ class Sensing(Part):
         if k is None or newest is None:
             return None
         stream = self._streams[k]
-        values = stream.columns.unpack(newest.values, stream.newest)
+        values = stream.columns.unpack(newest.values, settled(stream.newest))
         return Sample(path, newest.seq, newest.t_ns, newest.t_sent_ns, newest.valid, values)
 
     # -- state ----------------------------------------------------------------------------------------------------------------------
@@ -302,13 +326,16 @@ class Sensing(Part):
             entries[name] = pending[name]
         entries["port"] = places
         streams = [self._streams[k] for k in ports]
-        loose: tuple[tuple[Value, ...], ...] = ()
+        loose: list[Any] = []
+        pictures: list[Any] = []
         if self._wordy:
-            known = zip([streams[place] for place in places], entries["seq"].tolist(), strict=True)
-            loose = tuple([stream.coming.get(seq, stream.loose) for stream, seq in known if stream.columns.loose])
-        return OnTheirWay(
-            order, tuple([stream.port.path for stream in streams]), entries.tobytes(), numbers.tobytes(), loose
-        )
+            for k, seq in zip(pending["stream"].tolist(), pending["seq"].tolist(), strict=True):
+                stream = self._streams[k]
+                if stream.columns.loose:
+                    kept = pictures if k in self.under_way.streams else loose
+                    kept.append(stream.coming.get(seq, stream.loose))
+        paths = tuple([stream.port.path for stream in streams])
+        return OnTheirWay(order, paths, entries.tobytes(), numbers.tobytes(), tuple(loose), tuple(pictures))
 
     def check(self, state: Any) -> None:
         """Each sample is of a sensor, and fits its fields."""
@@ -334,11 +361,19 @@ class Sensing(Part):
         width = sum([streams[place].columns.width for place in entries["port"].tolist()])
         if len(state.numbers) != 8 * width:
             raise ValueError(f"samples on their way with other fields: {len(state.numbers)} bytes, not {8 * width}")
-        wordy = [streams[place] for place in entries["port"].tolist() if streams[place].columns.loose]
-        if len(state.loose) != len(wordy):
+        wordy, slow = self._split(state, entries)
+        if len(state.loose) != len(wordy) or len(state.pictures) != len(slow):
             raise ValueError("samples on their way with other fields")
-        for stream, values in zip(wordy, state.loose, strict=True):
-            check_values(stream.columns.loose_of(stream.port.fields), values)
+        for (stream, _), values in zip(wordy + slow, state.loose + state.pictures, strict=True):
+            check_values([stream.port.fields[k] for k in stream.columns.loose], values)
+
+    def _split(self, state: OnTheirWay, entries: Any) -> tuple[list[tuple[SensorStream, int]], ...]:
+        """Stream and number of each sample whose values stand in `loose` of a state, and of those in `pictures`."""
+        numbers = [self.numbers[path] for path in state.ports]
+        each = [(numbers[place], seq) for place, seq in entries[["port", "seq"]].tolist()]
+        each = [(k, seq) for k, seq in each if self._streams[k].columns.loose]
+        takes_time = self.under_way.streams
+        return tuple([[(self._streams[k], n) for k, n in each if (k in takes_time) is slow] for slow in (False, True)])
 
     def load(self, state: OnTheirWay) -> None:
         """Put them on their way again."""
@@ -350,17 +385,12 @@ class Sensing(Part):
             entries[name] = given[name]
         numbers = np.array([self.numbers[path] for path in state.ports], np.int64)
         entries["stream"] = numbers[given["port"]]
-        if state.loose:
-            known = zip(entries["stream"].tolist(), given["seq"].tolist(), strict=True)
-            wordy = [(self._streams[k], seq) for k, seq in known if self._streams[k].columns.loose]
-            for (stream, seq), values in zip(wordy, state.loose, strict=True):
+        self.under_way.forget()
+        for known, each in zip(self._split(state, given), (state.loose, state.pictures), strict=True):
+            for (stream, seq), values in zip(known, each, strict=True):
                 stream.coming[seq] = values
         self._instruments.send_on_their_way(state.order, entries, np.frombuffer(state.numbers))
 
-    def _lose(self, gone: Collection[int]) -> None:
-        """Samples of these streams, which go, are lost on their way. While they are still there."""
-        order, entries, numbers = self._instruments.on_their_way()
-        stays = np.array([k not in gone for k in entries["stream"].tolist()], bool)
-        if not stays.all():
-            widths = self._instruments.streams.rows["width"][entries["stream"]]
-            self._instruments.send_on_their_way(order, entries[stays], numbers[np.repeat(stays, widths)])
+    def leave(self, why: str) -> None:
+        """The run ends, and with it the thread that computes readings."""
+        self._instruments.computing.end()

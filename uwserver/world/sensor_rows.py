@@ -14,6 +14,7 @@ from uwserver.ports import Value
 from uwserver.sensors import Sensor
 from uwserver.sensors.bank import HEAD, BankSensor
 from uwserver.world.components import SensorStream
+from uwserver.world.computing import settled
 from uwserver.world.instruments import Instruments
 from uwserver.world.streams import HELD, STREAM
 
@@ -155,7 +156,9 @@ class SensorRows:
         held = row["held"]
         if not held["there"]:
             return None
-        return bool(held["valid"]), stream.columns.unpack(self.numbers(row["first"], row["width"]), stream.loose)
+        return bool(held["valid"]), stream.columns.unpack(
+            self.numbers(row["first"], row["width"]), settled(stream.loose)
+        )
 
     def held_ns(self) -> int:
         """When that of its own stream was true."""

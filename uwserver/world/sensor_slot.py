@@ -11,13 +11,15 @@ import numpy as np
 from msgspec import structs
 
 from uwserver.modifiers import Measurement
-from uwserver.ports import Field, Port, Value
+from uwserver.ports import Field, Port
 from uwserver.ports.checks import check_values
 from uwserver.sensors import Scope, Sensor
 from uwserver.sensors.bank import BankSensor
 from uwserver.sensors.base import blank
+from uwserver.sensors.job import Begun
 from uwserver.sensors.wiring import Wiring
 from uwserver.world.components import Held, SensorState, SensorStream
+from uwserver.world.computing import Loose, Work
 from uwserver.world.instruments import Instruments
 from uwserver.world.part import Part, read_record, record
 from uwserver.world.sensor_rows import SensorRows
@@ -173,14 +175,24 @@ class SensorSlot(Part):
         if reading is None:
             return
         head["valid"], head["delay_ns"], head["since_ns"] = reading.valid, reading.delay_ns, reading.since_ns
+        if self.sensor.takes_time:  # until the next tick at least
+            head["delay_ns"] = max(reading.delay_ns, reading.since_ns + 1)
         columns = self.streams[0].columns
         columns.pack(reading.values, rows.numbers(head["first"], columns.width))
-        exactly = (reading.valid, reading.values) if exact is None else exact
+        loose = exact_loose = self._loose_of(reading)
         if self.wants_exact:
-            head["exact_valid"] = exactly[0]
-            columns.pack(exactly[1], rows.numbers(head["exact_first"], columns.width))
+            exactly = reading if exact is None else exact
+            head["exact_valid"] = exactly.valid
+            columns.pack(exactly.values, rows.numbers(head["exact_first"], columns.width))
+            exact_loose = loose if exactly is reading else self._loose_of(exactly)
         for stream in self.streams:
-            stream.fresh = columns.loose_of(exactly[1] if stream.ideal else reading.values)
+            stream.fresh = exact_loose if stream.ideal else loose
+
+    def _loose_of(self, reading: Measurement) -> Loose:
+        columns = self.streams[0].columns
+        if isinstance(reading, Begun):
+            return self._here.instruments.computing.work(reading.job, columns.loose_of(blank(self.fields)))
+        return columns.loose_of(reading.values)
 
     def read_exactly(self, t: float) -> None:
         """What a sensor of a bank would read now without errors, into the arrays; before it reads itself."""
@@ -207,7 +219,10 @@ class SensorSlot(Part):
                 continue
             row, columns = rows.instruments.streams.rows[k], stream.columns
             source = head["exact_first"] if stream.ideal else head["first"]
-            values = columns.unpack(rows.numbers(source, row["width"]), stream.fresh)
+            # What is still to be computed has no errors of modifiers.
+            unknown = isinstance(stream.fresh, Work)
+            loose = (None,) * len(columns.loose) if isinstance(stream.fresh, Work) else stream.fresh
+            values = columns.unpack(rows.numbers(source, row["width"]), loose)
             reading = Measurement(list(values), bool(head["exact_valid"] if stream.ideal else head["valid"]))
             reading.t_ns, reading.number = t_ns - int(head["since_ns"]), int(head["number"])
             reading.delay_ns = int(head["delay_ns"]) + self.latency_ns
@@ -215,7 +230,7 @@ class SensorSlot(Part):
                 modifier.stream.draws.seek(reading.number)
                 modifier.apply(reading)
             columns.pack(reading.values, rows.numbers(row["source"], row["width"]))
-            stream.fresh = columns.loose_of(reading.values)
+            stream.fresh = stream.fresh if unknown else columns.loose_of(reading.values)
             for name in row["reading"].dtype.names:
                 row["reading"][name] = getattr(reading, name)
 
@@ -232,13 +247,13 @@ class SensorSlot(Part):
                 stream.loose = stream.fresh
             stream.coming[number] = stream.loose
 
-    def _exact(self, twin: Sensor, scope: Scope) -> tuple[bool, list[Value]]:
+    def _exact(self, twin: Sensor, scope: Scope) -> Measurement:
         """What the twin makes of this instant; before the device itself reads, which may change what both look at."""
         twin.settings = self.sensor.settings
         if twin.paces:
             twin.memory = copy(self.sensor.memory)
         reading = twin.sense(scope if scope.wiring is None else replace(scope, wiring=scope.wiring.unfed()))
-        return (False, blank(twin.fields)) if reading is None else (reading.valid, reading.values)
+        return Measurement(blank(twin.fields), False) if reading is None else reading
 
     # -- what is told of it ---------------------------------------------------------------------------------------------------------
 
@@ -246,6 +261,11 @@ class SensorSlot(Part):
     def number(self) -> int:
         """Readings made."""
         return int(self._here.row["number"])
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether it has read when it was last asked."""
+        return bool(self._here.row["ready"])
 
     @property
     def held(self) -> Held:
@@ -268,9 +288,12 @@ class SensorSlot(Part):
         number, memory, held, numbers = self._here.save()
         if self._has_memory:
             memory = record(sensor.memory)
-        loose = tuple([stream.loose for stream in self.streams]) if self.is_wordy else ()
+        loose: tuple[Any, ...] = tuple([stream.loose for stream in self.streams]) if self.is_wordy else ()
+        loose, pictures = ((), loose) if sensor.takes_time else (loose, ())
         modifiers = tuple([record(m.memory) for m in self._in_python]) if self._in_python else ()
-        return SensorState(number, self.active, self.divisor, settings, memory, held, numbers, loose, modifiers)
+        return SensorState(
+            number, self.active, self.divisor, settings, memory, held, numbers, loose, modifiers, pictures
+        )
 
     def check(self, state: Any) -> None:
         """Settings and memories are of its kinds, and readings fit their fields."""
@@ -282,10 +305,13 @@ class SensorSlot(Part):
         elif state.memory and not isinstance(sensor, BankSensor):
             raise ValueError("a memory of a sensor that has none")
         self._here.check(state.memory, state.held, state.numbers)
-        if len(state.loose) != (len(self.streams) if self.is_wordy else 0):
+        loose, others = state.loose, state.pictures
+        if sensor.takes_time:
+            loose, others = others, loose
+        if others or len(loose) != (len(self.streams) if self.is_wordy else 0):
             raise ValueError("readings of other streams than this sensor has")
         wordy = [self.fields[k] for k in self.streams[0].columns.loose]
-        for held, values in zip(np.frombuffer(state.held, HELD), state.loose, strict=False):
+        for held, values in zip(np.frombuffer(state.held, HELD), loose, strict=False):
             if held["there"] or values:
                 check_values(wordy, values)
         if len(state.modifiers) != len(self._in_python):
@@ -306,7 +332,7 @@ class SensorSlot(Part):
         if self._has_memory:
             sensor.memory = read_record(state.memory, sensor.memory)
         self._here.load(state.number, state.memory, state.held, state.numbers)
-        for stream, loose in zip(self.streams, state.loose, strict=False):
+        for stream, loose in zip(self.streams, state.loose or state.pictures, strict=False):
             stream.loose = loose
         for modifier, data in zip(self._in_python, state.modifiers, strict=True):
             modifier.memory = read_record(data, modifier.memory)

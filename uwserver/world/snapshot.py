@@ -40,9 +40,13 @@ class Snapshot(Struct, frozen=True, eq=False):
 
     def __eq__(self, other: object) -> bool:
         # As bytes, as a number that is none equals itself there.
-        return isinstance(other, Snapshot) and msgpack.encode(self) == msgpack.encode(other)
+        return isinstance(other, Snapshot) and _encoded(self) == _encoded(other)
 
     __hash__ = None  # type: ignore[assignment]  # nobody keeps them in sets
+
+
+def _encoded(snapshot: Snapshot) -> bytes:
+    return msgpack.encode((snapshot.tick, {path: state.settled() for path, state in snapshot.parts.items()}))
 
 
 class _File(Struct, frozen=True, forbid_unknown_fields=True):
@@ -69,12 +73,12 @@ def restore(world: World, snapshot: Snapshot) -> None:
 
 
 def to_bytes(world: World, snapshot: Snapshot) -> bytes:
-    """A snapshot as a file: msgpack, then 32 bytes SHA-256 of all before.
+    """A snapshot as a file: msgpack, then 32 bytes SHA-256 of all before. Waits for readings under computation.
 
     Raises:
         Refused: it is too large to be loaded again.
     """
-    parts = {path: Raw(msgpack.encode(state)) for path, state in snapshot.parts.items()}
+    parts = {path: Raw(msgpack.encode(state.settled())) for path, state in snapshot.parts.items()}
     data = msgpack.encode(_File(FORMAT, PHYSICS, world.identity(), world.seed, snapshot.tick, parts))
     if len(data) > MAX_BYTES - _DIGEST_SIZE:
         raise Refused("too_large", f"the state has {len(data)} bytes: at most {MAX_BYTES} can be saved and loaded")

@@ -57,13 +57,11 @@ class World:
         water, earth: the environment, and where N lies.
         parts: all that lives in it, by path: its own parts and those of the members, sorted. The rows of the bodies stand before all others,
             which may look at them when they load.
-        own_parts: those that are no body's.
-        population: the part that makes bodies.
+        own_parts, population: those that are no body's, and the one that makes bodies.
         identity: tells apart scenarios whose states cannot be exchanged.
         answers: what callers that wait are to be told in this tick.
-        threads: how many threads step it.
-        jumps: how often a reset or restore has set the time.
-        requests: what was posted.
+        threads, jumps: how many threads step it, and how often a reset or restore has set the time.
+        requests, sensing: what was posted, and what measures; `readings_dropped` and `readings_failed` of what takes time, by port.
     """
 
     def __init__(
@@ -96,10 +94,12 @@ class World:
         self.instruments = Instruments(
             hydro, water, lambda: Around(self.vehicles, self.earth, self.geometry, self.lambert, self.sediments)
         )
-        self._sensing = Sensing(self.sensors, self.instruments, self._seconds)
+        self.readings_dropped = self.instruments.computing.dropped
+        self.readings_failed = self.instruments.computing.failed
+        self.sensing = Sensing(self.sensors, self.instruments, self._seconds)
+        self._profile: Profile | None = None
         self._pilots = Pilots(hydro)
         self.threads = Threads(hydro, max(16, round(rate_hz / 4)))
-        self._profile: Profile | None = None
         self._timed: Timer = untimed
         self._commands = Commands(self.actuators, rate_hz, self.say)
         self.requests = Requests(
@@ -108,13 +108,13 @@ class World:
         )  # fmt: skip
         self._carry_out = self.requests.carry_out
         water_parts = Bodies(hydro), Flowing(water, self._seconds, self.set_current)
-        for part in (*water_parts, self._commands, self._pilots, self._sensing):
+        for part in (*water_parts, self._commands, self._pilots, self.sensing):
             self.add(part)
 
     def set_scene(self, scene: Scene) -> None:
         """Give the world its solid things; before any body is in it."""
         self.scene = self.hydro.collider = self.geometry = scene
-        self._sensing.schedule()  # who reads by rays keeps what to cast them at
+        self.sensing.schedule()  # who reads by rays keeps what to cast them at
 
     def add(self, part: Part) -> None:
         """Let a part of its own live in the world, with its services.
@@ -176,7 +176,7 @@ class World:
         slots += self.actuators.values()
         self.ports = {slot.port.path: slot.port for slot in slots}
         self.threads.settle()
-        self._sensing.settle()
+        self.sensing.settle()
         self._line_up()
 
     def _line_up(self) -> None:
@@ -185,23 +185,23 @@ class World:
         awake = [part for part in self.own_parts if is_awake(part)]
         awake += [part for member in self.members.values() for part in member.by_path.awake]
         self._first, self._before, self._after, self._ears = in_turn(awake, self._timed)
-        self._pilots.settle(self.parts.values(), self._sensing.numbers)
-        self._sensing.set_listeners(self._ears, self._pilots.ports, self._pilots.listener())
-        self._sensing.schedule()
+        self._pilots.settle(self.parts.values(), self.sensing.numbers)
+        self.sensing.set_listeners(self._ears, self._pilots.ports, self._pilots.listener())
+        self.sensing.schedule()
 
     def want(self, ports: Container[str] | None, thinned: Thinned = WHOLE) -> None:
         """Let `step` give samples of these ports alone, so that the others cost next to nothing; None, as at first, for all. `thinned`: as `Sensing`.
 
         Those that parts hear (`Part.hears`) are there too. All sensors measure and count as ever, and `read` gives the newest of any port.
         """
-        self._sensing.want(ports, thinned)
+        self.sensing.want(ports, thinned)
 
     def watch(self, profile: Profile | None) -> None:
         """Let a profile measure each stage of a tick, from the next on; None for nobody. Between two ticks."""
         self._profile, self._timed = profile, untimed if profile is None else profile.timed
         self._carry_out = self._timed("requests", "requests", self.requests.carry_out)
         self.hydro.watch(self._timed)
-        self._sensing.watch(self._timed)
+        self.sensing.watch(self._timed)
         self._line_up()
 
     def set_divisor(self, slot: SensorSlot, divisor: int) -> None:
@@ -224,7 +224,7 @@ class World:
             self.refresh()
             self.say("ports_changed", why)
         else:
-            self._sensing.schedule()
+            self.sensing.schedule()
 
     def offer(self, service: Service, carry: Carry) -> None:
         """Add a service of the world itself, which runs at the start of a tick."""
@@ -253,7 +253,7 @@ class World:
         """Set the time to that of a tick; what was read at another time is forgotten."""
         self.tick = tick
         self.jumps += 1
-        self._sensing.forget_newest()
+        self.sensing.forget_newest()
 
     def _seconds(self) -> float:
         return self._tick * self._rate[1] / self._rate[0]
@@ -315,7 +315,7 @@ class World:
             Refused: no such port.
         """
         find("port", port, self.ports)
-        sample = self._sensing.newest(port)
+        sample = self.sensing.newest(port)
         return None if sample is None else Reading(self.ports[port], sample)
 
     def record(self, *patterns: str) -> Traces:
@@ -361,7 +361,7 @@ class World:
             raise Diverged(report(tick, t_ns, lost, self._commands), output)
         for after in self._after:
             after(tick, t_ns, output.made)
-        output.told = self._sensing.take_told()
+        output.told = self.sensing.take_told()
         for sample in output.samples if self._ears else ():
             for hear in self._ears.get(sample.port, ()):
                 hear(sample, t_ns)

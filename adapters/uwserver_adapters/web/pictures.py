@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from uwserver.adapter import AdapterContext
-from uwserver.ports import Buffer, Port, Refused, Sample
-from uwserver_adapters.web.frames import DEPTH, RAW, SONAR, picture_frame
+from uwserver.ports import Buffer, Port, Refused, Sample, Value
+from uwserver_adapters.web.frames import DEPTH, FAN, RAW, SONAR, picture_frame
 
 MOST_PORTS = 32
 """That one page looks at."""
-_SONAR_HEAD = struct.Struct("<ff")
+_SONAR_HEAD, _FAN_HEAD = struct.Struct("<ff"), struct.Struct("<ffff")
 _SIDE_LIMIT = 0xFFFF
 
 
@@ -98,6 +98,24 @@ class Pictures:
                     viewer.send_frame(frame)
 
 
+def _fan(picture: Buffer, by_name: Mapping[str, Value], number: int, t_ns: int) -> bytes | None:
+    """A picture of ranges and beams; None where it does not hold counts."""
+    azimuth, near, far = by_name["azimuth"], by_name.get("range_start", 0.0), by_name.get("range")
+    fits = (
+        isinstance(near, int | float)
+        and isinstance(far, int | float)
+        and picture.dtype == "uint8"
+        and len(picture.shape) == 2
+    )
+    if not fits or not isinstance(azimuth, Buffer) or azimuth.dtype != "float32" or max(picture.shape) > _SIDE_LIMIT:
+        return None
+    angles = azimuth.array()
+    if angles.shape != picture.shape[1:] or not len(angles):
+        return None
+    head = _FAN_HEAD.pack(angles[0], angles[-1], near, far)
+    return picture_frame(FAN, number, picture.shape[1], picture.shape[0], t_ns, head + picture.data)
+
+
 def has_picture(port: Port) -> bool:
     """Whether a sensor gives rows or pictures of bytes."""
     return port.direction == "sensor" and any(field.type == "buffer" for field in port.fields)
@@ -106,13 +124,17 @@ def has_picture(port: Port) -> bool:
 def encoded(port: Port, sample: Sample, number: int) -> bytes | None:
     """A sample as a frame; None where it holds no picture that a page can draw.
 
-    Rows with a `head_angle` and a `range` are those of a scanning sonar.
+    Rows with a `head_angle` and a `range` are those of a scanning sonar; a picture with an `azimuth` of each column is that of an imaging sonar.
     """
     names = [field.name for field in port.fields]
-    picture = next((value for value in sample.value if isinstance(value, Buffer)), None)
-    if picture is None or len(names) != len(sample.value):
+    if len(names) != len(sample.value):
         return None
     by_name = dict(zip(names, sample.value, strict=True))
+    picture = by_name.get("image", next((value for value in sample.value if isinstance(value, Buffer)), None))
+    if not isinstance(picture, Buffer):
+        return None
+    if isinstance(by_name.get("azimuth"), Buffer):
+        return _fan(picture, by_name, number, sample.t_ns)
     angle, reach = by_name.get("head_angle"), by_name.get("range")
     if picture.dtype == "uint8" and isinstance(angle, int | float) and isinstance(reach, int | float):
         head = _SONAR_HEAD.pack(angle, reach)

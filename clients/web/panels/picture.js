@@ -1,9 +1,10 @@
 // Pictures of cameras and rows of imaging sonars, as binary frames; each that was drawn is acknowledged, so a slow page gets fewer.
 import { h } from "../core/dom.js";
+import { SonarFan } from "./fan.js";
 import { SonarDisc } from "./sonar.js";
 /** @typedef {import("../types").Port} Port @typedef {import("../types").Picture} Picture @typedef {import("../core/app.js").App} App */
 
-const [RAW, JPEG, DEPTH, SONAR] = [0, 1, 2, 3];
+const [RAW, JPEG, DEPTH, SONAR, FAN] = [0, 1, 2, 3, 4];
 
 /** Who draws pictures of which port; `main.js` brings the frames. @type {Map<string, Set<(picture: Picture) => Promise<void> | void>>} */
 const drawers = new Map();
@@ -33,6 +34,8 @@ export function picturePanel(port, app, place) {
   place.append(canvas);
   /** @type {SonarDisc | null} */
   let disc = null;
+  /** @type {SonarFan | null} */
+  let fan = null;
   const draw = async (/** @type {Picture} */ picture) => {
     if (picture.codec === SONAR) {
       if (!disc) {
@@ -42,6 +45,14 @@ export function picturePanel(port, app, place) {
       const view = new DataView(picture.data.buffer, picture.data.byteOffset);
       disc.ping(view.getFloat32(0, true), view.getFloat32(4, true), picture.data.subarray(8));
       disc.draw();
+      return;
+    }
+    if (picture.codec === FAN) {
+      if (!fan) {
+        fan = new SonarFan();
+        canvas.replaceWith(fan.canvas);
+      }
+      fan.draw(picture);
       return;
     }
     if (canvas.width !== picture.width || canvas.height !== picture.height) Object.assign(canvas, { width: picture.width, height: picture.height });

@@ -7,7 +7,7 @@ const SIZE = 320;
 const SECTORS = 800;
 
 /** Colours of echoes from nothing to the strongest: black, deep blue, teal, amber, white. @returns {Uint8ClampedArray} */
-function palette() {
+export function palette() {
   const stops = [[3, 9, 13], [8, 40, 84], [12, 120, 140], [240, 180, 65], [255, 255, 240]];
   const table = new Uint8ClampedArray(256 * 4);
   for (let k = 0; k < 256; k += 1) {

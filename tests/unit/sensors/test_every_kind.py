@@ -144,6 +144,9 @@ ALONE = {
     "adcp": adcp,
     "altimeter": lambda _: {"range": BOTTOM - P_NS[2], "confidence": 1.0},
     "scanning_sonar": lambda sensor: {"head_angle": 0.0, "range": sensor.range_m, "gain": sensor.gain_db},
+    "multibeam": lambda sensor: {
+        "range_start": 0.0, "range": sensor.range_m, "gain": sensor.gain_db, "frequency": sensor.frequency_hz, "sound_speed": C,
+    },
     "usbl": usbl,
     "lbl": lbl,
     "magnetometer": lambda _: {"field_S": NS.inv().apply(MAGNETIC)},
@@ -252,7 +255,8 @@ def test_ideal_is_the_truth_in_a_world(kind, world):
 
 AIR = replace(SCOPE, p_NB=(3.0, -2.0, -5.0))
 BLIND = {
-    "motion_capture": AIR, "dvl": AIR, "adcp": AIR, "altimeter": AIR, "scanning_sonar": AIR, "usbl": AIR, "lbl": AIR, "ctd": AIR, "sound_speed": AIR,
+    "motion_capture": AIR, "dvl": AIR, "adcp": AIR, "altimeter": AIR, "scanning_sonar": AIR, "multibeam": AIR, "usbl": AIR, "lbl": AIR,
+    "ctd": AIR, "sound_speed": AIR,
     "range_array": AIR, "gps": SCOPE, "attitude": replace(SCOPE, t_ns=0), "rpm": SCOPE,
     "pressure": replace(SCOPE, water=replace(WATER, gravity=0.0)),
 }  # fmt: skip
@@ -287,6 +291,7 @@ SETTINGS = {
     "adcp": {"cell_size": 0.5, "blanking": 0.3, "pings": 4, "sound_speed": 1480.0},
     "altimeter": {"range": 12.0, "gain": -6.0, "sound_speed": 1480.0},
     "scanning_sonar": {"range": 8.0, "gain": 3.0, "step": 0.1, "sector_center": 0.5, "sector_width": 1.0},
+    "multibeam": {"range": 8.0, "gain": 3.0},
     "usbl": {"max_range": 300.0, "gain": -3.0, "sound_speed": 1480.0},
     "lbl": {"max_range": 300.0, "gain": -3.0, "sound_speed": 1480.0},
     "range_array": {"max_range_m": 3.0},

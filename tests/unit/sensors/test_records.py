@@ -23,6 +23,7 @@ from uwserver.scenario.load.scenario import load
 from uwserver.sensors import BatteryConfig, DvlConfig, LblConfig, Pose, Scope, Sensor, Settings
 from uwserver.sensors.acoustic.dvl import DvlMemory, DvlSettings
 from uwserver.sensors.acoustic.interrogation import Beacon, Exchange
+from uwserver.sensors.job import Begun
 from uwserver.sensors.onboard.battery import BatteryMemory
 from uwserver.world import World
 from uwserver.world.sensor_slot import SensorSlot
@@ -74,6 +75,8 @@ def drawn(kind: inspect.Type, rng: np.random.Generator) -> Any:
             return min(max(one_of(rng, (low, high, 0, 1, 2, int(rng.integers(-4, 9)))), low), high)
         case inspect.BoolType():
             return bool(rng.random() < 0.5)
+        case inspect.StrType():
+            return one_of(rng, ("", "low", "x" * (kind.max_length or 0)))
         case inspect.LiteralType():
             return one_of(rng, kind.values)
         case inspect.TupleType():
@@ -109,6 +112,8 @@ def records(present: Memory | Settings, component: Any, rng: np.random.Generator
 def harmless(reading: Measurement | None) -> None:
     if reading is None:
         return
+    if isinstance(reading, Begun):
+        reading.job.run()
     for number in (reading.delay_ns, reading.stamp_ns, reading.since_ns):
         assert abs(number) < 2**63, reading
     for value in reading.values:

@@ -106,7 +106,7 @@ def test_each_port_tells_the_same_to_who_reads_it_alone(name: str) -> None:
         told = world.step()
         assert told == some(expected[n], wanted | heard(world))
         seen |= {sample.port for sample in told}
-    assert len(seen) > 0.6 * len(ports)
+    assert len(seen) > 0.5 * len(ports)
     assert snapshot.take(world).hash() == whole(name)[1]
 
 

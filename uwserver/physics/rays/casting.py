@@ -9,7 +9,8 @@ and only rays that pass it go there. Imported only when a world has something so
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from copy import copy
 from importlib.util import find_spec
 from typing import Any, NamedTuple, Protocol
 
@@ -83,7 +84,15 @@ class _Scene:
         self._box = np.array((about, half + np.abs(centre - about)))
         self._sides, self._owners = sides(parts, self._box[0]), owners
         self._works: dict[int, _Work] = {}
+        self._apart: _Scene | None = None
         self._picker = make_picker(self._sides["corners"])
+
+    def apart(self) -> _Scene:
+        """The same triangles for one other thread, with work space of its own; always the same answer. What picks is safe in many threads."""
+        if self._apart is None:
+            self._apart = other = copy(self)
+            other.__dict__["_works"] = {}
+        return self._apart
 
     def cast(
         self, x: FloatArray, body: int, origin: FloatArray, direction: FloatArray, limit: float, answer: Hits
@@ -124,6 +133,25 @@ class _Carried(NamedTuple):
     solid: Solid
     row: int
     scene: _Scene | None
+
+
+_Moved = tuple[int, int, _Scene]
+"""A solid that moves: its id, its row of the state, and its triangles."""
+
+
+def _cast(
+    table: IntArray, still: Iterable[_Scene], moving: Iterable[_Moved], state: FloatArray, rays: tuple[FloatArray, FloatArray, float]
+) -> Hits:  # fmt: skip
+    """The first thing that rays (`Geometry.raycast`) meet: of what is intersected one by one, by its table, and of scenes."""
+    origin, direction = (np.ascontiguousarray(column, np.float64) for column in rays[:2])
+    n, limit = len(origin), float(rays[2])
+    answer = Hits(np.empty(n), np.empty((n, 3)), np.empty(n, np.int64), np.empty(n, np.int64))
+    hits.intersect_simple(table, origin, direction, limit, state, *answer)
+    for scene in still:
+        scene.cast(_STILL, -1, origin, direction, limit, answer)
+    for body, row, scene in moving:
+        scene.cast(state[row], body, origin, direction, limit, answer)
+    return answer
 
 
 class Rays:
@@ -176,17 +204,15 @@ class Rays:
 
     def cast(self, state: FloatArray, origin: FloatArray, direction: FloatArray, max_range: float) -> Hits:
         """See `uwserver.physics.rays.raycast.Geometry.raycast`; moving bodies stand where `state` says."""
-        origin, direction = np.ascontiguousarray(origin, np.float64), np.ascontiguousarray(direction, np.float64)
-        n, limit = len(origin), float(max_range)
-        answer = Hits(np.empty(n), np.empty((n, 3)), np.empty(n, np.int64), np.empty(n, np.int64))
         _, table = self._simple or self._gather()
-        hits.intersect_simple(table, origin, direction, limit, state, *answer)
-        for scene in self._still or ():
-            scene.cast(_STILL, -1, origin, direction, limit, answer)
-        for body, carried in self._moving.items():
-            if carried.scene is not None:
-                carried.scene.cast(state[carried.row], body, origin, direction, limit, answer)
-        return answer
+        moving = [(body, c.row, c.scene) for body, c in self._moving.items() if c.scene is not None]
+        return _cast(table, self._still or (), moving, state, (origin, direction, max_range))
+
+    def still(self, state: FloatArray) -> Still:
+        """The solids as they are now, where this state (n, 13) puts them, for one other thread. The first after a change makes the scenes."""
+        simple = self._simple or self._gather()
+        moving = [(body, c.row, c.scene.apart()) for body, c in self._moving.items() if c.scene is not None]
+        return Still(simple, tuple(scene.apart() for scene in self._still or ()), tuple(moving), state.copy())
 
     def _gather(self) -> tuple[Simple, IntArray]:
         """What the first rays after a change need; the rows stay alive beside their table."""
@@ -221,6 +247,24 @@ class Rays:
                 about = tuple((LATTICE_M * np.round(centre / LATTICE_M)).tolist())
                 found.setdefault(about, {})[body] = solid
         return found
+
+
+class Still:
+    """A `uwserver.physics.rays.raycast.Geometry` that stays as it is while the world goes on. For one thread, the same for all of one world."""
+
+    def __init__(
+        self, simple: tuple[Simple, IntArray], scenes: tuple[_Scene, ...], moving: tuple[_Moved, ...], state: FloatArray
+    ) -> None:  # fmt: skip
+        """simple, scenes, moving: what is cast at one by one, what never moves, and body, row and scene of what does; `state`: (n, 13)."""
+        self._simple, self._scenes, self._moving, self._state = simple, scenes, moving, state
+
+    def still(self) -> Still:
+        """Itself."""
+        return self
+
+    def raycast(self, origin: FloatArray, direction: FloatArray, max_range: float) -> Hits:
+        """The nearest solid that each ray meets."""
+        return _cast(self._simple[1], self._scenes, self._moving, self._state, (origin, direction, max_range))
 
 
 class Instant:

@@ -16,6 +16,7 @@ from uwserver.sensors import (
     AltimeterConfig,
     DvlConfig,
     LblConfig,
+    MultibeamConfig,
     RangeArrayConfig,
     ScanningSonarConfig,
     SensorConfig,
@@ -62,7 +63,13 @@ def beams(config: SensorConfig) -> Iterator[BeamView]:
 
 
 def fan(config: SensorConfig) -> FanView | None:
-    """The sector of a scanning sonar."""
+    """The sector of an imaging sonar."""
+    if isinstance(config, MultibeamConfig):
+        half = 0.5 * rad(config.field_deg)
+        return FanView(
+            rad(config.beam_width_horizontal_deg), rad(config.beam_width_vertical_deg), 0.0, (-half, half), config.bins,
+            config.min_range_m, config.range_m,
+        )  # fmt: skip
     if not isinstance(config, ScanningSonarConfig):
         return None
     centre = rad(config.sector_center_deg)

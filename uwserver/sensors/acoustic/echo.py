@@ -13,7 +13,7 @@ import numpy as np
 from uwserver.environment.materials import SEDIMENT_DB, SURFACE_DB
 from uwserver.frames import Vec3
 from uwserver.physics.kernel.arrays import FloatArray
-from uwserver.physics.rays.raycast import SURFACE, Hits
+from uwserver.physics.rays.raycast import SURFACE, Geometry, Hits
 from uwserver.sensors.base import Scope
 
 MU_SURFACE = 10.0 ** (0.1 * SURFACE_DB)
@@ -46,10 +46,15 @@ def cast(scope: Scope, origin: Vec3, direction: FloatArray, max_range: float) ->
         direction: (n, 3) unit, in N.
         max_range: m; farther things are not seen.
     """
+    return cast_from(scope.geometry, origin, scope.submergence(origin), direction, max_range)
+
+
+def cast_from(geometry: Geometry, origin: Vec3, height: float, direction: FloatArray, max_range: float) -> Hits:
+    """The same with the height (m) of the surface above the origin given."""
     origins = np.empty(direction.shape)
     origins[:] = origin
-    found = scope.geometry.raycast(origins, direction, max_range)
-    kernels()[1].intersect_level(scope.submergence(origin), direction, max_range, SURFACE, *found)
+    found = geometry.raycast(origins, direction, max_range)
+    kernels()[1].intersect_level(height, direction, max_range, SURFACE, *found)
     return found
 
 

@@ -151,6 +151,39 @@ def scanning_sonar(source: Source) -> Iterator[Outlet]:
     yield source.outlet("", "marine_acoustic_msgs/msg/ProjectedSonarImage", make)
 
 
+_DTYPES = {"uint8": 0, "float32": 8}
+_NONE = np.zeros(0, np.float32)
+
+
+def multibeam(source: Source) -> Iterator[Outlet]:
+    """One ping is an image of all beams, in the frame ``_sonar`` (z ahead, x up); all beams of the first range stand first."""
+    types, get = source.types, source.bind("range_start", "range", "frequency", "sound_speed", "azimuth", "image")
+    fan = (source.mount or Mount()).fan
+    widths = None if fan is None else (fan.vertical, fan.horizontal)
+
+    def make(sample: Sample) -> object | None:
+        near, far, frequency, speed, azimuth, image = get(sample.value)
+        if not sample.valid or azimuth is None or image is None or len(image.shape) != 2 or image.dtype not in _DTYPES:
+            return None
+        angles, (rows, beams) = azimuth.array(), image.shape
+        centres = (near + (np.arange(rows) + 0.5) * ((far - near) / max(rows, 1))).astype(np.float32)
+        # The transmitter's width is vertical, the receiver's horizontal.
+        tall, wide = (np.full(beams, width, np.float32) for width in widths) if widths is not None else (_NONE, _NONE)
+        ping = types.make(
+            "marine_acoustic_msgs/msg/PingInfo", frequency=frequency, sound_speed=speed, tx_beamwidths=tall, rx_beamwidths=wide
+        )  # fmt: skip
+        return types.make(
+            "marine_acoustic_msgs/msg/ProjectedSonarImage", header=source.header(sample, source.frame + "_sonar"), ping_info=ping,
+            beam_directions=[types.vector((0.0, math.sin(angle), math.cos(angle))) for angle in angles.tolist()], ranges=centres,
+            image=types.make(
+                "marine_acoustic_msgs/msg/SonarImageData", is_bigendian=False, dtype=_DTYPES[image.dtype], beam_count=beams,
+                data=np.frombuffer(image.data, np.uint8),
+            ),
+        )  # fmt: skip
+
+    yield source.outlet("", "marine_acoustic_msgs/msg/ProjectedSonarImage", make)
+
+
 def _levels(bins: tuple[int | None, ...]) -> np.ndarray[tuple[int], np.dtype[np.uint8]]:
     return np.clip(np.nan_to_num(numbers(bins)), 0, 255).astype(np.uint8)
 

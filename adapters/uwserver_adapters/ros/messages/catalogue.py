@@ -30,6 +30,7 @@ KINDS: Mapping[str, Callable[[Source], Iterator[Outlet]]] = {
     "leak": onboard.leak,
     "magnetometer": motion.magnetometer,
     "motion_capture": motion.motion_capture,
+    "multibeam": acoustic.multibeam,
     "pressure": water.pressure,
     "range_array": onboard.range_array,
     "rpm": onboard.rpm,

@@ -13,6 +13,7 @@ _FRAMES: dict[str, tuple[tuple[str, Quat], ...]] = {
     "dvl": (("_fsd", (1.0, 0.0, 0.0, 0.0)), ("_beam", BEAM)),
     "altimeter": (("_beam", BEAM),),
     "scanning_sonar": (("_sonar", SONAR),),
+    "multibeam": (("_sonar", SONAR),),
 }
 """Kind -> suffixes of the frames that its messages name besides its own, and their attitude in S."""
 

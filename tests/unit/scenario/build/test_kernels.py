@@ -18,7 +18,7 @@ ALL = ("sensors", "autopilots")
         ("bluerov2_pool", True, {"fins", "sea", *ALL}),
         (
             "one_of_everything", True,
-            {"fins", "sea", "solids", "contact", "fins in contact", "echoes", "soundings", "sound", *ALL},
+            {"fins", "sea", "solids", "contact", "fins in contact", "echoes", "pictures", "soundings", "sound", *ALL},
         ),
         ("push_the_crate", False, {"fins", "solids", "contact", "fins in contact", *ALL}),
     ],

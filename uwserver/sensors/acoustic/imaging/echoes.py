@@ -85,31 +85,58 @@ def deposit(
             running sum of all gives the gates.
     """
     for i in range(len(cells)):
-        if bodies[i] == NOTHING:
-            continue
-        cell = cells[i]
-        toward = across = along = met = 0.0
-        for j in range(3):
-            component = normal[i, 0] * R[0, j] + normal[i, 1] * R[1, j] + normal[i, 2] * R[2, j]
-            toward += component * cell.direction[j]
-            across += component * cell.across[j]
-            along += component * cell.along[j]
-            met += normal[i, j] * direction[i, j]
-        sense = 1.0 if met > 0.0 else -1.0
-        cosine = max(sense * toward, _LEAST_COSINE)
-        # What a cell meets at range r reaches from r / (1 + q) to r / (1 - q).
-        q = min(0.5 * math.sqrt(across * across + along * along) / cosine, _LONGEST)
-        r = max(distance[i] * min(max(abs(met) / cosine, 1.0 - _LONGEST), 1.0 / (1.0 - _LONGEST)), _LEAST_RANGE)
-        start, stop = r / (1.0 + q) * per_metre, r / (1.0 - q) * per_metre
-        # An echo within one gate is deposited for the middle of its gate.
-        at = (math.floor(r * per_metre) + 0.5) / per_metre if stop - start < 1.0 else r
-        missing = 0.5 * max(_LEAST_EXTENT - (stop - start), 0.0)
-        mu = _strength(bodies[i], material[i], ground)
-        energy = cell.emitted * mu * cosine * at * at * at * at * at / (r * r * (1.0 - q * q))
-        start, stop = max(start - missing, 0.0), stop + missing
-        slope = energy / (stop - start)
-        _ramp(second, start, slope)
-        _ramp(second, stop, -slope)
+        if bodies[i] != NOTHING:
+            mu = _strength(bodies[i], material[i], ground)
+            _deposit(cells[i], direction[i], R, distance[i], normal[i], mu, per_metre, 0.0, second)
+
+
+@entry
+def deposit_columns(
+    cells: Array, direction: Array, R: Array, distance: Array, normal: Array, bodies: Array, material: Array, ground: Any,
+    per_metre: float, column: Array, shift: float, level: float, seconds: Array,
+) -> None:  # fmt: skip
+    """Put the echoes of rays into gates of their columns.
+
+    Args:
+        cells: (n) of the rays.
+        direction, R, distance, normal, bodies, material, ground, per_metre: of `deposit`.
+        column: (n) of each ray.
+        shift: gates that went by before the first one that counts.
+        level: factor of all.
+        seconds: (columns, gates + 3), each as `second` of `deposit`; rays that would stand before the first gate are left out.
+    """
+    for i in range(len(cells)):
+        if bodies[i] != NOTHING and distance[i] * per_metre >= shift:
+            mu = level * _strength(bodies[i], material[i], ground)
+            _deposit(cells[i], direction[i], R, distance[i], normal[i], mu, per_metre, shift, seconds[column[i]])
+
+
+@compiled
+def _deposit(
+    cell: Any, direction: Array, R: Array, distance: float, normal: Array, mu: float, per_metre: float, shift: float, second: Array
+) -> None:  # fmt: skip
+    """Put the echo of one ray into gates; `mu`: Lambert's parameter of what it meets."""
+    toward = across = along = met = 0.0
+    for j in range(3):
+        component = normal[0] * R[0, j] + normal[1] * R[1, j] + normal[2] * R[2, j]
+        toward += component * cell.direction[j]
+        across += component * cell.across[j]
+        along += component * cell.along[j]
+        met += normal[j] * direction[j]
+    sense = 1.0 if met > 0.0 else -1.0
+    cosine = max(sense * toward, _LEAST_COSINE)
+    # What a cell meets at range r reaches from r / (1 + q) to r / (1 - q).
+    q = min(0.5 * math.sqrt(across * across + along * along) / cosine, _LONGEST)
+    r = max(distance * min(max(abs(met) / cosine, 1.0 - _LONGEST), 1.0 / (1.0 - _LONGEST)), _LEAST_RANGE)
+    start, stop = r / (1.0 + q) * per_metre, r / (1.0 - q) * per_metre
+    # An echo within one gate is deposited for the middle of its gate.
+    at = (math.floor(r * per_metre) + 0.5) / per_metre if stop - start < 1.0 else r
+    missing = 0.5 * max(_LEAST_EXTENT - (stop - start), 0.0)
+    energy = cell.emitted * mu * cosine * at * at * at * at * at / (r * r * (1.0 - q * q))
+    start, stop = max(start - missing - shift, 0.0), max(stop + missing - shift, _LEAST_EXTENT)
+    slope = energy / (stop - start)
+    _ramp(second, start, slope)
+    _ramp(second, stop, -slope)
 
 
 @compiled

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from uwserver.physics.kernel.arrays import FloatArray
+from uwserver.physics.kernel.arrays import FloatArray, Records
 from uwserver.physics.rays.raycast import Hits
 
 CELL = np.dtype([("direction", "f8", 3), ("across", "f8", 3), ("along", "f8", 3), ("emitted", "f8")])
@@ -15,6 +16,51 @@ angles that it covers; the intensity that goes into it, times its solid angle.""
 FINEST = 32
 """A cell may be cut into so many, across or along."""
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+
+
+class Grid(NamedTuple):
+    """Cells of equal angles about the x axis of a transducer, and their rays; row after row from below, each column after column.
+
+    Attributes:
+        cells, direction, place: as of `Fan`, `emitted` not filled in.
+        size: width and height of a cell, rad.
+        azimuth, elevation: (columns) and (rows) of the middles, rad.
+    """
+
+    cells: Records
+    direction: FloatArray
+    place: FloatArray
+    size: tuple[float, float]
+    azimuth: FloatArray
+    elevation: FloatArray
+
+    @classmethod
+    def of(cls, width: float, height: float, columns: int, rows: int, staggered: bool = True) -> Grid:
+        """Of these angles (rad); see `Fan` for what is staggered."""
+        azimuth, da = _cells(width, columns)
+        elevation, de = _cells(height, rows)
+        az, el = (grid.ravel() for grid in np.meshgrid(azimuth, elevation))
+        cells = np.zeros(len(az), CELL)
+        cells["direction"] = _unit(az, el)
+        direction: FloatArray = cells["direction"].copy()
+        column, row = (grid.ravel() for grid in np.meshgrid(np.arange(columns), np.arange(rows)))
+        place = np.stack((column + 0.5, row + 0.5), axis=1)
+        if staggered:
+            # The place across goes by the row, that along by the column.
+            off = np.stack((_spread(rows)[row], _spread(columns)[column]), axis=1)
+            place += off
+            direction = _unit(az + da * off[:, 0], el + de * off[:, 1])
+        across = np.stack((-np.sin(az), np.cos(az), np.zeros(az.shape)), axis=1)
+        cells["across"] = across * (da * np.cos(el))[:, None]
+        along = np.stack((-np.sin(el) * np.cos(az), -np.sin(el) * np.sin(az), np.cos(el)), axis=1)
+        cells["along"] = along * de
+        return cls(cells, direction, place, (da, de), azimuth, elevation)
+
+    def areas(self, level: float = 1.0) -> FloatArray:
+        """(rows) solid angle of a cell (sr) times a level."""
+        da, de = self.size
+        result: FloatArray = level * da * (np.sin(self.elevation + de / 2) - np.sin(self.elevation - de / 2))
+        return result
 
 
 class Fan:
@@ -47,25 +93,10 @@ class Fan:
             staggered: otherwise each ray is in the middle of its cell.
         """
         self.columns, self.rows = columns, rows
-        azimuth, da = _cells(cover * width, columns)
-        elevation, de = _cells(cover * height, rows)
-        self.size = da, de
-        az, el = (grid.ravel() for grid in np.meshgrid(azimuth, elevation))
-        self.cells = np.empty(len(az), CELL)
-        self.cells["direction"] = _unit(az, el)
-        self.direction: FloatArray = self.cells["direction"].copy()
-        column, row = (grid.ravel() for grid in np.meshgrid(np.arange(columns), np.arange(rows)))
-        self.place = np.stack((column + 0.5, row + 0.5), axis=1)
-        if staggered:
-            # The place across goes by the row, that along by the column.
-            off = np.stack((_spread(rows)[row], _spread(columns)[column]), axis=1)
-            self.place += off
-            self.direction = _unit(az + da * off[:, 0], el + de * off[:, 1])
-        across = np.stack((-np.sin(az), np.cos(az), np.zeros(az.shape)), axis=1)
-        self.cells["across"] = across * (da * np.cos(el))[:, None]
-        along = np.stack((-np.sin(el) * np.cos(az), -np.sin(el) * np.sin(az), np.cos(el)), axis=1)
-        self.cells["along"] = along * de
-        self.area: FloatArray = level * da * (np.sin(elevation + de / 2) - np.sin(elevation - de / 2))
+        grid = Grid.of(cover * width, cover * height, columns, rows, staggered)
+        self.cells, self.direction, self.place, self.size = grid.cells, grid.direction, grid.place, grid.size
+        da, de = grid.size
+        self.area: FloatArray = grid.areas(level)
         self.across_power, self.along_power = _two_way(columns, da, width), _two_way(rows, de, height)
         middle = slice(FINEST, None, 2 * FINEST)
         pattern = self.along_power[middle] * self.area
@@ -108,8 +139,12 @@ def _spread(count: int) -> FloatArray:
     return result
 
 
-def _two_way(count: int, size: float, width: float) -> FloatArray:
-    """Two-way pattern of a line array with this angle between half-power points, over cells of a size."""
-    angle = (np.arange(2 * FINEST * count + 1) / (2 * FINEST) - 0.5 * count) * size
+def two_way(angle: FloatArray, width: float) -> FloatArray:
+    """Two-way power pattern of a line array with this angle between half-power points, at angles off its axis (rad)."""
     result: FloatArray = np.sinc(2.0 * 0.442946 * angle / width) ** 4
     return result
+
+
+def _two_way(count: int, size: float, width: float) -> FloatArray:
+    """The same over cells of a size."""
+    return two_way((np.arange(2 * FINEST * count + 1) / (2 * FINEST) - 0.5 * count) * size, width)

@@ -327,6 +327,15 @@ def test_sonar_is_an_image_of_one_beam(told):
     assert image.ping_info.rx_beamwidths == pytest.approx([0.05])
 
 
+def test_a_picture_of_an_imaging_sonar_has_a_direction_for_each_beam(told):
+    (image,) = told["/rov/imaging"]
+    assert image.ranges == pytest.approx([5.0, 15.0])
+    assert (image.image.beam_count, image.image.dtype, image.image.data.tolist()) == (3, 0, [0, 1, 2, 3, 4, 5])
+    directions = [(beam.y, beam.z) for beam in image.beam_directions]
+    assert directions == [pytest.approx((math.sin(a), math.cos(a))) for a in (-0.5, 0.0, 0.5)]
+    assert (image.ping_info.frequency, image.ping_info.sound_speed) == (750e3, 1500.0)
+
+
 def test_rays_of_light_run_counter_clockwise(told):
     (scan,) = told["/rov/lasers"]
     assert (scan.angle_min, scan.angle_max, scan.angle_increment) == pytest.approx((-0.5, 0.5, 0.5))

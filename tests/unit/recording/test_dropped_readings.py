@@ -1,0 +1,98 @@
+"""Sensors that take time, in all modes of time: the same pictures; and what is dropped in real time is dropped by the replay again."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.reader import make_reader
+from simulation_rig import FREE, PATIENCE_S, Rig
+from slow_rig import kind_of, slow_resolved
+
+from uwserver.ports import Sample
+from uwserver.recording.recorder import Recorder
+from uwserver.recording.replay import replay
+from uwserver.scenario.load.resolved import Resolved
+from uwserver.simulation.clock import SystemTime, Timing
+
+PORT, AGAIN = "rov/slow", "rov/slow/late"
+
+
+def recorded(path: Path, resolved: Resolved, timing: Timing, meanwhile: Callable[[Rig], None]) -> list[Sample]:
+    """A run that is recorded; returns its samples of the slow sensor."""
+    rig = Rig(resolved, timing)
+    recorder = Recorder(path, rig.world, resolved)
+    with recorder.running(rig.simulation, rig.bus):
+        rig.start()
+        try:
+            meanwhile(rig)
+        finally:
+            rig.end()
+    return [sample for sample in rig.samples if sample.port == PORT]
+
+
+def until(world: Any, holds: Callable[[], bool]) -> None:
+    time, end = SystemTime(), SystemTime().now_ns() + round(PATIENCE_S * 1e9)
+    while not holds():
+        assert time.now_ns() < end, f"the world stands at tick {world.tick}"
+        time.wait(0.005, threading.Event())
+
+
+def test_drops_of_real_time_are_repeated(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    resolved, path = slow_resolved(tmp_path), tmp_path / "run.mcap"
+    found: dict[str, Any] = {}
+
+    def run(rig: Rig) -> None:
+        world, computing = rig.world, rig.world.instruments.computing
+        found["world"] = world
+        until(world, lambda: world.tick > 20)
+        kind_of(world).gate.clear()
+        until(world, lambda: computing.dropped.get(PORT, 0) >= 3)  # and time goes on
+        kind_of(world).gate.set()
+        tick = world.tick
+        until(world, lambda: world.tick > tick + 300)
+
+    samples = recorded(path, resolved, Timing(), run)
+    dropped = found["world"].instruments.computing.dropped[PORT]
+    assert len([r for r in caplog.records if "was not computed in time" in r.getMessage()]) == 1
+    seen = {sample.seq: sample.value for sample in samples}
+    assert len(seen) >= 20
+    with path.open("rb") as file:
+        calls = [m for _, c, m in make_reader(file).iter_messages() if b'"source":"clock"' in m.data]
+    assert len(calls) == dropped
+    again = replay(path, [tmp_path / "slow.py"])
+    assert (again.difference, again.truncated) == (None, False)
+    assert again.hashes >= 2
+    # Those that were not dropped are the same as in a world that waits.
+    free = Rig(resolved, FREE).world
+    whole = {s.seq: s.value for s in free.step(max(seen) * 10 + 40) if s.port == PORT}
+    free.end("over")
+    assert dropped >= 3
+    assert all(whole[seq][1] == value[1] for seq, value in seen.items())
+    assert set(range(max(seen))) - set(seen)
+
+
+@pytest.mark.parametrize("timing", [FREE, Timing(mode="lockstep", lockstep_clients=("me",)), Timing(paused=True)])
+def test_all_modes_give_the_same_pictures_and_states(tmp_path: Path, timing: Timing) -> None:
+    resolved = slow_resolved(tmp_path, "metered = true")
+    expected = Rig(resolved, FREE).world
+    wanted = [s for s in expected.step(240) if s.port in (PORT, AGAIN)]
+    expected.end("over")
+    rig = Rig(resolved, timing)
+    rig.start()
+    try:
+        rig.simulation.lockstep.barrier.join("me")
+        if timing.paused or timing.mode == "lockstep":
+            assert rig.call("world/step", n=240).fault is None
+        else:
+            assert rig.call("world/run_until_tick", tick=240).fault is None
+        done = rig.world.tick
+    finally:
+        rig.end()
+    samples = [s for s in rig.samples if s.port in (PORT, AGAIN)]
+    assert done >= 240
+    assert samples[: len(wanted)] == wanted
+    assert rig.world.instruments.computing.dropped == {}

@@ -1,0 +1,250 @@
+"""A fan of columns over range, and the beams that an array makes of it (compiled): energies, speckle, beams, noise, counts.
+
+Sound of all columns is kept in float32, as real and imaginary planes (2, columns, gates): so a processor works on eight gates at a time. Sums run in
+one order, in one thread, and are not contracted: the same bits on every machine.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.physics.kernel.random import philox
+from uwserver.physics.rays.raycast import NOTHING
+from uwserver.sensors.acoustic.imaging.speckle import BLOCK, DIRECTIONS
+
+_DECIBEL = 0.1 * math.log(10.0)
+_SPECKLE, _NOISE = np.uint64(3), np.uint64(4)
+"""Second word of the counter; others are those of `speckle`."""
+_LOW, _HALF = np.uint64(0xFFFFFFFF), np.uint64(32)
+_PLACE = np.uint64((1 << 15) - 1)
+_BLOCKS = 4
+_SIZE = _BLOCKS * BLOCK
+_MANTISSA = 12
+_LEAST_INTENSITY = np.float32(1e-30)
+
+
+def _logarithms() -> npt.NDArray[np.float32]:
+    """10 lg of 1 to 2, in the middle of each of 2^12 steps."""
+    count = 1 << _MANTISSA
+    return (10.0 * np.log10(1.0 + (np.arange(count) + 0.5) / count)).astype(np.float32)
+
+
+LOGARITHMS = _logarithms()
+_OCTAVE = 10.0 * math.log10(2.0)
+
+
+@entry
+def energies(seconds: Array, shift: float, per_metre: float, alpha: float, out: Array) -> None:
+    """Add the mean intensity that the echoes of each gate bring together, uPa^2.
+
+    Args:
+        seconds: (columns, gates + 3) as `echoes.deposit_columns` leaves it.
+        shift, per_metre: of it.
+        alpha: absorption, dB/m.
+        out: (columns, gates), to which is added; what lies behind the last gate is lost.
+    """
+    columns, gates = out.shape
+    factor = np.empty(gates)
+    for k in range(gates):
+        r = (k + 0.5 + shift) / per_metre
+        factor[k] = math.exp(-2.0 * _DECIBEL * alpha * r) / (r * r * r * r * r)
+    for m in range(columns):
+        total = 0.0
+        for k in range(gates):
+            total += seconds[m, k]
+            out[m, k] += max(total, 0.0) * factor[k]
+
+
+@entry
+def volume(
+    emitted: Array, distance: Array, bodies: Array, strength: float, shift: float, per_metre: float, alpha: float, out: Array
+) -> None:  # fmt: skip
+    """Add what the water itself scatters back, of those parts of each column that are free up to a gate.
+
+    Args:
+        emitted: (rows x columns) of CELL, the two-way pattern times solid angle and level.
+        distance, bodies: of `Hits`.
+        strength: of a cubic metre of water, 1/m, linear.
+        shift, per_metre, alpha, out: of `energies`.
+    """
+    columns, gates = out.shape
+    free = np.zeros((columns, gates + 1))
+    for i in range(len(emitted)):
+        end = gates
+        if bodies[i] != NOTHING:
+            end = min(max(int(distance[i] * per_metre - shift), 0), gates)
+        free[i % columns, end] += emitted[i]
+    factor = np.empty(gates)
+    for k in range(gates):
+        r = (k + 0.5 + shift) / per_metre
+        factor[k] = strength * math.exp(-2.0 * _DECIBEL * alpha * r) / (r * r * per_metre)
+    for m in range(columns):
+        total = free[m, gates]
+        for k in range(gates - 1, -1, -1):
+            out[m, k] += total * factor[k]
+            total += free[m, k]
+
+
+@compiled
+def _add(
+    words: tuple[np.uint64, np.uint64, np.uint64, np.uint64], factor: float, phasors: Array, real: Array, imaginary: Array
+) -> None:  # fmt: skip
+    """Add the phasors of all blocks of four words, times a factor, to the gates (n)."""
+    f = np.float32(factor)
+    for block in range(_BLOCKS):
+        place, first = words[block] & _PLACE, block * BLOCK
+        for i in range(min(BLOCK, len(real) - first)):
+            at = place + np.uint64(i)
+            real[first + i] += f * phasors[at, 0]
+            imaginary[first + i] += f * phasors[at, 1]
+
+
+@entry
+def scatter(energy: Array, key: int, faded: Array, share: Array, phasors: Array, sound: Array) -> None:
+    """The sound of each column: echoes with the phasors of the pose, which fade as it moves (`speckle.fading`).
+
+    Args:
+        energy: (columns, gates) mean intensity of the echoes, uPa^2.
+        key: of the sensor's random numbers.
+        faded, share: of `speckle.fading`.
+        phasors: `speckle.PHASORS`.
+        sound: (2, columns, gates) receives real and imaginary part, uPa.
+    """
+    k = np.uint64(key)
+    low, high = k & _LOW, k >> _HALF
+    columns, gates = energy.shape
+    for m in range(columns):
+        for first in range(0, gates, _SIZE):
+            end, turn = min(first + _SIZE, gates), first // _SIZE
+            counter, way = np.uint64(m) << np.uint64(16) | np.uint64(turn), (turn + 7 * m) % DIRECTIONS
+            real, imaginary, strongest = sound[0, m, first:end], sound[1, m, first:end], 0.0
+            for i in range(end - first):
+                real[i] = imaginary[i] = np.float32(0.0)
+                strongest = max(strongest, energy[m, first + i])
+            if strongest == 0.0:
+                continue
+            turned = 0.5 * math.pi * share[way]
+            for step in range(2):
+                factor = math.sin(turned) if step else math.cos(turned)
+                if factor > 0.0:
+                    n = np.uint64(faded[way] + step)
+                    _add(philox(counter, _SPECKLE, n & _LOW, n >> _HALF, low, high), factor, phasors, real, imaginary)
+            for i in range(end - first):
+                amplitude = np.float32(math.sqrt(energy[m, first + i]))
+                real[i] *= amplitude
+                imaginary[i] *= amplitude
+
+
+@entry
+def form_beams(pattern: Array, columns: Array, beams: Array) -> None:
+    """What the beams hear of the columns.
+
+    Args:
+        pattern: (b, c) float32, c a multiple of four.
+        columns: (c, n) float32 of each column.
+        beams: (b, n) float32 receives the sums.
+    """
+    count, n = beams.shape
+    for b in range(count):
+        out = beams[b]
+        for k in range(n):
+            out[k] = np.float32(0.0)
+        for m in range(0, len(columns), 4):
+            p0, p1, p2, p3 = pattern[b, m], pattern[b, m + 1], pattern[b, m + 2], pattern[b, m + 3]
+            for k in range(n):
+                out[k] += (p0 * columns[m, k] + p1 * columns[m + 1, k]) + (
+                    p2 * columns[m + 2, k] + p3 * columns[m + 3, k]
+                )
+
+
+@entry
+def add_noise(key: int, number: int, noise: float, phasors: Array, sound: Array) -> None:
+    """Add a receiver's noise to each beam.
+
+    Args:
+        key: of the sensor's random numbers.
+        number: of the ping, drawn.
+        noise: mean intensity in a gate, uPa^2.
+        phasors: `speckle.PHASORS`.
+        sound: (2, beams, gates).
+    """
+    k, n, root = np.uint64(key), np.uint64(number), math.sqrt(noise)
+    low, high = k & _LOW, k >> _HALF
+    _, beams, gates = sound.shape
+    for b in range(beams):
+        for first in range(0, gates, _SIZE):
+            end = min(first + _SIZE, gates)
+            counter = np.uint64(b) << np.uint64(16) | np.uint64(first // _SIZE)
+            words = philox(counter, _NOISE, n & _LOW, n >> _HALF, low, high)
+            _add(words, root, phasors, sound[0, b, first:end], sound[1, b, first:end])
+
+
+@entry
+def lengthen(sound: Array, core: int, rest: float, work: Array) -> None:
+    """Let the pulse be as long as some gates: each sample becomes the sum of those about it.
+
+    Args:
+        sound: (planes, beams, gates), in place.
+        core, rest: whole samples, and the factor of one more at both ends.
+        work: (gates).
+    """
+    part = np.float32(rest)
+    planes, beams, gates = sound.shape
+    before = core // 2
+    for p in range(planes):
+        for b in range(beams):
+            line = sound[p, b]
+            for k in range(gates):
+                work[k] = line[k]
+            for k in range(gates):
+                first = k - before
+                total = np.float32(0.0)
+                for j in range(max(first, 0), min(first + core, gates)):
+                    total += work[j]
+                if first >= 1:
+                    total += part * work[first - 1]
+                if first + core < gates:
+                    total += part * work[first + core]
+                line[k] = total
+
+
+@entry
+def intensities(sound: Array, gain: Array, out: Array) -> None:
+    """(bins, beams) float32 intensity, uPa^2, of sound (2, beams, gates >= bins) after the gain (beams) of each beam's channel, by intensity."""
+    bins, beams = out.shape
+    for b in range(beams):
+        g = gain[b]
+        for k in range(bins):
+            real, imaginary = sound[0, b, k], sound[1, b, k]
+            out[k, b] = g * (real * real + imaginary * imaginary)
+
+
+@entry
+def counts(intensity: Array, level: Array, steps: float, logarithms: Array, out: Array) -> None:
+    """8-bit counts on a logarithmic scale.
+
+    Args:
+        intensity: (bins, beams) float32, uPa^2.
+        level: (bins) what is added to its level, dB: time-varied gain and the rest.
+        steps: counts per dB.
+        logarithms: LOGARITHMS.
+        out: (bins, beams) uint8 receives them.
+    """
+    bins, beams = intensity.shape
+    bits = intensity.view(np.int32)
+    for k in range(bins):
+        offset = np.float32(level[k] * steps)
+        factor, octave = np.float32(steps), np.float32(_OCTAVE)
+        for b in range(beams):
+            if intensity[k, b] < _LEAST_INTENSITY:
+                out[k, b] = 0
+                continue
+            word = bits[k, b]
+            decibels = octave * np.float32((word >> 23) - 127) + logarithms[(word & 0x7FFFFF) >> (23 - _MANTISSA)]
+            value = factor * decibels + offset + np.float32(0.5)
+            out[k, b] = np.uint8(min(max(value, np.float32(0.0)), np.float32(255.0)))

@@ -1,0 +1,81 @@
+"""A swath: the rays of an imaging sonar in columns, and the beams that its array makes of them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from uwserver.physics.kernel.arrays import FloatArray, IntArray
+from uwserver.physics.rays.raycast import Hits
+from uwserver.sensors.acoustic.imaging import array
+from uwserver.sensors.acoustic.imaging.array import Taper
+from uwserver.sensors.acoustic.imaging.fan import Grid, two_way
+
+FLANKS = 2.0
+"""Rays fill so many beam widths over elevation: at their edge the two-way pattern is 36 dB down."""
+_MARGIN = 2.0
+"""Beam widths beside the field, in which the transmitter fades: what lies there is heard by the outer beams."""
+_PER_BEAM = 3.0
+"""Columns in a beam's half-power width: two are what its pattern can tell apart; of three a point between two is 7 % wider."""
+_BOTH_SIDES = 0.995 * math.pi
+
+Plane = npt.NDArray[np.float32]
+
+
+class Swath:
+    """Rays about the x axis of a transducer, and beams.
+
+    Attributes:
+        columns, rows: of the rays.
+        grid: their cells; `emitted` is the pattern of transmitter and receiver but for the array's, times the solid angle (sr).
+        column: (n) of each ray.
+        azimuth: (beams) rad, from x towards y.
+        pattern, power: (beams, columns) float32, amplitude and power that a beam hears of a column.
+        directivity: of a beam, as a ratio.
+        aperture: length of the array, wavelengths.
+    """
+
+    def __init__(
+        self, field: float, width: float, height: float, beams: int, rows: int, taper: Taper = "hamming"
+    ) -> None:
+        """Lay out rays and beams.
+
+        Args:
+            field: angle that the beams cover, rad.
+            width, height: angles between half-power points of a beam, rad; each of transmitter and receiver over elevation.
+            beams, rows: numbers of beams, and of rays in a column.
+            taper: of the array.
+        """
+        margin = _MARGIN * width
+        over = min(field + 2.0 * margin, _BOTH_SIDES)
+        self.columns, self.rows = 4 * math.ceil(0.25 * _PER_BEAM * over / width), rows
+        self.grid = Grid.of(over, FLANKS * height, self.columns, rows)
+        beside = np.maximum(np.abs(self.grid.azimuth) - 0.5 * field, 0.0) / margin
+        across = np.where(beside < 1.0, np.cos(0.5 * math.pi * np.minimum(beside, 1.0)) ** 2, 0.0)
+        along = two_way(self.grid.elevation, height) * self.grid.areas()
+        self.grid.cells["emitted"] = np.outer(along, across).ravel()
+        self.column: IntArray = np.tile(np.arange(self.columns), rows)
+        self.azimuth: FloatArray = ((np.arange(beams) + 0.5) / beams - 0.5) * field
+        weight = array.weights(taper, array.elements(taper, width))
+        amplitude = array.pattern(weight, self.azimuth, self.grid.azimuth)
+        self.pattern: Plane = amplitude.astype(np.float32)
+        self.power: Plane = (amplitude**2).astype(np.float32)
+        self.directivity = 4.0 * math.pi / (width * height)
+        self.aperture = 0.5 * len(weight)
+
+
+def reflected(hits: Hits, chosen: IntArray, origin: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Where the chosen rays of one origin (3) go on from what they hit, as from a mirror: starts (m, 3), a little off it, and directions."""
+    normal, d = hits.normal[chosen], direction[chosen]
+    normal = np.where(np.einsum("ij,ij->i", normal, d)[:, None] > 0.0, -normal, normal)
+    start = origin + hits.distance[chosen, None] * d + 1e-3 * normal
+    return start, d - 2.0 * np.einsum("ij,ij->i", d, normal)[:, None] * normal
+
+
+def unfolded(hits: Hits, chosen: IntArray, second: Hits) -> Hits:
+    """What rays met after the mirror as their first part would have met it straight on: ranges along both parts, normals mirrored."""
+    mirror = hits.normal[chosen]
+    normal = second.normal - 2.0 * np.einsum("ij,ij->i", second.normal, mirror)[:, None] * mirror
+    return Hits(hits.distance[chosen] + second.distance, normal, second.body, second.material)

@@ -1,0 +1,131 @@
+"""Readings that take time, from their begin to their delivery: who of them is computed, waited for, learned from, or dropped."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+
+from uwserver.ports import Call, Json, Refused
+from uwserver.ports.checks import shown
+from uwserver.units import NANOSECONDS
+from uwserver.world.components import SensorStream
+from uwserver.world.computing import Work, drop_call
+from uwserver.world.instruments import Instruments
+from uwserver.world.sensor_slot import SensorSlot
+
+
+class UnderWay:
+    """Those of a world.
+
+    Attributes:
+        streams: sensors that take time, and their streams, by the number of these.
+        is_idle: there are none.
+    """
+
+    def __init__(self, instruments: Instruments, is_read: Callable[[int], bool]) -> None:
+        """instruments: where they lie; `is_read`: whether anybody reads a stream, by its number."""
+        self._instruments, self._computing, self._is_read = instruments, instruments.computing, is_read
+        self._slots: dict[str, SensorSlot] = {}
+        self.streams: dict[int, tuple[SensorSlot, SensorStream]] = {}
+        self._refused: dict[str, int] = {}
+        self._lost: set[tuple[int, int]] = set()
+        self.is_idle = True
+
+    def settle(self, slots: Iterable[SensorSlot]) -> None:
+        """Sensors came or went; these are here."""
+        self._slots = {slot.path: slot for slot in slots if slot.sensor.takes_time}
+        self.streams = {k: (slot, stream) for slot in self._slots.values() for k, stream in _numbered(slot)}
+        self.is_idle = not self._slots
+
+    def forget(self) -> None:
+        """The world is in another state: what was to be dropped of the old one does not count."""
+        self._refused.clear()
+
+    def late(self, tick: int, t_ns: int) -> list[Call]:
+        """Calls that drop what cannot be ready in a tick, for a world that must not wait: what is due and not computed, and what would begin
+        while the reading before is under computation. Before the tick that leads to `tick`, at `t_ns`."""
+        found: dict[tuple[str, int], None] = {}
+        if t_ns >= self._instruments.next_ns:
+            for _, k, seq in self._instruments.arriving(t_ns):
+                slot, stream = self.streams.get(k, (None, None))
+                work = None if stream is None else stream.coming.get(seq)
+                if slot is not None and isinstance(work, Work) and not work.is_done and self._is_needed(k, slot):
+                    found[slot.path, seq] = None
+        for path, slot in self._slots.items():
+            is_due = slot.active and slot.fault != "silent" and tick % slot.divisor == 0
+            if is_due and any(_is_busy(stream) for stream in slot.streams) and slot.sensor.begins(t_ns / NANOSECONDS):
+                found[path, slot.number] = None
+        return [drop_call(path, number) for path, number in found]
+
+    def arrive(self, t_ns: int) -> None:
+        """Before samples are delivered: compute, or wait for, what is due and needed."""
+        for place, k, seq in self._instruments.arriving(t_ns):
+            slot, stream = self.streams.get(k, (None, None))
+            if slot is None or stream is None or seq not in stream.coming or not self._is_needed(k, slot):
+                continue
+            loose = stream.coming[seq]
+            if isinstance(loose, Work):
+                stream.coming[seq] = values = loose.result()
+                if loose.error and not loose.is_told:
+                    loose.is_told = True
+                    self._computing.count_failure(slot.path, seq, loose.error)
+            else:  # of a saved state
+                values = loose
+            if None in values:
+                self._instruments.spoil(place)
+            elif slot.sensor.learns and stream is slot.streams[0]:
+                slot.sensor.learn(values)
+
+    def take(self, slot: SensorSlot) -> None:
+        """A sensor was asked: begin to compute what it has begun."""
+        if not slot.sensor.takes_time or not slot.is_ready:
+            return
+        number = slot.number - 1
+        if self._refused.get(slot.path) == number:
+            del self._refused[slot.path]
+            self._lose(slot, number)
+            return
+        for k, stream in _numbered(slot):
+            work = stream.coming.get(number)
+            if isinstance(work, Work) and not work.is_begun and self._is_needed(k, slot):
+                self._computing.begin(work)
+
+    def purge(self) -> None:
+        """What is lost is not on its way any more. Not while samples are delivered."""
+        if self._lost:
+            lost, self._lost = self._lost, set()
+            self._instruments.lose(lambda k, seq: (k, seq) in lost)
+
+    def drop(self, args: Mapping[str, Json]) -> Json:
+        """Carry out ``world/drop_reading``."""
+        slot, number = self._slots.get(str(args["port"])), int(args["number"])  # type: ignore[arg-type]  # checked against the argument
+        if slot is None:
+            names = ", ".join(self._slots) or "none"
+            text = f'no sensor that takes time is "{shown(str(args["port"]))}", there are: {names}'
+            raise Refused("bad_argument", text, "port")
+        if number == slot.number:
+            self._refused[slot.path] = number
+            return None
+        if not any(number in stream.coming for stream in slot.streams):
+            raise Refused("bad_argument", f"reading {number} is not under way; the next is {slot.number}", "number")
+        self._lose(slot, number)
+        self.purge()
+        return None
+
+    def _lose(self, slot: SensorSlot, number: int) -> None:
+        for k, stream in _numbered(slot):
+            work = stream.coming.pop(number, None)
+            if isinstance(work, Work) and work is not stream.loose:
+                work.is_cancelled = True
+            self._lost.add((k, number))
+        self._computing.count_drop(slot.path, number)
+
+    def _is_needed(self, k: int, slot: SensorSlot) -> bool:
+        return self._is_read(k) or (slot.sensor.learns and k == slot.stream_numbers.start)
+
+
+def _numbered(slot: SensorSlot) -> Iterator[tuple[int, SensorStream]]:
+    return zip(slot.stream_numbers, slot.streams, strict=True)
+
+
+def _is_busy(stream: SensorStream) -> bool:
+    return any(isinstance(work, Work) and work.is_begun and not work.is_done for work in stream.coming.values())
