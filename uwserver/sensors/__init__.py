@@ -9,6 +9,7 @@ from uwserver.sensors.acoustic.interrogation import carriers
 from uwserver.sensors.acoustic.lbl import LblConfig
 from uwserver.sensors.acoustic.multibeam import MultibeamConfig
 from uwserver.sensors.acoustic.scanning_sonar import ScanningSonarConfig
+from uwserver.sensors.acoustic.side_scan import SideScanConfig
 from uwserver.sensors.acoustic.usbl import UsblConfig
 from uwserver.sensors.base import IdealSensor, Pose, Scope, Sensor, SensorTable, Settings, StreamTable
 from uwserver.sensors.compound import CompoundConfig
@@ -36,6 +37,7 @@ SensorConfig = (
     | AltimeterConfig
     | ScanningSonarConfig
     | MultibeamConfig
+    | SideScanConfig
     | UsblConfig
     | LblConfig
     | MagnetometerConfig
@@ -56,5 +58,5 @@ __all__ = [
     "AdcpConfig", "AltimeterConfig", "AttitudeConfig", "BatteryConfig", "ClockConfig", "CompoundConfig", "ContactConfig",
     "CtdConfig", "DvlConfig", "GpsConfig", "IdealSensor", "ImuConfig", "LblConfig", "LeakConfig", "MagnetometerConfig",
     "MotionCaptureConfig", "MultibeamConfig", "Pose", "PressureConfig", "RangeArrayConfig", "RpmConfig", "ScanningSonarConfig", "Scope", "Sensor",
-    "SensorConfig", "SensorTable", "Settings", "SoundSpeedConfig", "StreamTable", "UsblConfig", "carriers",
+    "SensorConfig", "SensorTable", "Settings", "SideScanConfig", "SoundSpeedConfig", "StreamTable", "UsblConfig", "carriers",
 ]  # fmt: skip

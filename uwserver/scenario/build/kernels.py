@@ -6,6 +6,7 @@ from uwserver.physics.dynamics.appendage_params import Appendages
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.vehicle.body import body_params
 from uwserver.sensors import AltimeterConfig, DvlConfig, LblConfig, MultibeamConfig, ScanningSonarConfig, UsblConfig
+from uwserver.sensors.acoustic.pinging import PingTable
 
 
 def kernels_of(resolved: Resolved, sea: bool) -> frozenset[str]:
@@ -26,7 +27,7 @@ def kernels_of(resolved: Resolved, sea: bool) -> frozenset[str]:
         needs |= {"solids", "contact"} | ({"fins in contact"} if fins else set())
     if sea:
         needs.add("sea")
-    if any(isinstance(config, ScanningSonarConfig | MultibeamConfig) for config in sensors):
+    if any(isinstance(config, ScanningSonarConfig | MultibeamConfig | PingTable) for config in sensors):
         needs |= {"echoes", "pictures"}
     if vehicles:
         needs.add("sensors")
