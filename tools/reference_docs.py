@@ -73,6 +73,7 @@ MODELS = {
     "altimeter": "altimeter",
     "scanning_sonar": "scanning_sonar",
     "multibeam": "multibeam",
+    "side_scan": "side_scan",
     "usbl": "usbl",
     "lbl": "lbl",
     "acoustic_modem": "modem",

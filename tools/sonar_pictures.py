@@ -57,6 +57,7 @@ def main() -> None:
     for name, draw in (
         ("scanning_sonar", scanning_sonar),
         ("multibeam", multibeam),
+        ("side_scan", side_scan),
         ("altimeter", altimeter),
         ("dvl", dvl),
         ("adcp", adcp),
@@ -168,6 +169,26 @@ def turn_of(sonar: Sensor, geometry: Geometry, yaw_rate: float) -> tuple[FloatAr
             angles.append(reading.values[0])
             rows.append(reading.values[3])
     return np.unwrap(np.array(angles, dtype=float)), np.array(rows, dtype=float)
+
+
+def side_scan(geometry: Geometry) -> Figure:
+    """A waterfall of the StarFish along the piles and the wall, 6 m above the bottom."""
+    sonar, ahead = device("starfish_452f", range_m=30.0), np.linspace(-40.0, 40.0, 600)
+    rows = []
+    for k, x in enumerate(ahead):
+        sonar.begin(k)
+        _, values = sonar.measure(instant(geometry, (float(x), -16.0, DEPTH - 6.0), 0.2 * k))
+        port, starboard = (value.array() for value in values[-2:] if isinstance(value, Buffer))
+        rows.append(np.concatenate([port[::-1], starboard]))
+    figure, axis = plt.subplots(figsize=(5.8, 4.4), layout="constrained")
+    # Few colours and the mean of neighbours, for grain makes a large file.
+    shown = np.array(rows, dtype=float).reshape(-1, 2, 400, 5).mean(axis=(1, 3))
+    axis.imshow(
+        shown, cmap=plt.get_cmap("copper", 32), extent=(-30.0, 30.0, -40.0, 40.0), origin="lower", aspect="auto",
+        vmin=0, vmax=255, interpolation="nearest",
+    )  # fmt: skip
+    axis.set(xlabel="slant range, port and starboard (m)", ylabel="north (m)")
+    return figure
 
 
 def altimeter(geometry: Geometry) -> Figure:

@@ -10,6 +10,7 @@ from uwserver.sensors.acoustic.interrogation import carriers
 from uwserver.sensors.acoustic.lbl import LblConfig
 from uwserver.sensors.acoustic.multibeam import MultibeamConfig
 from uwserver.sensors.acoustic.scanning_sonar import ScanningSonarConfig
+from uwserver.sensors.acoustic.side_scan import SideScanConfig
 from uwserver.sensors.acoustic.usbl import UsblConfig
 from uwserver.sensors.base import IdealSensor, Pose, Scope, Sensor, SensorTable, Settings, StreamTable
 from uwserver.sensors.compound import CompoundConfig
@@ -41,6 +42,7 @@ SensorConfig = (
     | AltimeterConfig
     | ScanningSonarConfig
     | MultibeamConfig
+    | SideScanConfig
     | UsblConfig
     | LblConfig
     | AcousticModemConfig
@@ -65,6 +67,6 @@ __all__ = [
     "AcousticModemConfig", "AdcpConfig", "AltimeterConfig", "AttitudeConfig", "BatteryConfig", "CameraConfig", "ClockConfig", "CompoundConfig",
     "ContactConfig", "CtdConfig", "DvlConfig", "GpsConfig", "IdealSensor", "ImuConfig", "LblConfig", "LeakConfig", "MagnetometerConfig",
     "ModemTable", "MotionCaptureConfig", "MultibeamConfig", "OpticalModemConfig", "Pose", "PressureConfig", "RangeArrayConfig", "RpmConfig",
-    "ScanningSonarConfig", "Scope", "Sensor", "SensorConfig", "SensorTable", "Settings", "SoundSpeedConfig", "StreamTable", "TrainingConfig",
-    "UsblConfig", "carriers",
+    "ScanningSonarConfig", "Scope", "Sensor", "SensorConfig", "SensorTable", "Settings", "SideScanConfig", "SoundSpeedConfig", "StreamTable",
+    "TrainingConfig", "UsblConfig", "carriers",
 ]  # fmt: skip

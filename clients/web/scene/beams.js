@@ -4,7 +4,7 @@ import { turn } from "./stage.js";
 import { wet } from "./water.js";
 /** @typedef {import("../types").Sensor} Sensor @typedef {import("../types").Sample} Sample @typedef {import("../types").Beacon} Beacon */
 
-const COLOUR = { dvl: "#ffb14d", adcp: "#c9a2ff", altimeter: "#7dffb0", scanning_sonar: "#67d8ff", multibeam: "#67d8ff", range_array: "#ff7f9f", usbl: "#ffe27a", lbl: "#ffe27a" };
+const COLOUR = { dvl: "#ffb14d", adcp: "#c9a2ff", altimeter: "#7dffb0", scanning_sonar: "#67d8ff", multibeam: "#67d8ff", side_scan: "#67d8ff", profiler: "#67d8ff", bathymetry: "#67d8ff", range_array: "#ff7f9f", usbl: "#ffe27a", lbl: "#ffe27a" };
 
 /** @param {string} colour @param {number} opacity */
 function light(colour, opacity) {

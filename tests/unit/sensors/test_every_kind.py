@@ -147,6 +147,9 @@ ALONE = {
     "multibeam": lambda sensor: {
         "range_start": 0.0, "range": sensor.range_m, "gain": sensor.gain_db, "frequency": sensor.frequency_hz, "sound_speed": C,
     },
+    "side_scan": lambda sensor: {
+        "range": sensor.range_m, "gain": sensor.gain_db, "frequency": sensor.frequency_hz, "sound_speed": C,
+    },
     "usbl": usbl,
     "lbl": lbl,
     "magnetometer": lambda _: {"field_S": NS.inv().apply(MAGNETIC)},
@@ -303,8 +306,8 @@ def test_ideal_is_the_truth_in_a_world(kind, world):
 
 AIR = replace(SCOPE, p_NB=(3.0, -2.0, -5.0))
 BLIND = {
-    "motion_capture": AIR, "dvl": AIR, "adcp": AIR, "altimeter": AIR, "scanning_sonar": AIR, "multibeam": AIR, "usbl": AIR, "lbl": AIR,
-    "ctd": AIR, "sound_speed": AIR,
+    "motion_capture": AIR, "dvl": AIR, "adcp": AIR, "altimeter": AIR, "scanning_sonar": AIR, "multibeam": AIR, "side_scan": AIR,
+    "usbl": AIR, "lbl": AIR, "ctd": AIR, "sound_speed": AIR,
     "range_array": AIR, "gps": SCOPE, "attitude": replace(SCOPE, t_ns=0), "rpm": SCOPE, "camera": SCOPE,
     "pressure": replace(SCOPE, water=replace(WATER, gravity=0.0)),
 }  # fmt: skip
@@ -340,6 +343,7 @@ SETTINGS = {
     "altimeter": {"range": 12.0, "gain": -6.0, "sound_speed": 1480.0},
     "scanning_sonar": {"range": 8.0, "gain": 3.0, "step": 0.1, "sector_center": 0.5, "sector_width": 1.0},
     "multibeam": {"range": 8.0, "gain": 3.0},
+    "side_scan": {"range": 8.0, "gain": 3.0},
     "usbl": {"max_range": 300.0, "gain": -3.0, "sound_speed": 1480.0},
     "lbl": {"max_range": 300.0, "gain": -3.0, "sound_speed": 1480.0},
     "acoustic_modem": {"address": 7, "gain": -3.0, "sound_speed": 1480.0},

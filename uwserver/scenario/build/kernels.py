@@ -15,6 +15,7 @@ from uwserver.sensors import (
     ScanningSonarConfig,
     UsblConfig,
 )
+from uwserver.sensors.acoustic.pinging import PingTable
 
 
 def kernels_of(resolved: Resolved, sea: bool) -> frozenset[str]:
@@ -35,7 +36,7 @@ def kernels_of(resolved: Resolved, sea: bool) -> frozenset[str]:
         needs |= {"solids", "contact"} | ({"fins in contact"} if fins else set())
     if sea:
         needs.add("sea")
-    if any(isinstance(config, ScanningSonarConfig | MultibeamConfig) for config in sensors):
+    if any(isinstance(config, ScanningSonarConfig | MultibeamConfig | PingTable) for config in sensors):
         needs |= {"echoes", "pictures"}
     if any(isinstance(config, CameraConfig) for config in sensors):
         needs.add("cameras")

@@ -20,6 +20,7 @@ from uwserver.sensors import (
     RangeArrayConfig,
     ScanningSonarConfig,
     SensorConfig,
+    SideScanConfig,
     UsblConfig,
 )
 from uwserver.units import rad
@@ -57,6 +58,11 @@ def beams(config: SensorConfig) -> Iterator[BeamView]:
             yield BeamView(direction, 0.0, config.blanking_m / math.cos(tilt), far / math.cos(tilt))
         if config.axial_beam:
             yield BeamView((0.0, 0.0, 1.0), 0.0, config.blanking_m, far)
+    elif isinstance(config, SideScanConfig):
+        tilt, width = rad(config.tilt_deg), rad(config.beam_width_horizontal_deg)
+        for side in (-1.0, 1.0):
+            direction = (0.0, side * math.cos(tilt), math.sin(tilt))
+            yield BeamView(direction, width, config.min_range_m, config.range_m)
     elif isinstance(config, RangeArrayConfig):
         width = rad(config.field_of_view_deg)
         for k in range(config.beams):

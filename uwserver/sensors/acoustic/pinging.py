@@ -1,0 +1,211 @@
+"""What sonars share that light all their beams at once: keys, settings, pace, and what a job needs of the instant of a ping."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from msgspec import UNSET, Meta, UnsetType
+
+from uwserver.frames import Quat, Vec3, matrix, multiply
+from uwserver.modifiers.base import Measurement, Memory, Time
+from uwserver.physics.kernel.arrays import FloatArray
+from uwserver.ports import Argument, Value
+from uwserver.sensors.acoustic.echo import Absorption, load_kernels
+from uwserver.sensors.acoustic.imaging import speckle
+from uwserver.sensors.acoustic.imaging.kernels import load as load_pictures
+from uwserver.sensors.acoustic.imaging.swath import Swath
+from uwserver.sensors.acoustic.receiver import Echoes, Noise, Paths, Pulse, Ranges, Water, ranges
+from uwserver.sensors.base import Distance, Gain, Pose, Scope, Sensor, SensorTable, Settings, earlier
+from uwserver.sensors.job import Begun, Job
+from uwserver.table import NonNegative, Positive
+from uwserver.units import NANOSECONDS
+
+STRAIGHT = Paths()
+"""No ghosts, and no echoes of the ping before."""
+_STILL = 0.25
+"""Beam widths that a sonar may turn in a ping and count as still; beyond, its echoes are blended of its first and its last pose."""
+
+
+class PingTable(SensorTable, kw_only=True, frozen=True):
+    """What a sonar needs that pings. `rate_hz` at most: a ping waits until the last one is over.
+
+    Attributes:
+        ideal: mean level without speckle, noise and wrong sound speed.
+        frequency_hz, bandwidth_hz: of the sound; the bandwidth gives the resolution in range, at best that of a bin.
+        pulse_s: its length; a swept pulse longer than 1 / bandwidth is compressed, which lifts the echo by bandwidth times length.
+        bins: of a ping, equal ranges apart.
+        range_m: at the start; changed by the service `set`.
+        min_range_m, max_range_m: limits of the range.
+        source_level_db: dB re 1 uPa at 1 m.
+        noise_level_db: spectral level of the noise around, dB re 1 uPa^2/Hz.
+        volume_backscatter_db: of a cubic metre of water, dB re 1/m; without it the water is clear.
+        assumed_sound_speed_mps: what the device believes; default: the truth.
+        overhead_s: between the end of a ping and the next one.
+        processing_s: from the last echo to the delivery; in real time no more is there to compute it.
+    """
+
+    ideal: bool = False
+    frequency_hz: Positive = 450e3
+    bandwidth_hz: Positive = 4e4
+    pulse_s: Positive = 4e-4
+    bins: Annotated[int, Meta(ge=8, le=4096)] = 1000
+    range_m: Positive = 50.0
+    min_range_m: Positive = 1.0
+    max_range_m: Positive = 100.0
+    source_level_db: float = 210.0
+    noise_level_db: float = 42.0
+    volume_backscatter_db: float | UnsetType = UNSET
+    assumed_sound_speed_mps: Positive | UnsetType = UNSET
+    overhead_s: NonNegative = 0.005
+    processing_s: NonNegative = 0.02
+
+    def __post_init__(self) -> None:
+        """ValueError where keys do not go together."""
+        if not self.min_range_m <= self.range_m <= self.max_range_m:
+            raise ValueError("range_m must lie between min_range_m and max_range_m")
+
+
+class PingSettings(Settings, frozen=True):
+    """See `PingTable`."""
+
+    range: Distance
+    gain: Gain
+
+
+class PingMemory(Memory):
+    """Attributes:
+    ready: time of the next ping, s."""
+
+    ready: Time = 0.0
+
+
+class Instant(NamedTuple):
+    """What a ping meets, for a job.
+
+    Attributes:
+        scope: that stays as it is.
+        p: of the transducer in N.
+        poses: rotations of the swath in N at the start, and at the end where it differs.
+        ranges, water: of the ping.
+        noise: its random parts; None for the mean.
+    """
+
+    scope: Scope
+    p: Vec3
+    poses: tuple[FloatArray, ...]
+    ranges: Ranges
+    water: Water
+    noise: Noise | None
+
+    def energy(self, echoes: Echoes) -> FloatArray:
+        """(columns, gates) mean intensity, uPa^2; where the sonar turns, of its poses by the time at which each gate is heard."""
+        each = [echoes.energy(self.scope.geometry, self.water, self.p, R, self.ranges, STRAIGHT) for R in self.poses]
+        if len(each) == 1:
+            return each[0]
+        passed = (np.arange(each[0].shape[1]) + 0.5) / each[0].shape[1]
+        blended: FloatArray = (1.0 - passed) * each[0] + passed * each[1]
+        return blended
+
+
+class Lighting(NamedTuple):
+    """How a sonar lights its field.
+
+    Attributes:
+        swath: of rays and beams.
+        axes: (3, 3) whose columns are the axes of the swath, in the frame of the sensor.
+        width: of the narrowest beam, rad: what counts as a turn.
+        fade: a motion (m) and a turn (rad) that leave a speckle correlation of 1 / e.
+    """
+
+    swath: Swath
+    axes: FloatArray
+    width: float
+    fade: tuple[float, float]
+
+
+class PingingSonar(Sensor):
+    """Begins a ping when the last one is over; `_job` says what is computed of it."""
+
+    takes_time = True
+    paces = True
+    settings: PingSettings
+    memory: PingMemory
+
+    def __init__(self, mount: Pose, table: PingTable, lighting: Lighting, gain_db: float) -> None:
+        """Of a table; `gain_db` at the start."""
+        self._mount, self._table, self._lighting = mount, table, lighting
+        self._pulse = Pulse(table.source_level_db, table.pulse_s, table.bandwidth_hz, table.noise_level_db)
+        self._absorption = Absorption(table.frequency_hz)
+        self.arguments = (
+            Argument(
+                "range", "float", "distance at the end of the last bin", "m", False, minimum=table.min_range_m, maximum=table.max_range_m
+            ),
+            Argument("gain", "float", "added to the level before compression", "dB", False, minimum=-60, maximum=60),
+        )  # fmt: skip
+        super().__init__(PingSettings(table.range_m, gain_db))
+
+    def load_kernels(self) -> None:
+        load_kernels()
+        load_pictures()
+
+    def turn_on(self) -> PingMemory:
+        """Ready at once."""
+        return PingMemory()
+
+    def begins(self, t: float) -> bool:
+        """Whether the last ping is over."""
+        return t >= self.memory.ready - 1e-6
+
+    def ping(self, scope: Scope, computed: int, job: Callable[[Instant], Job]) -> Measurement | None:
+        """A ping, whose first values are its range, gain, frequency and sound speed; None while the last one is not over.
+
+        Args:
+            scope: of its start.
+            computed: number of the fields that follow.
+            job: computes these.
+        """
+        if not self.begins(scope.t):
+            return None
+        table, reach = self._table, self.settings.range
+        p = scope.position(self._mount.p)
+        c = scope.water.sound_speed(p[2])
+        believed = c
+        if table.assumed_sound_speed_mps is not UNSET and not table.ideal:
+            believed = table.assumed_sound_speed_mps
+        duration = 2.0 * reach / believed
+        self.memory.ready = scope.t + duration + table.overhead_s
+        values: list[Value] = [reach, self.settings.gain, table.frequency_hz, believed, *(None,) * computed]
+        delay = round((duration + table.processing_s) * NANOSECONDS)
+        height = scope.submergence(p)
+        if height <= 0.0:
+            return Measurement(values, False, delay_ns=delay)
+        scattering = table.volume_backscatter_db
+        volume = 0.0 if scattering is UNSET else 10.0 ** (0.1 * scattering)
+        water = Water(self._absorption.at(scope, p[2]), volume, height, scope.lambert)
+        poses = self._poses(scope, duration)
+        divided = ranges(reach, table.bins, c, believed / c, self._pulse)
+        instant = Instant(scope.still(), p, poses, divided, water, self._noise(p, poses[0][:, 0]))
+        return Begun(values, True, delay_ns=delay, job=job(instant))
+
+    def _poses(self, scope: Scope, duration: float) -> tuple[FloatArray, ...]:
+        """Attitude of the swath at the start, and at the end where the sonar turns meanwhile."""
+        attitudes: list[Quat] = [scope.attitude(self._mount.q)]
+        if math.hypot(*scope.w_NB_B) * duration > _STILL * self._lighting.width:
+            _, q_NB = earlier(scope.p_NB, scope.q_NB, (*scope.v_NB_B, *scope.w_NB_B), -duration)
+            attitudes.append(multiply(q_NB, self._mount.q))
+        return tuple(np.array(matrix(q)) @ self._lighting.axes for q in attitudes)
+
+    def _noise(self, p: Vec3, axis: FloatArray) -> Noise | None:
+        number = int(self.rng.integers(1 << 63))
+        if self._table.ideal:
+            return None
+        faded, share = speckle.fading(p, axis, *self._lighting.fade)
+        return Noise(self.draws.key, number, faded, share)
+
+
+def fade_of(width: float, frequency: float) -> tuple[float, float]:
+    """A motion (m) and a turn (rad) that leave a speckle correlation of 1 / e, of a transducer with this beam (rad): half its length, 0.8 beams."""
+    return 0.5 * 0.886 * 1500.0 / (frequency * width), 0.8 * width
