@@ -214,11 +214,7 @@ class Sensing(Part):
 
     def _mask_of(self, tick: int) -> int:
         """The groups that are due in a tick, as bits."""
-        mask = 0
-        for k, (divisor, _) in enumerate(self._groups):
-            if tick % divisor == 0:
-                mask |= 1 << k
-        return mask
+        return sum(1 << k for k, (divisor, _) in enumerate(self._groups) if tick % divisor == 0)
 
     def after(self, tick: int, t_ns: int, samples: list[Sample]) -> None:
         """What is delivered in a tick. The order is part of the contract:

@@ -85,6 +85,10 @@ for name, (scenario, data, ticks, _) in jobs.items():
 """
 
 
+LOCATING = ("dvl", "gps", "usbl", "lbl", "motion_capture")
+"""Kinds without which no mission begins."""
+
+
 def extended(folder: Path) -> Path:
     """The scenario of the extensions, with their files beside it."""
     for name, code in re.findall(r"^`(\w+\.py)`:\n```python\n(.*?)^```", PAGE.read_text(), re.S | re.M):
@@ -96,7 +100,9 @@ def extended(folder: Path) -> Path:
 
 def fly(world: World) -> None:
     """Let every autopilot of a world fly a mission, and be in the middle of it."""
+    located = {path.partition("/")[0] for path, port in world.ports.items() if port.kind in LOCATING}
     pilots = [path.rsplit("/", 1)[0] for path in world.services if path.endswith("/set_mission")]
+    pilots = [pilot for pilot in pilots if pilot.partition("/")[0] in located]
     if not pilots:
         return
     world.step(300)  # until the sensors have spoken that a mission needs

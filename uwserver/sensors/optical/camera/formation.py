@@ -197,9 +197,8 @@ def form(
         radiance: (n, 3) float32 receives it.
     """
     s, wet = sea[0], sea[0].wet != 0
-    colour, normal, x, place = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    colour, normal, x, place, fresh = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     through, deeper, back, arrived, seen = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    fresh = np.empty(3)
     for i in range(3):  # daylight at the base
         fresh[i] = s.above * s.entered * math.exp(s.fading[i] * min(s.surface, 0.0))
     for k in range(len(distance)):
