@@ -139,6 +139,9 @@ def samples(port: Port, n: int) -> list[Sample]:
                 shape = tuple(2 if extent < 0 else extent for extent in field.buffer.shape)
                 value.append(None if k % 4 == 3 else Buffer.of(np.full(shape, k, field.buffer.dtype)))
                 continue
+            if field.type == "bytes":
+                value.append(None if k % 4 == 3 else Buffer(data=bytes(k)))
+                continue
             part = {"float": 0.1 * (k + 1), "int": k, "bool": k % 2 == 0, "str": f"b{k % 2}"}[field.type]
             part = None if k % 4 == 3 and field.type != "str" else part
             value.append((part,) * field.size if field.shape else part)

@@ -102,7 +102,8 @@ def _loaded(*modules: str) -> set[str]:
 
 def _kinds(folder: str) -> list[str]:
     """Modules of a folder but those that are there for compiled code alone."""
-    files = [path for path in sorted((PACKAGE / folder).rglob("*.py")) if path.name != "instant.py"]
+    found = [path for path in sorted((PACKAGE / folder).rglob("*.py")) if path.name != "instant.py"]
+    files = [path for path in found if path.parent.name != "camera" or path.name == "camera.py"]
     return [
         ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__") for path in files
     ]
