@@ -143,7 +143,7 @@ class Pictures:
 
 
 def _fan(picture: Buffer, by_name: Mapping[str, Value], number: int, t_ns: int) -> bytes | None:
-    """A picture of ranges and beams; None where it does not hold counts."""
+    """A picture of ranges and beams; None where it does not hold counts of each azimuth."""
     azimuth, near, far = by_name["azimuth"], by_name.get("range_start", 0.0), by_name.get("range")
     fits = (
         isinstance(near, int | float)
@@ -194,8 +194,8 @@ def encoded(port: Port, sample: Sample, number: int) -> bytes | None:
     picture = next((value for value in shown if isinstance(value, Buffer)), None)
     if picture is None:
         return None
-    if isinstance(by_name.get("azimuth"), Buffer):
-        return _fan(picture, by_name, number, sample.t_ns)
+    if isinstance(by_name.get("azimuth"), Buffer) and (fan := _fan(picture, by_name, number, sample.t_ns)) is not None:
+        return fan
     angle, reach = by_name.get("head_angle"), by_name.get("range")
     if picture.dtype == "uint8" and isinstance(angle, int | float) and isinstance(reach, int | float):
         head = _SONAR_HEAD.pack(angle, reach)

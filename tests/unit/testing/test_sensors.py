@@ -16,6 +16,8 @@ from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors import CompoundConfig, IdealSensor, ModemTable, Pose, RpmConfig, Scope, SensorConfig, SensorTable
 from uwserver.sensors.acoustic.interrogation import Beacon
+from uwserver.sensors.onboard.training import Task, TrainingConfig
+from uwserver.sensors.optical.camera.camera import CameraConfig
 from uwserver.testing import check_sensor
 from uwserver.testing.sensors import check_values, scopes
 
@@ -30,16 +32,21 @@ def test_shipped_sensors(kind: type[Any]) -> None:
         needed = {"members": ("t1",)}
     elif "beacons" in kind.__struct_fields__:
         needed = {"beacons": {"b": Beacon(position_ned_m=(10.0, 5.0, 20.0))}}
+    elif kind is TrainingConfig:
+        needed = {"tasks": {"down": Task(kind="hold_depth", depth_m=5.0, for_s=10.0)}}
+    elif kind is CameraConfig:
+        needed = {"width": 32, "height": 24}
     config = kind(rate_hz=10.0, **needed)
-    check_sensor(config, instants=wired() if kind is RpmConfig else None)
+    check_sensor(config, instants=wired() if kind in (RpmConfig, CameraConfig) else None)
 
 
 def wired() -> list[Scope]:
-    """The ordinary instants, inside a vehicle."""
-    world = build(load(Scenario(schema=1, vehicles={"rov": VehicleEntry(model="bluerov2_heavy")}), adapters={}))
+    """The ordinary instants, inside a vehicle of a world with light."""
+    rov = VehicleEntry(model="bluerov2_heavy", sensors={"camera": CameraConfig(rate_hz=1.0, width=32, height=24)})
+    world = build(load(Scenario(schema=1, vehicles={"rov": rov}), adapters={}))
     world.command("rov/thrusters", u=[0.5] * 8)
     world.step(20)
-    return [replace(scope, wiring=world.sensors["rov/imu"].wiring) for scope in scopes()]
+    return [replace(scope, wiring=world.sensors["rov/imu"].wiring, sight=world.sight, row=0) for scope in scopes()]
 
 
 class Odd(IdealSensor):

@@ -178,9 +178,11 @@ class Training(Sensor):
             self.memory = TrainingMemory()
 
     def valid(self, record: Memory | Settings) -> None:
-        """As of `Sensor`; of a memory also that there are so many tasks."""
+        """As of `Sensor`; of a memory also that there are so many tasks, and that it has ended when all are done."""
         if isinstance(record, TrainingMemory) and record.step > len(self._tasks):
             raise ValueError(f"{record.step} tasks are done, and there are {len(self._tasks)}")
+        if isinstance(record, TrainingMemory) and record.step == len(self._tasks) and record.ended_ns < 0:
+            raise ValueError("all tasks are done, and it has not ended")
         super().valid(record)
 
     def sense(self, scope: Scope) -> Measurement:

@@ -175,7 +175,7 @@ class Camera(Sensor):
 
             config = self._config
             exact = self._is_exact or config.ideal
-            self._optics = Optics(config.optics(), config.window(), 0.0 if exact else config.snow_pm3)
+            self._optics = Optics(config.optics(), config.window(), 0.0 if exact else config.snow_pm3, self._mount.p)
         return self._optics
 
     # -- on the tick ----------------------------------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from uwserver.environment.light import AIR, WaterLight
-from uwserver.frames import Quat, conjugate, matrix, multiply, rotate
+from uwserver.frames import Quat, Vec3, matrix, multiply, rotate
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.sensors.optical.camera import caustics, formation, rays, snow
 from uwserver.sensors.optical.camera.lamps import LAMP, RANGES, SHADOW, candelas, exponent_of, light_rays, veil_of
@@ -28,9 +28,13 @@ _SNOW_REACH_M = 2.0
 class Optics:
     """A lens behind its port: the rays of all pixels, once in water and once in air, and the arrays for one picture at a time."""
 
-    def __init__(self, lens: Lens, window: Window, snow_density: float = 0.0) -> None:
-        """Raises ValueError where a pixel gets no light."""
-        self.lens, self._window = lens, window
+    def __init__(self, lens: Lens, window: Window, snow_density: float = 0.0, seat: Vec3 = (0.0, 0.0, 0.0)) -> None:
+        """For a camera at `seat` of its body (B, m).
+
+        Raises:
+            ValueError: a pixel gets no light.
+        """
+        self.lens, self._window, self._seat = lens, window, np.array(seat)
         self._bundles: dict[bool, tuple[Any, Any]] = {}
         self._directions = lens.table()
         self._bundle(True)
@@ -76,11 +80,8 @@ class Optics:
         visible, own = view.look.made(), view.own
         if self._known is None or self._known[0] is not visible:
             others = [placed for placed in visible.scenes if own < 0 or visible.rows[placed.thing] != own]
-            p_SB = np.array(
-                rotate(conjugate(quat(view.state[own])), tuple((np.array(view.first.p) - view.state[own, :3]).tolist()))
-            )
             mine = [
-                visible.facing(placed, p_SB)
+                visible.facing(placed, self._seat)
                 for placed in visible.scenes
                 if own >= 0 and visible.rows[placed.thing] == own
             ]
