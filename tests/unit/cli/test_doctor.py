@@ -140,7 +140,11 @@ KERNELS, LEVEL = Path("all of them"), "x86-64-v3"
         (CacheState(KERNELS, "read-only"), "ok", "(read-only)"),
         (CacheState(Path("/c"), "", (KERNELS,)), "ok", "came with the wheel, for x86-64-v3"),
         (CacheState(None, "", (KERNELS,)), "ok", "came with the wheel, for x86-64-v3"),
-        (CacheState(Path("/c"), ""), "warning", "not compiled yet: cameras, solids, fins in contact, fins, sensors, contact, "),
+        (
+            CacheState(Path("/c"), ""),
+            "warning",
+            "not compiled yet: cameras, solids, fins in contact, fins, sensors, contact, ",
+        ),
         (CacheState(Path("/c"), ""), "warning", ", autopilots, free, pictures, soundings, sound, echoes, sea; in /c"),
         (CacheState(Path("/c"), ""), "warning", "--warm"),
         (CacheState(None, "not writable: no space"), "warning", "NUMBA_CACHE_DIR"),
