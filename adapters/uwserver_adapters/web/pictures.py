@@ -194,8 +194,8 @@ def encoded(port: Port, sample: Sample, number: int) -> bytes | None:
     picture = next((value for value in shown if isinstance(value, Buffer)), None)
     if picture is None:
         return None
-    if isinstance(by_name.get("azimuth"), Buffer) and (fan := _fan(picture, by_name, number, sample.t_ns)) is not None:
-        return fan
+    if isinstance(by_name.get("azimuth"), Buffer):
+        return _fan(picture, by_name, number, sample.t_ns)
     angle, reach = by_name.get("head_angle"), by_name.get("range")
     if picture.dtype == "uint8" and isinstance(angle, int | float) and isinstance(reach, int | float):
         head = _SONAR_HEAD.pack(angle, reach)

@@ -262,9 +262,9 @@ def test_a_row_of_sonar_comes_as_bytes_and_the_next_one_when_it_was_seen() -> No
 
 
 def camera(dtype: Any = "uint8", shape: tuple[int, ...] = (-1, -1, 3), *more: Field) -> Port:
-    azimuth = Field("azimuth", "rad", "x", type="buffer", buffer=Layout("float32", (-1,)))
+    table = Field("table", "1", "x", type="buffer", buffer=Layout("float32", (-1,)))
     image = Field("image", "1", "x", type="buffer", buffer=Layout(dtype, shape))
-    return Port("rov/camera", "sensor", "camera", (azimuth, image, *more), "Camera.", rate_hz=10.0)
+    return Port("rov/camera", "sensor", "camera", (table, image, *more), "Camera.", rate_hz=10.0)
 
 
 def shot(array: np.ndarray[Any, Any], *more: float) -> Sample:

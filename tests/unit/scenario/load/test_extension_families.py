@@ -291,7 +291,19 @@ def test_a_fault_refuses_keys_that_do_not_go_together(beside: Path) -> None:
 @pytest.mark.parametrize(("scenario", "extension"), [("pool", "jet"), ("river", "river"), ("trial", "loose")])
 def test_a_recording_is_replayed_bit_for_bit_with_the_file(beside: Path, scenario: str, extension: str) -> None:
     changed(beside / "trial.toml", "at_s = 10", "at_s = 0.5")
-    command = [sys.executable, "-m", "uwserver", "run", f"{scenario}.toml", "--mode", "freerun", "--until", "1.5"]
+    command = [
+        sys.executable,
+        "-m",
+        "uwserver",
+        "run",
+        f"{scenario}.toml",
+        "--mode",
+        "freerun",
+        "--until",
+        "1.5",
+        "--port",
+        "0",
+    ]
     done = subprocess.run([*command, "--record", "x.mcap"], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     with pytest.raises(NotReplayable, match=rf"its components come from {extension}\.py: give --trust-files"):

@@ -133,7 +133,9 @@ def test_when_the_time_is_over_it_has_failed_and_may_be_begun_anew(judge):
 
 def test_a_memory_of_other_tasks_is_refused(judge):
     sensor = judge(gate=GATE).sensor
-    sensor.valid(TrainingMemory(step=1))
+    sensor.valid(TrainingMemory(step=1, begun_ns=0, ended_ns=1))
+    with pytest.raises(ValueError, match="all tasks are done, and it has not ended"):
+        sensor.valid(TrainingMemory(step=1))
     with pytest.raises(ValueError, match="2 tasks are done, and there are 1"):
         sensor.valid(TrainingMemory(step=2))
 
