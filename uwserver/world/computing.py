@@ -10,6 +10,8 @@ import logging
 import threading
 import weakref
 from contextlib import suppress
+from heapq import heappop, heappush
+from itertools import count
 from queue import Empty, SimpleQueue
 
 from uwserver.ports import Argument, Call, Service, Value
@@ -98,24 +100,29 @@ class Computing:
         self.dropped: dict[str, int] = {}
         self.failed: dict[str, int] = {}
         self._is_running = threading.Lock()
-        self._queue: SimpleQueue[Work | None] = SimpleQueue()
+        self._numbers = count()
+        # Those that wait, by when they are due, and a token for each in the queue: one that keeps an order of its own could not be put into by a
+        # collector of garbage, which may come while this thread holds its lock.
+        self._waiting: list[tuple[int, int, Work]] = []
+        self._queue: SimpleQueue[bool] = SimpleQueue()
         self._thread: threading.Thread | None = None
         # A world that nobody ends lets its thread go too.
-        weakref.finalize(self, self._queue.put, None)
+        weakref.finalize(self, self._queue.put, False)
 
     def work(self, job: Job, blank: tuple[Value, ...]) -> Work:
         """A job that nobody computes yet."""
         return Work(job, blank, self._is_running)
 
-    def begin(self, work: Work) -> None:
-        """Compute it, after those that began before."""
+    def begin(self, work: Work, due_ns: int) -> None:
+        """Compute it, after the one that is in work and those that are due before."""
         if self._thread is None:
             self._thread = threading.Thread(
-                target=_compute, args=(self._queue,), name="uwserver-computing", daemon=True
+                target=_compute, args=(self._queue, self._waiting), name="uwserver-computing", daemon=True
             )
             self._thread.start()
         work.is_begun = True
-        self._queue.put(work)
+        heappush(self._waiting, (due_ns, next(self._numbers), work))
+        self._queue.put(True)
 
     def end(self) -> None:
         """Let the thread end, after the job that it is at; who needs another computes it."""
@@ -124,7 +131,8 @@ class Computing:
         with suppress(Empty):
             while True:
                 self._queue.get_nowait()
-        self._queue.put(None)
+        self._waiting.clear()
+        self._queue.put(False)
         self._thread.join()
         self._thread = None
 
@@ -133,8 +141,9 @@ class Computing:
         self.dropped[port] = self.dropped.get(port, 0) + 1
         if self.dropped[port] == 1:
             log.warning(
-                '"%s": reading %d was not computed in time and is lost; more are counted in world/status. A lower rate_hz, '
-                "fewer beams or pixels, or [world.clock] mode = \"freerun\" help",
+                '"%s": reading %d was not computed in time and is lost; more are counted in world/status. Fewer beams or pixels, a lower '
+                "rate_hz of all that take time, more time for each (read_out_s of a camera, processing_s of a sonar), or "
+                '[world.clock] mode = "freerun" help',
                 port, number,
             )  # fmt: skip
 
@@ -145,11 +154,13 @@ class Computing:
             log.error('"%s": reading %d could not be computed, and is invalid: %s', port, number, error)
 
 
-def _compute(queue: SimpleQueue[Work | None]) -> None:
-    while (work := queue.get()) is not None:
-        if not work.is_cancelled:
-            work.run()
-        del work  # a picture is not kept until the next one
+def _compute(queue: SimpleQueue[bool], waiting: list[tuple[int, int, Work]]) -> None:
+    while queue.get():
+        with suppress(IndexError):  # the world has ended meanwhile
+            _, _, work = heappop(waiting)
+            if not work.is_cancelled:
+                work.run()
+            del work  # a picture is not kept until the next one
 
 
 def drop_call(port: str, number: int) -> Call:

@@ -277,7 +277,7 @@ class Sensing(Part):
         told = self._deliver(due.heads, t_ns, begins, due.most)
         for slot in due.wordy:
             slot.keep_loose()
-            self.under_way.take(slot)
+            self.under_way.take(slot, t_ns)
         return told
 
     def _tell(self, samples: list[Sample]) -> None:

@@ -197,6 +197,12 @@ class SensorSlot(Part):
             return self._here.instruments.computing.work(reading.job, columns.loose_of(blank(self.fields)))
         return columns.loose_of(reading.values)
 
+    @property
+    def delay_ns(self) -> int:
+        """From now to the delivery of what it read just now, but for what its streams add."""
+        head = self._here.row
+        return int(head["delay_ns"]) - int(head["since_ns"]) + self.latency_ns
+
     def read_exactly(self, t: float) -> None:
         """What a sensor of a bank would read now without errors, into the arrays; before it reads itself."""
         sensor, instruments = self.sensor, self._here.instruments

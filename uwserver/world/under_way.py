@@ -75,8 +75,8 @@ class UnderWay:
             elif slot.sensor.learns and stream is slot.streams[0]:
                 slot.sensor.learn(values)
 
-    def take(self, slot: SensorSlot) -> None:
-        """A sensor was asked: begin to compute what it has begun."""
+    def take(self, slot: SensorSlot, t_ns: int) -> None:
+        """A sensor was asked at a time: begin to compute what it has begun."""
         if not slot.sensor.takes_time or not slot.is_ready:
             return
         number = slot.number - 1
@@ -84,10 +84,11 @@ class UnderWay:
             del self._refused[slot.path]
             self._lose(slot, number)
             return
+        due_ns = t_ns + slot.delay_ns
         for k, stream in _numbered(slot):
             work = stream.coming.get(number)
             if isinstance(work, Work) and not work.is_begun and self._is_needed(k, slot):
-                self._computing.begin(work)
+                self._computing.begin(work, due_ns)
 
     def purge(self) -> None:
         """What is lost is not on its way any more. Not while samples are delivered."""
