@@ -39,7 +39,7 @@ class InOrder(Generic[T]):
         if self._pool is None:
             self._pool = ThreadPoolExecutor(1, self._name)
         while len(self._under_way) >= MOST:
-            self._finish()
+            self.hurry()
         future = self._pool.submit(work)
         self._under_way.append((future, done))
         future.add_done_callback(self._wake)
@@ -50,10 +50,12 @@ class InOrder(Generic[T]):
 
     def _drain(self) -> None:
         while self._under_way and self._under_way[0][0].done():
-            self._finish()
+            self.hurry()
 
-    def _finish(self) -> None:
-        """Tell what the oldest gave, when it is there."""
+    def hurry(self) -> bool:
+        """Wait for the oldest piece that is under way, and tell what it gave; whether there was one."""
+        if not self._under_way:
+            return False
         future, done = self._under_way.popleft()
         result: T | None = None
         try:
@@ -62,6 +64,7 @@ class InOrder(Generic[T]):
             self._stats.errors += 1
             log.warning("%s: not done: %s", self._name, error)
         done(result)
+        return True
 
     async def close(self) -> None:
         """End the thread; what is under way is not told any more."""
