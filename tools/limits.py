@@ -17,10 +17,21 @@ from uwserver_adapters.native import fanout
 from uwserver_adapters.player import wire as player_wire
 from uwserver_adapters.player.config import PlayerConfig
 from uwserver_adapters.px4 import door
+from uwserver_adapters.ros import parameters as ros_parameters
+from uwserver_adapters.ros.messages import plain as ros_plain
+from uwserver_adapters.ros.messages import types as ros_types
 from uwserver_adapters.ros1 import links, node, xmlrpc
 from uwserver_adapters.ros1 import peers as ros1_peers
 from uwserver_adapters.ros1 import wire as tcpros
 from uwserver_adapters.ros1.config import Ros1Config
+from uwserver_adapters.ros2 import actions as ros2_actions
+from uwserver_adapters.ros2 import rmw_zenoh
+from uwserver_adapters.ros2.config import Ros2Config
+from uwserver_adapters.rosbridge import hub as rosbridge_hub
+from uwserver_adapters.rosbridge import session as rosbridge_session
+from uwserver_adapters.rosbridge import subscriptions as rosbridge_subscriptions
+from uwserver_adapters.rosbridge import wishes
+from uwserver_adapters.rosbridge.config import RosbridgeConfig
 from uwserver_adapters.sockets import connection as sockets_connection
 from uwserver_adapters.sockets import datagrams
 from uwserver_adapters.sockets.config import SocketsConfig
@@ -71,7 +82,10 @@ def limits_page() -> str:
         "MOOS": _moos(),
         "MORSE": _morse(),
         "MAVLink, PX4": _mavlink(),
+        "any ROS": _ros(),
         "ROS 1": _ros1(),
+        "ROS 2": _ros2(),
+        "rosbridge": _rosbridge(),
         "YARP": _yarp(),
         "Player": _player(),
         "video": _video(),
@@ -246,6 +260,46 @@ def _mavlink() -> Iterator[Row]:
     yield "downloads under way on a channel", str(channel.BACKLOG), "the oldest ends"
     yield "a call in JSON", _bytes(json_form.LONGEST), "refused"
     yield "`px4_hil`: strangers, and their time", f"{door.GUESTS}, {door.GREETING_S:g} s", "disconnected"
+
+
+def _ros() -> Iterator[Row]:
+    longest = (
+        f"{_bytes(bounds.MESSAGE_LIMIT)}; {_bytes(ros_types.ARRAY_LIMIT)} where only arrays of numbers have no bound"
+    )
+    yield "a message that commands", longest, "refused"
+    yield "items of a list of messages or texts", str(ros_plain.LONGEST), "refused"
+    yield "parameters of one request", str(ros_parameters.AT_ONCE), "the rest is refused, each with a reason"
+    yield (
+        "entities: vehicles, copies counted, and objects",
+        str(counts.MOST_BODIES),
+        "refused, with a result that says so",
+    )
+
+
+def _ros2() -> Iterator[Row]:
+    yield "commands and calls that wait", _setting(Ros2Config, "queue_requests"), "dropped and counted"
+    yield "goals of an action that are under way", str(ros2_actions.GOALS), "rejected"
+    yield "goals that have ended and are remembered", str(ros2_actions.GOALS), "the oldest makes way"
+    yield "who wait for the result of a goal", str(ros2_actions.WAITERS), "told an empty result of unknown status"
+    yield "tokens of other nodes that are remembered, over zenoh", str(rmw_zenoh.NODES), "the rest is not remembered"
+
+
+def _rosbridge() -> Iterator[Row]:
+    yield "clients", _setting(RosbridgeConfig, "max_clients"), "disconnected"
+    yield "messages of a client in a second", _setting(RosbridgeConfig, "max_requests_per_s"), "refused"
+    yield (
+        "subscriptions of a client; its advertisements; its services",
+        _setting(RosbridgeConfig, "max_subscriptions"),
+        "refused",
+    )
+    yield "commands, calls and goals of a client that wait", _setting(RosbridgeConfig, "max_unanswered"), "refused"
+    yield "topics that clients advertise, all together", str(rosbridge_hub.TOPICS), "refused"
+    yield "a name, a type", f"{wishes.LONGEST_NAME} characters", "refused"
+    yield "`queue_length`", str(rosbridge_subscriptions.LONGEST_QUEUE), "the longest is taken"
+    yield "`fragment_size`", f"at least {wishes.LEAST_PIECE} bytes", "the least is taken"
+    yield "time in which a client answers a call of its service", f"{rosbridge_session.ANSWER_S:g} s", "failed"
+    waiting = f"{_setting(RosbridgeConfig, 'queue_samples')}; {_setting(RosbridgeConfig, 'queue_bytes')}"
+    yield "what waits for a slow client", waiting, "messages are left out"
 
 
 def _ros1() -> Iterator[Row]:

@@ -6,6 +6,7 @@ import asyncio
 import importlib.util
 import io
 import json
+import threading
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from uwserver_adapters.native import verbs
 from uwserver_adapters.sockets import SocketsAdapter
 from video_rig import CAMERA, DEPTH, PATIENCE_S, context, number_of, picture, psnr, sample
 
+from uwserver.adapter import pictures
 from uwserver.ports import Sample
 from uwserver.testing import FakeContext
 
@@ -65,6 +67,47 @@ def test_who_asks_for_jpeg_gets_it_and_others_the_pixels(encoding):
             fake.put([sample(6)])
             await raw.read(CAMERA.path)
             assert fake.stats.encoded == 7
+
+    asyncio.run(serve(fake, work))
+
+
+def test_nobody_waits_for_a_jpeg_but_who_asked_for_it_and_he_gets_all_in_order(monkeypatch):
+    fake = context()
+    gate, threads = threading.Event(), set()
+
+    def slow(shown, quality=80):
+        threads.add(threading.current_thread() is threading.main_thread())
+        assert gate.wait(PATIENCE_S)
+        return b"a picture"
+
+    monkeypatch.setattr(pictures, "jpeg", slow)
+
+    async def work(connect) -> None:
+        async with await connect() as one, await connect() as raw:
+            await one.subscribe("rov/*", pictures="jpeg")
+            await raw.subscribe("rov/*")
+            fake.put([sample(5), Sample(DEPTH.path, 0, 0, 0, True, (3.5,))])
+            assert (await raw.read(DEPTH.path))["depth"] == 3.5
+            fake.put([sample(6), Sample(DEPTH.path, 1, 0, 0, True, (4.5,))])
+            told: list[str] = []
+
+            async def of(path: str, count: int) -> None:
+                for _ in range(count):
+                    read = await one.read(path)
+                    told.append(f"{path} {read.seq}")
+
+            reading = [asyncio.ensure_future(of(path, 2)) for path in (CAMERA.path, DEPTH.path)]
+            asked = asyncio.ensure_future(one.describe())
+            await raw.describe()
+            await asyncio.sleep(0.1)
+            assert told == []
+            assert not asked.done(), "what was asked later is answered later"
+            gate.set()
+            await asyncio.gather(*reading, asked)
+            numbers = {CAMERA.path: (5, 6), DEPTH.path: (0, 1)}
+            for path, expected in numbers.items():
+                assert [each for each in told if each.startswith(path)] == [f"{path} {seq}" for seq in expected]
+            assert threads == {False}
 
     asyncio.run(serve(fake, work))
 

@@ -24,6 +24,7 @@ from uwserver.adapter.conversation import UNANSWERED, Conversation, OnAnswer, Ow
 from uwserver.adapter.datagrams import DatagramTurns
 from uwserver.adapter.foreign import REFUSALS, FirstBytes, http_answer
 from uwserver.adapter.framing import EncodingName, Frames, Lines, TooLong, Undecodable, decode, frame, line
+from uwserver.adapter.in_order import InOrder
 from uwserver.adapter.limits import RateMeter, TurnTimes
 from uwserver.adapter.listening import (
     CannotListen,
@@ -53,8 +54,8 @@ from uwserver.ports.thinning import Thinned, Thinning
 __all__ = [
     "ENTRY_POINT_GROUP", "HIGH_WATER", "LINGER_S", "MESSAGE_LIMIT", "NO_DESCRIPTORS", "REFUSALS", "STRANGERS", "STRANGER_LIMIT", "TOKEN_VARIABLE",
     "TURN_S", "UNANSWERED", "Adapter", "AdapterContext", "AdapterNotFound", "AdapterStats", "AdapterTable", "CannotListen", "CannotServe",
-    "Chores", "Connection", "Conversation", "DatagramTurns", "Driver", "EncodingName", "FirstBytes", "Frames", "Inbox", "Lines", "Listener",
-    "LogFile", "OnAnswer", "Order", "Owed", "Peer", "Peers", "RateMeter", "Reading", "Readings", "Refusals", "SampleForm", "SerialPort",
+    "Chores", "Connection", "Conversation", "DatagramTurns", "Driver", "EncodingName", "FirstBytes", "Frames", "InOrder", "Inbox", "Lines",
+    "Listener", "LogFile", "OnAnswer", "Order", "Owed", "Peer", "Peers", "RateMeter", "Reading", "Readings", "Refusals", "SampleForm", "SerialPort",
     "Subscriber", "Thinned", "Thinning", "Token", "TooLong", "TurnTimes", "Undecodable", "VehicleFacts", "Worker", "WorldFacts",
     "adapter_entries", "address_text", "bound_socket", "cannot_listen", "decode", "did_you_mean", "field_of", "frame", "host_of", "http_answer",
     "in_pieces", "installed_adapters", "is_host_known", "is_loopback", "json_member", "known_token", "line", "load_adapter", "may_connect",

@@ -10,14 +10,22 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from uwserver.adapter.listening import is_loopback
+
 if TYPE_CHECKING:
     from uwserver.scenario.load.resolved import Resolved
 
 log = logging.getLogger(__name__)
 
-SERVERS = ("sockets", "web", "foxglove", "rosbridge", "moosdb", "moos_text", "morse", "ros2", "zenoh")
+SERVERS = (
+    "sockets", "web", "foxglove", "rosbridge", "moosdb", "moos_text", "morse", "player", "video", "devices", "ros2", "zenoh",
+)  # fmt: skip
 """Kinds that listen at one address, and call nobody unless their table says so."""
-_REACHING = ("allow_network", "connect", "scouting", "discovery", "transport", "ardupilot")
+CALLERS = ("ros1", "yarp", "moos", "mavlink")
+"""Kinds that call a peer, which they may where it is at its usual address on this machine."""
+IN_THE_LOOP = ("ardupilot_json", "px4_hil")
+"""Kinds for autopilots that fly the vehicle, which a recording does not let anybody do."""
+_REACHING = ("allow_network", "connect", "scouting", "discovery", "transport", "ardupilot", "name_server", "host")
 """Keys by which a table makes one of those reach other machines."""
 _ALLOWING = ("allowed_origins", "allowed_hosts", "frame_ancestors")
 """Keys that say who else may ask."""
@@ -25,7 +33,17 @@ _OF_FILES = (
     "alog", "tlog", "serial", "config_file", "config", "tls_cert", "tls_key", "tls_client_ca", "path", "folder", "file", "device",
 )  # fmt: skip
 """Keys of adapters by which they would open a file or a device."""
-_HERE = re.compile(r"tcp/(127\.0\.0\.1|localhost|\[::1\]):\d{1,5}")
+_LOCALHOST = r"(127\.0\.0\.1|localhost|\[::1\])"
+_HERE = re.compile(rf"tcp/{_LOCALHOST}:\d{{1,5}}")
+_GROUND_STATION = re.compile(rf"(udpin|tcpin):{_LOCALHOST}:\d{{1,5}}|udpout:{_LOCALHOST}:145[56]\d")
+"""Links of MAVLink: those that listen, and the ports at which ground stations listen."""
+_VIEWER = re.compile(rf"{_LOCALHOST}:(56\d\d|145[56]\d)")
+"""Where ground stations wait for pictures, and for MAVLink."""
+_PLOTTER = re.compile(rf"{_LOCALHOST}:101[0-2]\d")
+"""Where chart plotters wait for NMEA 0183."""
+_LISTENING_LINK = re.compile(r"^((?:udpin|tcpin):.*):\d+$")
+_MOOSDB_PORTS = range(9000, 9100)
+_MASTER = "http://127.0.0.1:11311"
 _LOOPBACK = "127.0.0.1"
 _FREE_ENDPOINT = f"tcp/{_LOOPBACK}:0"
 
@@ -35,8 +53,9 @@ def with_played_adapters(
 ) -> Resolved:
     """The scenario of a recording with the adapters that serve it, as their own types.
 
-    Without being asked for by name, an adapter listens on this machine alone; one that would reach others is left out. No adapter that would open a
-    file or a device, or that set the pace of the world, is served at all.
+    Without being asked for by name, an adapter listens on this machine alone, and calls peers of it at their usual addresses; one that would reach
+    others is left out. No adapter that would open a file or a device, that set the pace of the world, or that is for an autopilot in the loop, is
+    served at all.
 
     Args:
         resolved: of the recording, whose adapters are plain tables.
@@ -79,6 +98,8 @@ def _config(table: Any, known: Mapping[str, type[Any]]) -> Any:
     kind = table.get("kind")
     if kind not in known:
         raise ValueError(f"no adapter of kind {str(kind)[:40]!r} is installed")
+    if kind in IN_THE_LOOP:
+        raise ValueError("it is for an autopilot that flies the vehicle, and a recording flies by itself")
     named = sorted(_named(table))
     if named:
         raise ValueError(f"it names files or devices ({', '.join(named)}), which a recording does not open")
@@ -88,10 +109,18 @@ def _config(table: Any, known: Mapping[str, type[Any]]) -> Any:
 def _named(table: Any) -> set[str]:
     """Keys of a table, and of those in it, that name files or devices."""
     if isinstance(table, Mapping):
-        return {
+        keys = {
             key for key in _OF_FILES if table.get(key) and not (key == "device" and isinstance(table[key], Mapping))
-        }.union(*map(_named, table.values()))
+        }
+        if any(isinstance(link, str) and link.startswith("serial:") for link in _links(table)):
+            keys.add("links")
+        return keys.union(*map(_named, table.values()))
     return set().union(*map(_named, table)) if isinstance(table, list | tuple) else set()
+
+
+def _links(table: Mapping[str, Any]) -> Any:
+    links = table.get("links")
+    return links if isinstance(links, list | tuple) else ()
 
 
 def _local(config: Any) -> Any:
@@ -101,18 +130,50 @@ def _local(config: Any) -> Any:
         ValueError: it would reach further.
     """
     hint = "--adapter with its name serves it"
-    if config.__struct_config__.tag not in SERVERS:
-        raise ValueError(f"it speaks to addresses that the recording names: {hint}")
+    kind = config.__struct_config__.tag
+    if kind not in (*SERVERS, *CALLERS):
+        raise ValueError(f"it may speak to addresses that the recording names: {hint}")
     usual = {f.name: f.default for f in msgspec.structs.fields(config)}
     reaching = [key for key in _REACHING if key in usual and getattr(config, key) != usual[key]]
     if not all(_HERE.fullmatch(endpoint) for endpoint in getattr(config, "listen", None) or ()):
         reaching.append("listen")
+    reaching += _called(kind, config)
     if reaching:
-        raise ValueError(f"it would reach other machines ({', '.join(reaching)}): {hint}")
+        raise ValueError(f"it would reach other machines, or unusual ports of this one ({', '.join(reaching)}): {hint}")
     changes = {key: usual[key] for key in _ALLOWING if key in usual}
     if "bind" in usual:
         changes["bind"] = _LOOPBACK
+    if kind == "ros1":
+        changes["master"] = _MASTER  # not the environment's, which may be that of a robot
+    if kind == "devices":
+        changes["device"] = {
+            name: msgspec.structs.replace(table, bind=_LOOPBACK) for name, table in config.device.items()
+        }
     return msgspec.structs.replace(config, **changes)
+
+
+def _called(kind: str, config: Any) -> list[str]:
+    """Keys of a table that name a peer which is not at its usual address on this machine."""
+    match kind:
+        case "ros1":
+            return ["master"] if config.master not in (None, _MASTER, _MASTER.replace(_LOOPBACK, "localhost")) else []
+        case "moos":
+            return [
+                f"communities.{name}"
+                for name, table in config.communities.items()
+                if not (is_loopback(table.host) and table.port in _MOOSDB_PORTS)
+            ]
+        case "mavlink":
+            return [] if all(map(_GROUND_STATION.fullmatch, config.links)) else ["links"]
+        case "video":
+            odd = [name for name, table in config.streams.items() if not all(map(_VIEWER.fullmatch, table.targets))]
+            return [f"streams.{name}.rtp" for name in odd] + ["mavlink"] * (
+                not all(map(_VIEWER.fullmatch, config.mavlink))
+            )
+        case "devices":
+            odd = [name for name, table in config.device.items() if not all(map(_PLOTTER.fullmatch, table.udp_to))]
+            return [f"device.{name}.udp_to" for name in odd]
+    return []
 
 
 def _with_free_ports(config: Any) -> Any:
@@ -123,4 +184,9 @@ def _with_free_ports(config: Any) -> Any:
     }
     if "listen" in names and not (config.listen is None and config.mode == "client"):
         changes["listen"] = (_FREE_ENDPOINT,)
+    match config.__struct_config__.tag:
+        case "devices":
+            changes["device"] = {name: _with_free_ports(table) for name, table in config.device.items()}
+        case "mavlink":
+            changes["links"] = tuple(_LISTENING_LINK.sub(r"\1:0", link) for link in config.links)
     return msgspec.structs.replace(config, **changes)

@@ -179,17 +179,35 @@ def _ros(log: Log) -> _Found:
 # -- PX4, ours, tables --------------------------------------------------------------------------------------------------------------------
 
 
+def _outputs_of_px4(log: Log) -> Actuators | None:
+    """What motors shall give, -1 to 1; in older logs the pulses of all outputs."""
+    for topic, name, unit in (("actuator_motors", "control", "1"), ("actuator_outputs", "output", "us")):
+        field = next((f for f in log.topics[topic].fields if f.name == name), None) if topic in log.topics else None
+        size = re.fullmatch(r"float32\[(\d{1,2})\]", field.type) if field is not None else None
+        if size is not None:
+            outputs: dict[str, Entry] = {str(k + 1): f"{name}.{k}" for k in range(min(int(size[1]), _MOST_OUTPUTS))}
+            return Actuators(topic=topic, unit=unit, outputs=outputs)
+    return None
+
+
 def _ulog(log: Log) -> _Found:
+    outputs = _outputs_of_px4(log)
     for suffix, name in (("", "filter"), ("_groundtruth", "truth")):
         place, turn = f"vehicle_local_position{suffix}", f"vehicle_attitude{suffix}"
         if place in log.topics:
             attitude = _quaternion(turn, "q.") if turn in log.topics else None
             yield (
                 name,
-                Track(_ned(place, "x", "y", "z"), attitude, Velocity(topic=place, north="vx", east="vy", down="vz")),
+                Track(
+                    _ned(place, "x", "y", "z"),
+                    attitude,
+                    Velocity(topic=place, north="vx", east="vy", down="vz"),
+                    outputs,
+                ),
             )
     if (odometry := "vehicle_odometry") in log.topics and _has(log, odometry, "position"):
-        yield "odometry", Track(_ned(odometry, "position.0", "position.1", "position.2"), _quaternion(odometry, "q."))
+        position = _ned(odometry, "position.0", "position.1", "position.2")
+        yield "odometry", Track(position, _quaternion(odometry, "q."), None, outputs)
 
 
 def _ours(log: Log) -> _Found:

@@ -7,6 +7,7 @@ import contextlib
 import logging
 import secrets
 from collections.abc import Callable, Collection, Sequence
+from functools import partial
 from http import HTTPStatus
 
 from websockets.asyncio.server import Server, ServerConnection, serve
@@ -18,6 +19,7 @@ from uwserver.adapter import (
     MESSAGE_LIMIT,
     TOKEN_VARIABLE,
     AdapterContext,
+    InOrder,
     Refusals,
     SampleForm,
     address_text,
@@ -30,7 +32,7 @@ from uwserver.adapter import (
     tls_context,
     token_for,
 )
-from uwserver.adapter.foxglove import SceneChannels
+from uwserver.adapter.foxglove import PICTURE, Foreign, SceneChannels, shown_as
 from uwserver.ports import Event, Port, Refused, Sample, SceneState
 from uwserver_adapters.foxglove import codec
 from uwserver_adapters.foxglove.catalogue import FRAMES, LOG, SCENE, Catalogue
@@ -73,6 +75,7 @@ class FoxgloveAdapter:
         self.playback = Playback(context)
         self.clients: dict[Client, ServerConnection] = {}
         self._channels = SceneChannels(_found(context.mesh), _found(context.looks))
+        self._pictures: InOrder[Foreign | None] = InOrder("foxglove pictures", context.stats)
         self._scene: tuple[int, bytes] | None = None
         self._revision: int | None = None
         self._forms: dict[str, tuple[Port, SampleForm]] = {}
@@ -111,6 +114,7 @@ class FoxgloveAdapter:
             for connection in list(self.clients.values()):
                 connection.transport.abort()
             await server.wait_closed()
+            await self._pictures.close()
 
     def _address(self, server: Server) -> str:
         scheme = "ws" if self.config.tls_cert is None else "wss"
@@ -287,9 +291,16 @@ class FoxgloveAdapter:
             if self._is_watched(sample.port):
                 self._show(sample.port, sample.t_sent_ns, self._encoded(port, sample))
             if self._is_watched(f"/{sample.port}"):
-                message = self._channels.sample(port, sample)
-                if message is not None:
-                    self._show(message.topic, message.t_ns, message.data)
+                work = self._channels.work(port, sample)
+                if work is not None and shown_as(port) == PICTURE:
+                    self._pictures.put(work, partial(self._show_if_current, self._session))
+                elif work is not None:
+                    self._show_if_current(self._session, work())
+
+    def _show_if_current(self, session: int, message: Foreign | None) -> None:
+        """Nothing of a time before a jump is shown after it."""
+        if message is not None and session == self._session:
+            self._show(message.topic, message.t_ns, message.data)
 
     def _encoded(self, port: Port, sample: Sample) -> bytes:
         known = self._forms.get(port.path)

@@ -19,7 +19,6 @@ class Catalogue:
     Attributes:
         channels: by number.
         services: by number.
-        sensors: number of the JSON channel of a port, by its path.
         numbers: of each channel that is there, by topic.
     """
 
@@ -29,18 +28,18 @@ class Catalogue:
         self._services_given: dict[str, int] = {}
         self.channels: dict[int, Channel] = {}
         self.services: dict[int, Service] = {}
-        self.sensors: dict[str, int] = {}
         self.numbers: dict[str, int] = {}
+        self._told: set[str] = set()
         self.follow()
 
     def follow(self) -> tuple[list[int], list[int], list[int], list[int]]:
         """Look at what there is now; returns numbers of channels that came and went, and of services that came and went."""
-        sensors = [port for port in self._context.ports.values() if port.direction == "sensor" and not _is_packed(port)]
+        sensors = [port for port in self._context.ports.values() if port.direction == "sensor"]
         before, services_before = self.channels, self.services
         found = {self._number(channel): channel for channel in self._all(sensors)}
         self.channels = found
         self.numbers = {channel.topic: number for number, channel in found.items()}
-        self.sensors = {port.path: self.numbers[port.path] for port in sensors}
+        self._told = {port.path for port in sensors if port.path in self.numbers or f"/{port.path}" in self.numbers}
         self.services = {
             _given(self._services_given, path): service for path, service in self._context.services.items()
         }
@@ -54,7 +53,7 @@ class Catalogue:
     def port_of(self, topic: str) -> str | None:
         """Path of the sensor of which a topic tells; None of others."""
         path = topic.removeprefix("/")
-        return path if path in self.sensors else None
+        return path if path in self._told else None
 
     def _number(self, channel: Channel) -> int:
         # One whose fields are others than before is another one for clients.
@@ -62,7 +61,8 @@ class Catalogue:
 
     def _all(self, sensors: Iterable[Port]) -> Iterable[Channel]:
         for port in sensors:
-            yield port_channel(port)
+            if not _is_packed(port):
+                yield port_channel(port)
             schema = shown_as(port)
             if schema is not None:
                 yield _protobuf(f"/{port.path}", schema)
@@ -83,7 +83,7 @@ def _protobuf(topic: str, schema: str) -> Channel:
 
 
 def _is_packed(port: Port) -> bool:
-    """Pictures go by their own channel, when there is one; as JSON they would be of no use."""
+    """Pictures go by their own channel, where there is one; as JSON they would be of no use."""
     return any(field.is_packed for field in port.fields)
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
 from typing import Protocol
 
 import msgspec
 
-from uwserver.adapter import AdapterContext, SampleForm, Thinned
-from uwserver.adapter.pictures import with_jpeg
+from uwserver.adapter import AdapterContext, InOrder, SampleForm, Thinned
+from uwserver.adapter.pictures import picture_place, with_jpeg
 from uwserver.ports import Event, Json, Port, Sample, matching
 from uwserver_adapters.native.codec import Codec
 from uwserver_adapters.native.encoding import Encoding
@@ -75,7 +76,7 @@ class _Route:
 class _Selection:
     """All clients of one encoding that take the same fields of one port, its pictures in the same form."""
 
-    __slots__ = ("_fields", "_form", "_is_jpeg", "_port", "encoding", "routes")
+    __slots__ = ("_fields", "_form", "_is_jpeg", "_port", "encoding", "has_picture", "routes")
 
     def __init__(self, encoding: Encoding, port: Port, fields: tuple[str, ...] | None, is_jpeg: bool) -> None:
         self.encoding = encoding
@@ -83,6 +84,7 @@ class _Selection:
         self._port = port
         self._fields = fields
         self._is_jpeg = is_jpeg
+        self.has_picture = picture_place(port) is not None
         self._form: SampleForm | None = None
 
     @property
@@ -94,7 +96,16 @@ class _Selection:
 
     def encoded(self, sample: Sample) -> bytes:
         """The message of a sample, without its frame."""
-        return self.encoding.sample(self.form, with_jpeg(self._port, sample) if self._is_jpeg else sample)
+        return self.encoding.sample(self.form, self.with_jpeg(sample) if self._is_jpeg else sample)
+
+    @property
+    def takes_long(self) -> bool:
+        """Whether its samples are encoded beside the loop: JPEG takes as long as hundreds of other samples."""
+        return self._is_jpeg and self.has_picture and all(route.outbox.has_places for route in self.routes.values())
+
+    def with_jpeg(self, sample: Sample) -> Sample:
+        """With a JPEG for its picture. Any thread."""
+        return with_jpeg(self._port, sample)
 
 
 _Key = tuple[str, tuple[str, ...] | None, bool]
@@ -117,6 +128,13 @@ class Fanout:
         self._settling = 0
         self._covered: dict[str, tuple[str, ...]] = {}
         self._described: dict[tuple[str, str], msgspec.Raw] = {}
+        self._jpegs: InOrder[Sample] | None = None
+
+    async def close(self) -> None:
+        """End the thread that encodes pictures."""
+        jpegs, self._jpegs = self._jpegs, None
+        if jpegs is not None:
+            await jpegs.close()
 
     # -- clients --------------------------------------------------------------------------------------------------------------------
 
@@ -244,7 +262,8 @@ class Fanout:
                 continue
             for selection in selections.values():
                 try:
-                    self.context.stats.encoded += _distribute(sample, selection, touched)
+                    distribute = self._distribute_later if selection.takes_long else _distribute
+                    self.context.stats.encoded += distribute(sample, selection, touched)
                 except Exception:  # a fault of ours must not end the adapter
                     self.context.stats.errors += 1
                     log.exception("a sample of %s could not be sent", sample.port)
@@ -255,6 +274,33 @@ class Fanout:
             self._settling -= 1
             if not self._settling:
                 self.context.follow_wants()
+
+    def _distribute_later(self, sample: Sample, selection: _Selection, touched: set[Outgoing]) -> bool:
+        """As `_distribute`, but each client's place is kept until the picture is encoded."""
+        jpegs = self._jpegs = self._jpegs or InOrder(f"{self.context.name} pictures", self.context.stats)
+        places: list[tuple[Callable[[bytes], bytes], Callable[[bytes | None], None]]] = []
+        for route in selection.routes.values():
+            delivery = route.delivery(sample.t_ns)
+            if delivery is not None:
+                places.append((route.frame, route.outbox.put_later(selection, delivery, jpegs.hurry)))
+                touched.add(route.outbox)
+
+        def done(encoded: Sample | None) -> None:
+            body = None
+            try:
+                body = None if encoded is None else selection.encoding.sample(selection.form, encoded)
+            except Exception:  # a fault of ours must not end the adapter, nor leave a place empty
+                self.context.stats.errors += 1
+                log.exception("a sample of %s could not be sent", sample.port)
+            messages: dict[Callable[[bytes], bytes], bytes] = {}
+            for frame, fill in places:
+                if body is not None and frame not in messages:
+                    messages[frame] = frame(body)
+                fill(messages.get(frame))
+
+        if places:
+            jpegs.put(partial(selection.with_jpeg, sample), done)
+        return bool(places)
 
     def send_samples(self) -> None:
         """Write the samples of some ticks, once a client."""

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Literal, Protocol
 
 from uwserver.adapter import AdapterStats
 
+BEHIND = 1024
+"""Messages that may wait for a sample that is still in work; with one more the sample is waited for."""
 Delivery = Literal["latest", "ring", "reliable"]
 
 REPLIES = 1024
@@ -24,10 +28,12 @@ class Outgoing(Protocol):
     Attributes:
         deliveries: how samples can be delivered.
         largest: longest message that can be carried, bytes; None when any can.
+        has_places: whether `put_later` may be used.
     """
 
     deliveries: tuple[Delivery, ...]
     largest: int | None
+    has_places: bool
 
     def put_reply(self, message: bytes) -> None:
         """What must not be lost on our side."""
@@ -35,11 +41,31 @@ class Outgoing(Protocol):
     def put_sample(self, key: Hashable, message: bytes, delivery: Delivery) -> None:
         """What may be dropped."""
 
+    def put_later(self, key: Hashable, delivery: Delivery, hurry: Callable[[], bool]) -> Callable[[bytes | None], None]:
+        """A place for a sample that is still in work, which all that is put later waits for; to be called with the sample, or None for none.
+
+        Args:
+            key, delivery: as of `put_sample`.
+            hurry: waits until one sample more is there that was in work; False where none is.
+        """
+
     def gather(self) -> None:
         """A tick has ended: nothing of the next replaces what the peer has time for. `flush` follows."""
 
     def flush(self) -> None:
         """Send what waits."""
+
+
+@dataclass(eq=False)
+class _Place:
+    """Of a sample in work, and what was put after it: replies have no delivery; None is the end of a tick."""
+
+    key: Hashable
+    delivery: Delivery
+    hurry: Callable[[], bool]
+    message: bytes | None = None
+    is_filled: bool = False
+    behind: list[tuple[Hashable, bytes, Delivery | None] | None] = field(default_factory=list)
 
 
 class Outbox:
@@ -62,6 +88,7 @@ class Outbox:
 
     deliveries: tuple[Delivery, ...] = ("latest", "ring", "reliable")
     largest: int | None = None
+    has_places = True
 
     def __init__(
         self,
@@ -87,14 +114,19 @@ class Outbox:
         self._gathered: list[bytes] = []
         self._gathered_bytes = 0
         self._closed = False
+        self._places: deque[_Place] = deque()
 
     @property
     def is_empty(self) -> bool:
         """Whether everything was given to the transport."""
-        return not (self._replies or self._reliable or self._ring or self._latest or self._gathered)
+        return not (self._replies or self._reliable or self._ring or self._latest or self._gathered or self._places)
 
     def put_reply(self, message: bytes) -> None:
         """Queue what must not be lost; `flush` sends it."""
+        if not self._waits((None, message, None)):
+            self._put_reply(message)
+
+    def _put_reply(self, message: bytes) -> None:
         if self._closed:
             return
         if len(self._replies) >= REPLIES or self._reply_bytes > self._most_bytes:
@@ -107,6 +139,41 @@ class Outbox:
 
     def put_sample(self, key: Hashable, message: bytes, delivery: Delivery) -> None:
         """Queue a sample; `key` tells which older one it replaces where only the latest counts."""
+        if not self._waits((key, message, delivery)):
+            self._put_sample(key, message, delivery)
+
+    def put_later(self, key: Hashable, delivery: Delivery, hurry: Callable[[], bool]) -> Callable[[bytes | None], None]:
+        """See `Outgoing`."""
+        place = _Place(key, delivery, hurry)
+        if not self._closed:
+            self._places.append(place)
+        return partial(self._fill, place)
+
+    def _waits(self, entry: tuple[Hashable, bytes, Delivery | None] | None) -> bool:
+        """Whether something is kept behind a sample that is in work."""
+        while self._places and len(self._places[-1].behind) >= BEHIND and self._places[0].hurry():
+            pass
+        if not self._places:
+            return False
+        self._places[-1].behind.append(entry)
+        return True
+
+    def _fill(self, place: _Place, message: bytes | None) -> None:
+        place.message, place.is_filled = message, True
+        while self._places and self._places[0].is_filled:
+            first = self._places.popleft()
+            if first.message is not None:
+                self._put_sample(first.key, first.message, first.delivery)
+            for entry in first.behind:
+                if entry is None:
+                    self._gather()
+                elif entry[2] is None:
+                    self._put_reply(entry[1])
+                else:
+                    self._put_sample(entry[0], entry[1], entry[2])
+        self.flush()
+
+    def _put_sample(self, key: Hashable, message: bytes, delivery: Delivery) -> None:
         if self._closed:
             return
         if delivery == "latest":
@@ -165,6 +232,11 @@ class Outbox:
 
     def gather(self) -> None:
         """Keep for the transport what it takes, as it would be given to it now; much is given at once."""
+        self._gather()
+        if self._places and self._places[-1].behind[-1:] != [None]:
+            self._waits(None)
+
+    def _gather(self) -> None:
         while not self.paused and (batch := self._take()):
             self._gathered.append(batch)
             self._gathered_bytes += len(batch)
@@ -173,7 +245,7 @@ class Outbox:
 
     def flush(self) -> None:
         """Give to the transport what it takes."""
-        self.gather()
+        self._gather()
         if self._gathered and not self.paused:
             self._write_gathered()
 
@@ -221,6 +293,7 @@ class Outbox:
     def close(self) -> None:
         """Forget everything; nothing is taken any more."""
         self._closed = True
+        self._places.clear()
         for queue in (self._replies, self._ring, self._reliable):
             queue.clear()
         self._latest.clear()

@@ -74,6 +74,18 @@ class Goals:
         self._cancelled.add(key)
         self._conversation.cancel(key)
 
+    def decline(self, message: Map) -> None:
+        """An operation of a client that offers an action of its own.
+
+        Raises:
+            Wrong: always.
+        """
+        there = ", ".join(sorted(self._hub.feed.catalogue.actions)) or "none"
+        raise Wrong(
+            f"{message['op']}: clients offer no actions here, only topics and services (advertise, advertise_service); goals are sent to "
+            f"those of the simulator: {there}"
+        )
+
     def refuse(self, message: Map, text: str) -> None:
         """Tell that a goal was not taken."""
         name = ""

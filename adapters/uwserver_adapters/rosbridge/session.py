@@ -81,7 +81,9 @@ class Session:
             "advertise_service": self._advertise_service, "unadvertise_service": self._unadvertise_service,
             "service_response": self._service_response, "set_level": self._set_level, "status": self._status_of_client,
             "fragment": self._fragment, "auth": self._auth, "send_action_goal": self._goals.begin,
-            "cancel_action_goal": self._goals.cancel,
+            "cancel_action_goal": self._goals.cancel, "advertise_action": self._goals.decline,
+            "unadvertise_action": self._goals.decline, "action_feedback": self._goals.decline,
+            "action_result": self._goals.decline,
         }  # fmt: skip
 
     # -- in ---------------------------------------------------------------------------------------------------------------------------------

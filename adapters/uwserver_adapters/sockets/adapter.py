@@ -79,6 +79,7 @@ class SocketsAdapter:
                     await asyncio.get_running_loop().create_future()  # until cancelled
             finally:
                 server.close()
+                await self.service.fanout.close()
                 if datagrams is not None:
                     await self._end_datagrams(datagrams)
 

@@ -86,6 +86,7 @@ class DatagramOutbox:
 
     deliveries: tuple[Delivery, ...] = ("latest", "ring")
     largest: int | None = DATAGRAM_LIMIT - _NUMBER_SIZE
+    has_places = False
 
     def __init__(
         self, send: Callable[[bytes], bool], encoding: Encoding, stats: AdapterStats, refuse: Callable[[Fault], None]
@@ -113,6 +114,10 @@ class DatagramOutbox:
             self._stats.samples_sent += 1
         else:
             self._stats.dropped += 1
+
+    def put_later(self, key: Hashable, delivery: Delivery, hurry: Callable[[], bool]) -> Callable[[bytes | None], None]:
+        """It has no places."""
+        raise NotImplementedError
 
     def gather(self) -> None:
         """Nothing waits."""

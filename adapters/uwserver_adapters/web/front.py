@@ -50,4 +50,5 @@ class Front:
         """Nothing is sent any more."""
         self.pages.close()
         await self.pages.pictures.close()
+        await self.service.fanout.close()
         await self.site.close()

@@ -63,7 +63,7 @@ class YarpAdapter:
         self._listeners: dict[str, Listener] = {}
         self._registered: set[str] = set()
         self._gone: set[str] = set()
-        self._heard: dict[str, YarpPort] = {}
+        self._heard: dict[str, list[YarpPort]] = {}
         self._followed: set[str] = set()
         self._next_port = config.first_port
         self._next_clock = 0
@@ -197,8 +197,7 @@ class YarpAdapter:
         """Samples of one tick."""
         stats, heard = self.context.stats, self._heard
         for sample in samples:
-            port = heard.get(sample.port)
-            if port is not None:
+            for port in heard.get(sample.port, ()):
                 stats.encoded += port.tell(sample)
         self._tell_time(max((sample.t_sent_ns for sample in samples), default=0))
 
@@ -231,7 +230,10 @@ class YarpAdapter:
 
     def _follow(self) -> None:
         """Ask for the samples of ports that somebody hears; for the time, for those that come most often."""
-        self._heard = {each.port.path: each for each in self.ports.values() if each.readers and each.port is not None}
+        self._heard = {}
+        for each in self.ports.values():
+            if each.readers and each.port is not None:
+                self._heard.setdefault(each.port.path, []).append(each)
         wanted = set(self._heard)
         sensors = [port for port in self.context.ports.values() if port.direction == "sensor"]
         if sensors and next(iter(self.ports.values())).readers:

@@ -1,8 +1,9 @@
-"""Samples as bottles, and bottles as commands and calls. Values, units and axes are those of the world, as `describe` says them."""
+"""Samples as bottles and pictures, and bottles as commands and calls. Values, units and axes are those of the world, as `describe` says them."""
 
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Mapping, Sequence
 
 import msgspec
@@ -10,7 +11,7 @@ import msgspec
 from uwserver.adapter import did_you_mean
 from uwserver.ports import Argument, Buffer, Field, Json, Port, Refused, Sample, Scalar, Service
 from uwserver.units import NANOSECONDS
-from uwserver_adapters.yarp.bottle import Value, Vocab
+from uwserver_adapters.yarp.bottle import BLOB, INT32, LIST, VOCAB32, Value, Vocab
 
 OK, FAIL, MANY, NULL = Vocab("ok"), Vocab("fail"), Vocab("many"), Vocab("null")
 DEEPEST = 16
@@ -40,6 +41,32 @@ def vector(port: Port, sample: Sample) -> list[Value]:
         if not field.is_packed and field.type != "str":
             numbers += [_number(each) for each in (value if isinstance(value, tuple) else (value,))]
     return numbers
+
+
+_PIXELS: Mapping[tuple[str, int], tuple[bytes, int]] = {
+    ("uint8", 3): (b"rgb\0", 3), ("uint8", 2): (b"mono", 1), ("uint16", 2): (b"mo16", 2),
+}  # fmt: skip
+"""Pixel code and bytes of a pixel, by the type of a buffer and the number of its axes."""
+_IMAGE = struct.Struct("<3i4si4s2i2i2h2i2i")
+_NOT_PADDED, _TOP_FIRST = 1, 0
+"""Rows begin at any multiple of this many bytes; the first is the upmost."""
+
+
+def image(picture: object) -> bytes | None:
+    """A picture as `yarp::sig::Image` reads it in binary: a bottle ``[mat] [rgb] (5 numbers) {pixels}``; None for a value that is none."""
+    if not isinstance(picture, Buffer) or len(picture.shape) not in (2, 3):
+        return None
+    kind = _PIXELS.get((picture.dtype, len(picture.shape)))
+    rows, columns = picture.shape[:2]
+    if kind is None or not rows * columns or picture.shape[2:] not in ((), (3,)):
+        return None
+    code, depth = kind
+    size = len(picture.data)
+    header = _IMAGE.pack(
+        LIST, 4, VOCAB32, b"mat\0", VOCAB32, code, LIST + INT32, 5,
+        depth, size, _NOT_PADDED, _TOP_FIRST, columns, rows, BLOB, size,
+    )  # fmt: skip
+    return header + picture.data
 
 
 def clock(t_ns: int) -> list[Value]:

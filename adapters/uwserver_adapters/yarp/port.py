@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Literal, Protocol
 
 from uwserver.adapter import AdapterContext
+from uwserver.adapter.pictures import picture_place
 from uwserver.ports import Port, Sample, Service, matches
 from uwserver_adapters.yarp import codec, wire
 from uwserver_adapters.yarp.bottle import Value, Vocab
@@ -52,6 +53,7 @@ class YarpPort:
         port: of the world, of a sensor or an actuator.
         services: of the world, by the name under which they are called.
         is_vector: a sensor's samples are told as one row of numbers.
+        image_place: which field of a sensor is told as a picture, and nothing else of it; None for all fields.
 
     Attributes:
         name, role, port, services: as given.
@@ -60,7 +62,7 @@ class YarpPort:
 
     def __init__(
         self, name: str, role: Role, port: Port | None = None, services: Mapping[str, Service] | None = None,
-        is_vector: bool = False,
+        is_vector: bool = False, image_place: int | None = None,
     ) -> None:  # fmt: skip
         self.name = name
         self.role: Role = role
@@ -69,6 +71,7 @@ class YarpPort:
         self.readers: dict[object, Reader] = {}
         self.writers: dict[object, Writer] = {}
         self._form = codec.vector if is_vector else codec.bottle
+        self._image_place = image_place
 
     @property
     def is_output(self) -> bool:
@@ -80,11 +83,25 @@ class YarpPort:
     def tell(self, sample: Sample) -> int:
         """A sample, to all who hear it. Gives how often it was encoded: once for those of lines, once for all others."""
         assert self.port is not None
-        return self._send(f"D {codec.envelope(sample)}", self._form(self.port, sample))
+        command = f"D {codec.envelope(sample)}"
+        if self._image_place is not None:
+            return self._send_image(command, sample.value[self._image_place])
+        return self._send(command, self._form(self.port, sample))
 
     def tell_time(self, t_ns: int) -> int:
         """What time it is."""
         return self._send("D", codec.clock(t_ns))
+
+    def _send_image(self, command: str, picture: object) -> int:
+        """To readers of binary carriers; lines hold no pictures."""
+        readers = [reader for reader in self.readers.values() if not wire.is_text(reader.carrier)]
+        body = codec.image(picture) if readers else None
+        if body is None:
+            return 0
+        message = wire.message(False, command, body)
+        for reader in readers:
+            reader.tell(message)
+        return 1
 
     def _send(self, command: str, values: Sequence[Value]) -> int:
         messages: dict[bool, bytes] = {}
@@ -158,6 +175,10 @@ def ports_of(context: AdapterContext, prefix: str, chosen: Sequence[str], vector
             if port.direction == "sensor":
                 is_vector = any(matches(pattern, path) for pattern in vectors)
                 found.append(YarpPort(f"{prefix}/{path}:o", "sensor", port, is_vector=is_vector))
+                place = picture_place(port)
+                if place is not None:
+                    name = f"{prefix}/{path}/{port.fields[place].name}:o"
+                    found.append(YarpPort(name, "sensor", port, image_place=place))
             else:
                 found.append(YarpPort(f"{prefix}/{path}:i", "actuator", port))
     groups: dict[str, dict[str, Service]] = {}

@@ -1,5 +1,6 @@
 """Logs of PX4, made by hand: header, definitions, data."""
 
+import math
 import struct
 
 import numpy as np
@@ -49,6 +50,22 @@ def test_topics_fields_and_time(opened):
     datum = next(log.read({"vehicle_attitude[1]"}, start_ns=S))
     assert datum.value == {"timestamp": 6_000_000, "q": [0.0, 0.0, 0.0, 1.0]}
     assert log.remarks == ("1 dropouts of 0.120 s in all: the logger could not keep up",)
+
+
+@pytest.mark.parametrize(
+    ("topic", "field", "kind", "full"),
+    [("actuator_motors", "control", "part", 1.0), ("actuator_outputs", "output", "pulse", 1.9e-3)],
+)
+def test_its_motors_turn_what_follows_it(opened, topic, field, kind, full):
+    form = message("F", f"{topic}:uint64_t timestamp;float[4] {field};".encode())
+    subscribed = message("A", struct.pack("<BH", 0, 9) + topic.encode())
+    high = full * 1e6 if kind == "pulse" else full
+    said = message("D", struct.pack("<HQ4f", 9, 5_100_000, high, 0.0, math.nan, 0.0))
+    raw = px4()
+    log = opened(raw[:16] + form + raw[16:] + subscribed + said, "flight.ulg")
+    motion = pose_tracks(log, mapping_of(log))["filter"].track.motion
+    assert (motion.names, motion.kinds) == (("1", "2", "3", "4"), (kind,) * 4)
+    assert motion.values[0] == pytest.approx([full, 0.0, math.nan, 0.0], nan_ok=True)
 
 
 def test_its_track(opened):

@@ -4,7 +4,7 @@ Frames: ``N_enu`` is the root, x east, y north, z up, for viewers take z for up;
 (x forward, y right, z down) under its name; a sensor's frame has the name of its port. Times are simulation time.
 """
 
-from uwserver.adapter.foxglove.channels import Foreign, SceneChannels, shown_as
+from uwserver.adapter.foxglove.channels import PICTURE, Foreign, SceneChannels, shown_as
 from uwserver.adapter.foxglove.schemas import SCHEMAS
 
-__all__ = ["SCHEMAS", "Foreign", "SceneChannels", "shown_as"]
+__all__ = ["PICTURE", "SCHEMAS", "Foreign", "SceneChannels", "shown_as"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,8 @@ from uwserver.adapter.pictures import can_encode_jpeg, jpeg, picture_place, pixe
 from uwserver.frames import Quat
 from uwserver.ports import Event, Port, Sample, SceneState, SceneView, SensorView
 
+PICTURE = "foxglove.CompressedImage"
+"""What pictures are shown as, which take a while to encode."""
 ROOT, WORLD = "N_enu", "N"
 _HALF = math.sqrt(0.5)
 _NED_IN_ENU: Quat = (0.0, _HALF, _HALF, 0.0)
@@ -85,11 +88,16 @@ class SceneChannels:
 
     def sample(self, port: Port, sample: Sample) -> Foreign | None:
         """A sample of a sensor that Foxglove has a message for; None of any other, and where it has nothing to show."""
+        work = self.work(port, sample)
+        return None if work is None else work()
+
+    def work(self, port: Port, sample: Sample) -> Callable[[], Foreign | None] | None:
+        """What makes the message of a sample, on any thread; None where there is none."""
         known = self._encoders.get(port.path)
         if known is None or known[0] is not port:
             known = self._encoders[port.path] = (port, self._encoder(port))
         encode = known[1]
-        return encode(sample) if encode is not None and sample.valid else None
+        return partial(encode, sample) if encode is not None and sample.valid else None
 
     def event(self, event: Event) -> Foreign:
         """What every client is told."""
@@ -183,7 +191,7 @@ def _picture(port: Port, sensor: SensorView) -> _Encode | None:
         if shown is None:
             return None
         data = messages.compressed_image(sample.t_ns, frame, jpeg(shown))
-        return Foreign(topic, "foxglove.CompressedImage", sample.t_sent_ns, data)
+        return Foreign(topic, PICTURE, sample.t_sent_ns, data)
 
     return encode
 
@@ -192,7 +200,7 @@ def shown_as(port: Port) -> str | None:
     """Full name of the message in which the samples of a port are shown under its path; None of most."""
     if port.direction != "sensor":
         return None
-    return _SCHEMA_OF.get(port.kind) or ("foxglove.CompressedImage" if _shows_pictures(port) else None)
+    return _SCHEMA_OF.get(port.kind) or (PICTURE if _shows_pictures(port) else None)
 
 
 _SCHEMA_OF = {

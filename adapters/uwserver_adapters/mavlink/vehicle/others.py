@@ -1,4 +1,4 @@
-"""Other systems on the links: what they say of their place leads external vehicles of the world."""
+"""Other systems on the links: what they say of their place leads external vehicles of the world, and their outputs turn the thrusters of these."""
 
 from __future__ import annotations
 
@@ -17,10 +17,14 @@ LOCAL_NED, BODY_FRD = 1, 12
 """Of MAV_FRAME: world and body of an ODOMETRY that is understood; velocities may be in either."""
 FRESH_S = 2.0
 """So long after an ODOMETRY of a system its GLOBAL_POSITION_INT counts for nothing: the two may differ."""
+PULSE_MIDDLE_US, PULSE_HALF_US, NO_PULSE = 1500.0, 400.0, 0xFFFF
+"""Of a SERVO_OUTPUT_RAW, as in a log (`uwserver.world.external.motion`): at rest, from there to full, and what stands for none, as 0 does."""
+MOST_PULSES = 16
 
 
 class Others:
-    """Reads ODOMETRY, or else GLOBAL_POSITION_INT with ATTITUDE or ATTITUDE_QUATERNION, of other systems. Loop thread."""
+    """Reads ODOMETRY, or else GLOBAL_POSITION_INT with ATTITUDE or ATTITUDE_QUATERNION, of other systems; and their
+    SERVO_OUTPUT_RAW of the main outputs, or ACTUATOR_OUTPUT_STATUS. Loop thread."""
 
     def __init__(
         self, externals: Mapping[str, int], context: AdapterContext, home: Home, counters: Counter[str]
@@ -55,6 +59,23 @@ class Others:
                 self._attitudes[system] = attitude, _rates(message) or (0.0, 0.0, 0.0)
         elif message.name == "GLOBAL_POSITION_INT" and now - self._odometry_at.get(system, -math.inf) > FRESH_S:
             self._lead(system, self._global(message), "other_position")
+        elif message.name == "SERVO_OUTPUT_RAW" and message.whole("port") == 0:
+            self._turn(system, [_part(message.number(f"servo{k}_raw")) for k in range(1, MOST_PULSES + 1)])
+        elif message.name == "ACTUATOR_OUTPUT_STATUS":
+            self._turn(system, [min(1.0, max(-1.0, u)) if math.isfinite(u) else 0.0 for u in message.row("actuator")])
+
+    def _turn(self, system: int, parts: list[float]) -> None:
+        """Let the actuators of the vehicles that follow a system give these parts (-1..1): the first output is the first actuator of the file."""
+        for name in self._names[system]:
+            port = self._context.ports.get(f"{name}/actuators")
+            if port is None:  # a body without any
+                continue
+            count = port.fields[0].shape[0]
+            u = (*parts[:count], *[0.0] * (count - len(parts)))
+            try:
+                self._peers[system].command(port.path, {"u": u}, self._answered)
+            except Refused as refused:
+                self._refused(refused.fault.text)
 
     def _global(self, message: Message) -> dict[str, object] | None:
         """Of a GLOBAL_POSITION_INT; None where N lies nowhere yet, or there is no such place."""
@@ -106,6 +127,13 @@ def _odometry(message: Message) -> dict[str, object] | None:
     if v is not None and child in (LOCAL_NED, BODY_FRD):
         value["v_NB_B"] = v if child == BODY_FRD else rotate(conjugate(q), v)
     return value if w is None else {**value, "w_NB_B": w}
+
+
+def _part(pulse_us: float) -> float:
+    """Of all that an actuator can give, -1..1; a pulse of 0 is an output that is switched off."""
+    if not math.isfinite(pulse_us) or pulse_us in (0.0, NO_PULSE):
+        return 0.0
+    return min(1.0, max(-1.0, (pulse_us - PULSE_MIDDLE_US) / PULSE_HALF_US))
 
 
 def _attitude(message: Message) -> Quat | None:

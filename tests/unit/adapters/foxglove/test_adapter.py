@@ -7,20 +7,37 @@ import contextlib
 import json
 import re
 import struct
+import threading
 from collections.abc import AsyncIterator, Awaitable, Callable
 from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from uwserver_adapters.foxglove import FoxgloveAdapter
 from uwserver_adapters.foxglove.config import FoxgloveConfig
 from uwserver_adapters.foxglove.outbox import Outbox
+from video_rig import CAMERA
+from video_rig import sample as filmed
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import InvalidStatus
 from websockets.typing import Subprotocol
 
 from uwserver.adapter import VehicleFacts
-from uwserver.ports import Argument, Cast, Event, Field, Port, Present, Reply, SceneState, Service
+from uwserver.adapter.foxglove import channels
+from uwserver.ports import (
+    Argument,
+    Cast,
+    Event,
+    Field,
+    Port,
+    Present,
+    Reply,
+    SceneState,
+    SceneView,
+    SensorView,
+    Service,
+)
 from uwserver.testing import FakeContext
 from uwserver.testing.fake_context import PORTS, SERVICES
 
@@ -286,6 +303,50 @@ def test_events_are_log_lines_and_a_reset_begins_a_session() -> None:
         assert await peer.offered() == offered
 
     run(test)
+
+
+class Filmed(FakeContext):
+    """A world whose rov has a camera."""
+
+    def scene(self, cast: Cast) -> SceneView:
+        seen = super().scene(cast)
+        eye = SensorView(CAMERA.path, "camera", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+        return replace(seen, vehicles=tuple(replace(body, sensors=(eye,)) for body in seen.vehicles))
+
+
+def test_pictures_are_made_on_a_thread_and_none_is_shown_after_a_jump(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, gate, threads = threading.Event(), threading.Event(), set[bool]()
+
+    def slow(shown: object, quality: int = 80) -> bytes:
+        threads.add(threading.current_thread() is threading.main_thread())
+        begun.set()
+        assert gate.wait(10.0)
+        return b"a picture"
+
+    monkeypatch.setattr(channels, "jpeg", slow)
+
+    async def test(world: FakeContext, peer: Peer) -> None:
+        offered = await peer.offered()
+        topics = (f"/{CAMERA.path}", "/scene")
+        await peer.say(
+            op="subscribe", subscriptions=[{"id": k, "channelId": offered[topic]} for k, topic in enumerate(topics)]
+        )
+        await _settled(lambda: world.wanted == {CAMERA.path})
+        await peer.data(1)  # the world has been looked at
+        world.put([filmed(1), filmed(2)])
+        assert await asyncio.to_thread(begun.wait, 10.0), "the loop goes on meanwhile"
+        world.say(Event("reset", 0, 0, "back"))
+        world.put([filmed(3), filmed(4)])
+        gate.set()
+        told = [await peer.data(0) for _ in range(2)]
+        assert [t_ns for t_ns, _ in told] == [filmed(3).t_sent_ns, filmed(4).t_sent_ns]
+        assert all(b"a picture" in payload for _, payload in told)
+
+    known = context()
+    world = Filmed(**{name: getattr(known, name) for name in ("services", "world", "scene_state")})
+    world.set_ports((*PORTS, CAMERA))
+    run(test, world)
+    assert threads == {False}
 
 
 def test_ports_that_come_and_go() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from uwserver_adapters.native.outbox import BATCH_BYTES, QUEUE_BYTES, REPLIES, Outbox
+from uwserver_adapters.native.outbox import BATCH_BYTES, BEHIND, QUEUE_BYTES, REPLIES, Outbox
 
 from uwserver.adapter import AdapterStats
 
@@ -230,3 +230,67 @@ def test_reliable_makes_what_may_be_lost_go_before_it_gives_up() -> None:
     peer.outbox.put_sample("p", b"more", "reliable")
     (text,) = peer.overflows
     assert "queue_bytes" in text
+
+
+def never() -> bool:
+    return False
+
+
+def test_what_comes_behind_a_sample_in_work_keeps_its_order() -> None:
+    peer = Peer()
+    outbox = peer.outbox
+    outbox.put_sample("depth", b"0 ", "latest")
+    first = outbox.put_later("eye", "latest", never)
+    outbox.put_sample("depth", b"1 ", "latest")
+    outbox.gather()
+    outbox.put_sample("depth", b"2 ", "latest")
+    second = outbox.put_later("eye", "latest", never)
+    outbox.gather()
+    outbox.put_reply(b"stepped ")
+    outbox.flush()
+    assert peer.text == b"0 "
+    assert not outbox.is_empty
+    second(b"B ")
+    assert peer.text == b"0 ", "the second waits for the first"
+    first(b"A ")
+    assert peer.text == b"0 A 1 2 B stepped "
+    assert outbox.is_empty
+    assert (peer.stats.samples_sent, peer.stats.dropped) == (5, 0)
+
+
+def test_a_sample_that_could_not_be_made_leaves_the_others() -> None:
+    peer = Peer()
+    fill = peer.outbox.put_later("eye", "reliable", never)
+    peer.outbox.put_reply(b"reply")
+    fill(None)
+    assert peer.text == b"reply"
+    assert peer.stats.samples_sent == 0
+
+
+def test_who_puts_much_behind_a_sample_in_work_waits_for_it() -> None:
+    peer = Peer(capacity=10_000)
+    fills = []
+
+    def hurry() -> bool:
+        if fills:
+            fills.pop()(b"eye ")
+            return True
+        return False
+
+    fills.append(peer.outbox.put_later("eye", "ring", hurry))
+    for _ in range(BEHIND):
+        peer.outbox.put_sample("depth", b".", "ring")
+    assert peer.text == b""
+    peer.outbox.put_sample("depth", b"!", "ring")
+    peer.outbox.flush()
+    assert peer.text == b"eye " + b"." * BEHIND + b"!"
+
+
+def test_a_closed_client_gets_no_sample_that_was_in_work() -> None:
+    peer = Peer()
+    fill = peer.outbox.put_later("eye", "ring", never)
+    peer.outbox.put_reply(b"reply")
+    peer.outbox.close()
+    fill(b"eye")
+    assert peer.text == b""
+    assert peer.outbox.is_empty

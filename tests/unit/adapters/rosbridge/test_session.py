@@ -254,6 +254,8 @@ def test_a_refused_command_and_a_time_out_are_not_held():
         ({"op": "auth"}, "token in the address"),
         ({"op": "service_response", "id": "x"}, "no call of this id"),
         ({"op": "advertise_service", "service": "/world/pause", "type": "x/Y"}, "a service of the simulator"),
+        ({"op": "advertise_action", "action": "/dock", "type": "x/Dock"}, "advertise_action: clients offer no actions"),
+        ({"op": "action_result", "action": "/dock", "id": "x", "values": {}}, "action_result: clients offer no actions"),
         ({"op": "fragment", "num": 0, "total": 1, "data": '{"op":"fragment"}'}, "fragments of fragments"),
     ],
 )  # fmt: skip

@@ -7,6 +7,7 @@ import struct
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
+from typing import Any
 
 import pytest
 from msgspec import structs
@@ -14,9 +15,11 @@ from uwserver_adapters.yarp import adapter as module
 from uwserver_adapters.yarp.adapter import YarpAdapter
 from uwserver_adapters.yarp.config import YarpConfig
 from uwserver_adapters.yarp.names import server_of, target_of
+from video_rig import CAMERA
+from video_rig import sample as filmed
 
 from uwserver.adapter import CannotListen, CannotServe, may_connect
-from uwserver.ports import Port, Refused, Reply
+from uwserver.ports import Buffer, Port, Refused, Reply
 from uwserver.testing import FakeContext
 from uwserver.testing.fake_context import DEPTH, IMU, PORTS, THRUSTERS
 
@@ -257,6 +260,38 @@ def test_vectors_are_for_readers_of_yarp_sig() -> None:
             _, bottle = await client.message()
             assert struct.unpack("<ii7d", bottle) == (276, 7, 0.0, 1.0, 2.0, 100.0, 101.0, 102.0, 200.0)
             client.close()
+
+    run(story)
+
+
+def test_a_camera_has_a_port_of_pictures() -> None:
+    async def story(context: FakeContext, server: NameServer) -> None:
+        context.set_ports((*PORTS, CAMERA))
+        async with serving(table(server), context) as port:
+            lines = await Client.text(port("rov/camera/image:o"))
+            lines.writer.write(b"r\r\n")
+            client = await Client.binary(port("rov/camera/image:o"), FAST)
+            whole = await Client.binary(port("rov/camera:o"), FAST)
+            for reader in (client, whole):
+                reader.writer.write(
+                    bytes.fromhex("59410a0000005250 0101ffffffffffffffff 08000000 00000000 000000007e720001")
+                )
+            sample = filmed(5)
+            there: Any = context.subscribers[0]
+            heard = [there.ports[f"/uwserver/rov/{name}:o"].readers for name in ("camera/image", "camera")]
+            await until(lambda: [len(readers) for readers in heard] == [2, 1])
+            context.put([sample])
+            command, body = await client.message()
+            picture = sample.value[-1]
+            assert isinstance(picture, Buffer)
+            assert b"D 5 " in command
+            rows, columns, _ = picture.shape
+            assert struct.unpack("<4i", body[44:60]) == (columns, rows, 12, len(picture.data))
+            assert body[60:] == picture.data
+            _, bottle = await whole.message()
+            assert b"exposure" in bottle
+            for each in (client, whole, lines):
+                each.close()
 
     run(story)
 

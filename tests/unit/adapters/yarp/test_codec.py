@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+import struct
 
 import pytest
 from uwserver_adapters.yarp import codec
-from uwserver_adapters.yarp.bottle import Vocab
+from uwserver_adapters.yarp.bottle import Vocab, from_binary
 
 from uwserver.ports import Argument, Buffer, Field, Layout, Port, Refused, Sample, Service
 from uwserver.testing.fake_context import IMU, THRUSTERS
@@ -111,3 +112,34 @@ def test_answers() -> None:
         deep = [deep]
     assert isinstance(codec.answer(deep), list)  # type: ignore[arg-type]
     assert codec.usage(SERVICES)[1] == "goto (p float) [(fast bool)]  # Go."
+
+
+@pytest.mark.parametrize(
+    ("dtype", "shape", "code", "depth"),
+    [("uint8", (2, 4, 3), 6449010, 3), ("uint8", (2, 4), 0x6F6E6F6D, 1), ("uint16", (2, 4), 909209453, 2)],
+)
+def test_pictures_of_yarp_sig(dtype, shape, code, depth) -> None:
+    """The header of `ImageNetworkHeader.h`, number for number; codes of pixels as YARP's own tests have them."""
+    data = bytes(k % 256 for k in range(8 * depth))
+    raw = codec.image(Buffer(dtype=dtype, shape=shape, data=data))
+    assert raw is not None
+    assert raw[60:] == data
+    numbers = struct.unpack("<10i2h4i", raw[:56] + raw[56:60])
+    assert numbers[:8] == (256, 4, 9, int.from_bytes(b"mat", "little"), 9, code, 257, 5)
+    assert numbers[8:] == (depth, 8 * depth, 1, 0, 4, 2, 12, 8 * depth)
+    found = from_binary(raw)  # a bottle as any other
+    assert found == ["mat", Vocab(code.to_bytes(4, "little").rstrip(b"\0").decode()), [depth, len(data), 1, 4, 2], data]
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        None,
+        Buffer(dtype="float32", shape=(2, 2), data=b"\0" * 16),
+        Buffer(dtype="uint8", shape=(0, 4), data=b""),
+        Buffer(data=b"ab"),
+        Buffer(dtype="uint8", shape=(2, 4, 4), data=b"\0" * 32),
+    ],
+)
+def test_what_is_no_picture_is_none(value: object) -> None:
+    assert codec.image(value) is None

@@ -8,6 +8,7 @@ import pytest
 
 from uwserver.frames import quat_from_rpy
 from uwserver.ports import Port
+from uwserver.world.external.motion import LiveMotion, Shown
 from uwserver.world.external.source import Live
 
 LAT, LON = 630_000_000, 100_000_000
@@ -89,3 +90,44 @@ def test_a_vehicle_that_is_not_there_is_told_and_harms_nobody(make_bench):
     odometry(bench.station(system=7, component=1))
     assert bench.router.vehicle.bridge.counters["other_refused"] == 1
     assert "ghost/pose" in bench.rov.stats.last_error
+
+
+TURNING = Port(
+    "ghost/actuators", "actuator", "actuators", LiveMotion([Shown("t1"), Shown("t2"), Shown("t3")], int).fields, ""
+)
+
+
+@pytest.fixture
+def turning(others):
+    others.rov.ports = {**others.rov.ports, TURNING.path: TURNING}
+    return others
+
+
+def turned(bench) -> list[tuple[float, ...]]:
+    return [c.value[0] for c in bench.rov.commands if c.port == TURNING.path]
+
+
+def test_servo_outputs_turn_the_thrusters_of_who_follows(turning):
+    station = turning.station(system=7, component=1)
+    station.send("SERVO_OUTPUT_RAW", 0, 0, 1100, 1600, 2300, 1900, 0, 0, 0, 0)
+    turning.station(system=8, component=1).send("SERVO_OUTPUT_RAW", 0, 0, 1900, 1900, 1900, 1900, 0, 0, 0, 0)
+    assert turned(turning) == [pytest.approx((-1.0, 0.25, 1.0))]
+
+
+def test_outputs_that_are_off_or_auxiliary_turn_nothing(turning):
+    station = turning.station(system=7, component=1)
+    station.send("SERVO_OUTPUT_RAW", 0, 0, 0, 0xFFFF, 1500, 1900, 0, 0, 0, 0)
+    station.send("SERVO_OUTPUT_RAW", 0, 1, 1900, 1900, 1900, 1900, 0, 0, 0, 0)
+    assert turned(turning) == [(0.0, 0.0, 0.0)]
+
+
+def test_outputs_of_a_px4(turning):
+    station = turning.station(system=7, component=1)
+    station.send("ACTUATOR_OUTPUT_STATUS", 0, 3, [0.5, -2.0, math.nan, 1.0] + [0.0] * 28)
+    assert turned(turning) == [(0.5, -1.0, 0.0)]
+
+
+def test_outputs_for_a_body_without_actuators_are_no_fault(others):
+    others.station(system=7, component=1).send("SERVO_OUTPUT_RAW", 0, 0, 1900, 0, 0, 0, 0, 0, 0, 0)
+    assert others.rov.commands == []
+    assert others.router.vehicle.bridge.counters["other_refused"] == 0
