@@ -12,7 +12,7 @@ globalThis.probe = {
 
   /** Which pixels a vehicle covers: how many, the middle of them, and where its origin should be; parts of the picture, from below left. */
   drawn(name) {
-    for (const layer of ["beams", "trails", "surface"]) uw.app.layers.delete(layer);
+    for (const layer of ["beams", "trails", "surface", "motes"]) uw.app.layers.delete(layer);
     uw.app.emit("layers");
     uw.app.choose(uw.app.bodies.findIndex((body) => body.name === name));
     const { scene, stage } = uw.drawing;

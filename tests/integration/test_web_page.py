@@ -479,6 +479,13 @@ rays_vertical = 64
 processing_s = 0.5
 rpy_deg = [0.0, -10.0, 0.0]
 position_frd_m = [0.4, 0.0, 0.0]
+[vehicles.rov.sensors.sides]
+kind = "side_scan"
+profile = "starfish_452f"
+rate_hz = 4
+range_m = 12
+bins = 200
+processing_s = 0.5
 """
 
 
@@ -503,5 +510,18 @@ def test_an_imaging_sonar_is_a_fan(browser: Browser, tmp_path: Path) -> None:
         page.wait(f"{looks}[0] > 450", "the pile is bright")
         assert page.ask(looks)[1:] == [25, 25]
         page.picture(tmp_path / "imaging.png")
+        assert page.ask("uw.errors") == []
+        # Of the side-scan sonar newer pings push older ones down; echoes of the bottom 6 m below begin half way out.
+        page.ask("uw.app.link.call('world/reset')")
+        page.ask(
+            "[...document.querySelectorAll('.port')].find((p) => p.textContent.includes('rov/sides')).querySelectorAll('button')[1].click()"
+        )
+        page.wait("document.querySelector('canvas[aria-label^=\"Echoes of the side-scan sonar\"]')", "a waterfall")
+        bright = """(x, y) => { const { data } = document.querySelector('canvas[aria-label^="Echoes of the side-scan sonar"]').getContext("2d")
+          .getImageData(x, y, 60, 8); return data.reduce((sum, value, k) => sum + (k % 4 === 3 ? 0 : value), 0) / (60 * 8); }"""
+        page.wait(f"({bright})(380, 60) > 120", "twenty pings have come down to here")
+        assert page.ask(f"({bright})(40, 60)") > 120, "to port, too"
+        assert page.ask(f"({bright})(200, 60)") < 60, "there is nothing in the water below"
+        page.picture(tmp_path / "sides.png")
         assert page.ask("uw.errors") == []
         page.close()

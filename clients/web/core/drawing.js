@@ -71,11 +71,12 @@ export class Drawing {
     if (this.scene) this.scene.clear = clear;
   }
 
-  /** @param {number} dt s of wall time */
-  draw(dt) {
+  /** @param {import("./frames.js").Timeline} timeline @param {number[] | null} aim where a training leads to, in N @param {number} dt s of wall time */
+  draw(timeline, aim, dt) {
     if (!this.scene || this.lost || document.hidden) return;
     this.views.tilt = this.pilot.tilt;
-    this.scene.update(this.app.timeline, dt, this.app.layers);
+    this.scene.aim.show(aim, timeline.t);
+    this.scene.update(timeline, dt, this.app.layers);
     this.stage.render();
   }
 }
