@@ -2,7 +2,7 @@
 globalThis.probe = {
   /** Pixels of a picture drawn now. */
   pixels() {
-    uw.drawing.draw(0);
+    uw.drawing.draw(uw.app.timeline, null, 0);
     const gl = uw.drawing.stage.renderer.getContext();
     const [w, h] = [gl.drawingBufferWidth, gl.drawingBufferHeight];
     const data = new Uint8Array(4 * w * h);

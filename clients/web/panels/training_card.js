@@ -5,6 +5,9 @@ import { card } from "./dock.js";
 
 const SAID = /** @type {Record<string, string>} */ ({ ready: "Push to begin: then time runs.", running: "Time runs.", done: "All done.", failed: "The time is over.", off: "Nobody is judged." });
 
+/** @param {unknown} value */
+const tenth = (value) => (typeof value === "number" ? value.toFixed(1) : "–");
+
 /** @param {App} app @param {Training} training @returns {[element: HTMLElement, end: () => void]} */
 export function trainingCard(app, training) {
   const cells = Object.fromEntries(["task", "distance", "time", "left", "score", "collisions", "best", "last"].map((name) => [name, h("dd", {}, "–")]));
@@ -34,11 +37,11 @@ export function trainingCard(app, training) {
     if (!training.path) return;
     const goes = state.state === "ready" || state.state === "running";
     tell(cells.task, goes ? `${figure(state.number)} of ${figure(state.count)}: ${state.task}` : "–");
-    tell(cells.distance, goes ? `${figure(state.distance, 1)} m` : "–");
-    for (const name of ["time", "left"]) tell(cells[name], `${figure(state[name], 1)} s`);
+    tell(cells.distance, goes ? `${tenth(state.distance)} m` : "–");
+    for (const name of ["time", "left"]) tell(cells[name], `${tenth(state[name])} s`);
     for (const name of ["score", "collisions"]) tell(cells[name], figure(state[name], 0));
-    tell(cells.best, best ? `${figure(best.score, 0)} in ${figure(best.time, 1)} s` : "–");
-    tell(cells.last, ended ? ended.state === "broken off" ? "broken off" : `${figure(ended.score, 0)} in ${figure(ended.time, 1)} s` : "–");
+    tell(cells.best, best ? `${figure(best.score, 0)} in ${tenth(best.time)} s` : "–");
+    tell(cells.last, ended ? ended.state === "broken off" ? "broken off" : `${figure(ended.score, 0)} in ${tenth(ended.time)} s` : "–");
     tell(said, rerun ? "This is your last try. The world goes on meanwhile." : (SAID[state.state] ?? ""));
     again.disabled = Boolean(app.status.playback) || Boolean(app.world?.read_only);
     watch.disabled = !ended;
