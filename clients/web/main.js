@@ -179,10 +179,12 @@ app.on("world", () => {
 /** Three.js is loaded only where it can draw. */
 async function begin() {
   let reason = "";
+  // The world is asked for while three.js is loaded.
+  app.link.connect();
   try {
-    const { Drawing, whyNot } = await import("./core/drawing.js");
-    reason = whyNot();
-    if (!reason) picturing = new Drawing(app, pilot, store, /** @type {any} */ (address.get("quality") ?? "auto"));
+    if (address.query.get("gl") === "off") throw new Error("it is switched off in the address");
+    const { Drawing } = await import("./core/drawing.js");
+    picturing = new Drawing(app, pilot, store, /** @type {any} */ (address.get("quality") ?? "auto"));
   } catch (error) {
     reason = /** @type {Error} */ (error).message;
   }
@@ -212,7 +214,6 @@ async function begin() {
   bars.quality(picturing ? (picturing.stage.fine ? "high" : picturing.stage.software ? "low (software drawing)" : "low") : "map");
   Object.assign(window.uw, { drawing: picturing });
   chooser.show();
-  app.link.connect();
   requestAnimationFrame(draw);
 }
 
@@ -235,6 +236,7 @@ function draw(now) {
   bars.tick(timeline.t);
   if (!playback.seeking) playback.tick(timeline.t);
   picturing?.draw(timeline, training.rerun ? null : training.goal, dt);
+  if (!window.uw.first && (picturing?.scene || !picturing)) window.uw.first = performance.now();
   if (now - told < 60) return;
   told = now;
   hud.update(timeline.poses, 7 * app.chosen);
