@@ -2,7 +2,7 @@
 globalThis.probe = {
   /** Pixels of a picture drawn now. */
   pixels() {
-    uw.drawing.draw(0);
+    uw.drawing.draw(uw.app.timeline, null, 0);
     const gl = uw.drawing.stage.renderer.getContext();
     const [w, h] = [gl.drawingBufferWidth, gl.drawingBufferHeight];
     const data = new Uint8Array(4 * w * h);
@@ -12,7 +12,7 @@ globalThis.probe = {
 
   /** Which pixels a vehicle covers: how many, the middle of them, and where its origin should be; parts of the picture, from below left. */
   drawn(name) {
-    for (const layer of ["beams", "trails", "surface"]) uw.app.layers.delete(layer);
+    for (const layer of ["beams", "trails", "surface", "motes"]) uw.app.layers.delete(layer);
     uw.app.emit("layers");
     uw.app.choose(uw.app.bodies.findIndex((body) => body.name === name));
     const { scene, stage } = uw.drawing;

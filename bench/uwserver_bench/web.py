@@ -1,4 +1,5 @@
-"""The web view: what a page that draws twenty vehicles costs a server, and whether twenty pages, half of which do not read, delay a tick."""
+"""The web view: what a page that draws twenty vehicles costs a server, whether twenty pages, half of which do not read, delay a tick, and how soon
+a browser shows the first picture, where one is installed."""
 
 from __future__ import annotations
 
@@ -9,6 +10,7 @@ from pathlib import Path
 from threading import Event
 from typing import Any
 
+from uwserver.cli.chromium import ChromiumFailed, NoChromium, browsing, chromium
 from uwserver.simulation.clock import SystemTime
 from uwserver_bench.processes import BenchFailed, Load, Served, loading, processor_s, serving
 from uwserver_bench.rows import Row
@@ -22,6 +24,9 @@ SHARE_BAR = 0.03
 BYTES_BAR_KB = 25.0
 LATENESS_BAR_MS = 1.0
 FRAMES_HZ = 30.0
+FIRST_BAR_S = 2.0
+"""From the moment the page is asked for to the first picture of the world."""
+FIRST_SHOWN = "bluerov2_pool"
 _LEAST = 0.8
 """Of the states that a page should get."""
 
@@ -56,7 +61,9 @@ def bench_web(quick: bool, say: Callable[[str], None]) -> list[Row]:
                 _watched(served, load, host, port, PAGES, DEAF, seconds)
                 crowded.append(_lateness_ms(served))
     title = f"{VEHICLES} vehicles, a page at {FRAMES_HZ:g} states/s"
+    first = _first_pictures(1 if quick else 5, say)
     return [
+        *([Row("web", f"{FIRST_SHOWN}: first picture, in software", "s", first, at_most=FIRST_BAR_S)] if first else []),
         Row("web", f"{title}: added share of a core", "cores", tuple(shares), at_most=SHARE_BAR),
         Row("web", f"{title}: data", "kB/s", tuple(rates), at_most=BYTES_BAR_KB),
         Row("web", f"{title}: states", "1/s", tuple(frames), at_least=_LEAST * FRAMES_HZ),
@@ -100,3 +107,26 @@ def _cores(before: float | None, after: float | None, wall_ns: int) -> float:
 
 def _lateness_ms(served: Served) -> float:
     return float(served.ask(STATUS)["value"]["lateness"]["p99_s"]) * 1e3
+
+
+def _first_pictures(repeats: int, say: Callable[[str], None]) -> tuple[float, ...]:
+    """Seconds until a browser that runs already, and has nothing of the page, has drawn the world; none where no browser is installed."""
+    try:
+        program = chromium()
+    except NoChromium as error:
+        say(f"web: no first picture is measured: {error}")
+        return ()
+    found = []
+    with tempfile.TemporaryDirectory(prefix="uwbrowser-") as folder, serving(FIRST_SHOWN) as served:
+        host, port = _view(served)
+        try:
+            with browsing(program, Path(folder)) as browser:
+                for repeat in range(repeats + 1):
+                    say(f"web: first picture, {repeat} of {repeats}")
+                    page = browser.open(f"http://{host}:{port}/", size=(1280, 720))
+                    page.wait("window.uw?.first", "a picture")
+                    found.append(page.ask("uw.first") * 1e-3)
+                    page.close()
+        except ChromiumFailed as error:
+            raise BenchFailed(f"the browser failed: {error}") from error
+    return tuple(found[1:])  # with the first one the browser itself, and the server's files, are loaded

@@ -17,6 +17,7 @@ import { pilotTab } from "./panels/pilot_tab.js";
 import { worldTab } from "./panels/world_tab.js";
 import { Hud } from "./pilot/hud.js";
 import { Pilot } from "./pilot/pilot.js";
+import { Training } from "./pilot/training.js";
 import { LAYERS, USUAL } from "./scene/layers.js";
 
 /** @typedef {import("./scene/layers.js").Layer} Layer */
@@ -118,6 +119,7 @@ app.link = new Link({
     if (kind !== 1) return;
     const frame = states(data, performance.now() / 1000);
     app.timeline.add(frame);
+    training.keep(frame);
     window.uw.arrived = frame.arrived;
     // Without a world: a server that is busy did not describe it in time.
     if (app.world ? frame.revision !== app.world.revision : loading < 0) void load(frame.revision);
@@ -148,6 +150,7 @@ app.on("layers", () => {
 });
 
 const pilot = new Pilot(app);
+const training = new Training(app);
 const bars = new Bars(app, pilot);
 const playback = new Playback(app, (service, args) => bars.act(service, args));
 const hud = new Hud(app, pilot);
@@ -176,10 +179,12 @@ app.on("world", () => {
 /** Three.js is loaded only where it can draw. */
 async function begin() {
   let reason = "";
+  // The world is asked for while three.js is loaded.
+  app.link.connect();
   try {
-    const { Drawing, whyNot } = await import("./core/drawing.js");
-    reason = whyNot();
-    if (!reason) picturing = new Drawing(app, pilot, store, /** @type {any} */ (address.get("quality") ?? "auto"));
+    if (address.query.get("gl") === "off") throw new Error("it is switched off in the address");
+    const { Drawing } = await import("./core/drawing.js");
+    picturing = new Drawing(app, pilot, store, /** @type {any} */ (address.get("quality") ?? "auto"));
   } catch (error) {
     reason = /** @type {Error} */ (error).message;
   }
@@ -199,7 +204,7 @@ async function begin() {
     reason,
   };
   new Dock(app, [
-    { name: "pilot", title: "Pilot", open: pilotTab(app, pilot) },
+    { name: "pilot", title: "Pilot", open: pilotTab(app, pilot, training) },
     { name: "mission", title: "Mission", open: missionTab(app, pilot, planner) },
     { name: "data", title: "Data", open: dataTab(app) },
     { name: "world", title: "World", open: worldTab(app, drawing) },
@@ -209,7 +214,6 @@ async function begin() {
   bars.quality(picturing ? (picturing.stage.fine ? "high" : picturing.stage.software ? "low (software drawing)" : "low") : "map");
   Object.assign(window.uw, { drawing: picturing });
   chooser.show();
-  app.link.connect();
   requestAnimationFrame(draw);
 }
 
@@ -224,17 +228,19 @@ function draw(now) {
   if (now - last < least) return;
   const dt = Math.min(0.25, (now - last) / 1000);
   last = now;
-  const { timeline } = app;
-  if (!timeline.at(now / 1000)) return;
+  const timeline = training.shown(now / 1000);
+  if (!timeline) return;
   window.uw.frames += 1;
   window.uw.t = timeline.t;
   app.bodies.forEach((body, k) => { window.uw.vehicles[body.name] = [...timeline.poses.subarray(7 * k, 7 * k + 7)]; });
   bars.tick(timeline.t);
   if (!playback.seeking) playback.tick(timeline.t);
-  picturing?.draw(dt);
+  picturing?.draw(timeline, training.rerun ? null : training.goal, dt);
+  if (!window.uw.first && (picturing?.scene || !picturing)) window.uw.first = performance.now();
   if (now - told < 60) return;
   told = now;
   hud.update(timeline.poses, 7 * app.chosen);
+  chart.aim = training.goal;
   chart.draw(timeline, app.chosen);
 }
 
@@ -253,6 +259,6 @@ addEventListener("keydown", (event) => {
     app.emit("layers");
   }
 });
-Object.assign(window.uw, { app, pilot, planner, chart, playback });
+Object.assign(window.uw, { app, pilot, planner, chart, playback, training });
 setTimeout(() => { if (!app.connected && byId("notice").hidden) notice("Connecting …"); }, STILL_MS);
 void begin();

@@ -63,5 +63,5 @@ export interface Status {
 export interface Told { event: string; t_ns: number; text?: string; tick?: number }
 
 declare global {
-  interface Window { uw: { frames: number; t: number; vehicles: Record<string, number[]>; errors: string[]; said: string[]; [more: string]: unknown } }
+  interface Window { uw: { first?: number; frames: number; t: number; vehicles: Record<string, number[]>; errors: string[]; said: string[]; [more: string]: unknown } }
 }

@@ -83,6 +83,20 @@ def test_imports_lead_to_files() -> None:
             assert target.is_file(), (path, found)
 
 
+def test_modules_are_asked_for_at_once() -> None:
+    """Else a browser finds them one behind the other, in as many journeys as imports are deep."""
+    index = (PAGE / "index.html").read_text()
+    preloaded = set(re.findall(r'<link rel="modulepreload" href="([^"]+)">', index))
+    assert {str(path.relative_to(PAGE)) for path in OWN} - preloaded == {"main.js"}
+    assert {Path(path).name for path in preloaded if path.startswith("vendor/")} == {
+        "uPlot.esm.js",
+        "three.module.js",
+        "three.core.js",
+        "OrbitControls.js",
+    }
+    assert all((PAGE / path).is_file() for path in preloaded)
+
+
 @pytest.mark.slow
 def test_types_are_clean(tmp_path: Path) -> None:
     """By TypeScript of npm, in a folder outside the tree; UWSERVER_NODE_MODULES names one that is there already."""

@@ -58,6 +58,14 @@ rate_hz = 10
 kind = "dvl"
 profile = "a50"
 rate_hz = 15
+[vehicles.rov.sensors.training]
+kind = "training"
+rate_hz = 20
+collision_points = 0
+[vehicles.rov.sensors.training.tasks.away]
+kind = "reach"
+position_ned_m = [1.4, 0.0, 2.0]
+size_m = [2.0, 20.0, 20.0]
 [vehicles.auv]
 model = "remus100"
 position_ned_m = [6.0, -4.0, 3.0]
@@ -194,6 +202,27 @@ def test_keys_steer_a_square(opened: Page, tmp_path: Path) -> None:
     assert opened.ask("uw.app.status.lease.rov.page === uw.app.link.session")
     opened.wait("uw.pilot.sticks.every((stick) => stick === 0)")
     opened.picture(tmp_path / "square.png")
+
+
+def test_a_training_is_flown_scored_and_watched_again(opened: Page) -> None:
+    opened.wait("uw.training.state.state === 'ready' && uw.training.goal?.[0] === 1.4", "the task is told")
+    opened.wait("uw.drawing.scene.aim.group.visible && uw.chart.aim", "and shown")
+    with opened.holding("KeyW"):
+        opened.wait("uw.training.state.state === 'done'", "0.4 m ahead it is done")
+    assert opened.ask("uw.training.best.score") > 100
+    card = "probe.card('Training')"
+    assert "All done" in opened.ask(f"{card}.textContent")
+    opened.wait("uw.vehicles.rov[0] > 1", "it goes on")
+    opened.ask(f"[...{card}.querySelectorAll('button')].find((b) => b.textContent === 'Watch the last try').click()")
+    # From where the thrusters first pushed to the task's edge, and not beyond.
+    opened.wait("uw.training.rerun?.playing && uw.vehicles.rov[0] < 0.35", "the try from its begin")
+    opened.wait("!uw.training.rerun.playing && uw.vehicles.rov[0] > 0.3", "to its end")
+    assert opened.ask("uw.vehicles.rov[0]") < 0.9
+    slider = f"{card}.querySelector('input[type=range]')"
+    opened.ask(f"{slider}.value = '0', {slider}.dispatchEvent(new Event('input'))")
+    opened.wait("uw.vehicles.rov[0] < 0.2 && uw.t === uw.training.rerun.from", "back to its begin")
+    opened.ask(f"[...{card}.querySelectorAll('button')].find((b) => b.textContent === 'Back to the present').click()")
+    opened.wait("!uw.training.rerun && uw.vehicles.rov[0] > 1", "the present")
 
 
 def test_all_stop_ends_thrust_and_lease(opened: Page) -> None:
@@ -479,6 +508,13 @@ rays_vertical = 64
 processing_s = 0.5
 rpy_deg = [0.0, -10.0, 0.0]
 position_frd_m = [0.4, 0.0, 0.0]
+[vehicles.rov.sensors.sides]
+kind = "side_scan"
+profile = "starfish_452f"
+rate_hz = 4
+range_m = 12
+bins = 200
+processing_s = 0.5
 """
 
 
@@ -503,5 +539,18 @@ def test_an_imaging_sonar_is_a_fan(browser: Browser, tmp_path: Path) -> None:
         page.wait(f"{looks}[0] > 450", "the pile is bright")
         assert page.ask(looks)[1:] == [25, 25]
         page.picture(tmp_path / "imaging.png")
+        assert page.ask("uw.errors") == []
+        # Of the side-scan sonar newer pings push older ones down; echoes of the bottom 6 m below begin half way out.
+        page.ask("uw.app.link.call('world/reset')")
+        page.ask(
+            "[...document.querySelectorAll('.port')].find((p) => p.textContent.includes('rov/sides')).querySelectorAll('button')[1].click()"
+        )
+        page.wait("document.querySelector('canvas[aria-label^=\"Echoes of the side-scan sonar\"]')", "a waterfall")
+        bright = """(x, y) => { const { data } = document.querySelector('canvas[aria-label^="Echoes of the side-scan sonar"]').getContext("2d")
+          .getImageData(x, y, 60, 8); return data.reduce((sum, value, k) => sum + (k % 4 === 3 ? 0 : value), 0) / (60 * 8); }"""
+        page.wait(f"({bright})(380, 60) > 120", "twenty pings have come down to here")
+        assert page.ask(f"({bright})(40, 60)") > 120, "to port, too"
+        assert page.ask(f"({bright})(200, 60)") < 60, "there is nothing in the water below"
+        page.picture(tmp_path / "sides.png")
         assert page.ask("uw.errors") == []
         page.close()

@@ -22,8 +22,10 @@ JPEG: Final = 1
 DEPTH: Final = 2
 SONAR: Final = 3
 FAN: Final = 4
+SIDES: Final = 5
 """How a picture is coded: u8 each, JPEG, u16 each (mm), or f32 bearing (rad) and f32 range (m) before the u8 of a row of sonar; before those of an
-imaging sonar f32 azimuths of the first and the last beam (rad), and f32 ranges where the first row begins and the last one ends (m)."""
+imaging sonar f32 azimuths of the first and the last beam (rad), and f32 ranges where the first row begins and the last one ends (m); of a side-scan
+sonar f32 range (m) before the u8 to port and those to starboard."""
 
 
 def state_frame(state: SceneState, flags: int) -> bytes:

@@ -13,11 +13,11 @@ from typing import Protocol
 from uwserver.adapter import AdapterContext, Worker
 from uwserver.adapter.pictures import can_encode_jpeg, jpeg, picture_place, pixels
 from uwserver.ports import Buffer, Port, Refused, Sample, Value
-from uwserver_adapters.web.frames import DEPTH, FAN, JPEG, RAW, SONAR, picture_frame
+from uwserver_adapters.web.frames import DEPTH, FAN, JPEG, RAW, SIDES, SONAR, picture_frame
 
 MOST_PORTS = 32
 """That one page looks at."""
-_SONAR_HEAD, _FAN_HEAD = struct.Struct("<ff"), struct.Struct("<ffff")
+_SONAR_HEAD, _FAN_HEAD, _SIDES_HEAD = struct.Struct("<ff"), struct.Struct("<ffff"), struct.Struct("<f")
 _SIDE_LIMIT = 0xFFFF
 
 
@@ -160,6 +160,20 @@ def _fan(picture: Buffer, by_name: Mapping[str, Value], number: int, t_ns: int) 
     return picture_frame(FAN, number, picture.shape[1], picture.shape[0], t_ns, head + picture.data)
 
 
+def _sides(by_name: Mapping[str, Value], number: int, t_ns: int) -> bytes | None:
+    """A ping of a side-scan sonar: both sides, nearest first; None where these are no counts of the same number."""
+    port, starboard, reach = by_name.get("port"), by_name.get("starboard"), by_name.get("range")
+    if not isinstance(port, Buffer) or not isinstance(starboard, Buffer) or not isinstance(reach, int | float):
+        return None
+    shape = port.shape
+    if {port.dtype, starboard.dtype} != {"uint8"} or starboard.shape != shape or len(shape) != 1:
+        return None
+    if not 0 < shape[0] <= _SIDE_LIMIT:
+        return None
+    body = _SIDES_HEAD.pack(reach) + port.data + starboard.data
+    return picture_frame(SIDES, number, shape[0], 2, t_ns, body)
+
+
 def has_picture(port: Port) -> bool:
     """Whether a sensor gives rows or pictures of bytes."""
     return port.direction == "sensor" and any(field.type == "buffer" for field in port.fields)
@@ -183,7 +197,8 @@ def jpeg_frame(port: Port, sample: Sample, number: int) -> bytes | None:
 def encoded(port: Port, sample: Sample, number: int) -> bytes | None:
     """A sample as a frame; None where it holds no picture that a page can draw.
 
-    Rows with a `head_angle` and a `range` are those of a scanning sonar; a picture with an `azimuth` of each column is that of an imaging sonar.
+    Rows with a `head_angle` and a `range` are those of a scanning sonar; a picture with an `azimuth` of each column is that of an imaging sonar;
+    rows named `port` and `starboard` with a `range` are a ping of a side-scan sonar.
     """
     names = [field.name for field in port.fields]
     if len(names) != len(sample.value):
@@ -196,6 +211,8 @@ def encoded(port: Port, sample: Sample, number: int) -> bytes | None:
         return None
     if isinstance(by_name.get("azimuth"), Buffer):
         return _fan(picture, by_name, number, sample.t_ns)
+    if "starboard" in by_name and (sides := _sides(by_name, number, sample.t_ns)) is not None:
+        return sides
     angle, reach = by_name.get("head_angle"), by_name.get("range")
     if picture.dtype == "uint8" and isinstance(angle, int | float) and isinstance(reach, int | float):
         head = _SONAR_HEAD.pack(angle, reach)

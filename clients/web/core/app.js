@@ -1,7 +1,7 @@
 // What all parts of the page share: connection, world, what is chosen; and who wants to hear when it changes.
 import { Timeline } from "./frames.js";
 /** @typedef {import("../types").World} World @typedef {import("../types").Description} Description @typedef {import("../types").Status} Status @typedef {import("../types").Told} Told @typedef {import("../types").Service} Service @typedef {import("../types").Port} Port */
-/** @typedef {"world" | "described" | "chosen" | "status" | "told" | "link" | "theme" | "layers" | "panels" | "pilot" | "view"} Change */
+/** @typedef {"world" | "described" | "chosen" | "status" | "told" | "link" | "theme" | "layers" | "panels" | "pilot" | "training" | "view"} Change */
 
 /** Shared state of a page. */
 export class App {

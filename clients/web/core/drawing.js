@@ -1,14 +1,9 @@
 // The picture in three dimensions, as the page uses it: one stage, and a scene that is built again when the world changes.
 import { toast } from "./dom.js";
 import { WorldScene } from "../scene/scene.js";
-import { Stage, whyNoGL } from "../scene/stage.js";
+import { Stage } from "../scene/stage.js";
 import { Views } from "../scene/views.js";
 /** @typedef {import("./app.js").App} App @typedef {import("../scene/views.js").View} View */
-
-/** Why there can be no picture, or an empty text. */
-export function whyNot() {
-  return new URLSearchParams(location.search).get("gl") === "off" ? "it is switched off in the address" : whyNoGL();
-}
 
 /** Draws the world of an `App`. */
 export class Drawing {
@@ -27,6 +22,7 @@ export class Drawing {
     this.view = "orbit";
     this.lost = false;
     app.on("world", () => this.build());
+    if (app.world) this.build();
     app.on("chosen", () => this.choose());
     app.on("layers", () => this.choose());
     new ResizeObserver(() => this.stage.resize()).observe(canvas);
@@ -71,11 +67,12 @@ export class Drawing {
     if (this.scene) this.scene.clear = clear;
   }
 
-  /** @param {number} dt s of wall time */
-  draw(dt) {
+  /** @param {import("./frames.js").Timeline} timeline @param {number[] | null} aim where a training leads to, in N @param {number} dt s of wall time */
+  draw(timeline, aim, dt) {
     if (!this.scene || this.lost || document.hidden) return;
     this.views.tilt = this.pilot.tilt;
-    this.scene.update(this.app.timeline, dt, this.app.layers);
+    this.scene.aim.show(aim, timeline.t);
+    this.scene.update(timeline, dt, this.app.layers);
     this.stage.render();
   }
 }

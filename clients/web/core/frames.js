@@ -108,12 +108,22 @@ export class Timeline {
     const span = b.arrived - a.arrived;
     const part = span > 0 ? Math.min(1, Math.max(0, (wanted - a.arrived) / span)) : 1;
     // Without news for a while (a paused world sends two frames a second), the last state is the state.
-    const blend = span > 0.4 ? 1 : part;
-    this.t = a.t + (b.t - a.t) * blend;
+    this.mix(a, b, span > 0.4 ? 1 : part);
     this.achieved = newest.achieved;
-    if (this.poses.length !== b.poses.length) this.poses = new Float32Array(b.poses.length);
-    for (let k = 0; k < b.count; k += 1) between(this.poses, a.poses, b.poses, 7 * k, blend);
     return true;
+  }
+
+  /** Show what was at a time of simulation. @param {Frame} a before it @param {Frame} b behind it @param {number} t s */
+  between(a, b, t) {
+    this.mix(a, b, b.t > a.t ? Math.min(1, Math.max(0, (t - a.t) / (b.t - a.t))) : 1);
+    this.achieved = a.achieved;
+  }
+
+  /** @param {Frame} a @param {Frame} b @param {number} part of the way from a to b */
+  mix(a, b, part) {
+    this.t = a.t + (b.t - a.t) * part;
+    if (this.poses.length !== b.poses.length) this.poses = new Float32Array(b.poses.length);
+    for (let k = 0; k < b.count; k += 1) between(this.poses, a.poses, b.poses, 7 * k, part);
   }
 }
 

@@ -19,9 +19,9 @@ export class Bars {
     this.title = h("span", { class: "title" });
     this.clock = h("span", { class: "clock", "aria-label": "Simulation time" }, "0:00.0");
     this.recording = h("span", { class: "rec", hidden: true, title: "The server records" }, "REC");
-    this.pause = h("button", { class: "icon", onclick: () => this.act(app.status.paused ? "world/resume" : "world/pause") });
-    this.step = h("button", { class: "icon", title: "One tick (while paused)", "aria-label": "One tick", onclick: () => this.act("world/step", { n: 1 }) }, symbol("step"));
-    this.speed = h("select", { "aria-label": "Speed of time", title: "Simulated seconds a second", onchange: () => this.act("world/set_speed", { speed: Number(this.speed.value) }) },
+    this.pause = h("button", { class: "icon live", onclick: () => this.act(app.status.paused ? "world/resume" : "world/pause") });
+    this.step = h("button", { class: "icon live", title: "One tick (while paused)", "aria-label": "One tick", onclick: () => this.act("world/step", { n: 1 }) }, symbol("step"));
+    this.speed = h("select", { class: "live", "aria-label": "Speed of time", title: "Simulated seconds a second", onchange: () => this.act("world/set_speed", { speed: Number(this.speed.value) }) },
       ...SPEEDS.map((speed) => h("option", { value: speed }, `${speed} ×`)));
     this.reset = h("button", { class: "icon live", title: "Reset the world", "aria-label": "Reset the world", onclick: () => this.act("world/reset") }, symbol("reset"));
     this.save = h("button", { class: "icon optional live", title: "Keep this moment", "aria-label": "Keep this moment", onclick: () => this.act("world/snapshot", { name: "page" }, "Moment kept") }, symbol("save"));
@@ -99,7 +99,8 @@ export class Bars {
     for (const control of [this.pause, this.speed, this.reset, this.save, this.back]) control.disabled = barred;
     this.step.disabled = barred || !paused;
     this.recording.hidden = !status.recording && !status.playback;
-    tell(this.recording, status.playback ? `recording ${status.playback.file}` : "REC");
+    tell(this.recording, status.playback ? `plays ${status.playback.file}` : "REC");
+    this.recording.classList.toggle("plays", Boolean(status.playback));
     this.recording.title = status.playback ? "A recording plays" : "The server records";
     if (document.activeElement !== this.speed && typeof status.speed === "number") {
       const speed = String(status.speed);

@@ -28,6 +28,8 @@ export class Chart {
     this.world = null;
     /** @type {number[] | null} */
     this.goal = null;
+    /** Where a training leads to. @type {number[] | null} */
+    this.aim = null;
     /** @type {number[][]} */
     this.route = [];
     /** @type {number[][]} */
@@ -112,6 +114,7 @@ export class Chart {
     this.line(pen, this.route.flat(), "#ffffff");
     for (const place of this.route) this.dot(pen, place, "#ffffff", 3);
     if (this.goal) this.cross(pen, this.goal);
+    if (this.aim) this.ring(pen, this.aim);
     for (let k = 0; 7 * k + 6 < poses.length; k += 1) this.craft(pen, poses, k, k === chosen);
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
     this.scaleBar(pen, height);
@@ -202,6 +205,15 @@ export class Chart {
     pen.lineWidth = 2;
     pen.beginPath();
     pen.moveTo(x - 6, y), pen.lineTo(x + 6, y), pen.moveTo(x, y - 6), pen.lineTo(x, y + 6);
+    pen.stroke();
+  }
+
+  /** @param {CanvasRenderingContext2D} pen @param {number[]} p */
+  ring(pen, p) {
+    pen.strokeStyle = "#f0b441";
+    pen.lineWidth = 2;
+    pen.beginPath();
+    pen.arc(...this.at(p[0], p[1]), 7, 0, 7);
     pen.stroke();
   }
 

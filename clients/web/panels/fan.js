@@ -67,7 +67,7 @@ export class SonarFan {
       pen.beginPath();
       pen.arc(x, y, r, first - Math.PI / 2, last - Math.PI / 2);
       pen.stroke();
-      pen.fillText(`${((far * k) / 4).toPrecision(2).replace(/\.0$/, "")} m`, x + 3, y - r + 12);
+      pen.fillText(`${Number(((far * k) / 4).toPrecision(3))} m`, x + 3, y - r + 12);
     }
   }
 }

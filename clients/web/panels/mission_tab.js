@@ -122,7 +122,7 @@ export function missionTab(app, pilot, planner) {
       buttons.load.disabled = !origin;
       buttons.save.disabled = !origin || !some;
       const { mission_index: index, mission_count: count } = pilot.state;
-      tell(note, !flies ? `${app.vehicle || "This"} has no autopilot that could fly a mission.` : pilot.mode === "mission" ? `Under way: item ${Number(index) + 1} of ${count}.` : origin ? "" : "Plans need a place on the Earth: origin_lat_deg and origin_lon_deg of [world].");
+      tell(note, !flies ? `${app.vehicle || "This"} has no autopilot that could fly a mission.` : pilot.mode === "mission" ? `Under way: item ${Number(index) + 1} of ${count}.` : !some ? "No way-points yet: tick the box above, enlarge the map (M) and click, or load a plan." : origin ? "" : "Plans need a place on the Earth: origin_lat_deg and origin_lon_deg of [world].");
     };
     planner.show = show;
     const endings = [app.on("pilot", () => tellUnderWay()), app.on("described", show), app.on("world", show)];

@@ -2,9 +2,10 @@
 import { h } from "../core/dom.js";
 import { SonarFan } from "./fan.js";
 import { SonarDisc } from "./sonar.js";
+import { Waterfall } from "./waterfall.js";
 /** @typedef {import("../types").Port} Port @typedef {import("../types").Picture} Picture @typedef {import("../core/app.js").App} App */
 
-const [RAW, JPEG, DEPTH, SONAR, FAN] = [0, 1, 2, 3, 4];
+const [RAW, JPEG, DEPTH, SONAR, FAN, SIDES] = [0, 1, 2, 3, 4, 5];
 
 /** Who draws pictures of which port; `main.js` brings the frames. @type {Map<string, Set<(picture: Picture) => Promise<void> | void>>} */
 const drawers = new Map();
@@ -31,12 +32,16 @@ export function hasPicture(port) {
 export function picturePanel(port, app, place) {
   const canvas = h("canvas", { width: 320, height: 240, role: "img", "aria-label": `Picture of ${port.path}` });
   place.classList.add("picture");
-  place.append(canvas);
+  const waits = h("p", { class: "doc" }, "Waits for a picture …");
+  place.append(canvas, waits);
   /** @type {SonarDisc | null} */
   let disc = null;
   /** @type {SonarFan | null} */
   let fan = null;
+  /** @type {Waterfall | null} */
+  let fall = null;
   const draw = async (/** @type {Picture} */ picture) => {
+    waits.hidden = true;
     if (picture.codec === SONAR) {
       if (!disc) {
         disc = new SonarDisc();
@@ -53,6 +58,14 @@ export function picturePanel(port, app, place) {
         canvas.replaceWith(fan.canvas);
       }
       fan.draw(picture);
+      return;
+    }
+    if (picture.codec === SIDES) {
+      if (!fall) {
+        fall = new Waterfall();
+        canvas.replaceWith(fall.canvas);
+      }
+      fall.draw(picture);
       return;
     }
     if (canvas.width !== picture.width || canvas.height !== picture.height) Object.assign(canvas, { width: picture.width, height: picture.height });

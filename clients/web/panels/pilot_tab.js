@@ -1,5 +1,6 @@
 // The pilot's panel: who steers, modes, sticks, keys, gamepad.
 import { h, tell } from "../core/dom.js";
+import { trainingCard } from "./training_card.js";
 import { AXES } from "../pilot/sticks.js";
 import { DIRECT } from "../pilot/pilot.js";
 /** @typedef {import("../core/app.js").App} App @typedef {import("../pilot/pilot.js").Pilot} Pilot */
@@ -17,8 +18,8 @@ const TIME_HELP = [
   [["Space"], "play, pause"], [["←", "→"], "one frame; with Shift 5 s"], [["[", "]"], "slower, faster"], [["1", "2", "3", "4"], "orbit, follow, on board, top"], [["N"], "next vehicle"], [["M"], "large map"], [["P"], "panels"],
 ];
 
-/** @param {App} app @param {Pilot} pilot */
-export function pilotTab(app, pilot) {
+/** @param {App} app @param {Pilot} pilot @param {import("../pilot/training.js").Training} training */
+export function pilotTab(app, pilot, training) {
   return (/** @type {HTMLElement} */ place) => {
     const who = h("span", { class: "who grow" });
     const take = h("button", { onclick: () => (pilot.owns ? pilot.give() : pilot.take()) });
@@ -36,11 +37,13 @@ export function pilotTab(app, pilot) {
     const gainText = h("b", { class: "mono" }, `${Math.round(100 * pilot.gain)} %`);
     const keyList = h("dl", { class: "keys" });
     const padPlace = h("div", { class: "stack" });
-    place.append(h("div", { class: "stack" }, owner, modes, note), h("h3", {}, "Sticks"),
+    const [tries, endTries] = trainingCard(app, training);
+    // What cannot be steered shows no sticks.
+    const steering = h("div", { class: "steering" }, h("h3", {}, "Sticks"),
       h("div", { class: "sticks" }, ...SHOWN.map((axis, k) => h("div", { class: "stick" }, h("span", {}, NAMES[AXES[axis]]), h("div", { class: "bar" }, bars[k].fill), bars[k].number))),
       h("div", { class: "row", style: "margin-top:8px" }, h("span", { class: "dim" }, "Gain"), gain, gainText),
-      h("h3", {}, "Gamepad"), padPlace,
-      h("h3", {}, "Keys"), keyList);
+      h("h3", {}, "Gamepad"), padPlace);
+    place.append(h("div", { class: "stack" }, owner, modes, note, tries), steering, h("h3", {}, "Keys"), keyList);
 
     const show = () => {
       const { owns, owner: there, barred } = pilot;
@@ -48,7 +51,9 @@ export function pilotTab(app, pilot) {
       tell(who, barred ? barred : !app.vehicle ? "Choose a vehicle" : owns ? `You steer ${app.vehicle}` : there ? `${there.owner} steers ${app.vehicle}` : `Nobody steers ${app.vehicle}`);
       tell(take, owns ? "Give up" : "Take control");
       take.className = owns ? "" : "primary";
-      take.hidden = Boolean(there) && !owns;
+      take.hidden = (Boolean(there) && !owns) || Boolean(barred);
+      steering.hidden = Boolean(barred);
+      modes.hidden = Boolean(barred);
       take.disabled = !app.vehicle || !app.connected || Boolean(barred);
       force.hidden = !there || owns || Boolean(barred);
       showKeys();
@@ -68,7 +73,7 @@ export function pilotTab(app, pilot) {
         modes.replaceChildren(...names.map((mode) => h("button", { "data-mode": mode, title: mode === DIRECT ? "Disarm: sticks go to the actuators" : "Arm the autopilot in this mode", disabled: Boolean(pilot.barred), onclick: () => pilot.setMode(mode) }, mode === DIRECT ? "Direct" : spoken(mode))));
       }
       for (const button of modes.children) button.setAttribute("aria-pressed", String(/** @type {HTMLElement} */ (button).dataset.mode === pilot.mode));
-      tell(note, !app.vehicle ? "" : pilot.hasAutopilot ? (pilot.state.failsafe ? `Fail-safe: ${pilot.state.failsafe}` : pilot.armed ? "Armed. A click on the map sends it there." : "Disarmed: sticks go to the actuators. A mode arms the autopilot.")
+      tell(note, !app.vehicle || pilot.barred ? "" : pilot.hasAutopilot ? (pilot.state.failsafe ? `Fail-safe: ${pilot.state.failsafe}` : pilot.armed ? "Armed. A click on the map sends it there." : "Disarmed: sticks go to the actuators. A mode arms the autopilot.")
         : "This vehicle has no autopilot: sticks go to its actuators.");
     };
     const showPad = () => {
@@ -98,6 +103,7 @@ export function pilotTab(app, pilot) {
     show();
     return () => {
       clearInterval(timer);
+      endTries();
       for (const end of endings) end();
     };
   };

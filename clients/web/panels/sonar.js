@@ -8,7 +8,11 @@ const SECTORS = 800;
 
 /** Colours of echoes from nothing to the strongest: black, deep blue, teal, amber, white. @returns {Uint8ClampedArray} */
 export function palette() {
-  const stops = [[3, 9, 13], [8, 40, 84], [12, 120, 140], [240, 180, 65], [255, 255, 240]];
+  return gradient([[3, 9, 13], [8, 40, 84], [12, 120, 140], [240, 180, 65], [255, 255, 240]]);
+}
+
+/** A colour for each count. @param {number[][]} stops evenly apart @returns {Uint8ClampedArray} */
+export function gradient(stops) {
   const table = new Uint8ClampedArray(256 * 4);
   for (let k = 0; k < 256; k += 1) {
     const at = (k / 255) * (stops.length - 1);
@@ -83,7 +87,7 @@ export class SonarDisc {
       pen.beginPath();
       pen.arc(c, c, (r * k) / 4, 0, 7);
       pen.stroke();
-      pen.fillText(`${((this.range * k) / 4).toPrecision(2).replace(/\.0$/, "")} m`, c + 3, c - (r * k) / 4 + 12);
+      pen.fillText(`${Number(((this.range * k) / 4).toPrecision(3))} m`, c + 3, c - (r * k) / 4 + 12);
     }
     pen.strokeStyle = "#f0b441";
     pen.beginPath();

@@ -12,6 +12,7 @@ const READINGS = {
   dvl: { label: "DVL altitude", field: "altitude", unit: "m", digits: 2 },
   battery: { label: "Battery", field: "charge", unit: "%", digits: 0, factor: 100, mood: (value) => (value < 0.1 ? "bad" : value < 0.25 ? "warn" : "") },
   training: { label: "Training", field: "state", unit: "", digits: 0, text: trained, mood: (value) => (value === "failed" ? "bad" : "") },
+  tether: { label: "Tether", field: "tension", unit: "N", digits: 0 },
   leak: { label: "Leak", field: "leak", unit: "", digits: 0, text: (value) => (value ? "WET" : "dry"), mood: (value) => (value ? "bad" : "") },
 };
 
@@ -36,6 +37,8 @@ export class Hud {
     this.attitude = horizon();
     this.readings = h("div", { class: "readings" });
     this.banner = h("div", { class: "banner", hidden: true });
+    // Where there is no room for the tape.
+    this.deep = h("b", {}, "–");
     this.place.append(this.tape.root, this.depth.root, this.attitude.root, this.readings, this.banner);
     /** @type {(() => void)[]} */
     this.endings = [];
@@ -48,10 +51,10 @@ export class Hud {
   listen() {
     for (const end of this.endings) end();
     this.endings = [];
-    this.readings.replaceChildren();
+    this.readings.replaceChildren(h("div", { class: "reading narrow" }, h("span", {}, "Depth"), this.deep));
     const { app } = this;
     for (const [kind, reading] of Object.entries(READINGS)) {
-      const port = app.description?.ports.find((candidate) => candidate.kind === kind && candidate.direction === "sensor" && candidate.path.startsWith(app.prefix));
+      const port = app.description?.ports.find((candidate) => candidate.kind === kind && candidate.direction === "sensor" && candidate.path.startsWith(app.prefix) && candidate.fields.some((field) => field.name === reading.field));
       if (!port || (kind === "dvl" && app.description?.ports.some((other) => other.kind === "altimeter" && other.path.startsWith(app.prefix)))) continue;
       const value = h("b", {}, "–");
       const box = h("div", { class: "reading" }, h("span", {}, reading.label), value);
@@ -91,6 +94,7 @@ export class Hud {
     const armed = this.pilot.armed;
     this.tape.show(heading, armed && typeof state.heading_ref === "number" ? (state.heading_ref * DEG + 360) % 360 : null);
     this.depth.show(poses[i + 2], armed && typeof state.depth_ref === "number" ? state.depth_ref : null);
+    tell(this.deep, `${poses[i + 2].toFixed(2)} m`);
     this.attitude.show(roll * DEG, pitch * DEG);
   }
 }

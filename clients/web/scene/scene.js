@@ -1,11 +1,13 @@
 // The world in three dimensions: built from what the server tells once, moved by frames.
 import * as THREE from "three";
 import { isNowhere, ownColour } from "../core/frames.js";
+import { Aim } from "./aim.js";
 import { Acoustics, Beams } from "./beams.js";
 import { Craft } from "./craft.js";
-import { Flow, Touches } from "./flow.js";
+import { currentAt, Flow, Touches } from "./flow.js";
 import { Labels } from "./labels.js";
 import { Paints } from "./materials.js";
+import { Motes } from "./motes.js";
 import { makeSolids } from "./solids.js";
 import { Surface } from "./surface.js";
 import { Trail } from "./trails.js";
@@ -41,11 +43,14 @@ export class WorldScene {
     for (const trail of this.trails) this.group.add(trail.line);
     this.surface = new Surface(world.water, stage.fine);
     stage.scene.add(this.surface.mesh);
+    this.motes = new Motes();
+    stage.scene.add(this.motes.points);
     this.flow = new Flow();
     this.acoustics = new Acoustics(world.beacons, world.water.sound_speed);
     this.touches = new Touches();
+    this.aim = new Aim();
     this.labels = new Labels(bodies, world.beacons.map((beacon) => beacon.name));
-    this.group.add(this.flow.group, this.acoustics.group);
+    this.group.add(this.flow.group, this.acoustics.group, this.aim.group);
     /** @type {Beams[]} */
     this.beams = [];
     /** @type {(() => void)[]} */
@@ -135,12 +140,16 @@ export class WorldScene {
       if (poses[7 * this.chosen + 2] < 0.3) room.ceiling = Infinity;
       this.views.update(craft.group, poses, 7 * this.chosen, dt, room, this.free);
     }
+    // On board one sees what a camera would.
+    for (const beams of this.beams) beams.group.visible = this.views.view !== "board";
     medium.waterTime.value = t % 10000;
     look(this.world.water, { depth: -camera.position.y, outside: this.views.view !== "board", clear: this.clear || this.views.view === "top" });
     this.surface.mesh.visible = layers.has("surface") && !(this.views.view === "top" && camera.position.y > 0);
     this.surface.update(camera.position, t);
     this.flow.group.visible = layers.has("current") && craft !== undefined;
     if (this.flow.group.visible) this.flow.update(this.world.water, craft.group.position.toArray(), Math.max(1.2, 2.2 * craft.size.x), passed, this.floor);
+    this.motes.points.visible = layers.has("motes") && this.views.view !== "top";
+    this.motes.update(currentAt(this.world.water, -camera.position.y), passed, this.stage.canvas.height);
     this.acoustics.group.visible = layers.has("acoustics");
     this.world.beacons.forEach((beacon, k) => this.acoustics.markers[k].position.copy(this.placeOf(beacon)));
     this.acoustics.update(t);
@@ -155,6 +164,7 @@ export class WorldScene {
     this.group.removeFromParent();
     this.surface.mesh.removeFromParent();
     this.surface.dispose();
+    this.motes.dispose();
     this.paints.dispose();
     this.labels.dispose();
   }

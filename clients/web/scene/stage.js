@@ -9,28 +9,21 @@ export function drawsInSoftware(gl) {
   return /swiftshader|llvmpipe|softpipe|software|microsoft basic/i.test(name);
 }
 
-/** Why WebGL 2 is not there, or an empty text. */
-export function whyNoGL() {
-  try {
-    const gl = document.createElement("canvas").getContext("webgl2");
-    if (!gl) return "this browser or its graphics driver has no WebGL 2";
-    gl.getExtension("WEBGL_lose_context")?.loseContext();
-    return "";
-  } catch (error) {
-    return error instanceof Error ? error.message : "WebGL 2 failed";
-  }
-}
-
 let flooded = false;
 
 /** Renderer, camera and root of a page. */
 export class Stage {
-  /** @param {HTMLCanvasElement} canvas @param {"low" | "high" | "auto"} quality */
+  /**
+   * @param {HTMLCanvasElement} canvas @param {"low" | "high" | "auto"} quality
+   * @throws {Error} there is no WebGL 2
+   */
   constructor(canvas, quality) {
     if (!flooded) flood();
     flooded = true;
     this.canvas = canvas;
-    const gl = /** @type {WebGL2RenderingContext} */ (canvas.getContext("webgl2", { antialias: quality !== "low", powerPreference: "high-performance" }));
+    // The only context: another one to try would take as long again.
+    const gl = /** @type {WebGL2RenderingContext | null} */ (canvas.getContext("webgl2", { antialias: quality !== "low", powerPreference: "high-performance" }));
+    if (!gl) throw new Error("this browser or its graphics driver has no WebGL 2");
     this.software = drawsInSoftware(gl);
     this.fine = quality === "high" || (quality === "auto" && !this.software);
     this.renderer = new THREE.WebGLRenderer({ canvas, context: gl });

@@ -99,6 +99,9 @@ export function makeDome() {
 
 export const SHARED_GLSL = COMMON;
 
+/** From linear light to what a screen is told (sRGB's curve is about that power). */
+const VEIL_GAMMA = 1 / 2.2;
+
 /** How far light must reach for views from outside: they thin the water where a diver would see nothing. */
 const OUTSIDE_GREEN = 0.05;
 
@@ -115,6 +118,8 @@ export function look(water, { depth, outside, clear }) {
   medium.waterSurface.value = water.surface_level;
   const veil = new THREE.Vector3(...water.colour);
   veil.divideScalar(Math.max(veil.x, veil.y, veil.z, 1e-3));
+  // The colour is of light; on the screen less light is shown brighter, or green water would be as neon.
+  for (const axis of /** @type {const} */ (["x", "y", "z"])) veil[axis] = veil[axis] ** VEIL_GAMMA;
   const light = 0.16 + 0.42 * Math.exp(-0.035 * Math.max(0, depth));
   medium.waterLevel.value.copy(veil).multiplyScalar(light);
   medium.waterUp.value.copy(veil).lerp(new THREE.Vector3(0.75, 1, 1), 0.28).multiplyScalar(Math.min(1, light * 1.7));

@@ -6,7 +6,7 @@ import struct
 
 import numpy as np
 import pytest
-from uwserver_adapters.web.frames import DEPTH, FAN, RAW
+from uwserver_adapters.web.frames import DEPTH, FAN, RAW, SIDES
 from uwserver_adapters.web.pictures import encoded
 
 from uwserver.ports import Buffer, Field, Layout, Port, Sample, Value
@@ -44,10 +44,11 @@ def test_an_imaging_sonar_is_a_fan() -> None:
         (np.zeros((2, 0), np.uint8), (), 20.0),
     ],
 )
-def test_what_no_fan_can_be_drawn_of_is_left_out(
+def test_what_no_fan_can_be_drawn_of_goes_plain_or_not_at_all(
     image: np.ndarray, angles: tuple[float, ...], reach: float | None
 ) -> None:
-    assert fan(image, angles, reach) is None
+    data = fan(image, angles, reach)
+    assert data is None or data[1] == RAW
 
 
 def test_the_picture_is_the_field_of_that_name() -> None:
@@ -58,3 +59,33 @@ def test_the_picture_is_the_field_of_that_name() -> None:
     assert second is not None
     assert (first[1], second[1]) == (RAW, DEPTH)
     assert frame((IMAGE,), None) is None
+
+
+def ping(port: np.ndarray, starboard: np.ndarray, reach: float | None = 40.0) -> bytes | None:
+    row = Layout("uint8", (-1,))
+    sides = [Field(name, "1", "x", type="buffer", buffer=row) for name in ("port", "starboard")]
+    return frame((Field("range", "m", "x"), *sides), reach, Buffer.of(port), Buffer.of(starboard))
+
+
+def test_a_side_scan_sonar_shows_both_sides() -> None:
+    data = ping(COUNTS[0], COUNTS[1])
+    assert data is not None
+    assert struct.unpack("<BBHHHq", data[:16]) == (2, SIDES, 7, 3, 2, 5)
+    assert struct.unpack("<f", data[16:20]) == (40.0,)
+    assert data[20:] == COUNTS.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("port", "starboard", "reach"),
+    [
+        (COUNTS[0].astype(np.float32), COUNTS[1].astype(np.float32), 40.0),  # pressures
+        (COUNTS[0], COUNTS[1, :2], 40.0),
+        (COUNTS[0], COUNTS[1], None),
+        (COUNTS[0, :0], COUNTS[1, :0], 40.0),
+    ],
+)
+def test_sides_that_are_no_counts_alike_are_no_ping(
+    port: np.ndarray, starboard: np.ndarray, reach: float | None
+) -> None:
+    data = ping(port, starboard, reach)
+    assert data is None or data[1] != SIDES
