@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
+import runpy
 import shutil
 import socket
 import subprocess
 import sys
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 
 import pytest
@@ -22,12 +24,13 @@ sys.path.insert(0, str(ROOT / "tests"))
 from server_process import serving  # noqa: E402
 
 import uwserver  # noqa: E402
+from uwserver.logfiles import open_log  # noqa: E402
 from uwserver.scenario.files.documents import shipped  # noqa: E402
 
 
-def run(scenario: str, program: str, *arguments: str) -> list[float]:
-    """The numbers of the last line that the program prints."""
-    with serving(EXAMPLES / scenario, "--paused") as ((_, port), _):
+def run(scenario: str, program: str, *arguments: str, options: tuple[str, ...] = ()) -> list[float]:
+    """The numbers of the last line that the program prints; `options` are those of the server."""
+    with serving(EXAMPLES / scenario, "--paused", *options) as ((_, port), _):
         command = [sys.executable, str(EXAMPLES / program), "--port", str(port), *arguments]
         done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -63,6 +66,45 @@ def test_the_pipe_is_followed_to_its_end(picture: Path) -> None:
     assert half < 0.12
     assert 29.0 < end < 33.0
     assert picture.exists()
+
+
+@pytest.mark.slow
+def test_a_pipe_is_followed_in_the_pictures_of_a_sonar(picture: Path, tmp_path: Path) -> None:
+    log = tmp_path / "pipe.mcap"
+    _, along, most, half = run("pipe_picture.toml", "pipe_picture.py", "--out", str(picture), options=("--record", str(log)))  # fmt: skip
+    assert along > 43.0
+    assert most < 0.4
+    assert half < 0.12
+    assert picture.exists()
+    with closing(open_log(log)) as recorded:
+        assert sum(value["valid"] for _, _, value in recorded.read({"rov/sonar"})) > 400
+
+
+@pytest.mark.parametrize(("east", "heading_deg"), [(0.0, 0.0), (0.8, -20.0), (-0.6, 15.0), (-9.0, 0.0)])
+def test_the_pipe_is_found_in_one_picture(
+    east: float, heading_deg: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where it is from there, and none over sand alone."""
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    found = runpy.run_path(str(EXAMPLES / "pipe_picture.py"))
+    text, start = (EXAMPLES / "pipe_picture.toml").read_text(), "position_ned_m = [-3.0, 0.8, 9.5]"
+    assert start in text
+    there = f"position_ned_m = [0.5, {east}, 9.8]\nattitude_rpy_deg = [0.0, 0.0, {heading_deg}]"
+    (tmp_path / "one.toml").write_text(text.replace(start, there))
+    world = uwserver.load(tmp_path / "one.toml")
+    heard = world.record("rov/sonar")
+    world.step(120)
+    sonar = heard["rov/sonar"]
+    height = 12.0 - 9.8 - found["BELOW_M"]
+    points = found["pipe_in"](sonar.image[0], sonar.azimuth[0], sonar.range[0], height, found["TILT_RAD"])
+    piece = found["nearest_piece"](points)
+    if abs(east) > 5.0:
+        assert piece is None
+        return
+    heading = math.radians(heading_deg)
+    across = east + (piece.x + found["AHEAD_M"]) * math.sin(heading) + piece.y * math.cos(heading)
+    assert across == pytest.approx(0.0, abs=0.12)
+    assert piece.course == pytest.approx(-heading, abs=0.05)
 
 
 def test_it_docks_without_a_bump(picture: Path) -> None:
@@ -243,8 +285,6 @@ def test_tags_of_the_camera_are_found_by_a_real_detector(tmp_path: Path) -> None
 
 def test_the_looks_of_the_tags_are_those_that_the_program_makes(tmp_path: Path) -> None:
     pytest.importorskip("PIL")
-    import runpy
-
     runpy.run_path(str(EXAMPLES / "tags.py"))["make"](tmp_path / "tags.glb")
     from uwserver.sensors.optical.camera.gltf import read_glb
 
