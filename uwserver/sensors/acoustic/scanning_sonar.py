@@ -13,6 +13,16 @@ from uwserver.modifiers.base import Measurement, Memory, Time
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Argument, Field
 from uwserver.sensors.acoustic.echo import MU_SURFACE, Absorption, cast, kernels, load_kernels
+from uwserver.sensors.acoustic.head import (
+    Index,
+    SectorCenter,
+    SectorWidth,
+    Sense,
+    Step,
+    head_arguments,
+    step_on,
+    turned,
+)
 from uwserver.sensors.acoustic.imaging import echoes, speckle
 from uwserver.sensors.acoustic.imaging.fan import Fan, directivity, dot_products
 from uwserver.sensors.acoustic.imaging.kernels import load as load_pictures
@@ -97,9 +107,9 @@ class SonarSettings(Settings, frozen=True):
 
     range: Distance
     gain: Gain
-    step: Annotated[float, Meta(ge=1e-6, le=1)]
-    sector_center: Annotated[float, Meta(ge=-1e6, le=1e6)]
-    sector_width: Annotated[float, Meta(gt=0, le=7)]
+    step: Step
+    sector_center: SectorCenter
+    sector_width: SectorWidth
 
 
 class SonarMemory(Memory):
@@ -109,8 +119,8 @@ class SonarMemory(Memory):
     sense: whether it turns back (-1) or on (1)."""
 
     ready: Time = 0.0
-    index: Annotated[int, Meta(ge=0)] = 0
-    sense: Literal[-1, 1] = 1
+    index: Index = 0
+    sense: Sense = 1
 
 
 class ScanningSonar(Sensor):
@@ -165,7 +175,7 @@ class ScanningSonar(Sensor):
         believed = c
         if self._config.assumed_sound_speed_mps is not UNSET and not self._config.ideal:
             believed = self._config.assumed_sound_speed_mps
-        angle = self._step()
+        angle = step_on(self.settings, self.memory)
         reading = Measurement([angle, reach, self.settings.gain, blank(self.fields)[3]], False)
         if scope.submergence(p_NS) > 0.0:
             reading.valid = True
@@ -175,24 +185,10 @@ class ScanningSonar(Sensor):
         reading.delay_ns = round(duration * NANOSECONDS)
         return reading
 
-    def _step(self) -> float:
-        """Angle of this ping (rad); the head moves on to the next."""
-        s, m = self.settings, self.memory
-        whole = s.sector_width > 2.0 * math.pi - 1e-9
-        count = max(1, round(s.sector_width / s.step) + (0 if whole else 1))
-        index = min(m.index, count - 1)
-        first = s.sector_center - (0.0 if whole else 0.5 * (count - 1) * s.step)
-        if whole:
-            m.index = (index + 1) % count
-        else:
-            m.sense = -1 if index >= count - 1 else 1 if index <= 0 else m.sense
-            m.index = min(max(index + m.sense, 0), count - 1)
-        return math.remainder(first + index * s.step, 2.0 * math.pi)
-
     def _picture(self, scope: Scope, p_NS: Vec3, angle: float, stretch: float) -> tuple[float, ...]:
         """The bins of a ping."""
         config, reach = self._config, self.settings.range
-        R = np.array(matrix(scope.attitude(self._mount.q))) @ _about_z(angle)
+        R = np.array(matrix(scope.attitude(self._mount.q))) @ turned(angle)
         direction, farthest = self._fan.direction @ R.T, _BEYOND * reach / min(stretch, 1.0)
         hits = cast(scope, p_NS, direction, farthest)
         if config.model == "paper":
@@ -243,17 +239,10 @@ class ScanningSonar(Sensor):
         return out
 
 
-def _about_z(angle: float) -> FloatArray:
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
-
-
 def _arguments(config: ScanningSonarConfig) -> tuple[Argument, ...]:
-    low, high, pi = config.min_range_m, config.max_range_m, math.pi
+    low, high = config.min_range_m, config.max_range_m
     return (
         Argument("range", "float", "distance at the end of the last bin", "m", False, minimum=low, maximum=high),
         Argument("gain", "float", "added to the level before compression", "dB", False, minimum=-60, maximum=60),
-        Argument("step", "float", "angle from ping to ping", "rad", False, minimum=1e-3, maximum=0.6),
-        Argument("sector_center", "float", "middle of the sector", "rad", False, minimum=-pi, maximum=pi),
-        Argument("sector_width", "float", "what the head covers; 2 pi for continuous rotation", "rad", False, minimum=1e-3, maximum=2.0 * pi + 1e-9),
-    )  # fmt: skip
+        *head_arguments(1e-3),
+    )
