@@ -13,12 +13,13 @@ from uwserver.frames import Quat, Vec3, matrix, multiply
 from uwserver.modifiers.base import Measurement, Memory, Time
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Argument, Value
+from uwserver.sensors.acoustic.cross_talk import Sonar, Voice, believed_speed
 from uwserver.sensors.acoustic.echo import Absorption, load_kernels
 from uwserver.sensors.acoustic.imaging import speckle
 from uwserver.sensors.acoustic.imaging.kernels import load as load_pictures
 from uwserver.sensors.acoustic.imaging.swath import Swath
 from uwserver.sensors.acoustic.receiver import Echoes, Noise, Paths, Pulse, Ranges, Water, ranges
-from uwserver.sensors.base import Distance, Gain, Pose, Scope, Sensor, SensorTable, Settings, earlier
+from uwserver.sensors.base import Distance, Gain, Pose, Scope, SensorTable, Settings, earlier
 from uwserver.sensors.job import Begun, Job
 from uwserver.table import NonNegative, Positive
 from uwserver.units import NANOSECONDS
@@ -42,6 +43,8 @@ class PingTable(SensorTable, kw_only=True, frozen=True):
         source_level_db: dB re 1 uPa at 1 m.
         noise_level_db: spectral level of the noise around, dB re 1 uPa^2/Hz.
         volume_backscatter_db: of a cubic metre of water, dB re 1/m; without it the water is clear.
+        cross_talk_db: direct sound of other sonars of the vehicle whose bands overlap, beside that on their axis: -40 for two side lobes of -20 dB
+            (a model); without it they are not heard.
         assumed_sound_speed_mps: what the device believes; default: the truth.
         overhead_s: between the end of a ping and the next one.
         processing_s: from the last echo to the delivery; in real time no more is there to compute it.
@@ -58,6 +61,7 @@ class PingTable(SensorTable, kw_only=True, frozen=True):
     source_level_db: float = 210.0
     noise_level_db: float = 42.0
     volume_backscatter_db: float | UnsetType = UNSET
+    cross_talk_db: Annotated[float, Meta(ge=-200, le=0)] | UnsetType = UNSET
     assumed_sound_speed_mps: Positive | UnsetType = UNSET
     overhead_s: NonNegative = 0.005
     processing_s: NonNegative = 0.02
@@ -140,7 +144,7 @@ class Sent(NamedTuple):
     instant: Instant | None
 
 
-class PingingSonar(Sensor):
+class PingingSonar(Sonar):
     """Begins a ping when the last one is over."""
 
     paces = True
@@ -168,6 +172,14 @@ class PingingSonar(Sensor):
         """Ready at once."""
         return PingMemory()
 
+    def voice(self, c: float) -> Voice:
+        """As others hear it, where the sound speed is c (m/s)."""
+        table, pulse = self._table, self._pulse
+        busy = 2.0 * self.settings.range / believed_speed(self._table, c) + table.overhead_s
+        return Voice(
+            self._mount.p, table.frequency_hz, pulse.bandwidth, pulse.level, pulse.length, self.memory.ready, busy, self.dt
+        )  # fmt: skip
+
     def begins(self, t: float) -> bool:
         """Whether the last ping is over."""
         return t >= self.memory.ready - 1e-6
@@ -194,9 +206,7 @@ class PingingSonar(Sensor):
         table, reach = self._table, self.settings.range
         p = scope.position(self._mount.p)
         c = scope.water.sound_speed(p[2])
-        believed = c
-        if table.assumed_sound_speed_mps is not UNSET and not table.ideal:
-            believed = table.assumed_sound_speed_mps
+        believed = believed_speed(self._table, c)
         duration = 2.0 * reach / believed
         self.memory.ready = scope.t + duration + table.overhead_s
         values: list[Value] = [reach, self.settings.gain, table.frequency_hz, believed]
@@ -209,7 +219,8 @@ class PingingSonar(Sensor):
         water = Water(self._absorption.at(scope, p[2]), volume, height, scope.lambert)
         poses = self._poses(scope, axes, duration)
         divided = ranges(reach, table.bins, c, believed / c, self._pulse)
-        return Sent(values, delay, Instant(scope, p, poses, divided, water, self._noise(p, poses[0][:, 0])))
+        noise = self._noise(scope, p, poses[0][:, 0], divided, c)
+        return Sent(values, delay, Instant(scope, p, poses, divided, water, noise))
 
     def _poses(self, scope: Scope, axes: FloatArray, duration: float) -> tuple[FloatArray, ...]:
         """Attitude of the swath at the start, and at the end where the sonar turns meanwhile."""
@@ -219,12 +230,13 @@ class PingingSonar(Sensor):
             attitudes.append(multiply(q_NB, self._mount.q))
         return tuple(np.array(matrix(q)) @ axes for q in attitudes)
 
-    def _noise(self, p: Vec3, axis: FloatArray) -> Noise | None:
+    def _noise(self, scope: Scope, p: Vec3, axis: FloatArray, divided: Ranges, c: float) -> Noise | None:
         number = int(self.rng.integers(1 << 63))
         if self._table.ideal:
             return None
         faded, share = speckle.fading(p, axis, *self._lighting.fade)
-        return Noise(self.draws.key, number, faded, share)
+        heard = self.overhear(scope, divided.gates, c, self._table.cross_talk_db)
+        return Noise(self.draws.key, number, faded, share, heard)
 
 
 def fade_of(width: float, frequency: float) -> tuple[float, float]:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
+from uwserver.sensors.acoustic.cross_talk import add_bursts
 from uwserver.sensors.acoustic.imaging import columns, soundings, speckle
 from uwserver.sensors.acoustic.imaging.swath import Plane
 from uwserver.sensors.acoustic.receiver import Noise, Ranges
@@ -70,6 +71,7 @@ def listen(energy: FloatArray, ranges: Ranges, noise: Noise | None, directivity:
     if noise is not None:
         inside = ranges.noise / directivity
         columns.add_noise(np.uint64(noise.key), np.uint64(noise.number), inside, speckle.PHASORS, heard)
+        add_bursts(noise.bursts, noise.key, noise.number, ranges.gates.window, heard)
     window = ranges.gates.window
     if window > 1.0:
         rest = 0.5 * (window - int(window))
