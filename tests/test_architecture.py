@@ -547,7 +547,7 @@ TESTED_WITH = {
     "sensors": {
         "acoustic.echo": "sensors/acoustic/test_altimeter", "acoustic.fan": "sensors/acoustic/test_scanning_sonar",
         "acoustic.current_profile": "sensors/acoustic/test_adcp", "acoustic.janus": "sensors/acoustic/test_dvl",
-        "messages": "sensors/test_modem", "wiring": "sensors/onboard/test_contact",
+        "latest": "sensors/test_compound", "messages": "sensors/test_modem", "wiring": "sensors/onboard/test_contact",
         **{f"optical.camera.{name}": "sensors/optical/camera/test_picture" for name in ("formation", "rays", "view")},
         "optical.camera.kernels": "sensors/optical/camera/test_camera",
     },

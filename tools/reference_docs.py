@@ -74,6 +74,8 @@ MODELS = {
     "scanning_sonar": "scanning_sonar",
     "multibeam": "multibeam",
     "side_scan": "side_scan",
+    "profiler": "profiler",
+    "bathymetry": "bathymetry",
     "usbl": "usbl",
     "lbl": "lbl",
     "acoustic_modem": "modem",

@@ -5,10 +5,12 @@ from __future__ import annotations
 from uwserver.sensors.acoustic.acoustic_modem import AcousticModemConfig
 from uwserver.sensors.acoustic.adcp import AdcpConfig
 from uwserver.sensors.acoustic.altimeter import AltimeterConfig
+from uwserver.sensors.acoustic.bathymetry import BathymetryConfig
 from uwserver.sensors.acoustic.dvl import DvlConfig
 from uwserver.sensors.acoustic.interrogation import carriers
 from uwserver.sensors.acoustic.lbl import LblConfig
 from uwserver.sensors.acoustic.multibeam import MultibeamConfig
+from uwserver.sensors.acoustic.profiler import ProfilerConfig
 from uwserver.sensors.acoustic.scanning_sonar import ScanningSonarConfig
 from uwserver.sensors.acoustic.side_scan import SideScanConfig
 from uwserver.sensors.acoustic.usbl import UsblConfig
@@ -43,6 +45,8 @@ SensorConfig = (
     | ScanningSonarConfig
     | MultibeamConfig
     | SideScanConfig
+    | BathymetryConfig
+    | ProfilerConfig
     | UsblConfig
     | LblConfig
     | AcousticModemConfig
@@ -64,9 +68,10 @@ SensorConfig = (
 )
 
 __all__ = [
-    "AcousticModemConfig", "AdcpConfig", "AltimeterConfig", "AttitudeConfig", "BatteryConfig", "CameraConfig", "ClockConfig", "CompoundConfig",
-    "ContactConfig", "CtdConfig", "DvlConfig", "GpsConfig", "IdealSensor", "ImuConfig", "LblConfig", "LeakConfig", "MagnetometerConfig",
-    "ModemTable", "MotionCaptureConfig", "MultibeamConfig", "OpticalModemConfig", "Pose", "PressureConfig", "RangeArrayConfig", "RpmConfig",
-    "ScanningSonarConfig", "Scope", "Sensor", "SensorConfig", "SensorTable", "Settings", "SideScanConfig", "SoundSpeedConfig", "StreamTable",
-    "TrainingConfig", "UsblConfig", "carriers",
+    "AcousticModemConfig", "AdcpConfig", "AltimeterConfig", "AttitudeConfig", "BathymetryConfig", "BatteryConfig",
+    "CameraConfig", "ClockConfig", "CompoundConfig", "ContactConfig", "CtdConfig", "DvlConfig", "GpsConfig",
+    "IdealSensor", "ImuConfig", "LblConfig", "LeakConfig", "MagnetometerConfig", "ModemTable", "MotionCaptureConfig",
+    "MultibeamConfig", "OpticalModemConfig", "Pose", "PressureConfig", "ProfilerConfig", "RangeArrayConfig",
+    "RpmConfig", "ScanningSonarConfig", "Scope", "Sensor", "SensorConfig", "SensorTable", "Settings",
+    "SideScanConfig", "SoundSpeedConfig", "StreamTable", "TrainingConfig", "UsblConfig", "carriers",
 ]  # fmt: skip

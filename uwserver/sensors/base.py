@@ -23,6 +23,7 @@ from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.rays.raycast import Geometry, OpenWater
 from uwserver.ports import Argument, Field, Json, Refused, Value
 from uwserver.sensors.job import finished
+from uwserver.sensors.latest import Latest
 from uwserver.sensors.sight import Sight
 from uwserver.sensors.wiring import Wiring
 from uwserver.table import Name, NonNegative, Positive, Table
@@ -246,22 +247,6 @@ SoundSpeed = Annotated[float, Meta(ge=0, le=1e5)]
 """m/s, as a setting: what the device believes; 0 stands for the truth."""
 
 
-class Latest(Protocol):
-    """A sensor as one sees it that repeats its readings."""
-
-    @property
-    def fields(self) -> tuple[Field, ...]:
-        """Of its port."""
-
-    @property
-    def held(self) -> tuple[bool, tuple[Value, ...]] | None:
-        """Validity and values of its last reading, errors included; None before the first."""
-
-    @property
-    def held_ns(self) -> int:
-        """When that was."""
-
-
 class Sensor(ABC):
     """What lives in a vehicle and reads. The next reading depends on the world, `settings`, `memory` and random stream, and on nothing else.
 
@@ -321,7 +306,7 @@ class Sensor(ABC):
         """The next reading has this number: its random numbers follow."""
         self.draws.seek(number)
 
-    def join(self, others: Mapping[str, Latest]) -> None:  # noqa: B027 - only who repeats others needs them
+    def join(self, others: Mapping[str, Latest]) -> None:  # noqa: B027 - only who repeats or hears others needs them
         """Get to know the other sensors of the vehicle, by name; before anything is read."""
 
     def load_kernels(self) -> None:  # noqa: B027 - most have none

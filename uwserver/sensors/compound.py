@@ -9,7 +9,8 @@ from msgspec import Meta, structs
 
 from uwserver.modifiers.base import Measurement
 from uwserver.ports import Field, Value
-from uwserver.sensors.base import Latest, Pose, Scope, Sensor, SensorTable
+from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
+from uwserver.sensors.latest import Latest
 from uwserver.table import Name
 from uwserver.units import NANOSECONDS
 

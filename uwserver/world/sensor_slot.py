@@ -85,6 +85,11 @@ class SensorSlot(Part):
         return self.port.fields
 
     @property
+    def works(self) -> bool:
+        """Whether it reads: it is switched on, and no fault keeps it silent."""
+        return self.active and self._fault != "silent"
+
+    @property
     def wants_exact(self) -> bool:
         """Whether a stream is of what the device would read without errors."""
         return any(stream.ideal for stream in self.streams)

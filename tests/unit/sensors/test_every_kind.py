@@ -136,6 +136,12 @@ def ranges(sensor):
     return {"ranges": [r if r <= sensor.max_range_m else None for r in reach]}
 
 
+def profiler(sensor):
+    """The first beam of its sector."""
+    angle = -0.5 * np.radians(sensor.sector_width_deg)
+    return {"head_angle": angle, "max_range": sensor.range_m, "frequency": sensor.frequency_hz, "sound_speed": C}
+
+
 ALONE = {
     "imu": lambda _: {"f_S": NS.inv().apply(NB.apply(ACCELERATION) - (0.0, 0.0, G)), "w_S": BS.inv().apply(W), "temperature": 12.0},
     "pressure": lambda _: {"pressure": ATMOSPHERE + DENSITY * G * P_NS[2], "temperature": 12.0},
@@ -150,6 +156,10 @@ ALONE = {
     "side_scan": lambda sensor: {
         "range": sensor.range_m, "gain": sensor.gain_db, "frequency": sensor.frequency_hz, "sound_speed": C,
     },
+    "bathymetry": lambda sensor: {
+        "max_range": sensor.range_m, "gain": 0.0, "frequency": sensor.frequency_hz, "sound_speed": C,
+    },
+    "profiler": profiler,
     "usbl": usbl,
     "lbl": lbl,
     "magnetometer": lambda _: {"field_S": NS.inv().apply(MAGNETIC)},
@@ -307,6 +317,7 @@ def test_ideal_is_the_truth_in_a_world(kind, world):
 AIR = replace(SCOPE, p_NB=(3.0, -2.0, -5.0))
 BLIND = {
     "motion_capture": AIR, "dvl": AIR, "adcp": AIR, "altimeter": AIR, "scanning_sonar": AIR, "multibeam": AIR, "side_scan": AIR,
+    "bathymetry": AIR, "profiler": AIR,
     "usbl": AIR, "lbl": AIR, "ctd": AIR, "sound_speed": AIR,
     "range_array": AIR, "gps": SCOPE, "attitude": replace(SCOPE, t_ns=0), "rpm": SCOPE, "camera": SCOPE,
     "pressure": replace(SCOPE, water=replace(WATER, gravity=0.0)),
@@ -344,6 +355,8 @@ SETTINGS = {
     "scanning_sonar": {"range": 8.0, "gain": 3.0, "step": 0.1, "sector_center": 0.5, "sector_width": 1.0},
     "multibeam": {"range": 8.0, "gain": 3.0},
     "side_scan": {"range": 8.0, "gain": 3.0},
+    "bathymetry": {"range": 8.0, "gain": 3.0},
+    "profiler": {"range": 8.0, "gain": 3.0, "step": 0.1, "sector_center": 0.5, "sector_width": 1.0},
     "usbl": {"max_range": 300.0, "gain": -3.0, "sound_speed": 1480.0},
     "lbl": {"max_range": 300.0, "gain": -3.0, "sound_speed": 1480.0},
     "acoustic_modem": {"address": 7, "gain": -3.0, "sound_speed": 1480.0},

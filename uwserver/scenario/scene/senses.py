@@ -14,9 +14,11 @@ from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.sensors import (
     AdcpConfig,
     AltimeterConfig,
+    BathymetryConfig,
     DvlConfig,
     LblConfig,
     MultibeamConfig,
+    ProfilerConfig,
     RangeArrayConfig,
     ScanningSonarConfig,
     SensorConfig,
@@ -24,6 +26,9 @@ from uwserver.sensors import (
     UsblConfig,
 )
 from uwserver.units import rad
+
+_SHOWN = 15
+"""Beams of a swath that a viewer draws."""
 
 
 def sensor_views(name: str, file: VehicleFile) -> tuple[SensorView, ...]:
@@ -63,6 +68,12 @@ def beams(config: SensorConfig) -> Iterator[BeamView]:
         for side in (-1.0, 1.0):
             direction = (0.0, side * math.cos(tilt), math.sin(tilt))
             yield BeamView(direction, width, config.min_range_m, config.range_m)
+    elif isinstance(config, BathymetryConfig):
+        half = 0.5 * rad(config.field_deg)
+        for k in range(_SHOWN):
+            angle = half * (2.0 * k / (_SHOWN - 1) - 1.0)
+            direction = (0.0, math.sin(angle), math.cos(angle))
+            yield BeamView(direction, rad(config.beam_width_across_deg), config.min_range_m, config.range_m)
     elif isinstance(config, RangeArrayConfig):
         width = rad(config.field_of_view_deg)
         for k in range(config.beams):
@@ -78,6 +89,10 @@ def fan(config: SensorConfig) -> FanView | None:
             rad(config.beam_width_horizontal_deg), rad(config.beam_width_vertical_deg), 0.0, (-half, half), config.bins,
             config.min_range_m, config.range_m,
         )  # fmt: skip
+    if isinstance(config, ProfilerConfig):
+        centre, half = rad(config.sector_center_deg), 0.5 * rad(config.sector_width_deg)
+        width, step = rad(config.beam_width_deg), rad(config.step_deg)
+        return FanView(width, width, step, (centre - half, centre + half), 1, config.min_range_m, config.range_m)
     if not isinstance(config, ScanningSonarConfig):
         return None
     centre = rad(config.sector_center_deg)

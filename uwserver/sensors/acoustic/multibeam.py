@@ -14,6 +14,7 @@ from uwserver.modifiers.base import Measurement, Memory, Time
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Argument, Buffer, Field, Value
 from uwserver.ports.buffer import Layout
+from uwserver.sensors.acoustic.cross_talk import Sonar, Voice, believed_speed
 from uwserver.sensors.acoustic.echo import Absorption, load_kernels
 from uwserver.sensors.acoustic.imaging import columns, speckle
 from uwserver.sensors.acoustic.imaging.array import Taper
@@ -30,7 +31,7 @@ from uwserver.sensors.acoustic.receiver import (
     hear,
     ranges,
 )  # fmt: skip
-from uwserver.sensors.base import Distance, Gain, Pose, Scope, Sensor, SensorTable, Settings, earlier, out_of_range
+from uwserver.sensors.base import Distance, Gain, Pose, Scope, SensorTable, Settings, earlier, out_of_range
 from uwserver.sensors.job import Begun, Job
 from uwserver.table import Name, NonNegative, Positive, Table
 from uwserver.units import NANOSECONDS, rad
@@ -86,6 +87,8 @@ class MultibeamConfig(SensorTable, tag="multibeam", kw_only=True, frozen=True):
         volume_backscatter_db: of a cubic metre of water, dB re 1/m; without it the water is clear.
         surface_ghosts, bottom_ghosts: echoes by way of the sea surface, and of the bottom, as mirrors.
         second_time_around: echoes of the ping before, from behind the range at which the next one is sent.
+        cross_talk_db: direct sound of other sonars of the vehicle whose bands overlap, beside that on their axis: -40 for two side lobes of -20 dB
+            (a model); without it they are not heard.
         tvg_spreading, tvg_limit_db: k of the time-varied gain k lg r + 2 alpha r, and the most that it gives.
         floor_db: level (dB re 1 uPa after time-varied gain and gain) of count 0.
         dynamic_range_db: of the 255 counts.
@@ -119,6 +122,7 @@ class MultibeamConfig(SensorTable, tag="multibeam", kw_only=True, frozen=True):
     surface_ghosts: bool = False
     bottom_ghosts: bool = False
     second_time_around: bool = False
+    cross_talk_db: Annotated[float, Meta(ge=-200, le=0)] | UnsetType = UNSET
     tvg_spreading: NonNegative = 30.0
     tvg_limit_db: NonNegative = 80.0
     floor_db: float = 108.0
@@ -271,7 +275,7 @@ class PingJob(Job):
         return blended
 
 
-class Multibeam(Sensor):
+class Multibeam(Sonar):
     """One picture a ping."""
 
     doc = "Imaging sonar: echoes over range and azimuth of one ping, from the pose at its start, delivered when the device has its beams."
@@ -335,6 +339,13 @@ class Multibeam(Sensor):
             )
             raise out_of_range("range", text)
 
+    def voice(self, c: float) -> Voice:
+        """As others hear it, where the sound speed is c (m/s)."""
+        head, ready = self._heads[self.settings.mode], self.memory.ready
+        busy = 2.0 * self.settings.range / believed_speed(self._config, c) + self._config.overhead_s
+        frequency, (level, length, bandwidth, _) = head.table.frequency_hz, head.pulse
+        return Voice(self._mount.p, frequency, bandwidth, level, length, ready, busy, self.dt)
+
     def begins(self, t: float) -> bool:
         """Whether the last ping is over."""
         return t >= self.memory.ready - 1e-6
@@ -346,9 +357,7 @@ class Multibeam(Sensor):
         head, reach = self._heads[self.settings.mode], self.settings.range
         p = scope.position(self._mount.p)
         c = scope.water.sound_speed(p[2])
-        believed = c
-        if self._config.assumed_sound_speed_mps is not UNSET and not self._config.ideal:
-            believed = self._config.assumed_sound_speed_mps
+        believed = believed_speed(self._config, c)
         duration = 2.0 * reach / believed
         self.memory.ready = scope.t + duration + self._config.overhead_s
         values: list[Value] = [0.0, reach, self.settings.gain, head.table.frequency_hz, believed, None, None]
@@ -366,10 +375,12 @@ class Multibeam(Sensor):
         again = 0.5 * c * interval if head.table.second_time_around else 0.0
         paths = Paths(head.table.surface_ghosts, head.table.bottom_ghosts, again)
         poses = self._poses(scope, duration, rad(head.table.beam_width_horizontal_deg))
-        ping = _Ping(
-            head, scope.still(with_vehicles=False), p, poses, ranges(reach, head.table.bins, c, believed / c, head.pulse), water, paths,
-            self._noise(head, p, poses[0][:, 0]), self._beam_gain, level,
-        )  # fmt: skip
+        divided = ranges(reach, head.table.bins, c, believed / c, head.pulse)
+        noise = self._noise(head, p, poses[0][:, 0])
+        if noise is not None:
+            noise = noise._replace(bursts=self.overhear(scope, divided.gates, c, head.table.cross_talk_db))
+        still = scope.still(with_vehicles=False)
+        ping = _Ping(head, still, p, poses, divided, water, paths, noise, self._beam_gain, level)
         return Begun(values, True, delay_ns=delay, job=PingJob(ping))
 
     def _poses(self, scope: Scope, duration: float, width: float) -> tuple[FloatArray, ...]:

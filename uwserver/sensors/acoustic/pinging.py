@@ -13,12 +13,13 @@ from uwserver.frames import Quat, Vec3, matrix, multiply
 from uwserver.modifiers.base import Measurement, Memory, Time
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Argument, Value
+from uwserver.sensors.acoustic.cross_talk import Sonar, Voice, believed_speed
 from uwserver.sensors.acoustic.echo import Absorption, load_kernels
 from uwserver.sensors.acoustic.imaging import speckle
 from uwserver.sensors.acoustic.imaging.kernels import load as load_pictures
 from uwserver.sensors.acoustic.imaging.swath import Swath
 from uwserver.sensors.acoustic.receiver import Echoes, Noise, Paths, Pulse, Ranges, Water, ranges
-from uwserver.sensors.base import Distance, Gain, Pose, Scope, Sensor, SensorTable, Settings, earlier
+from uwserver.sensors.base import Distance, Gain, Pose, Scope, SensorTable, Settings, earlier
 from uwserver.sensors.job import Begun, Job
 from uwserver.table import NonNegative, Positive
 from uwserver.units import NANOSECONDS
@@ -42,6 +43,8 @@ class PingTable(SensorTable, kw_only=True, frozen=True):
         source_level_db: dB re 1 uPa at 1 m.
         noise_level_db: spectral level of the noise around, dB re 1 uPa^2/Hz.
         volume_backscatter_db: of a cubic metre of water, dB re 1/m; without it the water is clear.
+        cross_talk_db: direct sound of other sonars of the vehicle whose bands overlap, beside that on their axis: -40 for two side lobes of -20 dB
+            (a model); without it they are not heard.
         assumed_sound_speed_mps: what the device believes; default: the truth.
         overhead_s: between the end of a ping and the next one.
         processing_s: from the last echo to the delivery; in real time no more is there to compute it.
@@ -58,6 +61,7 @@ class PingTable(SensorTable, kw_only=True, frozen=True):
     source_level_db: float = 210.0
     noise_level_db: float = 42.0
     volume_backscatter_db: float | UnsetType = UNSET
+    cross_talk_db: Annotated[float, Meta(ge=-200, le=0)] | UnsetType = UNSET
     assumed_sound_speed_mps: Positive | UnsetType = UNSET
     overhead_s: NonNegative = 0.005
     processing_s: NonNegative = 0.02
@@ -86,7 +90,7 @@ class Instant(NamedTuple):
     """What a ping meets, for a job.
 
     Attributes:
-        scope: that stays as it is.
+        scope: of the ping; for a job one that stays as it is.
         p: of the transducer in N.
         poses: rotations of the swath in N at the start, and at the end where it differs.
         ranges, water: of the ping.
@@ -126,16 +130,29 @@ class Lighting(NamedTuple):
     fade: tuple[float, float]
 
 
-class PingingSonar(Sensor):
-    """Begins a ping when the last one is over; `_job` says what is computed of it."""
+class Sent(NamedTuple):
+    """A ping that has begun.
 
-    takes_time = True
+    Attributes:
+        values: range, gain, frequency and sound speed.
+        delay_ns: until its delivery.
+        instant: what it meets; None in the air.
+    """
+
+    values: list[Value]
+    delay_ns: int
+    instant: Instant | None
+
+
+class PingingSonar(Sonar):
+    """Begins a ping when the last one is over."""
+
     paces = True
     settings: PingSettings
     memory: PingMemory
 
-    def __init__(self, mount: Pose, table: PingTable, lighting: Lighting, gain_db: float) -> None:
-        """Of a table; `gain_db` at the start."""
+    def __init__(self, mount: Pose, table: PingTable, lighting: Lighting, settings: PingSettings) -> None:
+        """Of a table; with the settings of the start."""
         self._mount, self._table, self._lighting = mount, table, lighting
         self._pulse = Pulse(table.source_level_db, table.pulse_s, table.bandwidth_hz, table.noise_level_db)
         self._absorption = Absorption(table.frequency_hz)
@@ -145,7 +162,7 @@ class PingingSonar(Sensor):
             ),
             Argument("gain", "float", "added to the level before compression", "dB", False, minimum=-60, maximum=60),
         )  # fmt: skip
-        super().__init__(PingSettings(table.range_m, gain_db))
+        super().__init__(settings)
 
     def load_kernels(self) -> None:
         load_kernels()
@@ -154,6 +171,14 @@ class PingingSonar(Sensor):
     def turn_on(self) -> PingMemory:
         """Ready at once."""
         return PingMemory()
+
+    def voice(self, c: float) -> Voice:
+        """As others hear it, where the sound speed is c (m/s)."""
+        table, pulse = self._table, self._pulse
+        busy = 2.0 * self.settings.range / believed_speed(self._table, c) + table.overhead_s
+        return Voice(
+            self._mount.p, table.frequency_hz, pulse.bandwidth, pulse.level, pulse.length, self.memory.ready, busy, self.dt
+        )  # fmt: skip
 
     def begins(self, t: float) -> bool:
         """Whether the last ping is over."""
@@ -169,41 +194,49 @@ class PingingSonar(Sensor):
         """
         if not self.begins(scope.t):
             return None
+        sent = self.send(scope, self._lighting.axes)
+        values = [*sent.values, *(None,) * computed]
+        if sent.instant is None:
+            return Measurement(values, False, delay_ns=sent.delay_ns)
+        work = job(sent.instant._replace(scope=scope.still()))
+        return Begun(values, True, delay_ns=sent.delay_ns, job=work)
+
+    def send(self, scope: Scope, axes: FloatArray) -> Sent:
+        """Begin a ping, of a swath whose axes are the columns (3, 3) in the frame of the sensor."""
         table, reach = self._table, self.settings.range
         p = scope.position(self._mount.p)
         c = scope.water.sound_speed(p[2])
-        believed = c
-        if table.assumed_sound_speed_mps is not UNSET and not table.ideal:
-            believed = table.assumed_sound_speed_mps
+        believed = believed_speed(self._table, c)
         duration = 2.0 * reach / believed
         self.memory.ready = scope.t + duration + table.overhead_s
-        values: list[Value] = [reach, self.settings.gain, table.frequency_hz, believed, *(None,) * computed]
+        values: list[Value] = [reach, self.settings.gain, table.frequency_hz, believed]
         delay = round((duration + table.processing_s) * NANOSECONDS)
         height = scope.submergence(p)
         if height <= 0.0:
-            return Measurement(values, False, delay_ns=delay)
+            return Sent(values, delay, None)
         scattering = table.volume_backscatter_db
         volume = 0.0 if scattering is UNSET else 10.0 ** (0.1 * scattering)
         water = Water(self._absorption.at(scope, p[2]), volume, height, scope.lambert)
-        poses = self._poses(scope, duration)
+        poses = self._poses(scope, axes, duration)
         divided = ranges(reach, table.bins, c, believed / c, self._pulse)
-        instant = Instant(scope.still(), p, poses, divided, water, self._noise(p, poses[0][:, 0]))
-        return Begun(values, True, delay_ns=delay, job=job(instant))
+        noise = self._noise(scope, p, poses[0][:, 0], divided, c)
+        return Sent(values, delay, Instant(scope, p, poses, divided, water, noise))
 
-    def _poses(self, scope: Scope, duration: float) -> tuple[FloatArray, ...]:
+    def _poses(self, scope: Scope, axes: FloatArray, duration: float) -> tuple[FloatArray, ...]:
         """Attitude of the swath at the start, and at the end where the sonar turns meanwhile."""
         attitudes: list[Quat] = [scope.attitude(self._mount.q)]
         if math.hypot(*scope.w_NB_B) * duration > _STILL * self._lighting.width:
             _, q_NB = earlier(scope.p_NB, scope.q_NB, (*scope.v_NB_B, *scope.w_NB_B), -duration)
             attitudes.append(multiply(q_NB, self._mount.q))
-        return tuple(np.array(matrix(q)) @ self._lighting.axes for q in attitudes)
+        return tuple(np.array(matrix(q)) @ axes for q in attitudes)
 
-    def _noise(self, p: Vec3, axis: FloatArray) -> Noise | None:
+    def _noise(self, scope: Scope, p: Vec3, axis: FloatArray, divided: Ranges, c: float) -> Noise | None:
         number = int(self.rng.integers(1 << 63))
         if self._table.ideal:
             return None
         faded, share = speckle.fading(p, axis, *self._lighting.fade)
-        return Noise(self.draws.key, number, faded, share)
+        heard = self.overhear(scope, divided.gates, c, self._table.cross_talk_db)
+        return Noise(self.draws.key, number, faded, share, heard)
 
 
 def fade_of(width: float, frequency: float) -> tuple[float, float]:

@@ -12,12 +12,23 @@ from uwserver.frames import Vec3, matrix
 from uwserver.modifiers.base import Measurement, Memory, Time
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Argument, Field
+from uwserver.sensors.acoustic.cross_talk import Sonar, Voice, add_bursts, believed_speed
 from uwserver.sensors.acoustic.echo import MU_SURFACE, Absorption, cast, kernels, load_kernels
+from uwserver.sensors.acoustic.head import (
+    Index,
+    SectorCenter,
+    SectorWidth,
+    Sense,
+    Step,
+    head_arguments,
+    step_on,
+    turned,
+)
 from uwserver.sensors.acoustic.imaging import echoes, speckle
 from uwserver.sensors.acoustic.imaging.fan import Fan, directivity, dot_products
 from uwserver.sensors.acoustic.imaging.kernels import load as load_pictures
 from uwserver.sensors.acoustic.imaging.silhouettes import Silhouettes
-from uwserver.sensors.base import Distance, Gain, Pose, Scope, Sensor, SensorTable, Settings, blank
+from uwserver.sensors.base import Distance, Gain, Pose, Scope, SensorTable, Settings, blank
 from uwserver.table import NonNegative, Positive
 from uwserver.units import NANOSECONDS, rad
 
@@ -46,6 +57,8 @@ class ScanningSonarConfig(SensorTable, tag="scanning_sonar", kw_only=True, froze
         sector_center_deg, sector_width_deg: the sector that the head covers, to and fro; without a width it rotates continuously.
         source_level_db: dB re 1 uPa at 1 m.
         noise_level_db: spectral level of the noise around, dB re 1 uPa^2/Hz.
+        cross_talk_db: direct sound of other sonars of the vehicle whose bands overlap, beside that on their axis: -40 for two side lobes of -20 dB
+            (a model); without it they are not heard.
         tvg_spreading, tvg_limit_db: k of the time-varied gain k lg r + 2 alpha r, and the most that it gives.
         floor_db: level (dB re 1 uPa after time-varied gain and gain) of count 0.
         dynamic_range_db: of the 255 counts.
@@ -73,6 +86,7 @@ class ScanningSonarConfig(SensorTable, tag="scanning_sonar", kw_only=True, froze
     sector_width_deg: Positive | UnsetType = UNSET
     source_level_db: float = 200.0
     noise_level_db: float = 42.0
+    cross_talk_db: Annotated[float, Meta(ge=-200, le=0)] | UnsetType = UNSET
     tvg_spreading: NonNegative = 30.0
     tvg_limit_db: NonNegative = 60.0
     floor_db: float = 120.0
@@ -97,9 +111,9 @@ class SonarSettings(Settings, frozen=True):
 
     range: Distance
     gain: Gain
-    step: Annotated[float, Meta(ge=1e-6, le=1)]
-    sector_center: Annotated[float, Meta(ge=-1e6, le=1e6)]
-    sector_width: Annotated[float, Meta(gt=0, le=7)]
+    step: Step
+    sector_center: SectorCenter
+    sector_width: SectorWidth
 
 
 class SonarMemory(Memory):
@@ -109,11 +123,11 @@ class SonarMemory(Memory):
     sense: whether it turns back (-1) or on (1)."""
 
     ready: Time = 0.0
-    index: Annotated[int, Meta(ge=0)] = 0
-    sense: Literal[-1, 1] = 1
+    index: Index = 0
+    sense: Sense = 1
 
 
-class ScanningSonar(Sensor):
+class ScanningSonar(Sonar):
     """One row of a sonar picture a ping."""
 
     doc = "Scanning sonar: the echoes of one ping over range, and where the head pointed; each ping from the pose at its start."
@@ -155,6 +169,15 @@ class ScanningSonar(Sensor):
         """Ready at once, at the first step."""
         return SonarMemory()
 
+    def voice(self, c: float) -> Voice:
+        """As others hear it, where the sound speed is c (m/s)."""
+        config = self._config
+        busy = 2.0 * self.settings.range / believed_speed(self._config, c) + config.overhead_s
+        level, ready = config.source_level_db, self.memory.ready
+        return Voice(
+            self._mount.p, config.frequency_hz, config.bandwidth_hz, level, config.pulse_s, ready, busy, self.dt
+        )  # fmt: skip
+
     def sense(self, scope: Scope) -> Measurement | None:
         """A ping; None while the last one is not over."""
         now, reach = scope.t, self.settings.range
@@ -162,10 +185,8 @@ class ScanningSonar(Sensor):
             return None
         p_NS = scope.position(self._mount.p)
         c = scope.water.sound_speed(p_NS[2])
-        believed = c
-        if self._config.assumed_sound_speed_mps is not UNSET and not self._config.ideal:
-            believed = self._config.assumed_sound_speed_mps
-        angle = self._step()
+        believed = believed_speed(self._config, c)
+        angle = step_on(self.settings, self.memory)
         reading = Measurement([angle, reach, self.settings.gain, blank(self.fields)[3]], False)
         if scope.submergence(p_NS) > 0.0:
             reading.valid = True
@@ -175,24 +196,10 @@ class ScanningSonar(Sensor):
         reading.delay_ns = round(duration * NANOSECONDS)
         return reading
 
-    def _step(self) -> float:
-        """Angle of this ping (rad); the head moves on to the next."""
-        s, m = self.settings, self.memory
-        whole = s.sector_width > 2.0 * math.pi - 1e-9
-        count = max(1, round(s.sector_width / s.step) + (0 if whole else 1))
-        index = min(m.index, count - 1)
-        first = s.sector_center - (0.0 if whole else 0.5 * (count - 1) * s.step)
-        if whole:
-            m.index = (index + 1) % count
-        else:
-            m.sense = -1 if index >= count - 1 else 1 if index <= 0 else m.sense
-            m.index = min(max(index + m.sense, 0), count - 1)
-        return math.remainder(first + index * s.step, 2.0 * math.pi)
-
     def _picture(self, scope: Scope, p_NS: Vec3, angle: float, stretch: float) -> tuple[float, ...]:
         """The bins of a ping."""
         config, reach = self._config, self.settings.range
-        R = np.array(matrix(scope.attitude(self._mount.q))) @ _about_z(angle)
+        R = np.array(matrix(scope.attitude(self._mount.q))) @ turned(angle)
         direction, farthest = self._fan.direction @ R.T, _BEYOND * reach / min(stretch, 1.0)
         hits = cast(scope, p_NS, direction, farthest)
         if config.model == "paper":
@@ -211,7 +218,7 @@ class ScanningSonar(Sensor):
             echoes.deposit(finer.cells, direction, R, *hits, ground, gates.per_metre, second)
         energy = np.empty(gates.total)
         echoes.energies(second, gates.per_metre, alpha, energy)
-        intensity = self._receive(energy, gates, p_NS, R[:, 0])
+        intensity = self._receive(scope, energy, gates, p_NS, R[:, 0])
         if config.output == "pressure":
             return tuple((1e-6 * np.sqrt(intensity)).tolist())
         counts = np.empty(config.bins, np.int64)
@@ -221,10 +228,13 @@ class ScanningSonar(Sensor):
         )  # fmt: skip
         return tuple(counts.tolist())
 
-    def _receive(self, energy: FloatArray, gates: echoes.Gates, p_NS: Vec3, axis: FloatArray) -> FloatArray:
+    def _receive(
+        self, scope: Scope, energy: FloatArray, gates: echoes.Gates, p_NS: Vec3, axis: FloatArray
+    ) -> FloatArray:
         """(bins) intensity, uPa^2: the peak of what the pulse leaves of the echoes (gates) in each bin.
 
         Args:
+            scope: of the ping.
             energy: mean intensity of the echoes of each gate.
             gates: of this ping.
             p_NS: of the transducer.
@@ -239,21 +249,16 @@ class ScanningSonar(Sensor):
         faded, share = speckle.fading(p_NS, axis, self._fade_length, self._fade_angle)
         key = np.uint64(self.draws.key)
         speckle.scatter(energy, key, number, self._noise / gates.window, faded, share, speckle.PHASORS, field)
+        heard = self.overhear(scope, gates, scope.water.sound_speed(p_NS[2]), self._config.cross_talk_db)
+        add_bursts(heard, self.draws.key, number, gates.window, field.T)
         speckle.detect(field, gates.window, gates.per_bin, out)
         return out
 
 
-def _about_z(angle: float) -> FloatArray:
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
-
-
 def _arguments(config: ScanningSonarConfig) -> tuple[Argument, ...]:
-    low, high, pi = config.min_range_m, config.max_range_m, math.pi
+    low, high = config.min_range_m, config.max_range_m
     return (
         Argument("range", "float", "distance at the end of the last bin", "m", False, minimum=low, maximum=high),
         Argument("gain", "float", "added to the level before compression", "dB", False, minimum=-60, maximum=60),
-        Argument("step", "float", "angle from ping to ping", "rad", False, minimum=1e-3, maximum=0.6),
-        Argument("sector_center", "float", "middle of the sector", "rad", False, minimum=-pi, maximum=pi),
-        Argument("sector_width", "float", "what the head covers; 2 pi for continuous rotation", "rad", False, minimum=1e-3, maximum=2.0 * pi + 1e-9),
-    )  # fmt: skip
+        *head_arguments(1e-3),
+    )

@@ -13,7 +13,7 @@ from uwserver.ports import Buffer, Field, Value
 from uwserver.ports.buffer import Layout
 from uwserver.sensors.acoustic.imaging import columns
 from uwserver.sensors.acoustic.imaging.sides import Sides
-from uwserver.sensors.acoustic.pinging import Instant, Lighting, PingingSonar, PingTable, fade_of
+from uwserver.sensors.acoustic.pinging import Instant, Lighting, PingingSonar, PingSettings, PingTable, fade_of
 from uwserver.sensors.acoustic.receiver import Echoes, gain_over_range, hear
 from uwserver.sensors.base import Pose, Scope
 from uwserver.sensors.job import Job
@@ -90,6 +90,7 @@ class SideScan(PingingSonar):
     """Two rows a ping."""
 
     doc = "Side-scan sonar: echoes of one ping over slant range to port and to starboard, from the pose at its start."
+    takes_time = True
 
     def __init__(self, mount: Pose, config: SideScanConfig) -> None:
         self._config = config
@@ -108,7 +109,7 @@ class SideScan(PingingSonar):
             Field("starboard", unit, f"{what} by range, nearest first, to starboard", type="buffer", buffer=layout),
         )
         lighting = Lighting(self._sides, np.eye(3), width, fade_of(width, config.frequency_hz))
-        super().__init__(mount, config, lighting, config.gain_db)
+        super().__init__(mount, config, lighting, PingSettings(config.range_m, config.gain_db))
 
     def sense(self, scope: Scope) -> Measurement | None:
         """A ping; None while the last one is not over."""

@@ -1,0 +1,54 @@
+"""From echoes to ranges: noise of a receiver, thresholds above it, quality."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from uwserver.sensors.acoustic.imaging import speckle
+from uwserver.sensors.acoustic.receiver import Noise, Pulse, ranges
+from uwserver.sensors.acoustic.sounding import Array, blanked, listen, sound_out
+
+PULSE = Pulse(200.0, 1e-4, 3e4, 40.0)
+RANGES = ranges(50.0, 500, 1500.0, 1.0, PULSE)
+GATES = RANGES.gates.total
+
+
+def noise(number: int = 1) -> Noise:
+    return Noise(7, number, *speckle.fading((0.0, 0.0, 0.0), np.array((1.0, 0.0, 0.0)), 1.0, 1.0))
+
+
+def test_noise_is_that_of_the_band_and_the_beam() -> None:
+    """Spectral level times bandwidth over directivity, in the resolution of the pulse."""
+    heard = listen(np.zeros((64, GATES)), RANGES, noise(), 10.0, None)[:, :, 20:-20]
+    # A bin of 0.1 m is coarser than the pulse: the receiver filters to 7.5 kHz.
+    assert np.mean(heard[0] ** 2 + heard[1] ** 2) == pytest.approx(1e4 * 7.5e3 / 10.0, rel=0.05)
+
+
+def test_noise_alone_is_hardly_ever_an_echo_and_an_echo_is_one() -> None:
+    energy = np.zeros((64, GATES))
+    energy[:32, 200:203] = 1e3 * RANGES.noise
+    heard = listen(energy, RANGES, noise(), 10.0, None)
+    found = sound_out(heard, 500, RANGES, 10.0, 0.01, 14.0)
+    assert found.place[:32] == pytest.approx(201.5, abs=2.0)
+    assert found.quality[:32].min() > 0.9
+    assert (found.hits[32:] > 0).sum() <= 1
+    assert not found.quality[32:][found.hits[32:] == 0].any()
+
+
+def test_without_noise_the_mean_is_heard_by_power() -> None:
+    energy = np.zeros((4, GATES))
+    energy[1, 100] = 8.0
+    pattern = np.array([[0.0, 0.5, 0.0, 0.0]], np.float32)
+    heard = listen(energy, RANGES, None, 1.0, Array(pattern, pattern**2, np.array([[1, 2]])))
+    assert heard.shape == (1, 1, GATES)
+    assert heard.max() == pytest.approx(2.0)
+
+
+def test_what_is_nearer_is_silenced_and_nothing_else() -> None:
+    sound = np.ones((2, 3, 100), np.float32)
+    blanked(sound, 1.0, 0.1)
+    assert not sound[:, :, :10].any()
+    assert sound[:, :, 10:].all()
+    blanked(sound, 1e9, 0.1)
+    assert not sound.any()
