@@ -19,6 +19,7 @@ from uwserver.ports import Buffer, Call, Command, Event, OnReply, Port, Progress
 from uwserver.ports.crossing import Posted, TickOutput, has_same_fields
 from uwserver.ports.stops import is_withdrawn
 from uwserver.ports.thinning import WHOLE
+from uwserver.ports.told import Told
 from uwserver.simulation.clock import SystemTime, Time
 from uwserver.simulation.newest import Newest
 from uwserver.simulation.turns import Turns
@@ -36,6 +37,9 @@ AHEAD_NS = NANOSECONDS // 100
 SLICE_NS = NANOSECONDS // 200
 """Wall time after which the loop looks at its sockets before it delivers on."""
 
+TOGETHER = 128
+"""Samples of some ticks that are delivered as one: about a millisecond of work for the loop."""
+
 _OF_OBJECTS = 4
 """Bytes that the objects of a decoded value take for each of its text."""
 _LEAST_AHEAD = 2
@@ -47,7 +51,7 @@ _NEWEST = 0.25
 
 class Sink(Protocol):
     """Something that takes in what the world says; called on the loop, must not block. It may have `wanted`, `thinned` and `send_samples`, as
-    `uwserver.adapter.Subscriber`."""
+    `uwserver.adapter.Subscriber`; and `put_told`."""
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """The samples delivered in one tick."""
@@ -157,6 +161,7 @@ class Bus:
         self._lock = threading.Lock()
         self._sinks: list[Sink] = []
         self._sends: list[Callable[[], None]] = []
+        self._put_told: Callable[[Told], None] | None = None
         self._readers: list[object] = []
         self._paths: Collection[str] | None = frozenset()
         self._thinned = WHOLE
@@ -173,6 +178,7 @@ class Bus:
     def attach(self, sink: Sink) -> Callable[[], None]:
         """Begin to deliver to a sink; the returned function ends it. Loop thread."""
         self._sinks.append(sink)
+        self._follow_sinks()
         send: Callable[[], None] | None = getattr(sink, "send_samples", None)
         if send is not None:
             self._sends.append(send)
@@ -180,11 +186,16 @@ class Bus:
 
         def detach() -> None:
             self._sinks.remove(sink)
+            self._follow_sinks()
             if send is not None:
                 self._sends.remove(send)
             end()
 
         return detach
+
+    def _follow_sinks(self) -> None:
+        """Who is alone makes of the rows what it needs; for several they are made once."""
+        self._put_told = getattr(self._sinks[0], "put_told", None) if len(self._sinks) == 1 else None
 
     def heed(self, reader: object) -> Callable[[], None]:
         """Let what a reader wants be made, who may be no sink: a driver sees samples in their tick. The returned function ends it. Loop thread."""
@@ -309,16 +320,28 @@ class Bus:
                 if is_over:
                     return True
                 item = self._crossing.popleft()
+                ticks = self._gather(item) if isinstance(item, TickOutput) else 0
             if isinstance(item, TickOutput):
                 self._deliver(item)
-                self._delivered += 1
+                self._delivered += ticks
                 with self._lock:
-                    self._waiting_ticks -= 1
+                    self._waiting_ticks -= ticks
             elif isinstance(item, Event):
                 self._each(lambda sink, event=item: sink.put_event(event))  # type: ignore[misc]
             else:
                 answer(item)
             is_over = end is not None and self._time.now_ns() >= end
+
+    def _gather(self, output: TickOutput) -> int:
+        """Add what the ticks behind it give, where its reader takes some as one. Returns how many it is then."""
+        ticks = 1
+        while self._put_told is not None and self._crossing and len(output.told or ()) < TOGETHER:
+            later = self._crossing[0]
+            if not isinstance(later, TickOutput) or not output.goes_on_in(later):
+                break
+            self._crossing.popleft()
+            ticks += 1
+        return ticks
 
     def _follow_ports(self, ports: Mapping[str, Port]) -> None:
         before, self.ports = self.ports, ports
@@ -337,8 +360,11 @@ class Bus:
             self.expect(output.ports, output.jumps)
         for on_reply, reply in output.replies:
             answer(partial(on_reply, reply))
-        # Who is alone makes of the rows what it needs; for several they are made once.
         told = None if output.made or len(self._sinks) > 1 else output.told
+        if told and self._put_told is not None:
+            self.last.put(told)
+            answer(partial(self._put_told, told))
+            return
         samples: Sequence[Sample] = told or output.samples
         if samples:
             self.last.put(samples)

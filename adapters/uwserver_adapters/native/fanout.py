@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Protocol
+from collections.abc import Callable, Collection, Sequence
 
 import msgspec
 
-from uwserver.adapter import AdapterContext, SampleForm, Thinned
-from uwserver.adapter.pictures import with_jpeg
+from uwserver.adapter import AdapterContext, Thinned, Told
 from uwserver.ports import Event, Json, Port, Sample, matching
 from uwserver_adapters.native.codec import Codec
-from uwserver_adapters.native.encoding import Encoding
-from uwserver_adapters.native.outbox import Delivery, Outgoing
+from uwserver_adapters.native.outbox import Outgoing
+from uwserver_adapters.native.routes import Route, Selection, Subscriber, distribute
 from uwserver_adapters.native.shares import Share, Subscription, Taken
+from uwserver_adapters.native.together import Together
 
 log = logging.getLogger(__name__)
 
@@ -23,78 +22,10 @@ CACHED_PATTERNS = 64
 COVERED = 2048
 """Ports that all subscriptions of a client may cover together, each counted for each subscription, but where there are many ports twice as
 many: each sample is compared with all subscriptions that cover its port."""
+TOGETHER = 128
+"""Samples that are encoded in one go: it keeps the simulation waiting, for less than 0.2 ms."""
 SETTLING = 16
 """Ticks with samples after which the world is told what is enough, so that it is told of many subscriptions at once."""
-_STRENGTH: Mapping[Delivery, int] = {"latest": 0, "ring": 1, "reliable": 2}
-
-
-class Subscriber(Protocol):
-    """A client, as its routes know it.
-
-    Attributes:
-        codec: what it speaks.
-        outbox: where its samples wait.
-        subscriptions: by serial.
-    """
-
-    codec: Codec
-    outbox: Outgoing
-    subscriptions: dict[int, Subscription]
-
-
-class _Route:
-    """All of one client's subscriptions to the same fields of one port: it gets a sample at most once."""
-
-    __slots__ = ("_only", "frame", "outbox", "shares")
-
-    def __init__(self, outbox: Outgoing, frame: Callable[[bytes], bytes]) -> None:
-        self.outbox = outbox
-        self.frame = frame
-        self.shares: dict[Subscription, Share] = {}
-        self._only: Share | None = None
-
-    def add(self, subscription: Subscription, share: Share) -> None:
-        """One subscription more."""
-        self.shares[subscription] = share
-        self._only = share if len(self.shares) == 1 else None
-
-    def remove(self, subscription: Subscription) -> None:
-        """One less."""
-        self.shares.pop(subscription).end()
-        self._only = next(iter(self.shares.values())) if len(self.shares) == 1 else None
-
-    def delivery(self, t_ns: int) -> Delivery | None:
-        """The strongest delivery that is due; None when none is."""
-        share = self._only
-        if share is not None:
-            return share.subscription.delivery if share.passes(t_ns) else None
-        due = [share.subscription.delivery for share in self.shares.values() if share.passes(t_ns)]
-        return max(due, key=_STRENGTH.__getitem__, default=None)
-
-
-class _Selection:
-    """All clients of one encoding that take the same fields of one port, its pictures in the same form."""
-
-    __slots__ = ("_fields", "_form", "_is_jpeg", "_port", "encoding", "routes")
-
-    def __init__(self, encoding: Encoding, port: Port, fields: tuple[str, ...] | None, is_jpeg: bool) -> None:
-        self.encoding = encoding
-        self.routes: dict[Subscriber, _Route] = {}
-        self._port = port
-        self._fields = fields
-        self._is_jpeg = is_jpeg
-        self._form: SampleForm | None = None
-
-    @property
-    def form(self) -> SampleForm:
-        """How its samples become a map; made with the first, as who subscribes to everything would wait for hundreds of them."""
-        if self._form is None:
-            self._form = SampleForm(self._port, self._fields)
-        return self._form
-
-    def encoded(self, sample: Sample) -> bytes:
-        """The message of a sample, without its frame."""
-        return self.encoding.sample(self.form, with_jpeg(self._port, sample) if self._is_jpeg else sample)
 
 
 _Key = tuple[str, tuple[str, ...] | None, bool]
@@ -111,12 +42,13 @@ class Fanout:
     def __init__(self, context: AdapterContext) -> None:
         self.context = context
         self.sessions: dict[Subscriber, None] = {}
-        self._ports: dict[str, dict[_Key, _Selection]] = {}
+        self._ports: dict[str, dict[_Key, Selection]] = {}
         self._taken: dict[str, Taken] = {}
         self._touched: set[Outgoing] = set()
         self._settling = 0
         self._covered: dict[str, tuple[str, ...]] = {}
         self._described: dict[tuple[str, str], msgspec.Raw] = {}
+        self._together = Together(lambda path: self._ports.get(path, {}), context.stats)
 
     # -- clients --------------------------------------------------------------------------------------------------------------------
 
@@ -152,6 +84,7 @@ class Fanout:
         self.context.follow_wants()
 
     def _add(self, session: Subscriber, subscription: Subscription) -> None:
+        self._together.forget()
         subscription.paths = self._served(subscription)
         key = (session.codec.encoding.name, subscription.fields, subscription.is_jpeg)
         for path in subscription.paths:
@@ -159,10 +92,10 @@ class Fanout:
             selection = selections.get(key)
             if selection is None:
                 port = self.context.ports[path]
-                selection = selections[key] = _Selection(session.codec.encoding, port, *key[1:])
+                selection = selections[key] = Selection(session.codec.encoding, port, *key[1:])
             route = selection.routes.get(session)
             if route is None:
-                route = selection.routes[session] = _Route(session.outbox, session.codec.frame)
+                route = selection.routes[session] = Route(session.outbox, session.codec)
             taken = self._taken.get(path)
             if taken is None:
                 taken = self._taken[path] = Taken(self._settle)
@@ -174,6 +107,7 @@ class Fanout:
         self.context.follow_wants()
 
     def _remove(self, session: Subscriber, subscription: Subscription) -> None:
+        self._together.forget()
         key = (session.codec.encoding.name, subscription.fields, subscription.is_jpeg)
         for path in subscription.paths:
             selections = self._ports[path]
@@ -237,6 +171,10 @@ class Fanout:
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """Queue the samples of one tick; `send_samples` follows."""
+        self._put(samples)
+        self._follow_settling(1)
+
+    def _put(self, samples: Sequence[Sample]) -> None:
         touched: set[Outgoing] = set()
         for sample in samples:
             selections = self._ports.get(sample.port)
@@ -244,15 +182,27 @@ class Fanout:
                 continue
             for selection in selections.values():
                 try:
-                    self.context.stats.encoded += _distribute(sample, selection, touched)
+                    self.context.stats.encoded += distribute(sample, selection, touched)
                 except Exception:  # a fault of ours must not end the adapter
                     self.context.stats.errors += 1
                     log.exception("a sample of %s could not be sent", sample.port)
         for outbox in touched:
             outbox.gather()
         self._touched |= touched
+
+    def put_told(self, told: Told) -> None:
+        """The same of those of some ticks that follow each other; `send_samples` follows."""
+        for part in told.parts(TOGETHER):
+            outboxes = self._together.send(part)
+            if outboxes is None:
+                self._put(part)
+            else:
+                self._touched.update(outboxes)
+        self._follow_settling(told.ticks)
+
+    def _follow_settling(self, ticks: int) -> None:
         if self._settling:
-            self._settling -= 1
+            self._settling = max(0, self._settling - ticks)
             if not self._settling:
                 self.context.follow_wants()
 
@@ -283,34 +233,6 @@ class Fanout:
                 for route in selection.routes.values():
                     for share in route.shares.values():
                         share.restart()
-
-
-def _distribute(sample: Sample, selection: _Selection, touched: set[Outgoing]) -> bool:
-    """Whether it was encoded: it was for anybody's turn."""
-    if len(selection.routes) == 1:
-        (route,) = selection.routes.values()
-        delivery = route.delivery(sample.t_ns)
-        if delivery is None:
-            return False
-        message = route.frame(selection.encoded(sample))
-        route.outbox.put_sample(selection, message, delivery)
-        touched.add(route.outbox)
-        return True
-    body: bytes | None = None
-    messages: dict[Callable[[bytes], bytes], bytes] = {}  # by framing
-    # No route goes away meanwhile: a connection that overflows here is dismissed later, when its transport is gone.
-    for route in selection.routes.values():
-        delivery = route.delivery(sample.t_ns)
-        if delivery is None:
-            continue
-        framed = messages.get(route.frame)
-        if framed is None:
-            if body is None:
-                body = selection.encoded(sample)
-            framed = messages[route.frame] = route.frame(body)
-        route.outbox.put_sample(selection, framed, delivery)
-        touched.add(route.outbox)
-    return body is not None
 
 
 def has_any(port: Port, fields: Sequence[str]) -> bool:
