@@ -23,7 +23,7 @@ from uwserver.ports.told import Told
 from uwserver.simulation.clock import SystemTime, Time
 from uwserver.simulation.newest import Newest
 from uwserver.simulation.turns import Turns
-from uwserver.simulation.wants import Wanted, thinned_together, together
+from uwserver.simulation.wants import Wanted, thinned_together, together, wants_any
 from uwserver.units import NANOSECONDS
 
 log = logging.getLogger(__name__)
@@ -161,6 +161,7 @@ class Bus:
         self._lock = threading.Lock()
         self._sinks: list[Sink] = []
         self._sends: list[Callable[[], None]] = []
+        self._hearers: list[Sink] = []
         self._put_told: Callable[[Told], None] | None = None
         self._readers: list[object] = []
         self._paths: Collection[str] | None = frozenset()
@@ -178,7 +179,6 @@ class Bus:
     def attach(self, sink: Sink) -> Callable[[], None]:
         """Begin to deliver to a sink; the returned function ends it. Loop thread."""
         self._sinks.append(sink)
-        self._follow_sinks()
         send: Callable[[], None] | None = getattr(sink, "send_samples", None)
         if send is not None:
             self._sends.append(send)
@@ -186,16 +186,11 @@ class Bus:
 
         def detach() -> None:
             self._sinks.remove(sink)
-            self._follow_sinks()
             if send is not None:
                 self._sends.remove(send)
             end()
 
         return detach
-
-    def _follow_sinks(self) -> None:
-        """Who is alone makes of the rows what it needs; for several they are made once."""
-        self._put_told = getattr(self._sinks[0], "put_told", None) if len(self._sinks) == 1 else None
 
     def heed(self, reader: object) -> Callable[[], None]:
         """Let what a reader wants be made, who may be no sink: a driver sees samples in their tick. The returned function ends it. Loop thread."""
@@ -216,6 +211,9 @@ class Bus:
     def follow_wants(self) -> None:
         """What somebody wants has changed: it holds from the next tick on. Loop thread."""
         self.asked += 1
+        self._hearers = [sink for sink in self._sinks if wants_any(sink)]
+        # Who is alone makes of the rows what it needs; for several they are made once.
+        self._put_told = getattr(self._hearers[0], "put_told", None) if len(self._hearers) == 1 else None
         before, paths, less, thinned = self._paths, together(self._readers), self._thinned, WHOLE
         if paths is not None:
             thinned = thinned_together(self._readers, paths)
@@ -327,7 +325,7 @@ class Bus:
                 with self._lock:
                     self._waiting_ticks -= ticks
             elif isinstance(item, Event):
-                self._each(lambda sink, event=item: sink.put_event(event))  # type: ignore[misc]
+                self._each(lambda sink, event=item: sink.put_event(event), self._sinks)  # type: ignore[misc]
             else:
                 answer(item)
             is_over = end is not None and self._time.now_ns() >= end
@@ -355,12 +353,12 @@ class Bus:
         for event in output.events:
             if event.event == "reset":
                 self.last.clear()  # what was read at another time
-            self._each(lambda sink, event=event: sink.put_event(event))  # type: ignore[misc]
+            self._each(lambda sink, event=event: sink.put_event(event), self._sinks)  # type: ignore[misc]
         if output.ports is not None and (changed or output.jumps != self._jumps):  # and all have heard of it
             self.expect(output.ports, output.jumps)
         for on_reply, reply in output.replies:
             answer(partial(on_reply, reply))
-        told = None if output.made or len(self._sinks) > 1 else output.told
+        told = None if output.made or len(self._hearers) > 1 else output.told
         if told and self._put_told is not None:
             self.last.put(told)
             answer(partial(self._put_told, told))
@@ -368,10 +366,10 @@ class Bus:
         samples: Sequence[Sample] = told or output.samples
         if samples:
             self.last.put(samples)
-            self._each(lambda sink: sink.put_samples(samples))
+            self._each(lambda sink: sink.put_samples(samples), self._hearers)
 
-    def _each(self, deliver: Callable[[Sink], None]) -> None:
-        for sink in tuple(self._sinks):
+    def _each(self, deliver: Callable[[Sink], None], sinks: Sequence[Sink]) -> None:
+        for sink in tuple(sinks):
             try:
                 deliver(sink)
             except Exception:  # one sink's fault must not reach the others

@@ -457,6 +457,29 @@ def test_a_tick_that_gives_more_is_by_itself(what: str):
     assert len(replied) == (what == "replies")
 
 
+def test_who_wants_nothing_is_told_of_events_alone_and_another_is_alone():
+    bus = Bus(lambda dispatch: None)
+    rows, idle = Rows(), Notes()
+    idle.wanted = set()
+    bus.attach(rows)
+    bus.attach(idle)
+    first, second, third = rows_of_ticks(3)
+    bus.publish(replace(first, events=[Event("paused", 1, 1, "")]))
+    bus.dispatch()
+    assert rows.seen == ["paused", (1, [7])]
+    assert idle.seen == ["paused"]
+    idle.wanted.add("rov/imu")
+    bus.follow_wants()
+    bus.publish(second)
+    bus.dispatch()
+    assert rows.seen[2:] == idle.seen[1:] == [[2]]
+    idle.wanted.clear()
+    bus.follow_wants()
+    bus.publish(third)
+    bus.dispatch()
+    assert (rows.seen[3:], idle.seen[2:]) == ([(1, [8])], [])
+
+
 def test_where_several_read_samples_are_made_tick_by_tick():
     bus = Bus(lambda dispatch: None)
     rows, notes = Rows(), Notes()
