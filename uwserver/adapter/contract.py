@@ -87,6 +87,9 @@ class Subscriber(Protocol):
     needs no other samples than those that one of these takes. They are looked at together with `wanted`, and hold until the event of a reset or
     of other ports. More samples may come; those that are needed come all.
 
+    It may have a method `put_told`, which gets samples of some ticks that follow each other at once (`Told`), as rows of
+    numbers. It is called in place of `put_samples` where no other subscriber reads too and all of them are rows.
+
     It may have a method `send_samples`, without arguments, which is called where no more samples wait: the ticks may then be sent together.
     """
 

@@ -24,6 +24,7 @@ class SampleForm:
 
     Attributes:
         is_long: a field may hold more than `LONG` numbers.
+        record: makes of the values of a sample what `encodable` gives; None where that takes more.
         raw: the field of a port that has no other, and that holds bytes or a buffer: a wire may carry these as they are.
     """
 
@@ -35,7 +36,8 @@ class SampleForm:
         self._picked = picked
         self._nest = tuple([(i, _splitter(field)) for i, field in picked if len(field.shape) > 1])
         is_quick = self._plain and all(map(str.isidentifier, self._names))
-        self._record = _record_of(tuple(self._names)) if is_quick else None
+        record = _record_of(tuple(self._names)) if is_quick else None
+        self.record = _nesting(record, self._nest) if record is not None and self._nest else record
         self.is_long = any(field.size > LONG for _, field in picked)
         self.raw = raw_field(port)
 
@@ -52,15 +54,22 @@ class SampleForm:
 
     def encodable(self, sample: Sample, binary: bool = False) -> object:
         """What an encoder of msgspec writes as the bytes of `value`: of numbers and texts in half the time of a map."""
-        if self._record is None:
-            return self.value(sample, binary)
-        if not self._nest:
-            return self._record(*sample.value)
-        values: list[object] = list(sample.value)
-        for i, split in self._nest:
-            if sample.value[i] is not None:
-                values[i] = split(sample.value[i])
-        return self._record(*values)
+        return self.value(sample, binary) if self.record is None else self.record(*sample.value)
+
+
+def _nesting(
+    record: Callable[..., object], nest: Sequence[tuple[int, Callable[[Value], object]]]
+) -> Callable[..., object]:
+    """The same of values of which some have more than one dimension."""
+
+    def nested(*values: Value) -> object:
+        rows: list[object] = list(values)
+        for i, split in nest:
+            if values[i] is not None:
+                rows[i] = split(values[i])
+        return record(*rows)
+
+    return nested
 
 
 @lru_cache(maxsize=1024)

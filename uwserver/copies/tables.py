@@ -15,6 +15,7 @@ from uwserver.world import streams
 
 _SLOTS = 16
 _WHOLE = np.zeros(0, streams.THINNING)
+_NO_LOG, _NO_NUMBERS = np.zeros(0, streams.ENTRY), np.zeros(0)
 """Copies give all samples, or none."""
 
 
@@ -51,7 +52,7 @@ class Tables:
         self.values = self.told_values = np.empty((n, 0, self.width))
         self._pending = self._told = np.empty((n, 0), streams.ENTRY)
         self._free: IntArray = np.empty((n, 0), np.int64)
-        self._chosen: IntArray = np.empty((n, 0), np.int64)
+        self._wordy: IntArray = np.empty((n, 0), np.int64)
         self._counts: Any = np.zeros((n, 1), streams.COUNTS)
         for i, copy in enumerate(copies):
             self.lay(i, copy)
@@ -75,6 +76,8 @@ class Tables:
             "operations": instruments.operations.rows,
             "numbers": instruments.numbers.rows,
             "thinnings": _WHOLE,
+            "log": _NO_LOG,
+            "log_numbers": _NO_NUMBERS,
             "team": ALONE,
         }
         if self._room:
@@ -94,7 +97,7 @@ class Tables:
         n, old, room = len(self.worlds), self._room, 2 * needed
         self._pending, self._told = _wider(self._pending, room), _wider(self._told, room)
         self.values, self.told_values = _wider(self.values, room), _wider(self.told_values, room)
-        self._chosen = _wider(self._chosen, room)
+        self._wordy = _wider(self._wordy, room)
         self._free = np.concatenate([self._free, np.tile(np.arange(old, room), (n, 1))], axis=1)
         self._room = room
         for i in range(n):
@@ -105,7 +108,7 @@ class Tables:
             "pending": self._pending[i],
             "free": self._free[i],
             "told": self._told[i],
-            "chosen": self._chosen[i],
+            "wordy": self._wordy[i],
             "counts": self._counts[i],
         }
         self.senses[i] = layout.addresses(streams.FORMS, {**self._own[i], **own})

@@ -79,7 +79,10 @@ class Columns:
 
     def unpack(self, row: Any, loose: Sequence[Value] = ()) -> tuple[Value, ...]:
         """The reading of a row; `loose`: the values that have no place there, in their order."""
-        numbers: list[Any] = row.tolist()
+        return self.values(row.tolist(), row.view(np.int64), 0, loose)
+
+    def values(self, numbers: list[Any], whole: Any, first: int, loose: Sequence[Value] = ()) -> tuple[Value, ...]:
+        """The same of its numbers; those that are whole stand in an array of int64 `whole`, in which the row begins at `first`."""
         if (total := sum(numbers)) != total:  # one is NaN; or they are too large, and no harm is done
             numbers = [None if number != number else number for number in numbers]
         values: tuple[Any, ...] = self._split(tuple(numbers))
@@ -91,14 +94,13 @@ class Columns:
             mixed[i] = None if number is None else number != 0.0
         for i, k, size in self._flag_rows:
             mixed[i] = tuple([None if n is None else n != 0.0 for n in numbers[k : k + size]])
-        if self._wholes:
-            whole = row.view(np.int64)
-            for i, field, k, size in self._wholes:
-                if field.shape:
-                    mixed[i] = tuple([None if n == _NO_INT else n for n in whole[k : k + size].tolist()])
-                else:
-                    n = whole.item(k)
-                    mixed[i] = None if n == _NO_INT else n
+        for i, field, k, size in self._wholes:
+            at = first + k
+            if field.shape:
+                mixed[i] = tuple([None if n == _NO_INT else n for n in whole[at : at + size].tolist()])
+            else:
+                n = whole.item(at)
+                mixed[i] = None if n == _NO_INT else n
         for i, value in zip(self.loose, loose, strict=True):
             mixed[i] = value
         return tuple(mixed)

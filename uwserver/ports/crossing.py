@@ -46,6 +46,18 @@ class TickOutput(Struct):
             self.made[:0], self.told = self.told, None
         return self.made
 
+    def goes_on_in(self, later: TickOutput) -> bool:
+        """Take in what a later tick gives, where that and this are rows of samples alone which follow each other. Returns whether it was."""
+        if self.told is None or later.told is None or self.ports is not later.ports or self.jumps != later.jumps:
+            return False
+        if self.made or self.replies or self.events or later.made or later.replies or later.events:
+            return False
+        together = self.told.followed_by(later.told)
+        if together is None:
+            return False
+        self.told, self.tick, self.t_ns = together, later.tick, later.t_ns
+        return True
+
     def drop_samples(self) -> int:
         """Nobody will look at them. Returns how many there were."""
         count = len(self.made) + len(self.told or ())

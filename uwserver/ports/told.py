@@ -5,7 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, overload
 
+import numpy as np
+
 from uwserver.ports.values import Sample, Value
+
+Unpack = Callable[[list[float], Any, int, Sequence[Value]], tuple[Value, ...]]
+"""Makes the values of a sample, of its numbers; of the same as they lie in an array of int64, and the place of the first there; and of the values
+that are no numbers."""
 
 
 class Origin(NamedTuple):
@@ -14,45 +20,90 @@ class Origin(NamedTuple):
     Attributes:
         path: of the port.
         width: numbers of a sample.
-        unpack: makes its values, of those and of the values that are no numbers.
+        unpack: makes its values.
     """
 
     path: str
     width: int
-    unpack: Callable[[Any, Sequence[Value]], tuple[Value, ...]]
+    unpack: Unpack
+
+
+class Log:
+    """Samples one behind the other. Who simulates appends to it, others read of it what they were told is there: that is never written again.
+
+    Attributes:
+        entries: (n) records of int64: t_sent_ns, of no account, stream, seq, t_ns, valid, and the place of its first number.
+        numbers: (m) float64 of one after the other.
+        loose: by place, of samples that have such: the values that are no numbers.
+    """
+
+    __slots__ = ("entries", "loose", "numbers", "table", "whole")
+
+    def __init__(self, entries: Any, numbers: Any) -> None:
+        """Of arrays, as they are described above."""
+        self.entries, self.numbers = entries, numbers
+        self.loose: dict[int, Sequence[Value]] = {}
+        self.table = entries.view(np.int64).reshape(-1, entries.itemsize // 8)  # quicker to look at than records
+        self.whole = numbers.view(np.int64)
 
 
 class Told(Sequence[Sample]):
-    """Samples of one tick.
+    """Samples of one tick, or of some that follow each other.
 
     They are made anew whenever somebody looks at them, and not kept: who encodes each at once has it in the nearest memory of the processor, and
     neither the thread that simulates nor the one that sends pays for what nobody looks at.
+
+    Attributes:
+        origins: by number of a stream.
+        log: where they stand.
+        ticks: of how many they are.
     """
 
-    __slots__ = ("_entries", "_loose", "_origins", "_rows")
+    __slots__ = ("_end", "_first", "log", "origins", "ticks")
 
-    def __init__(
-        self, origins: Mapping[int, Origin], entries: Any, rows: Any, loose: Mapping[int, Sequence[Value]]
-    ) -> None:
-        """Of arrays that nobody writes to any more.
-
-        Args:
-            origins: by number of a stream.
-            entries: (n,) records of int64: t_sent_ns, order, stream, seq, t_ns, valid, and what is of no account here.
-            rows: (n, w) float64 of each; the first ones are its numbers.
-            loose: by place from 0, of samples that have such: the values that are no numbers.
-        """
-        self._origins, self._entries, self._rows, self._loose = origins, entries, rows, loose
+    def __init__(self, origins: Mapping[int, Origin], log: Log, first: int, end: int, ticks: int = 1) -> None:
+        """Those of a log from place `first` to before `end`."""
+        self.origins, self.log, self._first, self._end, self.ticks = origins, log, first, end, ticks
 
     def __len__(self) -> int:
-        return len(self._entries)
+        return self._end - self._first
+
+    def followed_by(self, other: Told) -> Told | None:
+        """Both together, where the other begins where this ends."""
+        if other.log is not self.log or other._first != self._end or other.origins is not self.origins:
+            return None
+        return Told(self.origins, self.log, self._first, other._end, self.ticks + other.ticks)
+
+    def parts(self, most: int) -> Iterator[Told]:
+        """The same in pieces of at most so many."""
+        for first in range(self._first, self._end, most):
+            yield Told(self.origins, self.log, first, min(first + most, self._end), self.ticks)
+
+    @property
+    def streams(self) -> list[int]:
+        """Numbers of the streams, of each sample."""
+        return self.log.table[self._first : self._end, 2].tolist()  # type: ignore[no-any-return]  # numpy's
+
+    def entries(self) -> list[list[int]]:
+        """Of each, as `Log.entries` has it."""
+        return self.log.table[self._first : self._end].tolist()  # type: ignore[no-any-return]  # numpy's
+
+    def values(self, entries: Sequence[Sequence[int]]) -> Iterator[tuple[Value, ...]]:
+        """Of each of these entries, which follow each other."""
+        if not entries:
+            return
+        origins, log, place = self.origins, self.log, self._first
+        base, last = entries[0][6], entries[-1]
+        numbers, whole = log.numbers[base : last[6] + origins[last[2]].width].tolist(), log.whole
+        for _, _, stream, _, _, _, at in entries:
+            _, width, unpack = origins[stream]
+            yield unpack(numbers[at - base : at - base + width], whole, at, log.loose.get(place, ()))
+            place += 1
 
     def __iter__(self) -> Iterator[Sample]:
-        origins, loose = self._origins, self._loose
-        for i, (entry, row) in enumerate(zip(self._entries.tolist(), self._rows, strict=True)):
-            t_sent_ns, _, stream, seq, t_ns, valid, _ = entry
-            path, width, unpack = origins[stream]
-            yield Sample(path, seq, t_ns, t_sent_ns, valid != 0, unpack(row[:width], loose.get(i, ())))
+        origins, entries = self.origins, self.entries()
+        for (t_sent_ns, _, stream, seq, t_ns, valid, _), values in zip(entries, self.values(entries), strict=True):
+            yield Sample(origins[stream].path, seq, t_ns, t_sent_ns, valid != 0, values)
 
     @overload
     def __getitem__(self, place: int) -> Sample: ...
@@ -61,19 +112,16 @@ class Told(Sequence[Sample]):
     def __getitem__(self, place: slice) -> list[Sample]: ...
 
     def __getitem__(self, place: int | slice) -> Sample | list[Sample]:
-        places = range(len(self))[place]
+        places = range(self._first, self._end)[place]
         if isinstance(places, range):
-            return [self[i] for i in places]
-        t_sent_ns, _, stream, seq, t_ns, valid, _ = self._entries[places].item()
-        path, width, unpack = self._origins[stream]
-        values = unpack(self._rows[places, :width], self._loose.get(places, ()))
-        return Sample(path, seq, t_ns, t_sent_ns, valid != 0, values)
+            return [self[i - self._first] for i in places]
+        return next(iter(Told(self.origins, self.log, places, places + 1)))
 
     @property
     def ports(self) -> list[str]:
         """Paths of the ports, of each sample."""
-        origins = self._origins
-        return [origins[stream].path for stream in self._entries["stream"].tolist()]
+        origins = self.origins
+        return [origins[stream].path for stream in self.streams]
 
     def newest(self, port: str) -> Sample:
         """The last one of a port that has some."""

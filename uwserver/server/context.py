@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import msgspec
 
 from uwserver import __version__
-from uwserver.adapter import AdapterStats, Driver, Order, Subscriber, VehicleFacts, WorldFacts
+from uwserver.adapter import AdapterStats, Driver, Subscriber, VehicleFacts, WorldFacts
 from uwserver.ports import (
     Call,
     Cast,
@@ -29,10 +29,10 @@ from uwserver.ports import (
 )
 from uwserver.ports.checks import checked_args, checked_command, find
 from uwserver.ports.stops import is_stop
-from uwserver.ports.thinning import WHOLE, Thinned
 from uwserver.scenario.scene.scenery import Scenery
 from uwserver.server.profiling import PROFILE, Profiling
 from uwserver.server.state_files import StateFiles
+from uwserver.server.without_truth import DriverWithoutTruth, WithoutTruth
 from uwserver.simulation.bus import Bus, Mailbox, client_of
 from uwserver.simulation.services import CLOCK_SERVICES
 from uwserver.simulation.source import Source
@@ -206,7 +206,7 @@ class Context:
 
     def attach(self, subscriber: Subscriber) -> Callable[[], None]:
         """Begin to receive samples and events."""
-        return self._hub.bus.attach(subscriber if self._truth else _WithoutTruth(subscriber, self))
+        return self._hub.bus.attach(subscriber if self._truth else WithoutTruth(subscriber, self))
 
     def follow_wants(self) -> None:
         """What somebody wants has changed."""
@@ -320,7 +320,7 @@ class Context:
     def drive(self, client: str, driver: Driver, on_reply: OnReply) -> Callable[[], None]:
         """See `uwserver.adapter.AdapterContext.drive`."""
         source = f"{self.name}:{client}"
-        visible = driver if self._truth else _DriverWithoutTruth(driver, self)
+        visible = driver if self._truth else DriverWithoutTruth(driver, self)
         forget = self._hub.bus.heed(visible)  # before its first tick
         try:
             leave = self._hub.simulation.lockstep.drive(client, source, visible, on_reply)
@@ -337,64 +337,3 @@ class Context:
 
 def _too_late() -> bool:
     return False
-
-
-class _WithoutTruth:
-    """Keeps ground truth from an adapter that may not serve it."""
-
-    def __init__(self, subscriber: Subscriber, context: Context) -> None:
-        self._subscriber, self._context = subscriber, context
-
-    @property
-    def wanted(self) -> Collection[str]:
-        return _visible_of(self._subscriber, self._context)
-
-    @property
-    def thinned(self) -> Thinned:
-        return getattr(self._subscriber, "thinned", WHOLE)
-
-    def put_samples(self, samples: Sequence[Sample]) -> None:
-        visible = _without_truth(samples)
-        if visible:
-            self._subscriber.put_samples(visible)
-
-    def send_samples(self) -> None:
-        send: Callable[[], None] | None = getattr(self._subscriber, "send_samples", None)
-        if send is not None:
-            send()
-
-    def put_event(self, event: Event) -> None:
-        self._subscriber.put_event(event)
-
-
-class _DriverWithoutTruth:
-    """The same for a driver."""
-
-    def __init__(self, driver: Driver, context: Context) -> None:
-        self._driver, self._context = driver, context
-
-    @property
-    def wanted(self) -> Collection[str]:
-        return _visible_of(self._driver, self._context)
-
-    def order(self, wait_s: float) -> Order | None:
-        return self._driver.order(wait_s)
-
-    def see(self, t_ns: int, samples: Sequence[Sample]) -> None:
-        self._driver.see(t_ns, _without_truth(samples))
-
-    def answer(self, t_ns: int) -> None:
-        self._driver.answer(t_ns)
-
-    def refuse(self, fault: Fault) -> None:
-        self._driver.refuse(fault)
-
-
-def _visible_of(reader: Subscriber | Driver, context: Context) -> Collection[str]:
-    """What it wants; of who wants all, all that it may see."""
-    wanted: Collection[str] | None = getattr(reader, "wanted", None)
-    return context.ports.keys() if wanted is None else [path for path in wanted if "/truth/" not in path]
-
-
-def _without_truth(samples: Sequence[Sample]) -> list[Sample]:
-    return [sample for sample in samples if "/truth/" not in sample.port]

@@ -19,10 +19,11 @@ from uwserver.ports import Buffer, Call, Command, Event, OnReply, Port, Progress
 from uwserver.ports.crossing import Posted, TickOutput, has_same_fields
 from uwserver.ports.stops import is_withdrawn
 from uwserver.ports.thinning import WHOLE
+from uwserver.ports.told import Told
 from uwserver.simulation.clock import SystemTime, Time
 from uwserver.simulation.newest import Newest
 from uwserver.simulation.turns import Turns
-from uwserver.simulation.wants import Wanted, thinned_together, together
+from uwserver.simulation.wants import Wanted, thinned_together, together, wants_any
 from uwserver.units import NANOSECONDS
 
 log = logging.getLogger(__name__)
@@ -36,6 +37,9 @@ AHEAD_NS = NANOSECONDS // 100
 SLICE_NS = NANOSECONDS // 200
 """Wall time after which the loop looks at its sockets before it delivers on."""
 
+TOGETHER = 128
+"""Samples of some ticks that are delivered as one: about a millisecond of work for the loop."""
+
 _OF_OBJECTS = 4
 """Bytes that the objects of a decoded value take for each of its text."""
 _LEAST_AHEAD = 2
@@ -47,7 +51,7 @@ _NEWEST = 0.25
 
 class Sink(Protocol):
     """Something that takes in what the world says; called on the loop, must not block. It may have `wanted`, `thinned` and `send_samples`, as
-    `uwserver.adapter.Subscriber`."""
+    `uwserver.adapter.Subscriber`; and `put_told`."""
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """The samples delivered in one tick."""
@@ -157,6 +161,8 @@ class Bus:
         self._lock = threading.Lock()
         self._sinks: list[Sink] = []
         self._sends: list[Callable[[], None]] = []
+        self._hearers: list[Sink] = []
+        self._put_told: Callable[[Told], None] | None = None
         self._readers: list[object] = []
         self._paths: Collection[str] | None = frozenset()
         self._thinned = WHOLE
@@ -205,6 +211,9 @@ class Bus:
     def follow_wants(self) -> None:
         """What somebody wants has changed: it holds from the next tick on. Loop thread."""
         self.asked += 1
+        self._hearers = [sink for sink in self._sinks if wants_any(sink)]
+        # Who is alone makes of the rows what it needs; for several they are made once.
+        self._put_told = getattr(self._hearers[0], "put_told", None) if len(self._hearers) == 1 else None
         before, paths, less, thinned = self._paths, together(self._readers), self._thinned, WHOLE
         if paths is not None:
             thinned = thinned_together(self._readers, paths)
@@ -309,16 +318,28 @@ class Bus:
                 if is_over:
                     return True
                 item = self._crossing.popleft()
+                ticks = self._gather(item) if isinstance(item, TickOutput) else 0
             if isinstance(item, TickOutput):
                 self._deliver(item)
-                self._delivered += 1
+                self._delivered += ticks
                 with self._lock:
-                    self._waiting_ticks -= 1
+                    self._waiting_ticks -= ticks
             elif isinstance(item, Event):
-                self._each(lambda sink, event=item: sink.put_event(event))  # type: ignore[misc]
+                self._each(lambda sink, event=item: sink.put_event(event), self._sinks)  # type: ignore[misc]
             else:
                 answer(item)
             is_over = end is not None and self._time.now_ns() >= end
+
+    def _gather(self, output: TickOutput) -> int:
+        """Add what the ticks behind it give, where its reader takes some as one. Returns how many it is then."""
+        ticks = 1
+        while self._put_told is not None and self._crossing and len(output.told or ()) < TOGETHER:
+            later = self._crossing[0]
+            if not isinstance(later, TickOutput) or not output.goes_on_in(later):
+                break
+            self._crossing.popleft()
+            ticks += 1
+        return ticks
 
     def _follow_ports(self, ports: Mapping[str, Port]) -> None:
         before, self.ports = self.ports, ports
@@ -332,20 +353,23 @@ class Bus:
         for event in output.events:
             if event.event == "reset":
                 self.last.clear()  # what was read at another time
-            self._each(lambda sink, event=event: sink.put_event(event))  # type: ignore[misc]
+            self._each(lambda sink, event=event: sink.put_event(event), self._sinks)  # type: ignore[misc]
         if output.ports is not None and (changed or output.jumps != self._jumps):  # and all have heard of it
             self.expect(output.ports, output.jumps)
         for on_reply, reply in output.replies:
             answer(partial(on_reply, reply))
-        # Who is alone makes of the rows what it needs; for several they are made once.
-        told = None if output.made or len(self._sinks) > 1 else output.told
+        told = None if output.made or len(self._hearers) > 1 else output.told
+        if told and self._put_told is not None:
+            self.last.put(told)
+            answer(partial(self._put_told, told))
+            return
         samples: Sequence[Sample] = told or output.samples
         if samples:
             self.last.put(samples)
-            self._each(lambda sink: sink.put_samples(samples))
+            self._each(lambda sink: sink.put_samples(samples), self._hearers)
 
-    def _each(self, deliver: Callable[[Sink], None]) -> None:
-        for sink in tuple(self._sinks):
+    def _each(self, deliver: Callable[[Sink], None], sinks: Sequence[Sink]) -> None:
+        for sink in tuple(sinks):
             try:
                 deliver(sink)
             except Exception:  # one sink's fault must not reach the others

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from operator import attrgetter
 
 from uwserver.ports import Sample
-from uwserver.ports.told import Told
+from uwserver.ports.told import Log, Told
 
 _port = attrgetter("port")
 
@@ -16,13 +16,23 @@ class Newest(Mapping[str, Sample]):
 
     def __init__(self) -> None:
         self._places: dict[str, Sample | Told] = {}
+        self._log: Log | None = None
 
     def put(self, samples: Sequence[Sample]) -> None:
         """These were delivered, in this order."""
         if isinstance(samples, Told):
+            if samples.log is not self._log:
+                self._leave(samples.log)
             self._places.update(dict.fromkeys(samples.ports, samples))
         else:
             self._places.update(zip(map(_port, samples), samples, strict=True))
+
+    def _leave(self, log: Log) -> None:
+        """Another log begins: what is still the newest of the one before the last must not keep all of that."""
+        for path, place in self._places.items():
+            if isinstance(place, Told) and place.log is not self._log:
+                self._places[path] = place.newest(path)
+        self._log = log
 
     def keep(self, holds: Callable[[str], bool]) -> None:
         """Forget the others than those of ports for which this holds."""

@@ -36,6 +36,11 @@ def together(readers: Sequence[object]) -> frozenset[str] | None:
     return frozenset().union(*some) if len(some) == len(wanted) else None
 
 
+def wants_any(reader: object) -> bool:
+    """Whether it wants samples at all."""
+    return _wanted_by(reader) != frozenset()
+
+
 def thinned_together(readers: Sequence[object], paths: Collection[str]) -> Thinned:
     """Of which of these nobody wants all samples."""
     thinned: dict[str, frozenset[Thinning]] = {}

@@ -19,7 +19,8 @@ _LEAST = 16  # sensors whose errors a thread makes at a time: some 5 us
 _heads, _streams, _operations = array_at(FORMS, "heads"), array_at(FORMS, "streams"), array_at(FORMS, "operations")
 _numbers, _pending, _free = array_at(FORMS, "numbers"), array_at(FORMS, "pending"), array_at(FORMS, "free")
 _told, _counts, _team = array_at(FORMS, "told"), array_at(FORMS, "counts"), array_at(FORMS, "team")
-_thinnings, _chosen = array_at(FORMS, "thinnings"), array_at(FORMS, "chosen")
+_thinnings, _wordy = array_at(FORMS, "thinnings"), array_at(FORMS, "wordy")
+_log, _log_numbers = array_at(FORMS, "log"), array_at(FORMS, "log_numbers")
 
 
 _carry_out = chain.disturb.made()
@@ -80,6 +81,23 @@ def _is_taken(table: Array, stream: Any, t_ns: int) -> bool:
 
 
 @compiled
+def _log_in(table: Array, told: Any, values: Array, first: int, width: int) -> None:
+    """Append a delivered sample to what is read; `told.slot` becomes its place there, or -1 where there is no room."""
+    counts, log, log_numbers = _counts(table)[0], _log(table), _log_numbers(table)
+    n, begin = counts.logged, counts.log_width
+    if n >= len(log) or begin + width > len(log_numbers):
+        return
+    on = log[n]
+    on.t_sent_ns, on.order, on.stream, on.seq = told.t_sent_ns, 0, told.stream, told.seq
+    on.t_ns, on.valid, on.slot = told.t_ns, told.valid, begin
+    for i in range(width):
+        log_numbers[begin + i] = values[first + i]
+    told.slot = n
+    counts.logged, counts.log_width = n + 1, begin + width
+    counts.read += 1
+
+
+@compiled
 def _tell(
     table: Array, values: Array, told_values: Array, k: int, seq: int, t_ns: int, sent: int, valid: int, first: int
 ) -> None:
@@ -93,13 +111,15 @@ def _tell(
         numbers[stream.newest_first + i] = values[first + i]
     if stream.wanted != 0:
         told = _told(table)[counts.told]
-        told.t_sent_ns, told.stream, told.seq, told.t_ns, told.valid = sent, k, seq, t_ns, valid
+        told.t_sent_ns, told.stream, told.seq, told.t_ns, told.valid, told.slot = sent, k, seq, t_ns, valid, -1
         for i in range(stream.width):
             told_values[counts.told, i] = values[first + i]
         is_whole = stream.thinning_count == 0 or stream.unordered != 0
         if stream.wanted == READ and (is_whole or _is_taken(table, stream, t_ns)):
-            _chosen(table)[counts.read] = counts.told
-            counts.read += 1
+            _log_in(table, told, values, first, stream.width)
+        if stream.wordy != 0:
+            _wordy(table)[counts.wordy] = counts.told
+            counts.wordy += 1
         counts.told += 1
 
 
@@ -188,8 +208,9 @@ def deliver(table: Array, due: Array, t_ns: int, begins: bool, values: Array, to
         t_ns: simulation time.
         begins: it is the first call of a tick: what was on its way comes first, and is older than anything measured now.
         values: (n, w) of what is on its way, by slots.
-        told_values: (m, w) receives those of the samples of streams that somebody reads or hears; their entries are in `told`, and the
-            places there of those that become samples in `chosen`.
+        told_values: (m, w) receives those of the samples of streams that somebody reads or hears; their entries are in `told`. Those that
+            are read are appended to `log`, their places there are the `slot` of their entries. `wordy` receives the places in `told` of
+            those with values that are no numbers.
 
     Returns:
         How many these are, of this tick.
@@ -197,7 +218,7 @@ def deliver(table: Array, due: Array, t_ns: int, begins: bool, values: Array, to
     heads, streams, counts = _heads(table), _streams(table), _counts(table)[0]
     share(_team(table), _disturb_range, (table, due, t_ns, values.shape[1]), len(due), _LEAST)
     if begins:
-        counts.told = counts.read = 0
+        counts.told = counts.read = counts.wordy = 0
         _arrive(table, values, told_values, t_ns)
     for k in due:
         head = heads[k]

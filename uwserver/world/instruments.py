@@ -17,6 +17,7 @@ from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.pool import Pool
 from uwserver.physics.rays.raycast import Geometry, OpenWater
 from uwserver.ports.thinning import Thinning
+from uwserver.ports.told import Log
 from uwserver.sensors import Scope, surroundings
 from uwserver.sensors.bank import HEAD, Bank, load, reader
 from uwserver.sensors.sight import Sight
@@ -27,6 +28,8 @@ from uwserver.world.streams import COUNTS, ENTRY, FORMS, NEVER, NO_INTERVAL, STR
 from uwserver.world.vehicle import Vehicle
 
 _SLOTS, _OPEN = 64, OpenWater()
+_LOGGED, _LOGGED_NUMBERS = 4096, 1 << 17
+"""Samples of a log, and numbers that it has room for; more where a tick may need them."""
 _NONE: FloatArray = np.zeros(0)
 
 
@@ -60,7 +63,8 @@ class Instruments:
         nu_dot, tau: (n, 6) of the bodies, where a sensor needs them: see `Hydrodynamics.rates_of_change`.
         next_ns: when the next sample on its way arrives.
         roused: sensors that have something to tell, whatever their rate (`Sensor.rouse`).
-        read_count: how many of the samples of this tick somebody reads in Python.
+        read_count, wordy_count: how many of the samples of this tick somebody reads in Python, and how many have values that are no numbers.
+        log: what was read of late; the last `read_count` are of this tick.
         computing: of readings that take time.
     """
 
@@ -80,8 +84,10 @@ class Instruments:
         self._free, self._counts = np.arange(_SLOTS), np.zeros(1, COUNTS)
         self._told_counts = self._counts.view(np.int64)  # quicker to look at than a record
         self._values, self._told_values, self._room = np.zeros((_SLOTS, 1)), np.zeros((_SLOTS, 1)), _SLOTS
-        self._chosen, self._thinnings = np.zeros(_SLOTS, np.int64), np.zeros(0, THINNING)
-        self.next_ns, self.read_count, self._counted = NEVER, 0, (0, 0)
+        self._wordy, self._thinnings = np.zeros(_SLOTS, np.int64), np.zeros(0, THINNING)
+        self.next_ns, self.read_count, self.wordy_count, self._counted = NEVER, 0, 0, (0, 0)
+        self.log, self._logged = Log(np.zeros(0, ENTRY), np.zeros(0)), 0
+        self._log_room = 0
         self.gather(())
 
     def rows_of(self, bank: Bank) -> Pool:
@@ -127,7 +133,9 @@ class Instruments:
             "free": self._free,
             "told": self._told,
             "thinnings": self._thinnings,
-            "chosen": self._chosen,
+            "wordy": self._wordy,
+            "log": self.log.entries,
+            "log_numbers": self.log.numbers,
             "counts": self._counts,
             "team": self._hydro.team,
         }
@@ -139,11 +147,13 @@ class Instruments:
         room, wide = self._values.shape
         if needed <= room and width <= wide:
             return
+        if width > wide:
+            self._log_room = 0  # its numbers are for fewer
         more, wide = (room if needed <= room else needed + needed // 4), max(wide, width)
         self._pending, self._told = _grown(self._pending, more), _grown(self._told, more)
         self._values, self._told_values = _grown(self._values, more, wide), _grown(self._told_values, more, wide)
         self._free, self._room = np.concatenate([self._free, np.arange(room, more)]), more
-        self._chosen = _grown(self._chosen, more)  # within a tick, samples are chosen more than once
+        self._wordy = _grown(self._wordy, more)  # within a tick, sensors measure more than once
         self._tabulate()
 
     def on_their_way(self) -> tuple[int, Any, FloatArray]:
@@ -264,24 +274,46 @@ class Instruments:
         needed = on_their_way + most + (0 if begins else told)
         if needed > self._room:
             self._make_room(needed)
+        if self._logged + needed > self._log_room:
+            self._begin_log(needed, 0 if begins else self.read_count)
         self._deliver(self.table, due, t_ns, begins, self._values, self._told_values)
-        on_their_way, told, _, self.next_ns, self.read_count = self._told_counts.tolist()
+        on_their_way, told, _, self.next_ns, self.read_count, self.wordy_count, self._logged, _ = (
+            self._told_counts.tolist()
+        )
         self._counted = on_their_way, told
         return int(told)
+
+    def _begin_log(self, needed: int, last: int) -> None:
+        """Go on in another log, with room for so many samples at least, which begins with the last ones of this; who has them keeps this one."""
+        wide, before, end = self._values.shape[1], self.log, self._logged
+        room = max(2 * (needed + last), min(_LOGGED, _LOGGED_NUMBERS // max(1, wide)))
+        self.log = log = Log(np.zeros(room, ENTRY), np.zeros(room * wide))
+        self._logged, self._log_room, width = last, room, 0
+        if last:
+            first = before.entries["slot"][end - last]
+            width = int(self._counts["log_width"][0]) - first
+            log.numbers[:width] = before.numbers[first : first + width]
+            log.entries[:last] = before.entries[end - last : end]
+            log.entries["slot"][:last] -= first
+        self._counts["logged"], self._counts["log_width"] = last, width
+        self._told["slot"] -= end - last  # of those of this tick
+        self._tabulate()
 
     @property
     def delivered(self) -> tuple[Any, FloatArray]:
         """Where samples of this tick stand that somebody reads or hears: entries, and their numbers."""
         return self._told, self._told_values
 
-    def chosen(self) -> tuple[Any, FloatArray]:
-        """Samples of this tick that somebody reads: ENTRY of each, and rows whose first columns are its numbers. They are the caller's."""
-        count = self.read_count
-        first, last = self._chosen.item(0), self._chosen.item(count - 1)
-        if last - first == count - 1:  # a range, of which a copy costs a fifth of a choice
-            return self._told[first : last + 1].copy(), self._told_values[first : last + 1].copy()
-        places = self._chosen[:count]
-        return self._told[places], self._told_values[places]
+    @property
+    def logged(self) -> tuple[Log, int, int]:
+        """Samples of this tick that somebody reads: where they stand, from which place to before which."""
+        return self.log, self._logged - self.read_count, self._logged
+
+    @property
+    def wordy(self) -> list[tuple[int, int, int]]:
+        """Stream and number of each sample of this tick with values that are no numbers, and its place in the log; -1 where nobody reads it."""
+        entries = self._told[self._wordy[: self.wordy_count]]
+        return list(zip(*(entries[name].tolist() for name in ("stream", "seq", "slot")), strict=True))
 
 
 def _grown(array: Any, *shape: int) -> Any:

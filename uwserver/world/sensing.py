@@ -15,21 +15,19 @@ from uwserver.ports.checks import check_values
 from uwserver.ports.thinning import WHOLE, Thinned
 from uwserver.ports.told import Origin, Told
 from uwserver.world.components import Count, SensorStream, computed
-from uwserver.world.computing import DROP, Loose, settled
+from uwserver.world.computing import DROP, settled
 from uwserver.world.due import Due, due_of
 from uwserver.world.instruments import Instruments
 from uwserver.world.part import Part, Stage, State
 from uwserver.world.profile import Timer, untimed
 from uwserver.world.sensor_slot import SensorSlot
-from uwserver.world.streams import ENTRY, HEARD, READ
+from uwserver.world.streams import ENTRY, HEARD, KEPT, READ
 from uwserver.world.under_way import UnderWay
 
 Listen = Callable[[Any, FloatArray, int, int], None]
 """Takes entries and numbers of delivered samples, how many, and the time (ns)."""
 
 
-_FEW = 4
-"""Samples of a tick that are made at once: to keep their rows costs more."""
 _PERIOD = 4096
 """Ticks after which the same sensors are due again, for which it is noted down who they are."""
 _MOST = 65536
@@ -106,8 +104,7 @@ class Sensing(Part):
         self._streams: dict[int, SensorStream] = {}
         self._wordy: list[SensorStream] = []
         self._origins: dict[int, Origin] = {}
-        self._is_wordy = self._is_read = self._marked(())
-        self._skips = False
+        self._is_read = self._marked(())
         self._told: Told | None = None
         self.numbers: dict[str, int] = {}
         self.under_way = UnderWay(instruments, self._is_needed)
@@ -144,8 +141,9 @@ class Sensing(Part):
         self._there, self._streams = there, streams
         self.numbers = {stream.port.path: k for k, stream in streams.items()}
         self._wordy = [stream for stream in streams.values() if stream.columns.loose]
-        self._origins = {k: Origin(s.port.path, s.columns.width, s.columns.unpack) for k, s in streams.items()}
-        self._is_wordy = self._marked([k for k, stream in streams.items() if stream.columns.loose])
+        self._origins = {k: Origin(s.port.path, s.columns.width, s.columns.values) for k, s in streams.items()}
+        self._instruments.streams.rows["wordy"] = 0
+        self._instruments.streams.rows["wordy"][[k for k, stream in streams.items() if stream.columns.loose]] = 1
         self.under_way.settle(slots.values())
         self._instruments.gather({id(s.wiring): s.wiring for s in slots.values() if s.wiring is not None}.values())
 
@@ -175,19 +173,18 @@ class Sensing(Part):
     def _mark(self) -> None:
         rows, streams, wanted = self._instruments.streams.rows["wanted"], self._streams, self._wanted
         rows[:] = 0
-        self._skips = False
         if wanted is None:
             rows[list(streams)] = READ
             self._instruments.thin({})
             return
         read = {k for path, k in self.numbers.items() if path in wanted or path in self._heard}
         self._is_read = self._marked(read)
-        self._skips = any(stream.columns.loose and k not in read for k, stream in streams.items())
-        rows[[self.numbers[path] for path in self._overheard]] = HEARD
         # Values that are no numbers wait in Python for the sample that they belong to.
-        rows[[k for k, stream in streams.items() if k in read or stream.columns.loose]] = READ
+        rows[[k for k, stream in streams.items() if stream.columns.loose]] = KEPT
+        rows[[self.numbers[path] for path in self._overheard]] = HEARD
+        rows[list(read)] = READ
         known = [(self.numbers.get(path), some) for path, some in self._thinned.items() if path not in self._heard]
-        self._instruments.thin({k: some for k, some in known if k in read and not streams[k].columns.loose})
+        self._instruments.thin({k: some for k, some in known if k in read and streams[k].columns.is_small})
 
     def _is_needed(self, stream: int) -> bool:
         return self._wanted is None or bool(self._is_read[stream])
@@ -243,7 +240,7 @@ class Sensing(Part):
                 told = self._measure(group, now, t_ns, False)
         if told and self._listen is not None:
             self._listen(*self._instruments.delivered, told, t_ns)
-        if told and self._instruments.read_count:
+        if told and (self._instruments.read_count or self._instruments.wordy_count):
             self._give(samples)
         self.under_way.purge()
 
@@ -281,25 +278,24 @@ class Sensing(Part):
         return told
 
     def _tell(self, samples: list[Sample]) -> None:
-        entries, rows = self._instruments.chosen()
-        loose: dict[int, Loose] = {}
+        log, first, end = self._instruments.logged
         is_large = False
-        if self._wordy:
-            streams = entries["stream"]
-            for i in np.flatnonzero(self._is_wordy[streams]).tolist():
-                stream, seq = self._streams[streams.item(i)], entries["seq"].item(i)
+        if self._instruments.wordy_count:
+            for k, seq, place in self._instruments.wordy:
+                stream = self._streams[k]
                 # A state from outside may have two of one number on their way.
-                stream.newest = loose[i] = stream.coming.pop(seq, stream.newest or stream.loose)
-                is_large = is_large or not stream.columns.is_small
-            if self._skips:
-                kept = np.flatnonzero(self._is_read[streams])
-                entries, rows = entries[kept], rows[kept]
-                loose = {i: loose[place] for i, place in enumerate(kept.tolist()) if place in loose}
-        told = Told(self._origins, entries, rows, {i: settled(values) for i, values in loose.items()})
-        if is_large or len(told) < _FEW:  # the newest sample of a slow port must not keep another's picture
-            samples += told
-        elif len(told):
-            self._told = told
+                stream.newest = stream.coming.pop(seq, stream.newest or stream.loose)
+                if place >= 0:
+                    log.loose[place] = settled(stream.newest)
+                    is_large = is_large or not stream.columns.is_small
+        if end == first:
+            return
+        self._told = Told(self._origins, log, first, end)
+        if is_large:  # a picture is not kept by what was delivered with it
+            samples += self._told
+            self._told = None
+            for place in range(first, end):
+                log.loose.pop(place, None)
 
     def take_told(self) -> Told | None:
         """What was delivered in this tick, but for what `after` has appended."""

@@ -29,7 +29,8 @@ STREAM = np.dtype(
         ("newest_first", "i8"),  # place of the newest delivered sample among those
         ("dt", "f8"),
         ("frozen", "i8"),  # 1: a fault makes it repeat itself
-        ("wanted", "i8"),  # READ: somebody reads its samples; HEARD: compiled code alone does
+        ("wanted", "i8"),  # READ: somebody reads its samples; HEARD: compiled code alone does; KEPT: nobody does
+        ("wordy", "i8"),  # 1: values that are no numbers wait in Python for each of its samples
         ("thinning_first", "i8"),  # of those that say which samples are enough for who reads it
         ("thinning_count", "i8"),  # 0: all are read
         ("unordered", "i8"),  # 1: samples were delivered in another order than they were true in
@@ -62,11 +63,20 @@ THINNING = np.dtype([("rate_hz", "f8"), ("start_ns", "i8"), ("interval", "i8")])
 NO_INTERVAL = -(2**62)
 """Before all."""
 
-COUNTS = np.dtype([("pending", "i8"), ("told", "i8"), ("order", "i8"), ("next_ns", "i8"), ("read", "i8")])
-"""How many samples are on their way and were delivered to somebody, how many were on their way before, when the next one arrives, and how many of
-those delivered are read."""
+COUNTS = np.dtype(
+    [
+        ("pending", "i8"),  # samples on their way
+        ("told", "i8"),  # delivered in this tick to somebody
+        ("order", "i8"),  # on their way before
+        ("next_ns", "i8"),  # when the next one arrives
+        ("read", "i8"),  # of those delivered, how many are read
+        ("wordy", "i8"),  # of those delivered, how many have values that are no numbers
+        ("logged", "i8"),  # entries of the log
+        ("log_width", "i8"),  # their numbers
+    ]
+)
 
-READ, HEARD = 1, 2
+READ, HEARD, KEPT = 1, 2, 3
 
 NEVER = np.iinfo(np.int64).max
 
@@ -79,8 +89,11 @@ FORMS: Forms = {
     "free": columns(np.int64),
     "told": ENTRY,
     "thinnings": THINNING,
-    "chosen": columns(np.int64),
+    "wordy": columns(np.int64),
+    "log": ENTRY,
+    "log_numbers": columns(np.float64),
     "counts": COUNTS,
     "team": columns(np.int64),
 }
-"""Of the table of a world's sensors."""
+"""Of the table of a world's sensors. `log`: samples that somebody reads, one tick after the other; `slot` of each is the place of its first number
+in `log_numbers`. One without room takes none."""

@@ -6,7 +6,7 @@ each returns a whole line or frame. WebSocket is a third stream, in websocket.py
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import Enum
 from typing import Final, NamedTuple
 
@@ -21,6 +21,9 @@ LINE_LIMIT = 512 << 10
 """Longest JSON line or text, bytes: what `decode` takes at most, with texts in base64."""
 FRAME_LIMIT = 2 << 20
 """Longest msgpack frame, bytes: more than `decode` takes at most, with texts and binary values."""
+
+
+_lines: Final = msgspec.json.Encoder().encode_lines
 
 
 class Waiting(Enum):
@@ -76,6 +79,11 @@ class Codec:
     def sample(self, form: SampleForm, sample: Sample) -> bytes:
         return self.frame(self.encoding.sample(form, sample))
 
+    def together(self, messages: Sequence[msgspec.Struct]) -> bytes:
+        """Messages for the encoder of this one, one behind the other, each in its frame."""
+        encode, frame = self.encoding.encode, self.frame
+        return b"".join([frame(encode(message)) for message in messages])
+
     def event(self, event: Event) -> bytes:
         return self.frame(self.encoding.event(event))
 
@@ -104,6 +112,10 @@ class JsonCodec(Lines, Codec):
         except TooLong as refused:
             return Malformed(refused.fault, id_of_json(refused.head))
         return NEED_DATA if body is None else parse_json(body)
+
+    def together(self, messages: Sequence[msgspec.Struct]) -> bytes:
+        """See `Codec.together`; in one go."""
+        return _lines(messages)
 
 
 class MsgpackCodec(Frames, Codec):

@@ -69,52 +69,57 @@ class _Notice(Struct, tag_field="jsonrpc", tag="2.0", gc=False):
     params: _Sample | _Progress | Event
 
 
+def sample_notice(port: str, seq: int, t_ns: int, t_sent_ns: int, valid: bool, value: object) -> Struct:
+    """The message of a sample, for an encoder; `value`: by field, for that encoder too."""
+    return _Notice("sample", _Sample(port, seq, t_ns, t_sent_ns, valid, value))
+
+
 class Encoding:
     """One encoding of the shapes that the server says.
 
     Attributes:
         name: as `hello` tells it.
+        encode: an object, not framed.
     """
 
     def __init__(self, name: str, encode: Callable[[object], bytes]) -> None:
         self.name = name
-        self._encode = encode
+        self.encode = encode
         self._is_binary = name == "msgpack"
 
     def reply(self, request: RequestId, result: object) -> bytes:
         """The answer to a request; raises TypeError, ValueError or OverflowError for a result that has no such encoding."""
-        return self._encode(_Reply(request, result))
+        return self.encode(_Reply(request, result))
 
     def error(self, request: RequestId, fault: Fault) -> bytes:
         """The refusal of a request."""
         detail = _ErrorDetail(fault.code, _abridged(fault.where))
         body = _ErrorBody(_NUMBERS.get(fault.code, _OTHER_NUMBER), _abridged(fault.text), detail)
-        return self._encode(_Error(request, body))
+        return self.encode(_Error(request, body))
 
     def sample(self, form: SampleForm, sample: Sample) -> bytes:
         """What a sensor said."""
         if form.is_long and not self._is_binary:
-            value: object = in_pieces(form.value(sample), self._encode)
+            value: object = in_pieces(form.value(sample), self.encode)
         else:
             value = form.encodable(sample, self._is_binary)
-        params = _Sample(sample.port, sample.seq, sample.t_ns, sample.t_sent_ns, sample.valid, value)
-        return self._encode(_Notice("sample", params))
+        return self.encode(sample_notice(sample.port, sample.seq, sample.t_ns, sample.t_sent_ns, sample.valid, value))
 
     def event(self, event: Event) -> bytes:
         """What every client should know."""
-        return self._encode(_Notice("event", event))
+        return self.encode(_Notice("event", event))
 
     def notice(self, method: str, params: dict[str, Json]) -> bytes:
         """What a server says unasked besides."""
-        return self._encode({"jsonrpc": "2.0", "method": method, "params": params})
+        return self.encode({"jsonrpc": "2.0", "method": method, "params": params})
 
     def progress(self, request: RequestId, progress: Progress) -> bytes:
         """How far a call has come."""
-        return self._encode(_Notice("progress", _Progress(request, progress.fraction, progress.t_ns)))
+        return self.encode(_Notice("progress", _Progress(request, progress.fraction, progress.t_ns)))
 
     def raw(self, result: object) -> msgspec.Raw:
         """A result encoded once, to be given to `reply` any number of times."""
-        return msgspec.Raw(self._encode(result))
+        return msgspec.Raw(self.encode(result))
 
 
 # Encoders keep nothing between two messages; msgspec writes every float that is not finite as null in JSON.

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Mapping, Sequence
-from functools import partial
-from typing import Protocol
+from collections.abc import Callable, Collection, Sequence
 
 import msgspec
 
-from uwserver.adapter import AdapterContext, InOrder, SampleForm, Thinned
-from uwserver.adapter.pictures import picture_place, with_jpeg
+from uwserver.adapter import AdapterContext, Thinned, Told
 from uwserver.ports import Event, Json, Port, Sample, matching
 from uwserver_adapters.native.codec import Codec
-from uwserver_adapters.native.encoding import Encoding
-from uwserver_adapters.native.outbox import Delivery, Outgoing
+from uwserver_adapters.native.jpegs import Jpegs
+from uwserver_adapters.native.outbox import Outgoing
+from uwserver_adapters.native.routes import Route, Selection, Subscriber, distribute
 from uwserver_adapters.native.shares import Share, Subscription, Taken
+from uwserver_adapters.native.together import Together
 
 log = logging.getLogger(__name__)
 
@@ -24,88 +23,10 @@ CACHED_PATTERNS = 64
 COVERED = 2048
 """Ports that all subscriptions of a client may cover together, each counted for each subscription, but where there are many ports twice as
 many: each sample is compared with all subscriptions that cover its port."""
+TOGETHER = 128
+"""Samples that are encoded in one go: it keeps the simulation waiting, for less than 0.2 ms."""
 SETTLING = 16
 """Ticks with samples after which the world is told what is enough, so that it is told of many subscriptions at once."""
-_STRENGTH: Mapping[Delivery, int] = {"latest": 0, "ring": 1, "reliable": 2}
-
-
-class Subscriber(Protocol):
-    """A client, as its routes know it.
-
-    Attributes:
-        codec: what it speaks.
-        outbox: where its samples wait.
-        subscriptions: by serial.
-    """
-
-    codec: Codec
-    outbox: Outgoing
-    subscriptions: dict[int, Subscription]
-
-
-class _Route:
-    """All of one client's subscriptions to the same fields of one port: it gets a sample at most once."""
-
-    __slots__ = ("_only", "frame", "outbox", "shares")
-
-    def __init__(self, outbox: Outgoing, frame: Callable[[bytes], bytes]) -> None:
-        self.outbox = outbox
-        self.frame = frame
-        self.shares: dict[Subscription, Share] = {}
-        self._only: Share | None = None
-
-    def add(self, subscription: Subscription, share: Share) -> None:
-        """One subscription more."""
-        self.shares[subscription] = share
-        self._only = share if len(self.shares) == 1 else None
-
-    def remove(self, subscription: Subscription) -> None:
-        """One less."""
-        self.shares.pop(subscription).end()
-        self._only = next(iter(self.shares.values())) if len(self.shares) == 1 else None
-
-    def delivery(self, t_ns: int) -> Delivery | None:
-        """The strongest delivery that is due; None when none is."""
-        share = self._only
-        if share is not None:
-            return share.subscription.delivery if share.passes(t_ns) else None
-        due = [share.subscription.delivery for share in self.shares.values() if share.passes(t_ns)]
-        return max(due, key=_STRENGTH.__getitem__, default=None)
-
-
-class _Selection:
-    """All clients of one encoding that take the same fields of one port, its pictures in the same form."""
-
-    __slots__ = ("_fields", "_form", "_is_jpeg", "_port", "encoding", "has_picture", "routes")
-
-    def __init__(self, encoding: Encoding, port: Port, fields: tuple[str, ...] | None, is_jpeg: bool) -> None:
-        self.encoding = encoding
-        self.routes: dict[Subscriber, _Route] = {}
-        self._port = port
-        self._fields = fields
-        self._is_jpeg = is_jpeg
-        self.has_picture = picture_place(port) is not None
-        self._form: SampleForm | None = None
-
-    @property
-    def form(self) -> SampleForm:
-        """How its samples become a map; made with the first, as who subscribes to everything would wait for hundreds of them."""
-        if self._form is None:
-            self._form = SampleForm(self._port, self._fields)
-        return self._form
-
-    def encoded(self, sample: Sample) -> bytes:
-        """The message of a sample, without its frame."""
-        return self.encoding.sample(self.form, self.with_jpeg(sample) if self._is_jpeg else sample)
-
-    @property
-    def takes_long(self) -> bool:
-        """Whether its samples are encoded beside the loop: JPEG takes as long as hundreds of other samples."""
-        return self._is_jpeg and self.has_picture and all(route.outbox.has_places for route in self.routes.values())
-
-    def with_jpeg(self, sample: Sample) -> Sample:
-        """With a JPEG for its picture. Any thread."""
-        return with_jpeg(self._port, sample)
 
 
 _Key = tuple[str, tuple[str, ...] | None, bool]
@@ -122,19 +43,18 @@ class Fanout:
     def __init__(self, context: AdapterContext) -> None:
         self.context = context
         self.sessions: dict[Subscriber, None] = {}
-        self._ports: dict[str, dict[_Key, _Selection]] = {}
+        self._ports: dict[str, dict[_Key, Selection]] = {}
         self._taken: dict[str, Taken] = {}
         self._touched: set[Outgoing] = set()
         self._settling = 0
         self._covered: dict[str, tuple[str, ...]] = {}
         self._described: dict[tuple[str, str], msgspec.Raw] = {}
-        self._jpegs: InOrder[Sample] | None = None
+        self._together = Together(lambda path: self._ports.get(path, {}), context.stats)
+        self._jpegs = Jpegs(context.name, context.stats)
 
     async def close(self) -> None:
         """End the thread that encodes pictures."""
-        jpegs, self._jpegs = self._jpegs, None
-        if jpegs is not None:
-            await jpegs.close()
+        await self._jpegs.close()
 
     # -- clients --------------------------------------------------------------------------------------------------------------------
 
@@ -170,6 +90,7 @@ class Fanout:
         self.context.follow_wants()
 
     def _add(self, session: Subscriber, subscription: Subscription) -> None:
+        self._together.forget()
         subscription.paths = self._served(subscription)
         key = (session.codec.encoding.name, subscription.fields, subscription.is_jpeg)
         for path in subscription.paths:
@@ -177,10 +98,10 @@ class Fanout:
             selection = selections.get(key)
             if selection is None:
                 port = self.context.ports[path]
-                selection = selections[key] = _Selection(session.codec.encoding, port, *key[1:])
+                selection = selections[key] = Selection(session.codec.encoding, port, *key[1:])
             route = selection.routes.get(session)
             if route is None:
-                route = selection.routes[session] = _Route(session.outbox, session.codec.frame)
+                route = selection.routes[session] = Route(session.outbox, session.codec)
             taken = self._taken.get(path)
             if taken is None:
                 taken = self._taken[path] = Taken(self._settle)
@@ -192,6 +113,7 @@ class Fanout:
         self.context.follow_wants()
 
     def _remove(self, session: Subscriber, subscription: Subscription) -> None:
+        self._together.forget()
         key = (session.codec.encoding.name, subscription.fields, subscription.is_jpeg)
         for path in subscription.paths:
             selections = self._ports[path]
@@ -255,52 +177,46 @@ class Fanout:
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """Queue the samples of one tick; `send_samples` follows."""
+        self._put(samples)
+        self._follow_settling(1)
+
+    def _put(self, samples: Sequence[Sample]) -> None:
         touched: set[Outgoing] = set()
         for sample in samples:
             selections = self._ports.get(sample.port)
             if selections is None:
                 continue
+            pictures: list[Selection] = []
             for selection in selections.values():
+                if selection.is_jpeg:
+                    pictures.append(selection)
+                    continue
                 try:
-                    distribute = self._distribute_later if selection.takes_long else _distribute
                     self.context.stats.encoded += distribute(sample, selection, touched)
                 except Exception:  # a fault of ours must not end the adapter
                     self.context.stats.errors += 1
                     log.exception("a sample of %s could not be sent", sample.port)
+            if pictures:
+                self.context.stats.encoded += self._jpegs.distribute(sample, pictures, touched)
         for outbox in touched:
             outbox.gather()
         self._touched |= touched
+
+    def put_told(self, told: Told) -> None:
+        """The same of those of some ticks that follow each other; `send_samples` follows."""
+        for part in told.parts(TOGETHER):
+            outboxes = self._together.send(part)
+            if outboxes is None:
+                self._put(part)
+            else:
+                self._touched.update(outboxes)
+        self._follow_settling(told.ticks)
+
+    def _follow_settling(self, ticks: int) -> None:
         if self._settling:
-            self._settling -= 1
+            self._settling = max(0, self._settling - ticks)
             if not self._settling:
                 self.context.follow_wants()
-
-    def _distribute_later(self, sample: Sample, selection: _Selection, touched: set[Outgoing]) -> bool:
-        """As `_distribute`, but each client's place is kept until the picture is encoded."""
-        jpegs = self._jpegs = self._jpegs or InOrder(f"{self.context.name} pictures", self.context.stats)
-        places: list[tuple[Callable[[bytes], bytes], Callable[[bytes | None], None]]] = []
-        for route in selection.routes.values():
-            delivery = route.delivery(sample.t_ns)
-            if delivery is not None:
-                places.append((route.frame, route.outbox.put_later(selection, delivery, jpegs.hurry)))
-                touched.add(route.outbox)
-
-        def done(encoded: Sample | None) -> None:
-            body = None
-            try:
-                body = None if encoded is None else selection.encoding.sample(selection.form, encoded)
-            except Exception:  # a fault of ours must not end the adapter, nor leave a place empty
-                self.context.stats.errors += 1
-                log.exception("a sample of %s could not be sent", sample.port)
-            messages: dict[Callable[[bytes], bytes], bytes] = {}
-            for frame, fill in places:
-                if body is not None and frame not in messages:
-                    messages[frame] = frame(body)
-                fill(messages.get(frame))
-
-        if places:
-            jpegs.put(partial(selection.with_jpeg, sample), done)
-        return bool(places)
 
     def send_samples(self) -> None:
         """Write the samples of some ticks, once a client."""
@@ -329,34 +245,6 @@ class Fanout:
                 for route in selection.routes.values():
                     for share in route.shares.values():
                         share.restart()
-
-
-def _distribute(sample: Sample, selection: _Selection, touched: set[Outgoing]) -> bool:
-    """Whether it was encoded: it was for anybody's turn."""
-    if len(selection.routes) == 1:
-        (route,) = selection.routes.values()
-        delivery = route.delivery(sample.t_ns)
-        if delivery is None:
-            return False
-        message = route.frame(selection.encoded(sample))
-        route.outbox.put_sample(selection, message, delivery)
-        touched.add(route.outbox)
-        return True
-    body: bytes | None = None
-    messages: dict[Callable[[bytes], bytes], bytes] = {}  # by framing
-    # No route goes away meanwhile: a connection that overflows here is dismissed later, when its transport is gone.
-    for route in selection.routes.values():
-        delivery = route.delivery(sample.t_ns)
-        if delivery is None:
-            continue
-        framed = messages.get(route.frame)
-        if framed is None:
-            if body is None:
-                body = selection.encoded(sample)
-            framed = messages[route.frame] = route.frame(body)
-        route.outbox.put_sample(selection, framed, delivery)
-        touched.add(route.outbox)
-    return body is not None
 
 
 def has_any(port: Port, fields: Sequence[str]) -> bool:

@@ -121,6 +121,20 @@ class Outbox:
         """Whether everything was given to the transport."""
         return not (self._replies or self._reliable or self._ring or self._latest or self._gathered or self._places)
 
+    @property
+    def has_time(self) -> bool:
+        """Whether the transport takes all that comes now: nothing has to wait."""
+        return not (self.paused or self._closed)
+
+    def put_at_once(self, samples: bytes, count: int) -> None:
+        """Give samples to the transport, while it `has_time`; behind all that waits for it."""
+        self.gather()
+        self._stats.samples_sent += count
+        self._gathered.append(samples)
+        self._gathered_bytes += len(samples)
+        if self._gathered_bytes >= BATCH_BYTES:
+            self._write_gathered()
+
     def put_reply(self, message: bytes) -> None:
         """Queue what must not be lost; `flush` sends it."""
         if not self._waits((None, message, None)):

@@ -10,7 +10,7 @@ import pytest
 from uwserver.modifiers.columns import columns_of
 from uwserver.ports import Field, Sample
 from uwserver.ports.crossing import TickOutput
-from uwserver.ports.told import Origin, Told
+from uwserver.ports.told import Log, Origin, Told
 from uwserver.world.streams import ENTRY
 
 FORCE = columns_of((Field("f", "m/s^2", "Force.", shape=(3,)), Field("n", "1", "Number.", type="int")))
@@ -22,17 +22,20 @@ SAMPLES = [
 ]
 
 
-def told() -> Told:
-    origins = {
-        4: Origin("rov/imu", FORCE.width, FORCE.unpack),
-        9: Origin("rov/state", STATE.width, STATE.unpack),
-    }
-    entries = np.array([(110, 0, 4, 7, 100, 1, 0), (110, 0, 9, 2, 105, 0, 0), (110, 0, 4, 8, 104, 1, 0)], ENTRY)
-    rows = np.full((3, 6), 77.0)  # wider than any of them
-    FORCE.pack(((1.0, math.nan, 3.0), 5), rows[0, : FORCE.width])
-    STATE.pack(("manual", True), rows[1, : STATE.width])
-    FORCE.pack(((4.0, 5.0, 6.0), 1 << 60), rows[2, : FORCE.width])
-    return Told(origins, entries, rows, {1: ("manual",)})
+def told(log: Log | None = None) -> Told:
+    origins = {4: Origin("rov/imu", FORCE.width, FORCE.values), 9: Origin("rov/state", STATE.width, STATE.values)}
+    return Told(origins, log or full(), 2, 5)
+
+
+def full() -> Log:
+    """Two samples of before, and SAMPLES; there is room for more."""
+    log = Log(np.zeros(8, ENTRY), np.full(40, 77.0))
+    log.entries[2:5] = [(110, 0, 4, 7, 100, 1, 8), (110, 0, 9, 2, 105, 0, 12), (110, 0, 4, 8, 104, 1, 13)]
+    FORCE.pack(((1.0, math.nan, 3.0), 5), log.numbers[8:12])
+    STATE.pack(("manual", True), log.numbers[12:13])
+    FORCE.pack(((4.0, 5.0, 6.0), 1 << 60), log.numbers[13:17])
+    log.loose[3] = ("manual",)
+    return log
 
 
 def test_rows_are_samples():
@@ -42,13 +45,27 @@ def test_rows_are_samples():
     assert rows.ports == ["rov/imu", "rov/state", "rov/imu"]
     assert [rows[0], rows[1], rows[-1]] == SAMPLES
     assert rows[1:] == SAMPLES[1:]
+    assert rows[:-1] == SAMPLES[:-1]
     assert (rows.newest("rov/imu"), rows.newest("rov/state")) == (SAMPLES[2], SAMPLES[1])
     with pytest.raises(IndexError):
         rows[3]
 
 
+def test_those_that_follow_each_other_are_told_together():
+    log = full()
+    origins = told(log).origins
+    first, second, third = (Told(origins, log, at, at + 1) for at in (2, 3, 4))
+    both = first.followed_by(second)
+    assert both is not None
+    assert list(both) == SAMPLES[:2]
+    assert list(both.followed_by(third) or ()) == SAMPLES
+    assert first.followed_by(third) is None, "one is missing"
+    assert first.followed_by(Told(origins, full(), 3, 4)) is None, "of another log"
+    assert first.followed_by(Told(dict(origins), log, 3, 4)) is None, "sensors came or went"
+
+
 def test_an_output_makes_them_once_and_before_the_others():
-    output = TickOutput(1, 1, SAMPLES[2:], told=Told({}, np.zeros(0, ENTRY), np.zeros((0, 6)), {}))
+    output = TickOutput(1, 1, SAMPLES[2:], told=Told({}, full(), 2, 2))
     output.told = told()
     samples = output.samples
     assert samples == [*SAMPLES, SAMPLES[2]]

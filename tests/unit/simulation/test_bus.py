@@ -6,7 +6,7 @@ import logging
 
 import pytest
 from msgspec.structs import replace
-from unit.ports.test_told import SAMPLES, told
+from unit.ports.test_told import SAMPLES, full, told
 
 from uwserver.ports import Buffer, Call, Command, Event, Field, Port, Progress, Refused, Reply, Sample
 from uwserver.ports.crossing import TickOutput
@@ -406,3 +406,90 @@ def test_rows_for_which_there_is_no_room_are_counted():
         bus.publish(tick(k))
     bus.publish(TickOutput(1, 1, [], told=told()))
     assert bus.dropped == len(SAMPLES)
+
+
+class Rows(Notes):
+    """Takes rows as they are."""
+
+    def put_told(self, told: Told) -> None:
+        self.seen.append((told.ticks, [s.seq for s in told]))
+
+
+def rows_of_ticks(count: int, **parts) -> list[TickOutput]:
+    """One sample each, which follow each other."""
+    log, origins, ports = full(), told().origins, {}
+    return [TickOutput(k, k, [], told=Told(origins, log, 2 + k, 3 + k), ports=ports, **parts) for k in range(count)]
+
+
+def test_who_is_alone_gets_the_rows_of_some_ticks_at_once():
+    bus = Bus(lambda dispatch: None)
+    rows = Rows()
+    bus.attach(rows)
+    for output in rows_of_ticks(3):
+        bus.publish(output)
+    assert bus.backlog() == 3
+    bus.dispatch()
+    assert rows.seen == [(3, [7, 2, 8])]
+    assert bus.backlog() == 0
+    assert bus.last["rov/imu"] == SAMPLES[2]
+
+
+@pytest.mark.parametrize("what", ["made", "events", "replies", "jumps", "ports"])
+def test_a_tick_that_gives_more_is_by_itself(what: str):
+    bus = Bus(lambda dispatch: None)
+    rows = Rows()
+    bus.attach(rows)
+    replied: list = []
+    first, second, third = rows_of_ticks(3)
+    more = {
+        "made": [Sample("rov/gps", 9, 1, 1, True, (1.0,))],
+        "events": [Event("paused", 1, 1, "")],
+        "replies": [(replied.append, Reply(1, 1))],
+        "jumps": 1,
+        "ports": {},
+    }
+    for output in (first, replace(second, **{what: more[what]}), third):
+        bus.publish(output)
+    bus.dispatch()
+    told_in = [entry for entry in rows.seen if entry != "paused"]
+    assert told_in == [(1, [7]), [2, 9] if what == "made" else (1, [2]), (1, [8])]
+    assert rows.seen.index("paused") == 1 if what == "events" else "paused" not in rows.seen
+    assert len(replied) == (what == "replies")
+
+
+def test_who_wants_nothing_is_told_of_events_alone_and_another_is_alone():
+    bus = Bus(lambda dispatch: None)
+    rows, idle = Rows(), Notes()
+    idle.wanted = set()
+    bus.attach(rows)
+    bus.attach(idle)
+    first, second, third = rows_of_ticks(3)
+    bus.publish(replace(first, events=[Event("paused", 1, 1, "")]))
+    bus.dispatch()
+    assert rows.seen == ["paused", (1, [7])]
+    assert idle.seen == ["paused"]
+    idle.wanted.add("rov/imu")
+    bus.follow_wants()
+    bus.publish(second)
+    bus.dispatch()
+    assert rows.seen[2:] == idle.seen[1:] == [[2]]
+    idle.wanted.clear()
+    bus.follow_wants()
+    bus.publish(third)
+    bus.dispatch()
+    assert (rows.seen[3:], idle.seen[2:]) == ([(1, [8])], [])
+
+
+def test_where_several_read_samples_are_made_tick_by_tick():
+    bus = Bus(lambda dispatch: None)
+    rows, notes = Rows(), Notes()
+    bus.attach(rows)
+    leave = bus.attach(notes)
+    for output in rows_of_ticks(2):
+        bus.publish(output)
+    bus.dispatch()
+    assert rows.seen == notes.seen == [[7], [2]]
+    leave()
+    bus.publish(rows_of_ticks(1)[0])
+    bus.dispatch()
+    assert rows.seen[2:] == [(1, [7])]

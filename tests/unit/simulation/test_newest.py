@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from unit.ports.test_told import SAMPLES, told
+import weakref
+
+from unit.ports.test_told import SAMPLES, full, told
 
 from uwserver.ports import Sample
+from uwserver.ports.told import Told
 from uwserver.simulation.newest import Newest
 
 
@@ -29,3 +32,17 @@ def test_what_is_not_kept_is_forgotten():
     assert len(newest) == 1
     newest.clear()
     assert "rov/state" not in newest
+
+
+def test_a_slow_port_does_not_keep_all_that_was_told_with_its_newest():
+    newest, origins = Newest(), told().origins
+    logs = [full() for _ in range(3)]
+    kept = [weakref.ref(log.entries) for log in logs]
+    newest.put(told(logs[0]))
+    for log in logs[1:]:
+        newest.put(Told(origins, log, 2, 3))  # one port alone goes on
+    del log
+    logs.clear()
+    assert newest["rov/state"] == SAMPLES[1]
+    assert newest["rov/imu"] == SAMPLES[0]
+    assert [array() is None for array in kept] == [True, True, False]

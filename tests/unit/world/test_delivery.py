@@ -78,7 +78,7 @@ def test_without_anybody_due_only_what_is_on_its_way_is_delivered() -> None:
     assert arrays.deliver(NOBODY, 35, True, 0) == 1
     assert arrays.deliver(NOBODY, 40, True, 0) == 0
     assert arrays.next_ns == NEVER
-    assert (ENTRY.itemsize, COUNTS.itemsize) == (56, 40)
+    assert (ENTRY.itemsize, COUNTS.itemsize) == (56, 64)
 
 
 @pytest.mark.parametrize("rate_hz", [1.0, 7.0, 10.0, 99.9, 1e9 / 3])

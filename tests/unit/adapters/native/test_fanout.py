@@ -12,7 +12,7 @@ from unittest.mock import Mock
 
 import msgspec
 import pytest
-from uwserver_adapters.native import fanout
+from uwserver_adapters.native import fanout, routes
 from uwserver_adapters.native.codec import JsonCodec
 from uwserver_adapters.native.encoding import Encoding
 from uwserver_adapters.native.shares import Share, Subscription, Taken
@@ -350,8 +350,8 @@ def test_a_world_with_many_ports_may_be_heard_twice() -> None:
 def test_who_subscribes_does_not_wait_for_forms(stage: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
     """They took 2 ms with 600 ports; each is made with the first sample, and once."""
     made: list[str] = []
-    form = fanout.SampleForm
-    monkeypatch.setattr(fanout, "SampleForm", lambda port, fields: (made.append(port.path), form(port, fields))[1])
+    form = routes.SampleForm
+    monkeypatch.setattr(routes, "SampleForm", lambda port, fields: (made.append(port.path), form(port, fields))[1])
 
     async def scene() -> None:
         theatre = stage()
