@@ -358,7 +358,7 @@ def acoustic_modem(geometry: Geometry) -> Figure:
     """How often a full packet is understood over range, in a calm and in a rough sea."""
     figure, axis = plt.subplots(figsize=(9.0, 3.8), layout="constrained")
     scope, level = instant(geometry, (0.0, 0.0, 10.0)), (1.0, 0.0, 0.0, 0.0)
-    ranges = np.geomspace(50.0, 12_000.0, 120)
+    ranges = np.geomspace(50.0, 40_000.0, 140)
     for k, name in enumerate(("m64", "seatrac_x150_modem", "micromodem", "s2cr_18_34", "janus")):
         for wind, style in ((0.0, "-"), (10.0, "--")):
             device = modem(name, propagation="straight")

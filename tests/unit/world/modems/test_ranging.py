@@ -10,6 +10,10 @@ from modem_rig import asked, counts, listen, modem, world_of, world_with
 
 from uwserver.ports import Refused, Reply
 from uwserver.ports.crossing import Later
+from uwserver.scenario.build.world import build
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors import ModemTable
 from uwserver.sensors.messages import Message
 from uwserver.world import snapshot
@@ -192,6 +196,39 @@ def test_a_node_that_goes_has_its_services_only_while_it_is_there():
     assert "c/modem/range" in world.services
     world.call("world/remove", name="c")
     assert "c/modem/range" not in world.services
+
+
+def test_moorings_and_ships_are_asked_and_ask_like_vehicles():
+    """Nodes that no dynamics move: one that stands on the bottom, and one at the surface."""
+
+    def fixed(place: tuple[float, float, float], address: int) -> VehicleEntry:
+        return VehicleEntry(
+            kind="external",
+            model="otter",
+            outside="hold",
+            position_ned_m=place,
+            sensors={"modem": modem(address, ideal=True)},
+        )
+
+    entries = {
+        "auv": VehicleEntry(model="lauv", position_ned_m=(0.0, 0.0, 40.0), sensors={"modem": modem(1, ideal=True)}),
+        "mooring": fixed((300.0, 400.0, 80.0), 2),
+        "ship": fixed((-600.0, 0.0, 2.0), 3),
+    }
+    world = build(load(Scenario(schema=1, vehicles=entries), adapters={}))
+    for who, destination, other in (("auv", 2, "mooring"), ("auv", 3, "ship"), ("ship", 2, "mooring")):
+        replies = asked(world, f"{who}/modem/range", destination=destination)
+        listen(world, 3.0)
+        away = math.dist(world.vehicles[who].p_NB, world.vehicles[other].p_NB)
+        # Straight lines through water whose sound speed grows by 0.016 m/s a metre.
+        assert replies[0].result["range"] == pytest.approx(away, rel=1e-3)
+    world.command("mooring/modem/send", data=b"here I stand")
+    assert sorted(m.by for m in listen(world, 2.0)) == ["auv", "ship"]
+    world.command("ship/pose", p_NB=[-900.0, 0.0, 2.0])
+    listen(world, 0.5)
+    replies = asked(world, "auv/modem/range", destination=3)
+    listen(world, 3.0)
+    assert replies[0].result["range"] == pytest.approx(900.0, abs=5.0)
 
 
 def test_the_error_of_a_range_is_that_of_two_arrivals():
