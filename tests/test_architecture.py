@@ -562,7 +562,7 @@ TESTED_WITH = {
         "faults.hull": "world/faults/test_faults", "faults.table": "world/faults/test_faults",
         "faults.targets": "world/faults/test_faults", "faults.timeline": "world/faults/test_faults",
         "due": "world/test_sensing", "modems.node": "world/modems/test_medium", "modems.packets": "world/modems/test_medium",
-        "streams": "world/test_delivery",
+        "modems.ways": "world/modems/test_medium", "streams": "world/test_delivery",
     },
 }  # fmt: skip
 """Modules that a file named otherwise tests, most often together with their siblings."""

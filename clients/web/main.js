@@ -7,6 +7,7 @@ import { Bars } from "./core/header.js";
 import { Playback } from "./core/playback.js";
 import { ignore, Link } from "./core/link.js";
 import { Chart } from "./core/map.js";
+import { tellMessages } from "./core/modems.js";
 import { Chooser } from "./core/chooser.js";
 import { Dock } from "./panels/dock.js";
 import { dataTab, eventsTab } from "./panels/data_tab.js";
@@ -129,13 +130,11 @@ app.link = new Link({
     app.emit("status");
   },
   event(told) {
-    app.told.unshift(told);
-    app.told.length = Math.min(app.told.length, 500);
     if (told.event === "reset") app.timeline.clear();
     if (told.event === "ports_changed") void describe();
-    if (told.text?.startsWith("playback: ")) return app.emit("told"); // a seek is seen
+    app.tell(told);
+    if (told.text?.startsWith("playback: ")) return; // a seek is seen
     if (["fault", "diverged", "adapter_failed", "shutdown", "reset"].includes(told.event)) toast(told.text || told.event, told.event === "reset" ? "" : "bad");
-    app.emit("told");
   },
   denied: askToken,
   refused: (why) => toast(why, "bad"),
@@ -169,6 +168,10 @@ const chart = new Chart((north, east) => {
   void pilot.goto([north, east, depth]).finally(() => { chart.goal = null; });
 });
 const planner = new Planner(app, chart);
+tellMessages(app, (from, far) => {
+  chart.pulse(from, app.timeline.t, far);
+  picturing?.scene?.pulse(from, far);
+});
 const chooser = new Chooser(app, (view) => picturing?.setView(view), () => picturing !== null);
 
 app.on("world", () => {

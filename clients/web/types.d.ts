@@ -15,7 +15,7 @@ export interface Actuator {
 }
 export interface Beam { direction: Vec3; width?: number; near?: number; far?: number }
 export interface Fan { horizontal: number; vertical: number; step: number; sector: [number, number]; bins: number; near: number; far: number }
-export interface Sensor { path: string; kind: string; p: Vec3; q: Quat; beams?: Beam[]; fan?: Fan | null }
+export interface Sensor { path: string; kind: string; p: Vec3; q: Quat; beams?: Beam[]; fan?: Fan | null; address?: number }
 export interface Looks { sha256: string; size: number; p?: Vec3; q?: Quat; up?: "y" | "z"; scale?: number }
 export interface Lamp { name: string; p: Vec3; q: Quat; cone: number; lumens: number }
 export interface Body {

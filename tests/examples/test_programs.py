@@ -124,13 +124,22 @@ def test_a_survey_is_shared_by_modem(picture: Path) -> None:
 def test_the_page_on_modems_says_what_happens(tmp_path: Path) -> None:
     """Of docs/how-to/modem.md: its listing, and its scenario as it stands there."""
     page = (ROOT / "docs/how-to/modem.md").read_text()
-    (listing,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    listing, asking = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     done = subprocess.run([sys.executable, "-c", listing], cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE_S)
     assert done.returncode == 0, done.stderr
     first, second = done.stdout.splitlines()
     assert re.fullmatch(r"0\.20\d s east/modem/received: data b'hello' range None", first)
     # By the sound speed where it is; the first sound went through warmer water.
     assert float(second.rpartition(" ")[2]) == pytest.approx(300.0, abs=4.0)
+    with serving(EXAMPLES / "share_survey.toml") as ((host, port), _):
+        there = asking.replace("uwclient.connect()", f"uwclient.connect({host!r}, {port})")
+        done = subprocess.run([sys.executable, "-c", there], capture_output=True, text=True, timeout=PATIENCE_S)
+    assert done.returncode == 0, done.stderr
+    away, travel, snr, parting = done.stdout.split()
+    assert float(away) == pytest.approx(300.0, abs=8.0)
+    assert 2.0 * float(away) / float(travel) == pytest.approx(1500.0, abs=50.0)
+    assert abs(float(parting)) < 1.5
+    assert float(snr) > 10.0
     (scenario,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
     (tmp_path / "page.toml").write_text(f"schema = 1\n{scenario}")
     world = uwserver.load(tmp_path / "page.toml")

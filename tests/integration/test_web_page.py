@@ -554,3 +554,71 @@ def test_an_imaging_sonar_is_a_fan(browser: Browser, tmp_path: Path) -> None:
         page.picture(tmp_path / "sides.png")
         assert page.ask("uw.errors") == []
         page.close()
+
+
+TALK = (
+    "schema = 1\n"
+    + "".join(
+        f"""
+[vehicles.{name}]
+model = "lauv"
+position_ned_m = [{x}, {y}, 30.0]
+[vehicles.{name}.sensors.modem]
+kind = "acoustic_modem"
+rate_hz = 1
+address = {k}
+bits_per_s = 5000
+"""
+        for k, (name, x, y) in enumerate((("west", 0.0, 0.0), ("east", 0.0, 900.0), ("north", 700.0, 300.0)), 1)
+    )
+    + """
+[adapters.page]
+kind = "web"
+port = PORT
+"""
+)
+
+
+def test_messages_of_modems_are_told_and_their_sound_is_drawn(browser: Browser, tmp_path: Path) -> None:
+    """A ring goes from the sender to who has heard it, as quick as sound; what was said stands among the events."""
+    with server(tmp_path, scenario=TALK) as address:
+        page = ready(browser.open(f"{address}?fps=15#quality=low&view=top&tab=events"))
+        page.click("#tab-events")
+        send = "uw.app.link.call('web/lease/take', {{ vehicle: '{0}' }}).then(() => uw.app.link.command('{0}/modem/send', {1}))"
+        page.ask(send.format("west", "{ destination: 2, data: { base64: btoa('12.5 m of sand') } }"))
+        rings = "uw.drawing.scene.acoustics.rings"
+        page.wait(f"{rings}.some((ring) => ring.mesh.visible && ring.mesh.scale.x > 200)", "a ring grows")
+        ring = page.ask(
+            f"(() => {{ const r = {rings}[0]; return [r.mesh.scale.x, uw.drawing.scene.t - r.born, r.far, r.mesh.position.toArray()]; }})()"
+        )
+        assert ring[0] == pytest.approx(ring[1] * page.ask("uw.app.world.water.sound_speed"), rel=1e-6)
+        assert ring[2] == pytest.approx(900.0 * 1.05, rel=0.02)
+        assert ring[3][:2] == pytest.approx([0.0, 0.0], abs=5.0)
+        page.wait(f"{rings}.length === 0 && uw.chart.pulses.length === 0", "it ends where it was heard")
+        page.ask("uw.chart.enlarge(), uw.chart.scale = 0.2, uw.app.link.call('world/set_speed', { speed: 0.25 })")
+        page.ask(send.format("west", "{ destination: 2, data: { base64: btoa('again') } }"))
+        green = """(() => {
+          const { canvas } = uw.chart, { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+          let n = 0;
+          for (let k = 0; k < data.length; k += 4) if (data[k + 1] > 140 && data[k] < 150 && data[k + 2] < 150) n += 1;
+          return n;
+        })()"""
+        page.wait("uw.chart.pulses.some((pulse) => uw.t - pulse.born > 0.25)", "it grows on the map too")
+        assert page.ask(green) > 200
+        page.picture(tmp_path / "message.png")
+        page.ask("uw.app.link.call('world/set_speed', { speed: 1 })")
+        page.ask(send.format("north", "{ destination: 1, acknowledge: 1, data: { base64: 'AP8Q' } }"))
+        page.ask(send.format("east", "{ destination: 77, acknowledge: 1 }"))
+        page.wait("uw.app.told.some((told) => told.event === 'no_answer')", "nobody answers")
+        told = page.ask("[...document.querySelectorAll('.events li')].map((li) => li.textContent).reverse()")
+        said = [re.sub(r"^[\d.]+ s", "", line) for line in told]
+        assert "messageeast/modem: from 1 to 2, 14 bytes: “12.5 m of sand”" in said
+        assert "messagewest/modem: from 3 to 1, 3 bytes: 00 ff 10" in said
+        assert "no answereast/modem: no answer of 77" in said
+        with page.holding("KeyP"):
+            pass
+        page.picture(tmp_path / "events.png")
+        (answered,) = [line for line in said if "has answered" in line]
+        assert re.fullmatch(r"messagenorth/modem: 1 has answered, 7\d\d\.\d m away", answered)
+        assert page.ask("uw.errors") == []
+        page.close()

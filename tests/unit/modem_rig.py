@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from uwserver.ports import Sample
+from uwserver.ports import Call, Reply, Sample
+from uwserver.ports.checks import checked_args
+from uwserver.ports.crossing import Posted
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
@@ -53,6 +55,7 @@ class Heard(NamedTuple):
     range: float | None
     bearing: float | None
     elevation: float | None
+    speed: float | None
 
 
 def heard(samples: list[Sample]) -> list[Heard]:
@@ -66,6 +69,14 @@ def heard(samples: list[Sample]) -> list[Heard]:
                 Heard(name.split("/")[0], s.t_ns / 1e9, s.t_sent_ns / 1e9, event, source, destination, data.data, *rest)
             )
     return found
+
+
+def asked(world: World, service: str, **args: object) -> list[Reply]:
+    """Post a call, whose replies come into this list."""
+    replies: list[Reply] = []
+    item = Call(service, checked_args(world.services[service], args), "test")
+    world.requests.posted.append(Posted(item, replies.append))  # type: ignore[arg-type]
+    return replies
 
 
 def listen(world: World, seconds: float) -> list[Heard]:

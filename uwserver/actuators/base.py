@@ -72,7 +72,8 @@ class Actuator(Protocol):
     Its state lies in the kernel's arrays, which `Body` gives it. One that remembers more has an attribute `memory`, a msgspec Struct of plain
     typed values, and nothing beside it: it is saved with the world, and another of its type is put in its place when the world is restored.
     One of which every command counts, not the last alone, has `takes_each = True`.
-    One that cannot take all that its fields allow has a method `objection(value) -> str`, whose text the sender is told.
+    One that cannot take all that its fields allow has a method `objection(value) -> Fault | None`: its code is the reason as programs read it,
+    its text goes on where the name of the port stands before it.
     """
 
     @property

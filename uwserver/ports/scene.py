@@ -161,6 +161,7 @@ class SensorView(Struct, frozen=True):
 
     Attributes:
         sigmas: field -> configured 1-sigma of a sample, in the field's unit: of each axis, or one number for all; absent where it is unknown.
+        address: that a modem begins with, where its packets tell one.
     """
 
     path: str
@@ -170,6 +171,7 @@ class SensorView(Struct, frozen=True):
     beams: tuple[BeamView, ...] = ()
     fan: FanView | None = None
     sigmas: dict[str, tuple[float, ...]] | UnsetType = UNSET
+    address: int | UnsetType = UNSET
 
 
 class LampView(Struct, frozen=True):

@@ -32,6 +32,8 @@ class Outgoing(Struct, frozen=True):
         after: not before this time, s.
         tries: that are left, of one that asks for an answer.
         heard: of an answer: when the message it answers had been heard, s.
+        patience: how long an answer is waited for, s; 0 for as long as one can take.
+        ranging: a caller waits for the range.
     """
 
     id: _Id
@@ -42,6 +44,8 @@ class Outgoing(Struct, frozen=True):
     after: Time = 0.0
     tries: Annotated[int, Meta(ge=0, le=17)] = 0
     heard: Time = 0.0
+    patience: Time = 0.0
+    ranging: bool = False
 
 
 class Waiting(Struct, frozen=True):
@@ -69,6 +73,7 @@ class Message(Struct, frozen=True):
         level, snr: dB.
         range: m.
         bearing, elevation: rad in S.
+        speed: with which the way of the sound grows longer, m/s.
     """
 
     event: Event
@@ -82,6 +87,7 @@ class Message(Struct, frozen=True):
     range: Number | None = None
     bearing: Number | None = None
     elevation: Number | None = None
+    speed: Number | None = None
 
 
 Count = Annotated[int, Meta(ge=0, le=2**53)]
@@ -97,6 +103,7 @@ class Counts(Struct, frozen=True):
         deaf: lost because it was sending itself.
         smeared: lost in their own late arrivals.
         faint: lost in noise, or not noticed.
+        doppler: lost because the modems moved too fast against each other.
         unanswered: messages that asked for an answer in vain.
         dropped: messages that nobody fetched in time.
     """
@@ -107,6 +114,7 @@ class Counts(Struct, frozen=True):
     deaf: Count = 0
     smeared: Count = 0
     faint: Count = 0
+    doppler: Count = 0
     unanswered: Count = 0
     dropped: Count = 0
 

@@ -32,6 +32,7 @@ class ModemTable(SensorTable, kw_only=True, frozen=True):
     Attributes:
         ideal: everything that gets across is understood: no noise, no collisions, and it hears while it sends.
         address: of this modem; a device setting.
+        addressed: packets carry addresses; without them each is for all, and as source the address for all is told.
         broadcast_address: messages to it are for all.
         highest_address: of any modem of this make.
         protocol: modems understand each other that speak the same one.
@@ -52,6 +53,7 @@ class ModemTable(SensorTable, kw_only=True, frozen=True):
 
     ideal: bool = False
     address: _Address = 1
+    addressed: bool = True
     broadcast_address: _Address = 255
     highest_address: _Address = 254
     protocol: Name = "modem"
@@ -75,6 +77,8 @@ class ModemTable(SensorTable, kw_only=True, frozen=True):
             raise ValueError(f"address is {self.address}, the highest of this modem is {self.highest_address}")
         if self.address == self.broadcast_address:
             raise ValueError(f"address {self.address} is that for all (broadcast_address): give it one of its own")
+        if self.acknowledges and not self.addressed:
+            raise ValueError("acknowledges = true needs addressed = true: without addresses all would answer at once")
 
     def port_of(self, vehicle: str, name: str) -> str:
         """What it hears; beside it is ``send``."""
@@ -99,6 +103,7 @@ class Crossing(NamedTuple):
         late: power of what comes so much later than the signal that it smears the next symbols.
         level_db: of the signal, as the device tells it.
         towards: unit vector (N) to where it comes from.
+        leaves: unit vector (N) along which it left.
     """
 
     time: float
@@ -107,6 +112,7 @@ class Crossing(NamedTuple):
     late: float
     level_db: float
     towards: Vec3
+    leaves: Vec3
 
 
 class Signal(Struct, frozen=True):
@@ -150,6 +156,7 @@ class Modem(Sensor):
         Field("range", "m", "distance of who answered, from the time of the answer"),
         Field("bearing", "rad", "direction of the sender from x towards y, of a modem with an array"),
         Field("elevation", "rad", "direction from the x-y plane towards z"),
+        Field("relative_speed", "m/s", "with which sender and receiver part, of a modem that measures Doppler"),
     )
     paces = True
     rouses = True
@@ -182,7 +189,7 @@ class Modem(Sensor):
         told, self.memory.inbox = inbox[0], inbox[1:]
         values: list[Value] = [
             told.event, told.source, told.destination, Buffer(data=told.data), told.level, told.snr, told.range, told.bearing,
-            told.elevation,
+            told.elevation, told.speed,
         ]  # fmt: skip
         lasted = told.over - told.begin + self.table.processing_s
         since_ns = scope.t_ns - round(told.begin * NANOSECONDS)
@@ -219,6 +226,11 @@ class Modem(Sensor):
         """Whether it takes messages to an address."""
         return destination in (self.settings.address, self.table.broadcast_address)
 
+    @property
+    def told_address(self) -> int:
+        """What its packets say of who sent them."""
+        return self.settings.address if self.table.addressed else self.table.broadcast_address
+
     def believed(self, scope: Scope, p: Vec3) -> float:
         """The sound speed (m/s) with which it makes ranges, at its place (N, m)."""
         return self.settings.sound_speed or scope.water.sound_speed(p[2])
@@ -235,6 +247,16 @@ class Modem(Sensor):
         """Rad."""
         sigma = self.table.direction_sigma_deg
         return 0.0 if isinstance(sigma, UnsetType) or self.table.ideal else rad(sigma)
+
+    @property
+    def fastest(self) -> float:
+        """It understands nobody who comes nearer, or parts, faster than this, m/s."""
+        return math.inf
+
+    @property
+    def speed_sigma(self) -> float | None:
+        """Standard deviation of the relative speed that it tells, m/s; None for a modem that tells none."""
+        return None
 
     @property
     @abstractmethod

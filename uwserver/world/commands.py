@@ -62,8 +62,8 @@ class Commands(Part):
         if slot.takes_each and path in self._newest:
             slot.actuator.apply(self._newest.pop(path).value)
         objection = slot.objection(command.value)
-        if objection:
-            raise Refused("bad_argument", f'"{path}" {objection}', path)
+        if objection is not None:
+            raise Refused(objection.code, f'"{path}" {objection.text}', path)
         conflict = False
         if slot.source and slot.source != command.source and not slot.takes_each:
             conflict = tick - slot.last_tick <= self._window

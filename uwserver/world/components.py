@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Annotated, Any
@@ -13,7 +13,7 @@ from uwserver.actuators import Actuator
 from uwserver.modifiers import Modifier
 from uwserver.modifiers.columns import Columns, columns_of
 from uwserver.modifiers.operations import Operation
-from uwserver.ports import Items, Port, Value
+from uwserver.ports import Fault, Items, Port, Value
 from uwserver.ports.checks import check_given
 from uwserver.world.computing import Loose, settled
 from uwserver.world.part import Part, State, read_record, record
@@ -160,10 +160,10 @@ class ActuatorSlot(Part):
         """Whether every command counts, as of a modem: none replaces another, and two sources are no conflict."""
         return bool(getattr(self.actuator, "takes_each", False))
 
-    def objection(self, value: Items) -> str:
-        """Why the device takes no such value, though its fields allow it; "" where it does. It changes nothing."""
-        object_to = getattr(self.actuator, "objection", None)
-        return "" if object_to is None else str(object_to(value))
+    def objection(self, value: Items) -> Fault | None:
+        """Why the device takes no such value, though its fields allow it; None where it does. It changes nothing."""
+        object_to: Callable[[Items], Fault | None] | None = getattr(self.actuator, "objection", None)
+        return None if object_to is None else object_to(value)
 
     def set_timeout(self, ticks: int) -> None:
         """Set the watchdog; 0 ticks for none."""

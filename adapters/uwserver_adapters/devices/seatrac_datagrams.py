@@ -114,6 +114,4 @@ class Datagrams:
 def _status(answer: Answer) -> int:
     if answer.fault is None:
         return wire.OK
-    # Actuators have one code for all that they object to: that a modem sends already stands in the text alone.
-    is_busy = answer.fault.code == "busy" or " is busy" in answer.fault.text
-    return wire.BUSY if is_busy else wire.FAIL
+    return wire.BUSY if answer.fault.code == "busy" else wire.FAIL

@@ -40,6 +40,13 @@ export class App {
     for (const listener of [...(this.listeners.get(change) ?? [])]) listener();
   }
 
+  /** Something has happened. @param {Told} told */
+  tell(told) {
+    this.told.unshift(told);
+    this.told.length = Math.min(this.told.length, 500);
+    this.emit("told");
+  }
+
   /** Vehicles and free objects, in the order of the frames. */
   get bodies() {
     return this.world ? [...this.world.vehicles, ...this.world.objects] : [];

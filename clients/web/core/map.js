@@ -1,6 +1,7 @@
 // The map: north up, with a scale; a click tells a place. It is all there is where the browser has no WebGL.
 import { byId, h, symbol } from "./dom.js";
 import { euler, isNowhere, ownColour } from "./frames.js";
+import { SOUND } from "./modems.js";
 /** @typedef {import("../types").World} World @typedef {import("../types").Shape} Shape @typedef {import("./frames.js").Timeline} Timeline */
 
 const COLOURS = ["#5fe3f5", "#ffc24d", "#8cf09a", "#e0a6ff", "#ff9d7d", "#a3c1ff"];
@@ -37,6 +38,8 @@ export class Chart {
     /** @type {string[]} */
     this.colours = [];
     this.breaks = -1;
+    /** Sound of messages on its way: from where (N), since when (s), and how far (m). @type {{from: number[], born: number, far: number}[]} */
+    this.pulses = [];
     this.listen();
   }
 
@@ -88,6 +91,11 @@ export class Chart {
     this.free = false;
   }
 
+  /** Sound leaves a place. @param {number[]} from N @param {number} born simulation time, s @param {number} far m */
+  pulse(from, born, far) {
+    this.pulses = [...this.pulses.slice(-23), { from, born, far }];
+  }
+
   /** @param {Timeline} timeline @param {number} chosen */
   draw(timeline, chosen) {
     const { world, canvas } = this;
@@ -115,6 +123,7 @@ export class Chart {
     for (const place of this.route) this.dot(pen, place, "#ffffff", 3);
     if (this.goal) this.cross(pen, this.goal);
     if (this.aim) this.ring(pen, this.aim);
+    this.sounds(pen, timeline.t, world.water.sound_speed);
     for (let k = 0; 7 * k + 6 < poses.length; k += 1) this.craft(pen, poses, k, k === chosen);
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
     this.scaleBar(pen, height);
@@ -196,6 +205,20 @@ export class Chart {
     pen.beginPath();
     pen.arc(...this.at(p[0], p[1]), radius, 0, 7);
     pen.fill();
+  }
+
+  /** @param {CanvasRenderingContext2D} pen @param {number} t s @param {number} speed of sound, m/s */
+  sounds(pen, t, speed) {
+    this.pulses = this.pulses.filter(({ born, far }) => t >= born && speed * (t - born) <= far);
+    pen.strokeStyle = SOUND;
+    pen.lineWidth = 2;
+    for (const { from, born, far } of this.pulses) {
+      pen.globalAlpha = 1 - 0.6 * speed * (t - born) / far;
+      pen.beginPath();
+      pen.arc(...this.at(from[0], from[1]), speed * (t - born) * this.scale, 0, 7);
+      pen.stroke();
+    }
+    pen.globalAlpha = 1;
   }
 
   /** @param {CanvasRenderingContext2D} pen @param {number[]} p */

@@ -127,7 +127,7 @@ export function eventsTab(app) {
     const show = () => {
       empty.hidden = app.told.length > 0;
       list.replaceChildren(...app.told.slice(0, 200).map((told) => {
-        const mood = /fault|diverged|failed|shutdown/.test(told.event) ? "bad" : /watchdog|conflict/.test(told.event) ? "warn" : "";
+        const mood = /fault|diverged|failed|shutdown/.test(told.event) ? "bad" : /watchdog|conflict|no_answer/.test(told.event) ? "warn" : "";
         const kind = h("span", { class: "kind" });
         tell(kind, told.event.replaceAll("_", " "));
         return h("li", { class: mood }, h("span", { class: "t" }, `${(told.t_ns / 1e9).toFixed(2)} s`), kind, h("span", {}, told.text ?? ""));

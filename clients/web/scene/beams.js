@@ -85,7 +85,7 @@ export class Acoustics {
     this.group = new THREE.Group();
     this.speed = soundSpeed;
     this.beacons = beacons;
-    /** @type {{mesh: THREE.Mesh, born: number, far: number}[]} */
+    /** @type {{mesh: THREE.Mesh, told: number, born: number, far: number}[]} */
     this.rings = [];
     this.markers = beacons.map((beacon) => {
       const marker = new THREE.Group();
@@ -99,25 +99,30 @@ export class Acoustics {
     });
   }
 
-  /** A ping leaves a place. @param {THREE.Vector3} place N @param {number} t simulation time, s @param {number} far m */
-  ping(place, t, far) {
-    const mesh = new THREE.Mesh(RING, light("#ffe27a", 0.5));
+  /**
+   * A ping leaves a place.
+   * @param {THREE.Vector3} place N @param {number} now simulation time, s @param {number} born when it leaves, s @param {number} far m @param {string} [colour]
+   */
+  ping(place, now, born, far, colour = "#ffe27a") {
+    const mesh = new THREE.Mesh(RING, light(colour, 0.5));
     mesh.position.copy(place);
     mesh.scale.setScalar(1e-3);
     this.group.add(mesh);
-    this.rings.push({ mesh, born: t, far });
+    mesh.visible = false;
+    this.rings.push({ mesh, told: now, born, far });
     if (this.rings.length > 24) this.drop(0);
   }
 
   /** @param {number} t simulation time, s */
   update(t) {
     for (let k = this.rings.length - 1; k >= 0; k -= 1) {
-      const { mesh, born, far } = this.rings[k];
+      const { mesh, told, born, far } = this.rings[k];
       const radius = this.speed * (t - born);
-      if (radius > far || radius < 0) {
+      if (radius > far || t < told) {
         this.drop(k);
         continue;
       }
+      mesh.visible = radius >= 0;
       mesh.scale.setScalar(Math.max(0.01, radius));
       /** @type {THREE.MeshBasicMaterial} */ (mesh.material).opacity = 0.5 * (1 - radius / far);
     }

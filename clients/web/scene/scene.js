@@ -1,6 +1,7 @@
 // The world in three dimensions: built from what the server tells once, moved by frames.
 import * as THREE from "three";
 import { isNowhere, ownColour } from "../core/frames.js";
+import { SOUND } from "../core/modems.js";
 import { Aim } from "./aim.js";
 import { Acoustics, Beams } from "./beams.js";
 import { Craft } from "./craft.js";
@@ -104,9 +105,14 @@ export class WorldScene {
       const from = craft.group.position;
       const place = this.placeOf(beacon);
       const far = from.distanceTo(place) * 1.05;
-      this.acoustics.ping(from, this.t, far);
-      this.acoustics.ping(place, this.t + far / this.acoustics.speed + (beacon.delay ?? 0), far);
+      this.acoustics.ping(from, this.t, this.t, far);
+      this.acoustics.ping(place, this.t, this.t + far / this.acoustics.speed + (beacon.delay ?? 0), far);
     }));
+  }
+
+  /** The sound of a message leaves a place. @param {number[]} from N @param {number} far m */
+  pulse(from, far) {
+    this.acoustics.ping(new THREE.Vector3(...from), this.t, this.t, far, SOUND);
   }
 
   /** @param {Beacon} beacon */

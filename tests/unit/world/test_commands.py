@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from uwserver.ports import Command, Field, Port, Refused
+from uwserver.ports import Command, Fault, Field, Port, Refused
 from uwserver.world.commands import Commands
 from uwserver.world.components import ActuatorSlot
 
@@ -126,13 +126,14 @@ def test_the_newest_commands_of_a_vehicle_in_words() -> None:
 
 def test_what_the_device_objects_to_is_refused_and_nothing_is_taken_over() -> None:
     class Choosy(Lights):
-        def objection(self, value: tuple[Any, ...]) -> str:
-            return "is choosy" if value[0] == (2.0,) else ""
+        def objection(self, value: tuple[Any, ...]) -> Fault | None:
+            return Fault("busy", "is choosy") if value[0] == (2.0,) else None
 
     rig = Rig()
     rig.slot.actuator = Choosy()
-    with pytest.raises(Refused, match=f'"{PATH}" is choosy'):
+    with pytest.raises(Refused, match=f'"{PATH}" is choosy') as refused:
         rig.commands.accept(Command(PATH, ((2.0,),), "one"), 5)
+    assert refused.value.fault.code == "busy"
     assert rig.slot.source == ""
     rig.commands.accept(Command(PATH, ((1.0,),), "one"), 5)
     rig.commands.apply(5)

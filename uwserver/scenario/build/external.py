@@ -9,7 +9,7 @@ from msgspec import UnsetType
 from uwserver.ports import Port
 from uwserver.scenario.build.autopilot import divisor_of
 from uwserver.scenario.build.members import mount_of, sensor_slot, truth_slots
-from uwserver.scenario.build.modems import send_slots
+from uwserver.scenario.build.modems import range_services, send_slots
 from uwserver.scenario.load.resolved import ResolvedVehicle
 from uwserver.sensors import Pose
 from uwserver.sensors.base import Sensor
@@ -55,7 +55,7 @@ def external_member(world: World, resolved: ResolvedVehicle, row: int, name: str
     if not isinstance(entry.truth, UnsetType):
         sensors += truth_slots(world, name, entry.truth.rate_hz, row)
     part = External(name, world.hydro, row, source, ghost=not entry.solid, moving=moving)
-    services = tuple(component_services(world, sensors, slots))
+    services = (*component_services(world, sensors, slots), *range_services(world, slots))
     vehicle = Vehicle(name, resolved.vehicle.name, row, world.hydro)
     return Member(vehicle, tuple(sensors), tuple(slots), services, resolved.solid, (part,), led=True)
 

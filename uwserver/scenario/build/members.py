@@ -14,7 +14,7 @@ from uwserver.modifiers import Modifier, ModifierConfig, Stream
 from uwserver.physics.kernel.random import key_of
 from uwserver.ports import Field, Port
 from uwserver.scenario.build.autopilot import build_autopilot
-from uwserver.scenario.build.modems import send_slots
+from uwserver.scenario.build.modems import range_services, send_slots
 from uwserver.scenario.build.sight import hang_cameras
 from uwserver.scenario.load.resolved import Resolved, ResolvedObject, ResolvedVehicle
 from uwserver.scenario.vehicle.body import own_rows
@@ -96,7 +96,8 @@ def vehicle_member(world: World, resolved: ResolvedVehicle, row: int, name: str)
     if piloted is not None:
         sensors.append(piloted.state)
         slots += piloted.set_points
-    services = tuple(component_services(world, sensors, slots)) + (() if piloted is None else piloted.services)
+    services = (*component_services(world, sensors, slots), *range_services(world, slots))
+    services += () if piloted is None else piloted.services
     others = () if piloted is None else (piloted.part,)
     return Member(Vehicle(name, file.name, row, hydro), tuple(sensors), tuple(slots), services, resolved.solid, others)
 

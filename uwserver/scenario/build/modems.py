@@ -1,10 +1,11 @@
-"""The sending ends of modems, and the water between them."""
+"""The sending ends of modems, their services, and the water between them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
-from uwserver.ports import Port
+from uwserver.ports import Argument, Json, Port, Refused, Service
+from uwserver.ports.crossing import Later
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.sensors import ModemTable
 from uwserver.sensors.modem import Modem
@@ -12,6 +13,7 @@ from uwserver.units import NANOSECONDS
 from uwserver.world.components import ActuatorSlot
 from uwserver.world.modems.medium import Medium
 from uwserver.world.modems.send import Send
+from uwserver.world.part import Carry
 from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.world import World
 
@@ -34,3 +36,57 @@ def send_slots(world: World, sensors: Iterable[SensorSlot]) -> list[ActuatorSlot
             port = Port(path, "actuator", slot.port.kind, send.fields, send.doc)
             slots.append(ActuatorSlot(port, send, world.rate_hz, 0))
     return slots
+
+
+_LONGEST_WAIT_S = 3600.0
+
+
+def range_services(world: World, slots: Iterable[ActuatorSlot]) -> Iterator[tuple[Service, Carry]]:
+    """``range`` and ``cancel_range`` of the modems among some actuators whose make answers."""
+    for slot in slots:
+        send, medium = slot.actuator, world.parts.get(Medium.path)
+        if isinstance(send, Send) and isinstance(medium, Medium) and send.modem.table.acknowledges:
+            base = slot.port.path.removesuffix("/send")
+            yield _range_service(base, send), _asking(world, medium, slot, send)
+            yield Service(f"{base}/cancel_range", "Wait no more for the range under way."), _cancelling(medium, base)
+
+
+def _range_service(base: str, send: Send) -> Service:
+    doc = (
+        "Ask another modem for its distance: a packet goes there, and an answer comes back. The result has range (m), travel_time (there and "
+        "back, s), snr, the direction of a modem with an array, and t_s of the arrival; without an answer in time it fails as timeout. The "
+        "packet can get lost like any other, and is sent once. Modifiers of the port are not in it."
+    )
+    arguments = (
+        Argument("destination", "int", "address", "1", minimum=0, maximum=send.modem.table.highest_address),
+        Argument(
+            "timeout_s", "float", "to wait after the packet was sent; default: as long as an answer from max_range_m takes", "s",
+            required=False, minimum=1e-3, maximum=_LONGEST_WAIT_S,
+        ),
+    )  # fmt: skip
+    return Service(f"{base}/range", doc, arguments, long_running=True)
+
+
+def _asking(world: World, medium: Medium, slot: ActuatorSlot, send: Send) -> Carry:
+    base = slot.port.path.removesuffix("/send")
+    where, received = f"{base}/range", f"{base}/received"
+
+    def ask(args: Mapping[str, Json]) -> Later:
+        if not slot.active or not world.sensors[received].active:
+            path = received if slot.active else slot.port.path
+            raise Refused("denied", f'"{path}" is deactivated: call {path}/activate first', where)
+        destination, wait = int(str(args["destination"])), args["timeout_s"]
+        fault = send.objection_to_range(destination)
+        if fault is not None:
+            raise Refused(fault.code, f'"{base}" {fault.text}', where)
+        return medium.ask(received, destination, 0.0 if wait is None else float(str(wait)))
+
+    return ask
+
+
+def _cancelling(medium: Medium, base: str) -> Callable[[Mapping[str, Json]], Json]:
+    def cancel(_: Mapping[str, Json]) -> Json:
+        medium.cancel(f"{base}/received")
+        return None
+
+    return cancel

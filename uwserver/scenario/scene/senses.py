@@ -17,6 +17,7 @@ from uwserver.sensors import (
     BathymetryConfig,
     DvlConfig,
     LblConfig,
+    ModemTable,
     MultibeamConfig,
     ProfilerConfig,
     RangeArrayConfig,
@@ -38,9 +39,9 @@ def sensor_views(name: str, file: VehicleFile) -> tuple[SensorView, ...]:
         mount = mount_of(config, file)
         kind = str(config.__struct_config__.tag)
         exact = sigmas(config) or UNSET
-        views.append(
-            SensorView(config.port_of(name, key), kind, mount.p, mount.q, tuple(beams(config)), fan(config), exact)
-        )
+        address = config.address if isinstance(config, ModemTable) and config.addressed else UNSET
+        path = config.port_of(name, key)
+        views.append(SensorView(path, kind, mount.p, mount.q, tuple(beams(config)), fan(config), exact, address))
     return tuple(views)
 
 

@@ -35,6 +35,8 @@ class AcousticModemConfig(ModemTable, tag="acoustic_modem", kw_only=True, frozen
         coding_gain_db: what its code is worth.
         guard_s: arrivals that are later than the signal by no more add to it: a symbol's guard time, or what the equaliser reaches.
         multipath_rejection_db: by which the others are weakened, as by spreading or hopping.
+        doppler_limit_mps: packets are lost of who comes nearer, or parts, faster than this; default: none are.
+        speed_sigma_mps: error of the relative speed that it measures by Doppler; default: it tells none.
         fading_sigma_db, fading_time_s: slow normal variation of the level between two modems, the same both ways; so losses come in bursts.
     """
 
@@ -52,6 +54,8 @@ class AcousticModemConfig(ModemTable, tag="acoustic_modem", kw_only=True, frozen
     coding_gain_db: float = 0.0
     guard_s: NonNegative = 0.01
     multipath_rejection_db: NonNegative = 0.0
+    doppler_limit_mps: Positive | UnsetType = UNSET
+    speed_sigma_mps: NonNegative | UnsetType = UNSET
     fading_sigma_db: NonNegative = 0.0
     fading_time_s: Positive = 5.0
 
@@ -119,7 +123,9 @@ class AcousticModem(Modem):
         useful = math.fsum(p for p, is_near in zip(power, near, strict=True) if is_near)
         late = math.fsum(p for p, is_near in zip(power, near, strict=True) if not is_near)
         rejected = late * 10.0 ** (-0.1 * c.multipath_rejection_db)
-        return Crossing(main.time, useful, noise, rejected, 10.0 * math.log10(useful), _towards(a, b, main))
+        return Crossing(
+            main.time, useful, noise, rejected, 10.0 * math.log10(useful), _towards(a, b, main), _leaves(a, b, main)
+        )
 
     def noise(self, scope: Scope) -> float:
         """Of the sea and its own vehicle in the band, uPa^2."""
@@ -151,6 +157,18 @@ class AcousticModem(Modem):
         return 1.0 / (self._config.bandwidth_hz * math.sqrt(snr))
 
     @property
+    def fastest(self) -> float:
+        """See `Modem`."""
+        limit = self._config.doppler_limit_mps
+        return math.inf if isinstance(limit, UnsetType) else limit
+
+    @property
+    def speed_sigma(self) -> float | None:
+        """See `Modem`."""
+        sigma = self._config.speed_sigma_mps
+        return None if isinstance(sigma, UnsetType) else sigma
+
+    @property
     def fading(self) -> tuple[float, float]:
         """See `Modem`."""
         return self._config.fading_sigma_db, self._config.fading_time_s
@@ -158,6 +176,16 @@ class AcousticModem(Modem):
 
 def _towards(a: Vec3, b: Vec3, path: Path) -> Vec3:
     """Unit vector (N) at b towards where a ray from a comes from: its dip is that of the ray from b."""
-    heading = math.atan2(a[1] - b[1], a[0] - b[0])
-    flat = math.cos(path.dip_a)
-    return (flat * math.cos(heading), flat * math.sin(heading), math.sin(path.dip_a))
+    return _ray(b, a, path.dip_a)
+
+
+def _leaves(a: Vec3, b: Vec3, path: Path) -> Vec3:
+    """Unit vector (N) at a along which a ray leaves for b: against the ray from b, where that ends."""
+    x, y, z = _ray(b, a, path.dip_b)
+    return -x, -y, -z
+
+
+def _ray(a: Vec3, b: Vec3, dip: float) -> Vec3:
+    heading = math.atan2(b[1] - a[1], b[0] - a[0])
+    flat = math.cos(dip)
+    return flat * math.cos(heading), flat * math.sin(heading), math.sin(dip)

@@ -81,7 +81,9 @@ class OpticalModem(Modem):
             return None
         towards: Vec3 = (-way[0], -way[1], -way[2])
         strength = (_Q_AT_SENSITIVITY * power / c.sensitivity_w) ** 2
-        return Crossing(distance / _SPEED, strength, 1.0, 0.0, 10.0 * math.log10(power), towards)
+        return Crossing(
+            distance / _SPEED, strength, 1.0, 0.0, 10.0 * math.log10(power), towards, (way[0], way[1], way[2])
+        )
 
     def attenuation(self, scope: Scope) -> float:
         """Of its light in this water, 1/m: straight lines between the colours that are known."""

@@ -10,7 +10,7 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from uwserver.frames import IDENTITY, Quat, Vec3, rotate
-from uwserver.ports import Field, Items
+from uwserver.ports import Fault, Field, Items
 from uwserver.units import NANOSECONDS
 from uwserver.world.external.track import (
     AT_REST,
@@ -140,18 +140,19 @@ class Live:
         self._max_gap_s, self._predict_s = max_gap_s, predict_s
         self.memory = Heard()
 
-    def objection(self, value: Items) -> str:
+    def objection(self, value: Items) -> Fault | None:
         """Why it does not take a pose, for the sender."""
         p, *_, stamp = value
         if p is None:
-            return "needs p_NB: a pose without a place is none"
+            return Fault("bad_argument", "needs p_NB: a pose without a place is none")
         before = self.memory.stamp
         if stamp is not None and before is not None and _numbers(stamp)[0] < before:
-            return (
+            return Fault(
+                "bad_argument",
                 f"was told of {before:g} s already, and now of {_numbers(stamp)[0]:g} s: poses must come in the order of their stamps. "
-                "Leave the stamp out once when your clock begins anew"
+                "Leave the stamp out once when your clock begins anew",
             )
-        return ""
+        return None
 
     def apply(self, value: Items) -> None:
         """Take over a pose; what `objection` refuses did not come here."""

@@ -11,19 +11,19 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
-import numpy as np
 from msgspec import structs
 
-from uwserver.frames import Vec3
-from uwserver.modifiers.base import Draws
-from uwserver.physics.kernel.random import EVENT, key_of
+from uwserver.physics.kernel.random import EVENT
 from uwserver.ports import Sample
+from uwserver.ports.crossing import Later
 from uwserver.sensors.base import Scope
-from uwserver.sensors.messages import MOST_SEEN, Message, Outgoing, Waiting
+from uwserver.sensors.messages import MOST_SEEN, Event, Message, Outgoing, Waiting
 from uwserver.sensors.modem import Crossing, Modem
 from uwserver.units import NANOSECONDS
 from uwserver.world.modems.node import Node, nodes_of
 from uwserver.world.modems.packets import COMING, MOST_LEGS, MOST_PACKETS, PAST, THERE, Leg, MediumState, Packet
+from uwserver.world.modems.ranging import Ranging
+from uwserver.world.modems.ways import Fading, is_hidden
 from uwserver.world.part import Part, Stage
 from uwserver.world.world import World
 
@@ -50,7 +50,8 @@ class Medium(Part):
         self._legs: list[Leg] = []
         self._wake_ns = 0
         self._known: tuple[Mapping[str, Any] | None, dict[str, Node]] = (None, {})
-        self._pairs: dict[tuple[str, str], Draws] = {}
+        self._fading = Fading(world.seed, self.path)
+        self._ranging = Ranging(world.answers, lambda: (world.tick, world.t_ns))
 
     # -- who is there ---------------------------------------------------------------------------------------------------------------------
 
@@ -80,15 +81,40 @@ class Medium(Part):
 
         def submit(destination: int, data: bytes, wanted: bool) -> None:
             node = self._nodes.get(path)
-            if node is None or not node.slot.active:
-                return
-            memory, tries = node.modem.memory, 1 + node.modem.table.retries if wanted else 0
-            self._count += 1
-            memory.queue = (*memory.queue, Outgoing(self._count, destination, data, False, wanted, self._now, tries))
-            self._send_next(node)
-            self._schedule()
+            if node is not None and node.slot.active:
+                tries = 1 + node.modem.table.retries if wanted else 0
+                self._submit(node, Outgoing(self._count + 1, destination, data, False, wanted, self._now, tries))
 
         return submit
+
+    def _submit(self, node: Node, message: Outgoing) -> None:
+        self._count += 1
+        node.modem.memory.queue = (*node.modem.memory.queue, message)
+        self._send_next(node)
+        self._schedule()
+
+    def ask(self, path: str, destination: int, patience: float) -> Later:
+        """Have the modem with this port ask another for its distance, which is told by the call too.
+
+        Args:
+            path: of a modem that is switched on.
+            destination: address.
+            patience: how long to wait for the answer, s; 0 for as long as one can take.
+        """
+        number, node = self._count + 1, self._nodes[path]
+        later = self._ranging.wait(number, path)
+        self._submit(
+            node, Outgoing(number, destination, b"", False, True, self._now, 1, patience=patience, ranging=True)
+        )
+        return later
+
+    def cancel(self, path: str) -> None:
+        """No more wait for a distance that the modem with this port has asked for."""
+        if path in self._nodes:
+            memory = self._nodes[path].modem.memory
+            memory.queue = tuple([each for each in memory.queue if not each.ranging])
+            memory.waiting = tuple([each for each in memory.waiting if not each.message.ranging])
+        self._ranging.end("cancelled by the caller", path)
 
     def _send_next(self, node: Node) -> None:
         """Send what waits and may be sent now: answers first, as they are due at a time."""
@@ -110,15 +136,15 @@ class Medium(Part):
         modem.count("sent")
         if message.wanted:
             answered = 2.0 * modem.table.max_range_m / min(modem.speed, 1400.0) + modem.table.turn_around_s
-            until = left + lasts + answered + modem.duration(b"") + _PATIENCE_S
+            until = left + lasts + (message.patience or answered + modem.duration(b"") + _PATIENCE_S)
             modem.memory.waiting = (*modem.memory.waiting, Waiting(message, left + lasts, until))
         if self._scope(node).submergence(p) <= 0.0:
             return
         self._count += 1
         held = left - message.heard if message.answer else 0.0
         packet = Packet(
-            self._count, message.id, node.path, modem.settings.address, message.destination, message.data, message.answer,
-            message.wanted, held, left, lasts, p, modem.signal(q),
+            self._count, message.id, node.path, modem.told_address, message.destination, message.data, message.answer, message.wanted,
+            held, left, lasts, p, modem.signal(q), node.velocity(),
         )  # fmt: skip
         self._packets[packet.number] = packet
         for path, other in self._nodes.items():
@@ -159,24 +185,29 @@ class Medium(Part):
         """A leg under way, a little later: still under way, or there; None where it leads nowhere."""
         packet, scope = self._packets[leg.packet], self._scope(node)
         p, q = node.pose()
-        crossing = node.modem.crossing(scope, packet.signal, packet.p, p, q, self._fading(packet, node))
+        fading = self._fading.between(packet.sender, node.path, node.modem, packet.left)
+        crossing = node.modem.crossing(scope, packet.signal, packet.p, p, q, fading)
         if crossing is None:
             return None
         late = now - packet.left - crossing.time
         if late < 0.0:
             return structs.replace(leg, wake=now - late * (1.0 - _CLOSING))
         # It has met the signal since the last tick: the time of travel changes with the end of a ray by the slowness along it (Fermat).
-        approach = math.fsum(u * v for u, v in zip(crossing.towards, node.velocity(), strict=True))
+        approach = _along(crossing.towards, node.velocity())
         ago = late / (1.0 + approach / node.modem.speed_at(scope, p))
         p, q = node.pose(ago)
         overlap = node.modem.overlap(packet.signal)
         signal = crossing.signal * overlap
-        if signal < _FAINTEST * crossing.noise or scope.submergence(p) <= 0.0 or self._is_hidden(node, packet.p, p):
+        if (
+            signal < _FAINTEST * crossing.noise
+            or scope.submergence(p) <= 0.0
+            or is_hidden(self._world.geometry, node.modem, packet.p, p)
+        ):
             return None
         begin, (bearing, elevation) = now - ago, self._direction(packet, node, crossing, q)
         return Leg(
             leg.packet, leg.receiver, begin + packet.lasts, THERE, begin, begin + packet.lasts, signal, crossing.noise,
-            crossing.late * overlap, crossing.level_db, bearing, elevation,
+            crossing.late * overlap, crossing.level_db, bearing, elevation, -approach - _along(crossing.leaves, packet.v),
         )  # fmt: skip
 
     def _direction(
@@ -185,41 +216,9 @@ class Medium(Part):
         exact = node.modem.direction(crossing.towards, q_NS)
         if exact is None:
             return None, None
-        _, _, across, up = _drawn(node.modem, packet.number)
+        _, _, across, up, _ = _drawn(node.modem, packet.number)
         sigma = node.modem.direction_sigma
         return exact[0] + sigma * across, exact[1] + sigma * up
-
-    def _is_hidden(self, node: Node, a: Vec3, b: Vec3) -> bool:
-        """Whether something solid, not near their ends, stands between two points (N, m) that is too wide for the signal to get round it."""
-        clear, distance = node.modem.table.clearance_m, math.dist(a, b)
-        free = distance - 2.0 * clear
-        if free <= 0.0:
-            return False
-        way = (np.array(b) - a) / distance
-        across = np.cross(way, np.eye(3)[int(np.argmin(np.abs(way)))])
-        across /= np.linalg.norm(across)
-        up = np.cross(way, across)
-        aside = node.modem.blur(distance) * np.array((0.0 * up, across, -across, up, -up))
-        begin = np.array(a) + clear * way + aside
-        found = self._world.geometry.raycast(begin, np.tile(way, (len(begin), 1)), free)
-        return bool((found.distance <= free).all())
-
-    def _fading(self, packet: Packet, node: Node) -> float:
-        """Of the level between two modems, dB, the same both ways: random numbers at the beats of its time, and straight lines between, so
-        weighted that their deviation is the same everywhere."""
-        sigma, time = node.modem.fading
-        if not sigma or node.modem.table.ideal:
-            return 0.0
-        pair = (min(packet.sender, node.path), max(packet.sender, node.path))
-        if pair not in self._pairs:
-            self._pairs[pair] = Draws(key_of(self._world.seed, f"{self.path}/{pair[0]} {pair[1]}"))
-        draws, beat = self._pairs[pair], packet.left / time
-        ends = []
-        for k in (math.floor(beat), math.floor(beat) + 1):
-            draws.seek(k, EVENT)
-            ends.append(float(draws.rng.standard_normal()))
-        part = beat - math.floor(beat)
-        return sigma * ((1.0 - part) * ends[0] + part * ends[1]) / math.hypot(1.0 - part, part)
 
     # -- receiving ------------------------------------------------------------------------------------------------------------------------
 
@@ -228,16 +227,15 @@ class Medium(Part):
         packet, modem = self._packets[leg.packet], node.modem
         if packet.signal.protocol != modem.table.protocol or not modem.is_for_me(packet.destination):
             return
-        snr = leg.signal / leg.noise
         cause = "" if modem.table.ideal else self._loss(leg, node, packet)
         if cause:
             modem.count(cause)
         elif packet.answer:
-            self._take_answer(leg, node, packet, snr)
+            self._take_answer(leg, node, packet)
         elif packet.message not in modem.memory.seen:
             modem.memory.seen = (*modem.memory.seen, packet.message)[-MOST_SEEN:]
             modem.count("heard")
-            modem.tell(_message("data", leg, packet, snr))
+            modem.tell(self._message("data", leg, node, packet))
         if not cause and packet.wanted:
             self._answer(leg, modem, packet)
 
@@ -249,6 +247,8 @@ class Medium(Part):
         own = [each for each in self._packets.values() if each.sender == node.path]
         if any(leg.meets(each.left, each.over) for each in own):
             return "deaf"
+        if abs(leg.speed) > modem.fastest:
+            return "doppler"
         others = [
             each
             for each in self._legs
@@ -266,6 +266,17 @@ class Medium(Part):
             return "collided"
         return "smeared" if passes(leg.noise) else "faint"
 
+    def _message(self, event: Event, leg: Leg, node: Node, packet: Packet) -> Message:
+        """What a modem tells of a packet."""
+        modem, snr, sigma = node.modem, leg.signal / leg.noise, node.modem.speed_sigma
+        speed = None
+        if sigma is not None:
+            speed = leg.speed if modem.table.ideal else leg.speed + sigma * _drawn(modem, packet.number)[4]
+        return Message(
+            event, packet.source, packet.destination, packet.data, leg.begin, leg.over, leg.level,
+            10.0 * math.log10(snr) if snr > 0.0 else None, None, leg.bearing, leg.elevation, speed,
+        )  # fmt: skip
+
     def _answer(self, leg: Leg, modem: Modem, packet: Packet) -> None:
         """Answer a message, also one that came before: the first answer may have been lost."""
         if not modem.table.acknowledges:
@@ -274,7 +285,7 @@ class Medium(Part):
         known = [each for each in memory.queue if not (each.answer and each.id == packet.message)]
         memory.queue = (*known, Outgoing(packet.message, packet.source, b"", True, False, after, 0, leg.over))
 
-    def _take_answer(self, leg: Leg, node: Node, packet: Packet, snr: float) -> None:
+    def _take_answer(self, leg: Leg, node: Node, packet: Packet) -> None:
         """Somebody answered: it is told once, with the range."""
         modem = node.modem
         asked = next((each for each in modem.memory.waiting if each.message.id == packet.message), None)
@@ -283,19 +294,24 @@ class Medium(Part):
         modem.memory.waiting = tuple([each for each in modem.memory.waiting if each is not asked])
         travel = leg.begin - asked.over - packet.held
         if not modem.table.ideal:
-            travel += math.sqrt(2.0) * modem.jitter(snr) * _drawn(modem, packet.number)[1]
+            travel += math.sqrt(2.0) * modem.jitter(leg.signal / leg.noise) * _drawn(modem, packet.number)[1]
         reach = 0.5 * modem.believed(self._scope(node), node.pose()[0]) * travel
         modem.count("heard")
-        told = _message("delivered", leg, packet, snr)
-        modem.tell(
-            structs.replace(told, source=modem.settings.address, destination=asked.message.destination, range=reach)
+        told = structs.replace(
+            self._message("delivered", leg, node, packet),
+            source=modem.settings.address,
+            destination=asked.message.destination,
+            range=reach,
         )
+        modem.tell(told)
+        self._ranging.answered(packet.message, told, travel)
 
     def _look_after(self, node: Node, now: float) -> None:
         """Messages that nobody answered, and those that wait to be sent."""
         modem, memory = node.modem, node.modem.memory
         if not node.slot.active:
             memory.queue, memory.waiting = (), ()
+            self._ranging.end("the modem was switched off", node.path)
             return
         for asked in [each for each in memory.waiting if each.until <= now]:
             memory.waiting = tuple([each for each in memory.waiting if each is not asked])
@@ -306,6 +322,8 @@ class Medium(Part):
             modem.count("unanswered")
             address = modem.settings.address
             modem.tell(Message("failed", address, message.destination, message.data, asked.until, asked.until))
+            waited = asked.until - asked.over
+            self._ranging.lost(message.id, f"no answer of {message.destination} came within {waited:.3g} s")
         self._send_next(node)
 
     def _forget_past(self, now: float) -> None:
@@ -337,6 +355,13 @@ class Medium(Part):
     def forget(self, body: str) -> None:
         """A vehicle goes: nothing comes to it any more. What it has sent goes on."""
         self._legs = [leg for leg in self._legs if leg.receiver.partition("/")[0] != body]
+        for path in self._nodes:
+            if path.partition("/")[0] == body:
+                self._ranging.end("the vehicle was taken out of the world", path)
+
+    def leave(self, why: str) -> None:
+        """The run ends: whoever waits is told."""
+        self._ranging.end(why)
 
     def save(self) -> MediumState:
         """All that is in the water."""
@@ -351,33 +376,21 @@ class Medium(Part):
             raise ValueError("a packet arrives that nobody sent")
 
     def load(self, state: MediumState) -> None:
-        """Put it back."""
+        """Put it back. Who waited for a range waits in another time: the answer is told at the port alone."""
+        self._ranging.end("the world was put back to another time")
         self._count, self._legs = state.count, list(state.legs)
         self._packets = {packet.number: packet for packet in state.packets}
         self._wake_ns = 0  # modems may have something to do
 
 
-def _drawn(modem: Modem, number: int) -> tuple[float, float, float, float]:
-    """Random numbers of a modem about a packet: one of 0 to 1 that decides whether it is understood; normal ones for time and direction."""
+def _drawn(modem: Modem, number: int) -> tuple[float, float, float, float, float]:
+    """Random numbers of a modem about a packet: one of 0 to 1 that decides whether it is understood; normal ones for time, direction, speed."""
     draws = modem.draws
     draws.seek(number, EVENT)
     luck = float(draws.rng.random())
-    time, across, up = draws.rng.standard_normal(3).tolist()
-    return luck, time, across, up
+    time, across, up, speed = draws.rng.standard_normal(4).tolist()
+    return luck, time, across, up, speed
 
 
-def _message(event: Any, leg: Leg, packet: Packet, snr: float) -> Message:
-    db = 10.0 * math.log10(snr) if snr > 0.0 else None
-    return Message(
-        event,
-        packet.source,
-        packet.destination,
-        packet.data,
-        leg.begin,
-        leg.over,
-        leg.level,
-        db,
-        None,
-        leg.bearing,
-        leg.elevation,
-    )
+def _along(way: tuple[float, float, float], v: tuple[float, float, float]) -> float:
+    return math.fsum(u * w for u, w in zip(way, v, strict=True))

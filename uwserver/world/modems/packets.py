@@ -36,6 +36,7 @@ class Packet(Struct, frozen=True):
         lasts: s.
         p: where, in N, m.
         signal: what it sounds like.
+        v: how its sender moved, in N, m/s.
     """
 
     number: _Number
@@ -51,6 +52,7 @@ class Packet(Struct, frozen=True):
     lasts: Time
     p: Number3
     signal: Signal
+    v: Number3 = (0.0, 0.0, 0.0)
 
     @property
     def over(self) -> float:
@@ -78,6 +80,7 @@ class Leg(Struct, frozen=True):
         signal, noise, late: powers, as of `uwserver.sensors.modem.Crossing`.
         level: dB.
         bearing, elevation: rad in the frame of the modem; None where it cannot tell.
+        speed: with which its way grew longer, m/s.
     """
 
     packet: _Number
@@ -92,6 +95,7 @@ class Leg(Struct, frozen=True):
     level: Annotated[float, Meta(ge=-1e4, le=1e4)] = 0.0
     bearing: Number | None = None
     elevation: Number | None = None
+    speed: Number = 0.0
 
     def meets(self, begin: float, over: float) -> bool:
         """Whether it was heard at a time between these, s; what follows at once does not meet it."""

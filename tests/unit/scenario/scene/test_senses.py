@@ -7,9 +7,10 @@ import math
 import msgspec
 import pytest
 
-from uwserver.scenario.scene.senses import beacon_views, beams, fan
+from uwserver.scenario.scene.senses import beacon_views, beams, fan, sensor_views
 from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.sensors import (
+    AcousticModemConfig,
     AdcpConfig,
     AltimeterConfig,
     DvlConfig,
@@ -75,3 +76,14 @@ def test_beacons_stand_in_the_world_or_sit_on_a_vehicle(tiny_file: VehicleFile) 
     bottom, ship = beacon_views("rov", file)
     assert (bottom.sensor, bottom.p, bottom.body, bottom.delay) == ("rov/usbl", (1.0, 2.0, 30.0), None, 0.1)
     assert (ship.p, ship.body) == ((0.0, 0.0, 2.0), "ship")
+
+
+def test_a_modem_has_its_address_where_packets_tell_one(tiny_file: VehicleFile) -> None:
+    modems = {
+        "modem": AcousticModemConfig(rate_hz=1, address=7),
+        "caller": AcousticModemConfig(rate_hz=1, address=7, addressed=False, acknowledges=False),
+        "depth": PressureConfig(rate_hz=1),
+    }
+    file = msgspec.structs.replace(tiny_file, sensors=modems)
+    found = {view.path: view.address for view in sensor_views("rov", file)}
+    assert found == {"rov/modem/received": 7, "rov/caller/received": msgspec.UNSET, "rov/depth": msgspec.UNSET}

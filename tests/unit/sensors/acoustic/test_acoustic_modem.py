@@ -105,3 +105,15 @@ def test_sound_comes_from_where_its_ray_does(scope):
     bearing, elevation = sensor.direction(found.towards, LEVEL)
     assert (bearing, elevation) == pytest.approx((math.atan2(40, 30), math.pi / 4), abs=1e-6)
     assert device().direction(found.towards, LEVEL) is None
+
+
+def test_sound_leaves_along_its_ray(scope):
+    """Of a bent ray not where the other is: the same from both ends."""
+    instant, a, b = layered(scope), (0.0, 0.0, 10.0), (1500.0, 0.0, 80.0)
+    sensor = device(propagation="layered", noise_level_db=0.0)
+    there, back = crossing(sensor, instant, a, b), crossing(sensor, instant, b, a)
+    assert math.hypot(*there.leaves) == pytest.approx(1.0)
+    assert there.leaves == pytest.approx(back.towards, abs=1e-6)
+    assert there.towards == pytest.approx(back.leaves, abs=1e-6)
+    straight = math.atan2(70.0, 1500.0)
+    assert abs(math.asin(there.leaves[2]) - straight) > 1e-3

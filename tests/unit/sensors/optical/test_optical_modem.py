@@ -71,3 +71,12 @@ def test_two_vehicles_that_look_at_each_other_talk_and_none_hears_sound():
     assert told[0].t == pytest.approx(7.0 * 1.34 / 2.998e8, abs=1e-9)
     assert told[0].told == pytest.approx(told[0].t + 0.08, abs=1.0 / 240)
     assert counts(world, "c") == {"sent": 1}
+
+
+def test_by_light_nobody_is_too_fast(scope):
+    sensor = OpticalModemConfig(rate_hz=1).build(Pose())
+    assert (sensor.fastest, sensor.speed_sigma) == (math.inf, None)
+    found = sensor.crossing(
+        scope(), sensor.signal((1.0, 0.0, 0.0, 0.0)), (0.0, 0.0, 5.0), (5.0, 0.0, 5.0), (0.0, 0.0, 0.0, 1.0), 0.0
+    )
+    assert found.leaves == pytest.approx((1.0, 0.0, 0.0))

@@ -29,9 +29,9 @@ class Rig:
         self.t_ns = t_ms * MS
         given = checked_command(self.port, value)
         objection = self.live.objection(given)
-        if not objection:
+        if objection is None:
             self.live.apply(given)
-        return objection
+        return "" if objection is None else objection.text
 
     def at(self, t_ms: float):
         return self.live.at(round(t_ms * MS))

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from modem_rig import modem, world_of, world_with
+from modem_rig import listen, modem, world_of, world_with
 
 from uwserver.ports import Refused
 from uwserver.sensors import ModemTable
+from uwserver.sensors.messages import MOST_QUEUE
+from uwserver.world import snapshot
 
 PLACES = {"a": (0.0, 0.0, 20.0), "b": (100.0, 0.0, 20.0)}
 
@@ -86,3 +88,36 @@ def test_the_port_names_its_limits():
         "destination": (15.0, None), "data": (None, 31), "acknowledge": (1.0, None),
     }  # fmt: skip
     assert world.ports["a/modem/received"].fields[3].type == "bytes"
+
+
+def test_busy_is_a_code_and_not_only_a_text():
+    world = world_of(PLACES, queue=0, overhead_s=1.0)
+    assert told(world, destination=2, data=b"x") == ""
+    replies = []
+    world.command("a/modem/send", destination=2, data=b"y")
+    world.requests.posted[-1].on_reply = replies.append
+    world.step()
+    assert replies[0].fault.code == "busy"
+    assert "is busy" in replies[0].fault.text
+
+
+def test_a_make_without_addresses_sends_to_all_and_tells_no_sender():
+    places = PLACES | {"c": (0.0, 100.0, 20.0)}
+    keys = {"addressed": False, "acknowledges": False, "broadcast_address": 255}
+    world = world_of(places, **keys)
+    assert "without addresses, and sends to all: leave destination out" in told(world, destination=2, data=b"x")
+    assert told(world, data=b"x") == ""
+    heard = listen(world, 1.0)
+    assert [(m.by, m.source, m.destination, m.data) for m in heard] == [("b", 255, 255, b"x"), ("c", 255, 255, b"x")]
+    with pytest.raises(ValueError, match="acknowledges = true needs addressed = true"):
+        modem(1, addressed=False)
+
+
+def test_no_more_answers_are_waited_for_than_a_state_can_keep():
+    """Of a quick modem whose answers are late."""
+    world = world_of(PLACES, overhead_s=0.0, bits_per_s=1e6, max_range_m=1e5, queue=64)
+    faults = [told(world, destination=9, data=b"x", acknowledge=1) for _ in range(MOST_QUEUE + 2)]
+    assert faults[:MOST_QUEUE] == [""] * MOST_QUEUE
+    assert all(f"{MOST_QUEUE} messages wait for their answers" in fault for fault in faults[MOST_QUEUE:])
+    snapshot.from_bytes(world, snapshot.to_bytes(world, snapshot.take(world)))
+    assert told(world, destination=9, data=b"x") == ""

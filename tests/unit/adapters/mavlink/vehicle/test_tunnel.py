@@ -34,7 +34,7 @@ def sent(bench):
 
 def heard(event, data):
     return Sample(
-        "rov/modem/received", 0, 10**9, 10**9, True, (event, 7, 1, Buffer(data=data), 1.0, 1.0, None, None, None)
+        "rov/modem/received", 0, 10**9, 10**9, True, (event, 7, 1, Buffer(data=data), 1.0, 1.0, None, None, None, None)
     )
 
 

@@ -42,7 +42,7 @@ class Bench:
 
 
 def heard(event, data, source=7, destination=1):
-    value = (event, source, destination, Buffer(data=data), 120.0, 30.0, None, None, None)
+    value = (event, source, destination, Buffer(data=data), 120.0, 30.0, None, None, None, None)
     return Sample("auv/modem/received", 0, 10**9, 10**9, True, value)
 
 
