@@ -533,11 +533,8 @@ def test_an_imaging_sonar_is_a_fan(browser: Browser, tmp_path: Path) -> None:
     """The pile to starboard is bright where it stands, and the edges of the picture are dark."""
     scenario = SCENARIO.replace("[vehicles.auv]", f"{IMAGING}\n[vehicles.auv]")
     with server(tmp_path, scenario=scenario) as address:
-        page = ready(browser.open(f"{address}?fps=4#quality=low&tab=data&panels=picture%3Arov%2Fimaging"))
-        page.click("#tab-data")
-        button = "[...document.querySelectorAll('.port')].find((p) => p.textContent.includes('rov/imaging'))?.querySelectorAll('button')"
-        page.wait(button, "the port is listed")
-        page.ask(f"[...{button}].find((b) => b.textContent === 'Picture').click()")
+        page = ready(browser.open(f"{address}?fps=4#quality=low&tab=data"))
+        page.wait("probe.card('rov/imaging')", "where nothing was asked for, what the vehicle sees is shown")
         fan = "document.querySelector('canvas[aria-label^=\"Echoes of the imaging sonar\"]')"
         page.wait(fan, "a picture is drawn")
         looks = f"""(() => {{
