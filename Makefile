@@ -80,8 +80,8 @@ docs-check: install
 	$(BIN)/python tools/validation_report.py --check
 	$(BIN)/python tools/vehicle_pages.py --check
 
-wheel-smoke: install
-	$(BIN)/python tools/wheel_smoke.py
+wheel-smoke: install  ## use what the wheels bring in a fresh environment, and drive their page where Chromium is installed (pictures: build/page)
+	$(BIN)/python tools/wheel_smoke.py --page --pictures build/page
 
 other-pythons: install  ## try CPython 3.10, 3.12 and 3.13, as far as they are on this machine
 	$(BIN)/python tools/other_pythons.py

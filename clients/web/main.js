@@ -179,7 +179,7 @@ app.on("world", () => {
   if (app.world && !app.world.exact_poses) notice("This server does not tell where vehicles are (exact_poses = false): panels only.");
 });
 
-/** Three.js is loaded only where it can draw. */
+/** Three.js runs only where it can draw. */
 async function begin() {
   let reason = "";
   // The world is asked for while three.js is loaded.

@@ -363,6 +363,17 @@ def test_panels_show_ports_and_call_services(opened: Page, tmp_path: Path) -> No
     opened.picture(tmp_path / "panels.png")
 
 
+def test_a_tether_has_a_gauge_where_there_is_one(opened: Page) -> None:
+    gauges = "[...document.querySelectorAll('.reading span')].map((e) => e.textContent)"
+    assert "Tether" not in opened.ask(gauges)
+    tether = "{ path: 'rov/tether', kind: 'tether', direction: 'sensor', fields: [{ name: 'tension' }] }"
+    opened.ask(f"uw.app.description.ports.push({tether}), uw.app.emit('described')")
+    opened.wait(f"{gauges}.includes('Tether')", "a gauge")
+    opened.ask("uw.app.link.sample({ port: 'rov/tether', seq: 0, t_ns: 0, valid: true, value: { tension: 41.6 } })")
+    shown = "[...document.querySelectorAll('.reading')].find((e) => e.textContent.startsWith('Tether')).textContent"
+    assert opened.ask(shown) == "Tether42 N"
+
+
 def test_numbers_of_a_page(opened: Page) -> None:
     """Interpolation, allocation and sonar counts by their closed forms."""
     found = opened.ask("probe.numbers()")
@@ -522,11 +533,8 @@ def test_an_imaging_sonar_is_a_fan(browser: Browser, tmp_path: Path) -> None:
     """The pile to starboard is bright where it stands, and the edges of the picture are dark."""
     scenario = SCENARIO.replace("[vehicles.auv]", f"{IMAGING}\n[vehicles.auv]")
     with server(tmp_path, scenario=scenario) as address:
-        page = ready(browser.open(f"{address}?fps=4#quality=low&tab=data&panels=picture%3Arov%2Fimaging"))
-        page.click("#tab-data")
-        button = "[...document.querySelectorAll('.port')].find((p) => p.textContent.includes('rov/imaging'))?.querySelectorAll('button')"
-        page.wait(button, "the port is listed")
-        page.ask(f"[...{button}].find((b) => b.textContent === 'Picture').click()")
+        page = ready(browser.open(f"{address}?fps=4#quality=low&tab=data"))
+        page.wait("probe.card('rov/imaging')", "where nothing was asked for, what the vehicle sees is shown")
         fan = "document.querySelector('canvas[aria-label^=\"Echoes of the imaging sonar\"]')"
         page.wait(fan, "a picture is drawn")
         looks = f"""(() => {{

@@ -71,7 +71,7 @@ export class Drawing {
   draw(timeline, aim, dt) {
     if (!this.scene || this.lost || document.hidden) return;
     this.views.tilt = this.pilot.tilt;
-    this.scene.aim.show(aim, timeline.t);
+    this.scene.aim.show(aim, timeline.t, this.stage.camera);
     this.scene.update(timeline, dt, this.app.layers);
     this.stage.render();
   }

@@ -23,13 +23,14 @@ function write(panels) {
   return panels.map(({ kind, path, field }) => (field ? `${kind}:${path}:${field}` : `${kind}:${path}`)).join(",");
 }
 
-/** Panels for a vehicle of which nothing was asked yet: its depth, its sonar. @param {App} app @returns {Panel[]} */
+/** Panels for a vehicle of which nothing was asked yet: what its camera sees, its depth, its sonar. @param {App} app @returns {Panel[]} */
 function first(app) {
   const mine = app.description?.ports.filter((port) => port.path.startsWith(app.prefix) && port.direction === "sensor") ?? [];
   const depth = mine.find((port) => port.fields.some((field) => field.name === "depth"));
   const sonar = mine.find((port) => port.kind === "scanning_sonar");
   const pose = mine.find((port) => port.kind === "attitude" || port.kind === "motion_capture");
-  return [...(depth ? [{ kind: "plot", path: depth.path, field: "depth" }] : []), ...(sonar ? [{ kind: "sonar", path: sonar.path, field: "" }] : []), ...(pose ? [{ kind: "values", path: pose.path, field: "" }] : [])];
+  const seen = mine.find((port) => port.kind === "camera" && hasPicture(port)) ?? mine.find((port) => port.kind === "multibeam" && hasPicture(port));
+  return [...(seen ? [{ kind: "picture", path: seen.path, field: "" }] : []), ...(depth ? [{ kind: "plot", path: depth.path, field: "depth" }] : []), ...(sonar ? [{ kind: "sonar", path: sonar.path, field: "" }] : []), ...(pose ? [{ kind: "values", path: pose.path, field: "" }] : [])];
 }
 
 /** @param {App} app */
