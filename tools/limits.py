@@ -288,11 +288,15 @@ def _rosbridge() -> Iterator[Row]:
     yield "clients", _setting(RosbridgeConfig, "max_clients"), "disconnected"
     yield "messages of a client in a second", _setting(RosbridgeConfig, "max_requests_per_s"), "refused"
     yield (
-        "subscriptions of a client; its advertisements; its services",
+        "subscriptions of a client; its advertisements; its services; its actions",
         _setting(RosbridgeConfig, "max_subscriptions"),
         "refused",
     )
-    yield "commands, calls and goals of a client that wait", _setting(RosbridgeConfig, "max_unanswered"), "refused"
+    yield (
+        "commands, calls and goals of a client that wait; goals that wait for it",
+        _setting(RosbridgeConfig, "max_unanswered"),
+        "refused",
+    )
     yield "topics that clients advertise, all together", str(rosbridge_hub.TOPICS), "refused"
     yield "a name, a type", f"{wishes.LONGEST_NAME} characters", "refused"
     yield "`queue_length`", str(rosbridge_subscriptions.LONGEST_QUEUE), "the longest is taken"

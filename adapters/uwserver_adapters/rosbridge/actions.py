@@ -1,4 +1,4 @@
-"""Goals that one client has sent to actions of the simulator."""
+"""Goals that one client has sent: to actions of the simulator, and to those of other clients."""
 
 from __future__ import annotations
 
@@ -31,6 +31,7 @@ class Goals:
     def __init__(self, hub: Hub, conversation: Conversation, send: Send) -> None:
         self._hub, self._conversation, self._send = hub, conversation, send
         self._cancelled: set[object] = set()
+        self._passed: dict[object, Callable[[], None]] = {}
 
     def begin(self, message: Map) -> None:
         """An operation ``send_action_goal``.
@@ -43,14 +44,18 @@ class Goals:
             raise Wrong("send_action_goal needs an id, which its result will have")
         actions = self._hub.feed.catalogue.actions
         action = actions.get(name)
-        if action is None:
+        known = action.type if action is not None else self._hub.acting.get(name, ("",))[0]
+        if not known:
             near = did_you_mean(name, actions) or f"; there are: {', '.join(sorted(actions)) or 'none'}"
             raise Wrong(f'no action "{name[:100]}"{near}')
         kind = message.get("action_type")
-        if isinstance(kind, str) and kind and full_name(kind, "action") != action.type:
-            raise Wrong(f'"{name}" is of type {action.type}, not {kind[:100]}')
-        if self._conversation.is_running(("goal", key)):
+        if isinstance(kind, str) and kind and full_name(kind, "action") != known:
+            raise Wrong(f'"{name}" is of type {known}, not {kind[:100]}')
+        if self._conversation.is_running(("goal", key)) or key in self._passed:
             raise Wrong("a goal of this id is under way")
+        if action is None:
+            self._pass_on(message, name)
+            return
         types, what = self._hub.types, f"{action.type}_Goal"
         if isinstance(args, list):
             args = dict(zip((field for field, _ in types.fields(what)), args, strict=False))
@@ -68,23 +73,39 @@ class Goals:
         Raises:
             Wrong: no goal of this id is under way.
         """
+        passed = self._passed.get(message.get("id"))
+        if passed is not None:
+            passed()
+            return
         key = ("goal", message.get("id"))
         if not self._conversation.is_running(key):
             raise Wrong(f"{action_name(message)}: no goal of this id is under way")
         self._cancelled.add(key)
         self._conversation.cancel(key)
 
-    def decline(self, message: Map) -> None:
-        """An operation of a client that offers an action of its own.
+    def _pass_on(self, message: Map, name: str) -> None:
+        """Give a goal to the client that offers its action."""
+        _, performer = self._hub.acting[name]
+        key, kept = message["id"], {**answerable(message), "action": name}
+        if len(self._passed) >= self._hub.config.max_unanswered:
+            raise Wrong(f"{len(self._passed)} goals of other clients' actions are under way already")
 
-        Raises:
-            Wrong: always.
-        """
-        there = ", ".join(sorted(self._hub.feed.catalogue.actions)) or "none"
-        raise Wrong(
-            f"{message['op']}: clients offer no actions here, only topics and services (advertise, advertise_service); goals are sent to "
-            f"those of the simulator: {there}"
-        )
+        def feedback(values: object) -> None:
+            if key in self._passed:
+                self._send({"op": "action_feedback", "action": name, "id": key, "values": values}, Wish())
+
+        def end(status: int, values: object, result: bool) -> None:
+            if self._passed.pop(key, None) is not None:
+                self._result(kept, status, values, result)
+
+        wants_feedback = message.get("feedback") is True
+        self._passed[key] = performer.perform(name, message.get("args", {}), wants_feedback, feedback, end)
+
+    def close(self) -> None:
+        """The client has gone: whoever works for it is asked to stop."""
+        passed, self._passed = self._passed, {}
+        for cancel in passed.values():
+            cancel()
 
     def refuse(self, message: Map, text: str) -> None:
         """Tell that a goal was not taken."""

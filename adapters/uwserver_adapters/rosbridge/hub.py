@@ -32,6 +32,20 @@ class Client(Protocol):
         """Send what waits."""
 
 
+class Performer(Protocol):
+    """What carries out the goals of an action that a client offers."""
+
+    def perform(
+        self,
+        name: str,
+        args: object,
+        wants_feedback: bool,
+        feedback: Callable[[object], None],
+        end: Callable[[int, object, bool], None],
+    ) -> Callable[[], None]:
+        """See `uwserver_adapters.rosbridge.offers.Offers.perform`."""
+
+
 class Hub:
     """The adapter's `Subscriber`.
 
@@ -46,6 +60,7 @@ class Hub:
         feed: of the world.
         advertised: topic -> type and advertisers, of topics of clients.
         served: service -> type and the client that offers it.
+        acting: action -> type and who carries out its goals, of actions of clients.
     """
 
     def __init__(self, context: AdapterContext, config: RosbridgeConfig, refusals: Refusals) -> None:
@@ -55,6 +70,7 @@ class Hub:
         self.feed = Feed(context, refusals, self.types, facts, self._deliver, config.clock_hz)
         self.advertised: dict[str, tuple[str, set[Client]]] = {}
         self.served: dict[str, tuple[str, Client]] = {}
+        self.acting: dict[str, tuple[str, Performer]] = {}
         self._listeners: dict[str, dict[Client, None]] = {}
         self._due: dict[Client, None] = {}
 

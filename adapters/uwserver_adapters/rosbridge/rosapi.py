@@ -43,7 +43,7 @@ class Rosapi:
             "get_param_names": lambda args: {"names": [f"{NODE}:{name}" for name in sorted(hub.feed.catalogue.settings)]},
             "delete_param": lambda args: {"successful": False, "reason": "parameters of the simulator cannot be deleted"},
             "search_param": lambda args: {"global_name": ""},
-            "action_servers": lambda args: {"action_servers": sorted(hub.feed.catalogue.actions)},
+            "action_servers": lambda args: {"action_servers": sorted({*hub.feed.catalogue.actions, *hub.acting})},
             "action_type": self._action_type,
             "action_goal_details": lambda args: self._action_details(args, "Goal"),
             "action_result_details": lambda args: self._action_details(args, "Result"),
@@ -145,8 +145,9 @@ class Rosapi:
     # -- actions ----------------------------------------------------------------------------------------------------------------------------
 
     def _action_type(self, args: Args) -> Values:
-        action = self._hub.feed.catalogue.actions.get(_name(args, "action"))
-        return {"type": "" if action is None else action.type}
+        name = _name(args, "action")
+        action = self._hub.feed.catalogue.actions.get(name)
+        return {"type": self._hub.acting.get(name, ("",))[0] if action is None else action.type}
 
     def _action_details(self, args: Args, part: str) -> Values:
         kind = f"{full_name(str(args.get('type', '')), 'action')}_{part}"

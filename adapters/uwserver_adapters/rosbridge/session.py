@@ -25,6 +25,7 @@ from uwserver_adapters.rosbridge.codec import (
     text_frame,
 )
 from uwserver_adapters.rosbridge.hub import TOPICS, Hub
+from uwserver_adapters.rosbridge.offers import Offers
 from uwserver_adapters.rosbridge.rosapi import Rosapi
 from uwserver_adapters.rosbridge.subscriptions import Message, Room, Subscription, Wish
 from uwserver_adapters.rosbridge.wishes import (
@@ -75,15 +76,16 @@ class Session:
         self._goals = Goals(
             hub, self._conversation, lambda told, wish: self._reply(told, wish.compression, wish.fragment_size)
         )
+        self._offers = Offers(hub, self._reply)
         self._operations: Mapping[str, Callable[[Map], None]] = {
             "subscribe": self._subscribe, "unsubscribe": self._unsubscribe, "advertise": self._advertise,
             "unadvertise": self._unadvertise, "publish": self._publish, "call_service": self._call_service,
             "advertise_service": self._advertise_service, "unadvertise_service": self._unadvertise_service,
             "service_response": self._service_response, "set_level": self._set_level, "status": self._status_of_client,
             "fragment": self._fragment, "auth": self._auth, "send_action_goal": self._goals.begin,
-            "cancel_action_goal": self._goals.cancel, "advertise_action": self._goals.decline,
-            "unadvertise_action": self._goals.decline, "action_feedback": self._goals.decline,
-            "action_result": self._goals.decline,
+            "cancel_action_goal": self._goals.cancel, "advertise_action": self._offers.advertise,
+            "unadvertise_action": self._offers.unadvertise, "action_feedback": self._offers.feedback,
+            "action_result": self._offers.result,
         }  # fmt: skip
 
     # -- in ---------------------------------------------------------------------------------------------------------------------------------
@@ -369,6 +371,8 @@ class Session:
     def close(self) -> None:
         """The client has gone."""
         self._conversation.close()
+        self._goals.close()
+        self._offers.close()
         self._hub.leave(self)
         for subscription in self._subscriptions.values():
             subscription.close()

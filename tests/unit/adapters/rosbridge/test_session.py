@@ -3,61 +3,19 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import json
 import struct
 
 import pytest
 import websockets
 from adapter_rig import serving
-from cbor_rig import uncbor
 from ros_rig import PORTS, T_NS, context, flying, sample
+from rosbridge_rig import Client, bridge, run
 from uwserver_adapters.ros.messages import Types
 from uwserver_adapters.rosbridge import RosbridgeAdapter, subscriptions
 from uwserver_adapters.rosbridge.config import RosbridgeConfig
 
 from uwserver.ports import Argument, Event, Refused, Reply, Sample, Service
-
-
-class Client:
-    """One connection."""
-
-    def __init__(self, socket):
-        self.socket = socket
-
-    async def say(self, **message):
-        await self.socket.send(json.dumps(message))
-
-    async def hear(self):
-        data = await asyncio.wait_for(self.socket.recv(), 5)
-        return json.loads(data) if isinstance(data, str) else uncbor(data)[0]
-
-    async def call(self, service, args=None, **more):
-        await self.say(op="call_service", service=service, args=args or {}, **more)
-        while (answer := await self.hear())["op"] != "service_response":
-            pass
-        return answer
-
-    async def settle(self):
-        """All that was said before is done."""
-        await self.call("/rosapi/get_ros_version", id="settle")
-
-
-@contextlib.asynccontextmanager
-async def bridge(count=1, made=None, **config):
-    made = made or context()
-    async with serving(RosbridgeAdapter(RosbridgeConfig(**{"port": 0, "truth": True, **config}), made)):
-        async with contextlib.AsyncExitStack() as stack:
-            clients = [
-                Client(await stack.enter_async_context(websockets.connect(made.stats.address, max_size=None)))
-                for _ in range(count)
-            ]
-            yield (made, *clients)
-
-
-def run(story):
-    asyncio.run(asyncio.wait_for(story(), 30))
-
 
 IMU = PORTS["rov/imu"]
 
@@ -254,8 +212,9 @@ def test_a_refused_command_and_a_time_out_are_not_held():
         ({"op": "auth"}, "token in the address"),
         ({"op": "service_response", "id": "x"}, "no call of this id"),
         ({"op": "advertise_service", "service": "/world/pause", "type": "x/Y"}, "a service of the simulator"),
-        ({"op": "advertise_action", "action": "/dock", "type": "x/Dock"}, "advertise_action: clients offer no actions"),
-        ({"op": "action_result", "action": "/dock", "id": "x", "values": {}}, "action_result: clients offer no actions"),
+        ({"op": "action_result", "action": "/dock", "id": "x", "values": {}}, "action_result: no goal of this id"),
+        ({"op": "action_feedback", "action": "/dock", "id": "x"}, "action_feedback: no goal of this id"),
+        ({"op": "advertise_action", "action": "/dock"}, 'needs a "type"'),
         ({"op": "fragment", "num": 0, "total": 1, "data": '{"op":"fragment"}'}, "fragments of fragments"),
     ],
 )  # fmt: skip
