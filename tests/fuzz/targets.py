@@ -57,7 +57,10 @@ from uwserver_adapters.zenoh_bus.keys import KeyScheme
 from uwserver_adapters.zenoh_bus.requests import Put, Question, Requests
 
 from uwserver.adapter import AdapterStats, Refusals
+from uwserver.physics.geometry.shapes import BadSolid
 from uwserver.ports import Buffer, Field, Port, Refused
+from uwserver.scenario.solids.looks import check_glb
+from uwserver.sensors.optical.camera.gltf import BadLooks, read_glb
 from uwserver.server.http import Service
 from uwserver.testing import FakeContext, Loopback
 from uwserver.testing.codecs import read_all
@@ -1039,6 +1042,67 @@ class CameraCommands(Target):
                 assert self._mav.decode(bytearray(frame)).get_srcComponent() == 100, data
 
 
+class LooksFiles(Target):
+    """Files of looks: what is checked is read or refused, whatever it says of where its numbers lie, and what is read can be drawn."""
+
+    def __init__(self, dice: Dice) -> None:
+        super().__init__(dice)
+        corners = struct.pack("<12f", -1, -1, 0, 1, -1, 0, 1, 1, 0, -1, 1, 0) + struct.pack(
+            "<8f", 0, 1, 1, 1, 1, 0, 0, 0
+        )
+        self._binary = corners + struct.pack("<6H", 0, 1, 2, 0, 2, 3) + b"no picture"
+        primitive = {"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "indices": 2, "material": 0}
+        texture = {"baseColorFactor": [1.0, 0.5, 0.25, 1.0], "baseColorTexture": {"index": 0}}
+        self._told: Any = {
+            "nodes": [{"mesh": 0, "translation": [0.0, 3.0, 0.0], "rotation": [0.0, 0.0, 0.0, 1.0]}, {"children": [0]}],
+            "meshes": [{"primitives": [primitive]}],
+            "materials": [{"pbrMetallicRoughness": texture}],
+            "accessors": [
+                {"bufferView": 0, "byteOffset": 0, "componentType": 5126, "count": 4, "type": "VEC3"},
+                {"bufferView": 1, "byteOffset": 0, "componentType": 5126, "count": 4, "type": "VEC2"},
+                {"bufferView": 2, "byteOffset": 0, "componentType": 5123, "count": 6, "type": "SCALAR"},
+            ],
+            "bufferViews": [
+                {"byteOffset": 0, "byteLength": 48, "byteStride": 12},
+                {"byteOffset": 48, "byteLength": 32, "byteStride": 8},
+                {"byteOffset": 80, "byteLength": 12, "byteStride": 2},
+                {"byteOffset": 92, "byteLength": 10},
+            ],
+            "textures": [{"source": 0}],
+            "images": [{"bufferView": 3}],
+            "buffers": [{"byteLength": len(self._binary)}],
+        }
+
+    def once(self) -> None:
+        dice = self._dice
+        told = dice.tree(self._told)
+        if dice.below(2) and isinstance(told, dict):
+            where = dice.one(("bufferViews", "accessors"))
+            table = dict(dice.one(self._told[where]))
+            key = dice.one(("byteOffset", "byteStride", "count", "componentType"))
+            number = dice.one((0, 1, 2, 4, 36, 47, 252, 5121, 5125, -1, -12, -(1 << 20), 1 << 20, -(1 << 62), 1 << 63))
+            told = {**told, where: [dice.one((table | {key: number}, one)) for one in self._told[where]]}
+        text = json.dumps(told, allow_nan=False) if _is_plain(told) else "{}"
+        binary = dice.damaged(self._binary) if dice.below(4) == 0 else self._binary
+        parts = struct.pack("<I4s", len(text), b"JSON") + text.encode()
+        parts += struct.pack("<I4s", len(binary), b"BIN\0") + binary
+        data = struct.pack("<4sII", b"glTF", 2, 12 + len(parts)) + parts
+        with contextlib.suppress(BadSolid):
+            check_glb(data)
+            with contextlib.suppress(BadLooks):
+                faces = read_glb(data).faces
+                for name in ("corners", "normals", "uv", "colour"):
+                    assert math.isfinite(float(abs(faces[name]).max(initial=0.0))), data
+
+
+def _is_plain(value: Any) -> bool:
+    try:
+        json.dumps(value, allow_nan=False)
+    except ValueError:
+        return False
+    return True
+
+
 TARGETS: Mapping[str, Callable[[Dice], Target]] = {
     "json": Json,
     "msgpack": Msgpack,
@@ -1055,6 +1119,7 @@ TARGETS: Mapping[str, Callable[[Dice], Target]] = {
     "device_messages": DeviceMessages,
     "rtsp": Rtsp,
     "camera": CameraCommands,
+    "looks": LooksFiles,
     "ardupilot": ArdupilotFrames,
     "px4": Px4,
     "zenoh": Zenoh,

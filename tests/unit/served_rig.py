@@ -23,7 +23,9 @@ SERVICE = {"path": "rov/grip", "doc": "Grips.", "arguments": [{"name": "on", "ty
 PAUSE_NS = 100_000_000
 
 
-def served(path: Path, samples: list[Sample], head: dict[str, str] | None = None) -> Path:
+def served(
+    path: Path, samples: list[Sample], head: dict[str, str] | None = None, more: tuple[Port, Sample] | None = None
+) -> Path:
     world = {"scenario": "tank", "rate_hz": 50.0, "epoch_utc": "2026-01-01T00:00:00Z", "seed": 4, "vehicles": ["rov"]}
     ports = {port.path: port for port in (POSE, TOLD)}
     told = {"server": {}, "world": world, "ports": list(ports.values()), "services": [SERVICE]}
@@ -33,6 +35,8 @@ def served(path: Path, samples: list[Sample], head: dict[str, str] | None = None
         writer = RecordingWriter(file, {**usual, **(head or {})}, ports)
         for sample in samples:
             writer.sample(sample, {**ports, LATER.path: LATER})
+        if more is not None:
+            writer.sample(more[1], {more[0].path: more[0]})
         writer.event(Event("fault", 2, 2 * PAUSE_NS, "a leak"))
         writer.event(Event("reset", 0, 0, "another run"))
         writer.finish()

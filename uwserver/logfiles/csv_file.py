@@ -79,11 +79,16 @@ def _open_folder(path: Path, limits: Limits) -> IndexedLog:
         raise LogError(f"{path}: {len(about.topics)} tables, more than {limits.topics}")
     with ExitStack() as stack:
         sources, stamps, places, remarks = list[Source](), list[IntArray](), list[IntArray](), list[str]()
+        known = set[tuple[int, int]]()
         for topic in about.topics:
             if Path(topic.file).name != topic.file:  # a log names no path
                 raise LogError(f"{path / ABOUT}: {topic.file[:80]!r} is no name of a file in this folder")
             if not (path / topic.file).is_file():
                 raise LogError(f"{path / topic.file}: there is no such table, though {ABOUT} beside it names it")
+            entry = (path / topic.file).stat()
+            if (entry.st_dev, entry.st_ino) in known:  # a file of a few bytes could name a large one thousands of times
+                raise LogError(f"{path / ABOUT}: two topics are of one table, {topic.file[:80]!r}: each has its own")
+            known.add((entry.st_dev, entry.st_ino))
             data = stack.enter_context(closing(mapped(path / topic.file)))
             table = _table(path / topic.file, data, limits)
             sources.append(Source(topic.topic, topic.schema, table.fields, table.decode))

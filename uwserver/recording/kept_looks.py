@@ -16,8 +16,8 @@ from uwserver.scenario.solids.looks import check_glb
 
 log = logging.getLogger(__name__)
 
-LOOKS = "looks"
-"""Key of the metadata record."""
+LOOKS = "looks_base64"
+"""Key of the metadata record. Earlier recordings have `looks`, in base 85, which takes seconds and 50 times the memory: they are played plain."""
 MOST_BYTES = 32 << 20
 """Of all files together; those beyond it are left out, the largest first."""
 
@@ -50,7 +50,7 @@ def pack_looks(resolved: Resolved) -> dict[str, str]:
     if not kept:
         return {}
     packed = msgspec.msgpack.encode(_Kept(kept, {owner: sha for owner, sha in owners.items() if sha in kept}))
-    return {LOOKS: base64.b85encode(zstandard.ZstdCompressor().compress(packed)).decode()}
+    return {LOOKS: base64.b64encode(zstandard.ZstdCompressor().compress(packed)).decode()}
 
 
 def unpack_looks(record: Mapping[str, str]) -> Mapping[str, bytes]:
@@ -62,7 +62,7 @@ def unpack_looks(record: Mapping[str, str]) -> Mapping[str, bytes]:
     if LOOKS not in record:
         return {}
     try:
-        packed = base64.b85decode(record[LOOKS])
+        packed = base64.b64decode(record[LOOKS], validate=True)
         most = 2 * MOST_BYTES
         if zstandard.frame_content_size(packed) > most:
             raise ValueError(f"looks of more than {most} bytes")

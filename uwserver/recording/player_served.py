@@ -7,16 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 
 from uwserver.logfiles import Log, LogError, Topic
+from uwserver.logfiles.foreign import foreign
 from uwserver.logfiles.joined_log import open_parts
 from uwserver.logfiles.mapping import Mapping as LogMapping
 from uwserver.logfiles.poses import pose_tracks
 from uwserver.logfiles.rules import mapping_of
 from uwserver.ports import Cast, Event, Field, Port, Present, Sample, Service
+from uwserver.ports.buffer import unpacked
+from uwserver.ports.checks import check_values
 from uwserver.recording.format import EVENTS, metadata
 from uwserver.recording.parts import SERVED
 from uwserver.recording.player_file import NotPlayable
@@ -50,6 +53,25 @@ class _Told(msgspec.Struct):
     services: tuple[ServiceRecord, ...] = ()
 
 
+_Whole = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]
+
+
+class _Said(msgspec.Struct):
+    """A message of a sensor."""
+
+    seq: _Whole
+    t_ns: _Whole
+    t_sent_ns: _Whole
+    valid: bool
+    value: dict[str, Any]
+
+
+class _Happened(Event, frozen=True):
+    """An event at a time that a file can have."""
+
+    t_ns: _Whole
+
+
 def is_served(path: Path) -> bool:
     """Whether `uwserver record` has written a file. Raises OSError."""
     try:
@@ -74,10 +96,12 @@ def import_served(path: Path, target: Path) -> tuple[str, ...]:
     try:
         log = open_parts(path)
         try:
-            return _imported(log, target)
+            with foreign(path, "cannot be read as what `uwserver record` writes"):
+                return _imported(log, target)
         finally:
             log.close()
     except LogError as error:
+        target.unlink(missing_ok=True)
         raise NotPlayable(str(error)) from error
 
 
@@ -86,10 +110,10 @@ def _imported(log: Log, target: Path) -> tuple[str, ...]:
     try:
         told = msgspec.json.decode(head["describe"], type=_Told)
     except (msgspec.MsgspecError, KeyError) as error:
-        raise NotPlayable(f"{log.path}: the head of the recording is damaged: {error}") from error
+        raise LogError(f"{log.path}: the head of the recording is damaged: {error}") from error
     ports = _ports(log, told)
     if not any(log.topics[path].count != 0 for path in ports if path in log.topics):
-        raise NotPlayable(f"{log.path}: not one sample is in it, so that there is nothing to play")
+        raise LogError(f"{log.path}: not one sample is in it, so that there is nothing to play")
     tracks, remarks = _tracks(log, told.world.vehicles)
     resolved = scenario_of(told.world.scenario, told.world.epoch_utc, told.world.rate_hz, tracks)
     cast = Cast(1, (), tuple(Present(body, body) for body in tracks))
@@ -98,29 +122,49 @@ def _imported(log: Log, target: Path) -> tuple[str, ...]:
         writer = RecordingWriter(file, metadata(resolved, told.world.seed, Timing()), ports)
         models = dict.fromkeys(tracks, "object")
         writer.presence(Presence(cast, 0, 0, log.start_ns, ports, services, models, water_of_still(resolved)))
-        _write(log, writer, ports, states_of((log.start_ns, log.end_ns), tracks, cast, 0))
+        damaged = _write(log, writer, ports, states_of((log.start_ns, log.end_ns), tracks, cast, 0))
         writer.finish()
     where = f"`uwserver record` took it from the server at {head[SERVED]}: its scenario is not in it, so that bodies are boxes"
-    return (f"{where} and the sea is still", *log.remarks, *remarks)
+    left_out = [f"{damaged} messages are damaged, or are not as their ports say: they are left out"] if damaged else []
+    return (f"{where} and the sea is still", *left_out, *log.remarks, *remarks)
 
 
-def _write(log: Log, writer: RecordingWriter, ports: Mapping[str, Port], states: Iterator[Any]) -> None:
+def _write(log: Log, writer: RecordingWriter, ports: Mapping[str, Port], states: Iterator[Any]) -> int:
+    """Returns how many messages are not what they should be."""
+    damaged = 0
     state = next(states, None)
     for t_ns, topic, value in log.read({EVENTS, *ports}):
         while state is not None and state.state.t_ns <= t_ns:
             writer.state(state)
             state = next(states, None)
-        if topic == EVENTS:
-            event = msgspec.convert(value, Event)
-            if event.event != "reset":  # the file ends there
-                writer.event(event)
-            continue
-        said: Any = value
-        entry = tuple(said["value"].get(field.name) for field in ports[topic].fields)
-        writer.sample(Sample(topic, said["seq"], said["t_ns"], said["t_sent_ns"], said["valid"], entry), ports)
+        try:
+            if topic == EVENTS:
+                event = msgspec.convert(value, _Happened)
+                if event.event != "reset":  # the file ends there
+                    writer.event(event)
+            else:
+                writer.sample(_sample(ports[topic], value), ports)
+        except ValueError:  # msgspec's errors are ValueErrors
+            damaged += 1
     while state is not None:
         writer.state(state)
         state = next(states, None)
+    return damaged
+
+
+def _sample(port: Port, value: object) -> Sample:
+    """ValueError if it is no message of this port."""
+    said = msgspec.convert(value, _Said)
+    entry = tuple(_entry(field, said.value.get(field.name)) for field in port.fields)
+    given = [(field, value) for field, value in zip(port.fields, entry, strict=True) if value is not None]
+    check_values([field for field, _ in given], [value for _, value in given])
+    return Sample(port.path, said.seq, said.t_ns, said.t_sent_ns, said.valid, entry)
+
+
+def _entry(field: Field, value: Any) -> Any:
+    if field.is_packed and isinstance(value, Mapping):
+        return unpacked(value)
+    return tuple(value) if isinstance(value, list) else value
 
 
 def _ports(log: Log, told: _Told) -> dict[str, Port]:

@@ -156,6 +156,7 @@ def test_one_table_of_it_is_a_track_and_tells_its_units_once(tmp_path):
         ('{"topics": 3}', "`uwserver export --to csv` did not write it"),
         ('{"topics": [{"topic": "a", "file": "../run.mcap"}]}', "is no name of a file in this folder"),
         ('{"topics": [{"topic": "a", "file": "rov_imu.csv"}, {"topic": "a", "file": "rov_imu.csv"}]}', "of one topic"),
+        ('{"topics": [{"topic": "a", "file": "rov_imu.csv"}, {"topic": "b", "file": "rov_imu.csv"}]}', "of one table"),
         ('{"topics": [{"topic": "a", "file": "gone.csv"}]}', "gone.csv"),
     ],
 )

@@ -6,11 +6,13 @@ import base64
 import json
 import logging
 import struct
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 import zstandard
 
@@ -109,7 +111,7 @@ def test_all_together_are_bounded_and_the_largest_is_left_out(
 
 
 def packed(content: Any) -> dict[str, str]:
-    return {LOOKS: base64.b85encode(zstandard.compress(msgspec.msgpack.encode(content))).decode()}
+    return {LOOKS: base64.b64encode(zstandard.compress(msgspec.msgpack.encode(content))).decode()}
 
 
 def test_what_is_no_looks_is_left_out() -> None:
@@ -122,8 +124,27 @@ def test_what_is_no_looks_is_left_out() -> None:
 
 @pytest.mark.parametrize(
     "record",
-    [{LOOKS: "~~"}, {LOOKS: "abcde"}, packed([1]), packed({"files": {"x": b"\0" * (65 << 20)}, "owners": {}})],
+    [
+        {LOOKS: "~~~~"},
+        {LOOKS: "abcde"},
+        {LOOKS: "YWJj"},
+        packed([1]),
+        packed({"files": {"x": b"\0" * (65 << 20)}, "owners": {}}),
+    ],
 )
 def test_a_record_that_is_none_is_told(record: dict[str, str]) -> None:
     with pytest.raises(ValueError, match="looks"):
         unpack_looks(record)
+
+
+def test_large_looks_cost_little_to_pack_and_to_read(monkeypatch: pytest.MonkeyPatch, dressed: Resolved) -> None:
+    """As text that the interpreter itself need not make: some copies of them, not fifty times their size."""
+    monkeypatch.setattr(kept_looks, "check_glb", lambda data: None)
+    large = np.random.default_rng(1).bytes(2 << 20)
+    tracemalloc.start()
+    try:
+        record = pack_looks(replace(dressed, looks={"post": large}, vehicles={}, objects={}))
+        assert unpack_looks(record) == {"static/post": large}
+        assert tracemalloc.get_traced_memory()[1] < 10 * len(large)
+    finally:
+        tracemalloc.stop()

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from uwserver.adapter.pictures import Pixels, pixels
+from uwserver.adapter.pictures import MOST_PIXELS, Pixels, pixels
 from uwserver.logfiles.log import Log, LogError
 from uwserver.ports import Buffer
 from uwserver.ports.buffer import unpacked
@@ -121,10 +121,12 @@ def _buffer(entry: object) -> Buffer | None:
 
 
 def _decompressed(data: bytes, av: Any) -> Pixels | None:
-    """Of JPEG or PNG."""
+    """Of JPEG or PNG; None too of one that says that it is larger than `MOST_PIXELS`, which is not decoded."""
     name = "png" if data[:4] == b"\x89PNG" else "mjpeg"
     try:
-        frames = av.CodecContext.create(name, "r").decode(av.Packet(data))
+        context = av.CodecContext.create(name, "r")
+        context.options = {"max_pixels": str(MOST_PIXELS)}
+        frames = context.decode(av.Packet(data))
     except av.FFmpegError:
         return None
     shown: Pixels | None = frames[0].to_ndarray(format="rgb24") if frames else None

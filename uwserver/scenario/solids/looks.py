@@ -103,6 +103,9 @@ def _check_description(told: dict[str, Any], binary: int) -> None:
     for view in _listed(told, "bufferViews"):
         if _whole(view, "byteOffset") + _whole(view, "byteLength") > binary:
             raise BadSolid("a view of its buffer ends beyond it")
+        _whole(view, "byteStride")
+    for accessor in _listed(told, "accessors"):
+        _whole(accessor, "byteOffset")
     values = sum(_whole(each, "count") for each in _listed(told, "accessors"))
     if values > MOST_VALUES:
         raise BadSolid(f"it has {values} vertices and corners: simplify it to at most {MOST_VALUES}")

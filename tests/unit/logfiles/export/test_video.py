@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ from uwserver.adapter.foxglove import messages
 from uwserver.adapter.foxglove.channels import Foreign
 from uwserver.adapter.pictures import jpeg
 from uwserver.cli.export import export
+from uwserver.logfiles.export import video
 from uwserver.ports import Sample
 from uwserver.recording.writer import RecordingWriter
 
@@ -96,3 +99,24 @@ def test_a_picture_of_another_size_is_stretched_and_told(tmp_path: Path) -> None
     result = run(path, "--to", "mp4", "-o", tmp_path / "made.mp4")
     assert "1 of them had another size and were stretched" in result.output
     assert [shown.shape for _, shown in decoded(tmp_path / "made.mp4")] == [(HEIGHT, WIDTH, 3)] * 2
+
+
+def blank_png(side: int) -> bytes:
+    """Black, of so many pixels each way: some kilobytes for hundreds of megabytes."""
+
+    def part(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    body = zlib.compress(bytes((3 * side + 1) * side))
+    head = struct.pack(">IIBBBBB", side, side, 8, 2, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + part(b"IHDR", head) + part(b"IDAT", body) + part(b"IEND", b"")
+
+
+def test_a_compressed_picture_that_would_be_too_large_is_not_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(video, "MOST_PIXELS", 64 * 64)
+    photo = jpeg(np.zeros((72, 80, 3), np.uint8))
+    for data in (blank_png(65), photo):
+        assert video._picture_of({"format": "x", "data": data}, av) is None
+    shown = video._picture_of({"format": "png", "data": blank_png(64)}, av)
+    assert shown is not None
+    assert shown.shape == (64, 64, 3)

@@ -57,6 +57,8 @@ def test_a_plain_one_is_taken(tmp_path: Path) -> None:
         ({"buffers": [{"byteLength": 18}, {"byteLength": 18}]}, "do not fit"),
         ({"bufferViews": [{"byteOffset": 4, "byteLength": 36}]}, "beyond"),
         ({"bufferViews": [{"byteLength": -1}]}, "no size"),
+        ({"bufferViews": [{"byteLength": 36, "byteStride": -(1 << 20)}]}, "no size"),
+        ({"accessors": [{"count": 3, "byteOffset": -1}]}, "no size"),
         ({"accessors": [{"count": 10**9}]}, "simplify"),
         ({"nodes": [{}] * 20_001}, "nodes"),
         ({"nodes": {}}, "no list"),

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.sensors.optical.camera.faces import blank_faces, smooth_normals
-from uwserver.sensors.optical.camera.textures import BadTexture, Picture, decoded
+from uwserver.sensors.optical.camera.textures import BadTexture, Picture, Room, decoded
 
 FRD: FloatArray = np.array(((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)))
 """From the axes of glTF, y up and x forward, to forward, right, down."""
@@ -21,6 +21,12 @@ _TRIANGLES = 4
 _DEEPEST = 64
 _MOST_NODES = 50_000
 """Visited, as nodes may hang below several others."""
+_MOST_PARTS = 20_000
+"""Drawn, as meshes may hang at many nodes."""
+_MOST_PICTURES = 256
+_FARTHEST_M = 1e7
+_WIDEST_STEP = 252
+"""Bytes from one vertex to the next (glTF 2.0, 5.11.4)."""
 MOST_TRIANGLES = 2_000_000
 
 
@@ -42,16 +48,26 @@ class Looks(NamedTuple):
     faults: tuple[str, ...]
 
 
-def read_glb(data: bytes) -> Looks:
-    """The looks of a file.
+def read_glb(data: bytes, room: Room | None = None) -> Looks:
+    """The looks of a file, whose pictures take of the room there is for those of all things; default: all of it.
 
     Raises:
         BadLooks: it has no triangles, or they do not fit together.
     """
     try:
-        reader = _Reader(data)
-        parts = reader.parts()
-    except (KeyError, IndexError, ValueError, TypeError, AttributeError, struct.error, OverflowError) as error:
+        reader = _Reader(data, Room() if room is None else room)
+        with np.errstate(all="ignore"):  # what is not finite is refused
+            parts = reader.parts()
+    except (
+        KeyError,
+        IndexError,
+        ValueError,
+        TypeError,
+        AttributeError,
+        struct.error,
+        OverflowError,
+        RecursionError,
+    ) as error:
         raise BadLooks(f"looks that do not fit together: {type(error).__name__}: {error}") from error
     if not parts:
         raise BadLooks("looks without triangles")
@@ -61,7 +77,7 @@ def read_glb(data: bytes) -> Looks:
 class _Reader:
     """Walks through the nodes of one file."""
 
-    def __init__(self, data: bytes) -> None:
+    def __init__(self, data: bytes, room: Room) -> None:
         size = struct.unpack_from("<I", data, 12)[0]
         self._told: dict[str, Any] = msgspec.json.decode(data[20 : 20 + size])
         begin = 20 + size
@@ -69,8 +85,10 @@ class _Reader:
         self._binary = data[begin + 8 : begin + 8 + length]
         self.pictures: list[Picture] = []
         self.faults: list[str] = []
+        self._room = room
         self._numbers: dict[int, int] = {}
-        self._count = self._visited = 0
+        self._values: dict[int, npt.NDArray[Any]] = {}
+        self._triangles = self._visited = self._parts = 0
 
     def parts(self) -> list[Any]:
         """FACE of all meshes, each where its nodes put it."""
@@ -94,26 +112,31 @@ class _Reader:
             self._walk(child, here, depth + 1, found)
 
     def _primitive(self, told: dict[str, Any], pose: FloatArray) -> Any:
-        points = self._accessor(told["attributes"]["POSITION"]).astype(np.float64)
-        points = (points @ pose[:3, :3].T + pose[:3, 3]) @ FRD.T
-        if not bool(np.isfinite(points).all()):
-            raise ValueError("vertices that are not finite")
-        order: IntArray = np.arange(len(points))
-        if "indices" in told:
-            order = self._accessor(told["indices"]).ravel().astype(np.int64)
-        order = order[: len(order) // 3 * 3].reshape(-1, 3)
-        if np.linalg.det(pose[:3, :3]) < 0.0:
-            order = order[:, ::-1]
-        self._count += len(order)
-        if self._count > MOST_TRIANGLES:
+        points = self._accessor(told["attributes"]["POSITION"])
+        named = self._accessor(told["indices"]).ravel() if "indices" in told else None
+        count = (len(points) if named is None else len(named)) // 3
+        self._parts += 1
+        self._triangles += count
+        if self._parts > _MOST_PARTS:
+            raise ValueError(f"more than {_MOST_PARTS} meshes at nodes")
+        if self._triangles > MOST_TRIANGLES:
             raise ValueError(f"more than {MOST_TRIANGLES} triangles")
+        order: IntArray = np.arange(3 * count) if named is None else named[: 3 * count].astype(np.int64)
+        # Only what the triangles name is worked on: a file may hang a few of many vertices at many nodes.
+        used, places = np.unique(order, return_inverse=True)
+        vertices = (points[used].astype(np.float64) @ pose[:3, :3].T + pose[:3, 3]) @ FRD.T
+        if not bool((np.abs(vertices) <= _FARTHEST_M).all()):
+            raise ValueError("vertices that are not finite, or beyond all measure")
+        order, places = order.reshape(-1, 3), places.reshape(-1, 3)
+        if np.linalg.det(pose[:3, :3]) < 0.0:
+            order, places = order[:, ::-1], places[:, ::-1]
         rows = blank_faces(len(order))
-        corners = points[order]
+        corners: FloatArray = vertices[places]
         rows["corners"], rows["normals"] = corners, smooth_normals(corners)
         material = self._told["materials"][told["material"]] if "material" in told else {}
         rows["sided"] = 0 if material.get("doubleSided") else 1
         surface = material.get("pbrMetallicRoughness", {})
-        rows["colour"] = surface.get("baseColorFactor", (1.0, 1.0, 1.0, 1.0))[:3]
+        rows["colour"] = np.clip(surface.get("baseColorFactor", (1.0, 1.0, 1.0, 1.0))[:3], 0.0, 1.0)
         texture = surface.get("baseColorTexture")
         coordinates = told["attributes"].get(f"TEXCOORD_{texture.get('texCoord', 0)}") if texture else None
         if texture is not None and coordinates is not None:
@@ -124,6 +147,8 @@ class _Reader:
         number = self._texture(texture)
         if number < 0:
             return
+        if not bool(np.isfinite(uv).all()):
+            raise ValueError("coordinates of a texture that are not finite")
         height, width = self.pictures[number].shape[:2]
         rows["texture"], rows["uv"] = number, uv
         area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
@@ -133,32 +158,42 @@ class _Reader:
 
     def _texture(self, texture: int) -> int:
         """The number of its picture; -1 where it cannot be shown."""
-        if texture not in self._numbers:
-            self._numbers[texture] = -1
-            image = self._told["images"][self._told["textures"][texture]["source"]]
-            view = self._told["bufferViews"][image["bufferView"]]
+        source = self._told["textures"][texture]["source"]
+        if source not in self._numbers:
+            if len(self._numbers) >= _MOST_PICTURES:
+                raise ValueError(f"more than {_MOST_PICTURES} pictures")
+            self._numbers[source] = -1
+            view = self._told["bufferViews"][self._told["images"][source]["bufferView"]]
             begin = view.get("byteOffset", 0)
             try:
-                self.pictures.append(decoded(self._binary[begin : begin + view["byteLength"]]))
-                self._numbers[texture] = len(self.pictures) - 1
+                self.pictures.append(decoded(self._binary[begin : begin + view["byteLength"]], self._room))
+                self._numbers[source] = len(self.pictures) - 1
             except BadTexture as error:
                 self.faults.append(str(error))
-        return self._numbers[texture]
+        return self._numbers[source]
 
     def _accessor(self, number: int) -> npt.NDArray[Any]:
         """(count, width) values; whole numbers that stand for parts of one are these."""
-        told = self._told["accessors"][number]
+        if number not in self._values:
+            self._values[number] = self._read(self._told["accessors"][number])
+        return self._values[number]
+
+    def _read(self, told: dict[str, Any]) -> npt.NDArray[Any]:
         view = self._told["bufferViews"][told["bufferView"]]
         kind, width = np.dtype(_TYPES[told["componentType"]]), _WIDTHS[told["type"]]
-        step = view.get("byteStride") or kind.itemsize * width
-        begin = view.get("byteOffset", 0) + told.get("byteOffset", 0)
-        count = told["count"]
-        end = begin + (count - 1) * step + kind.itemsize * width
-        if count < 1 or end > len(self._binary):
+        size = kind.itemsize * width
+        step = view.get("byteStride") or size
+        offsets, count = (view.get("byteOffset", 0), told.get("byteOffset", 0)), told["count"]
+        if not all(isinstance(value, int) and value >= 0 for value in (*offsets, count - 1, step)):
+            raise ValueError("an accessor whose extent is no size")
+        if not size <= step <= _WIDEST_STEP:
+            raise ValueError(f"an accessor with a step of {step} bytes")
+        begin = sum(offsets)
+        if begin + (count - 1) * step + size > len(self._binary):
             raise ValueError("an accessor that ends beyond the file")
-        flat = np.frombuffer(self._binary, np.uint8)
-        rows = np.lib.stride_tricks.as_strided(flat[begin:], (count, kind.itemsize * width), (step, 1))
-        values: npt.NDArray[Any] = np.ascontiguousarray(rows).view(kind).reshape(count, width)
+        # An array over a buffer refuses by itself what lies outside.
+        rows = np.ndarray((count, width), kind, self._binary, begin, (step, kind.itemsize))
+        values: npt.NDArray[Any] = np.ascontiguousarray(rows)
         if told.get("normalized"):
             values = values / np.float32(np.iinfo(kind).max)
         return values

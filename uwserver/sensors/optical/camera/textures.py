@@ -25,11 +25,25 @@ class BadTexture(ValueError):
     """A picture that cannot be used; the text says why and what to do."""
 
 
-def decoded(data: bytes) -> Picture:
-    """The pixels of a PNG or JPEG file.
+class Room:
+    """Bytes that pictures may still take. What is taken stays so, decoded or not, so that bad pictures cost no more than good ones."""
+
+    def __init__(self, left: int = MOST_BYTES) -> None:
+        """Of all things of a world together."""
+        self.left = left
+
+    def take(self, size: int) -> None:
+        """BadTexture where there is not so much."""
+        if size > self.left:
+            raise BadTexture(f"the textures of all things have more than {MOST_BYTES >> 20} MB: make them smaller")
+        self.left -= size
+
+
+def decoded(data: bytes, room: Room) -> Picture:
+    """The pixels of a PNG or JPEG file. Its size is known before they are decoded.
 
     Raises:
-        BadTexture: it is none, is too large, or what reads it is not installed.
+        BadTexture: it is none, is too large, there is no room left, or what reads it is not installed.
     """
     try:
         from PIL import Image
@@ -40,6 +54,7 @@ def decoded(data: bytes) -> Picture:
             width, height = picture.size
             if width * height > MOST_PIXELS:
                 raise BadTexture(f"a texture of {width} x {height} pixels: at most {MOST_PIXELS}, make it smaller")
+            room.take(3 * width * height)
             return np.asarray(picture.convert("RGB"), np.uint8)
     except BadTexture:
         raise

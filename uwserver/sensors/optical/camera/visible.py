@@ -12,7 +12,7 @@ from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.sensors.optical.camera.faces import FACE, Paint, blank_faces, floors, solid_faces
 from uwserver.sensors.optical.camera.gltf import BadLooks, Looks, read_glb
 from uwserver.sensors.optical.camera.rays import THING, PickScene, Placed, pick_scene
-from uwserver.sensors.optical.camera.textures import Atlas, BadTexture, Picture
+from uwserver.sensors.optical.camera.textures import Atlas, BadTexture, Picture, Room
 
 LATTICE_M = 1024.0
 """Between centres of scenes of what never moves, so that something far away makes nothing near by coarser."""
@@ -55,6 +55,7 @@ class Models:
         self._faces: dict[tuple[int, int], tuple[object, Any, list[Picture]]] = {}
         self._scenes: dict[int, tuple[object, PickScene]] = {}
         self._faults: dict[str, None] = {}
+        self._room = Room()
 
     @property
     def faults(self) -> list[str]:
@@ -71,7 +72,7 @@ class Models:
     def _made(self, seen: Seen) -> tuple[Any, list[Picture]]:
         if seen.looks:
             try:
-                looks: Looks = read_glb(seen.looks)
+                looks: Looks = read_glb(seen.looks, self._room)
             except BadLooks as error:
                 self._faults[f"{seen.name}: {error}"] = None
             else:

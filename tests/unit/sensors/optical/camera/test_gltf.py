@@ -8,7 +8,7 @@ import pytest
 from sensors.optical.camera.glb import glb, packed, png
 
 from uwserver.scenario.solids.looks import check_glb
-from uwserver.sensors.optical.camera import textures
+from uwserver.sensors.optical.camera import gltf, textures
 from uwserver.sensors.optical.camera.gltf import BadLooks, read_glb
 
 RED_AND_BLUE = png([[[255, 0, 0], [0, 0, 255]]] * 2)
@@ -58,6 +58,7 @@ def broken(**changes: object) -> bytes:
         {"nodes": [{"children": [1] * 60_000, "mesh": 0}, {}]},
         {"meshes": [{"primitives": []}]},
         {"accessors": [{"bufferView": 0, "componentType": 5126, "count": 10**9, "type": "VEC3"}] * 3},
+        {"nodes": [{"mesh": 0, "translation": [0, 1e308, 0]}]},
         {"scene": 5},
         {"bufferViews": "x"},
     ],
@@ -65,3 +66,81 @@ def broken(**changes: object) -> bytes:
 def test_files_that_do_not_fit_together_are_refused(changes: dict[str, object]) -> None:
     with pytest.raises(BadLooks):
         read_glb(broken(**changes))
+
+
+@pytest.mark.parametrize(
+    ("view", "accessor"),
+    [
+        ({"byteStride": -4}, {}),
+        ({"byteStride": 8}, {}),
+        ({"byteStride": 256}, {"count": 1}),
+        ({"byteStride": 12.0}, {}),
+        ({}, {"byteOffset": -1}),
+        ({}, {"count": 0}),
+        ({}, {"count": -(2**40)}),
+        ({"byteOffset": 2**62}, {}),
+        ({"byteOffset": 12}, {"byteOffset": 200}),
+    ],
+)
+def test_an_accessor_lies_within_the_file(view: dict[str, object], accessor: dict[str, object]) -> None:
+    """Arrays of numbers are views of memory: what a file says of them is checked to the last byte."""
+    square = {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"}
+    views = [{"byteLength": 48, **view}]
+    mesh = {"primitives": [{"attributes": {"POSITION": 0}}]}
+    with pytest.raises(BadLooks):
+        read_glb(broken(bufferViews=views, accessors=[square | accessor], meshes=[mesh]))
+    assert len(read_glb(broken(bufferViews=[{"byteLength": 48}], accessors=[square], meshes=[mesh])).faces) == 1
+
+
+def test_a_picture_of_many_textures_is_decoded_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = glb(RED_AND_BLUE)
+    size = int.from_bytes(data[12:16], "little")
+    told = msgspec.json.decode(data[20 : 20 + size])
+    primitive, material = told["meshes"][0]["primitives"][0], told["materials"][0]
+    told["textures"] = [{"source": 0}] * 30
+    told["materials"] = [
+        {**material, "pbrMetallicRoughness": {"baseColorTexture": {"index": number}}} for number in range(30)
+    ]
+    told["meshes"][0]["primitives"] = [primitive | {"material": number} for number in range(30)]
+    looks = read_glb(packed(told, data[20 + size + 8 :]))
+    assert len(looks.pictures) == 1
+    assert looks.faces["texture"].tolist() == [0] * 60
+    # Pictures of their own take of the room that all things have together; what is beyond it is not even decoded.
+    told["images"] *= 30
+    told["textures"] = [{"source": number} for number in range(30)]
+    room = textures.Room(3 * 2 * 2 * 5)
+    looks = read_glb(packed(told, data[20 + size + 8 :]), room)
+    assert len(looks.pictures) == 5
+    assert len(looks.faults) == 25
+    assert "make them smaller" in looks.faults[0]
+    assert room.left == 0
+    monkeypatch.setattr(gltf, "_MOST_PICTURES", 29)
+    with pytest.raises(BadLooks, match="pictures"):
+        read_glb(packed(told, data[20 + size + 8 :]))
+
+
+def test_vertices_that_no_triangle_names_cost_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A few triangles of a large table of vertices at many nodes: the vertices are not moved to each."""
+    count, nodes = 50_000, 300
+    binary = np.arange(3 * count, dtype="<f4").tobytes() + np.array((0, 1, 2), "<u4").tobytes()
+    told = {
+        "nodes": [{"mesh": 0, "translation": [0.0, 0.0, float(k)]} for k in range(nodes)],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": count, "type": "VEC3"},
+            {"bufferView": 1, "componentType": 5125, "count": 3, "type": "SCALAR"},
+        ],
+        "bufferViews": [{"byteLength": 12 * count}, {"byteOffset": 12 * count, "byteLength": 12}],
+        "buffers": [{"byteLength": len(binary)}],
+    }
+    moved = []
+    magnitude = np.abs
+    monkeypatch.setattr(np, "abs", lambda values: moved.append(values.size) or magnitude(values))
+    assert len(read_glb(packed(told, binary)).faces) == nodes
+    assert sum(moved) == 9 * nodes
+    monkeypatch.setattr(gltf, "_MOST_PARTS", nodes - 1)
+    with pytest.raises(BadLooks, match="at nodes"):
+        read_glb(packed(told, binary))
+    monkeypatch.setattr(gltf, "MOST_TRIANGLES", nodes - 1)
+    with pytest.raises(BadLooks):
+        read_glb(packed(told, binary))
