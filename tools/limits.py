@@ -298,7 +298,7 @@ def _video() -> Iterator[Row]:
     yield "a head of a request, its body", f"{_bytes(rtsp.HEAD_LIMIT)}, {_bytes(rtsp.BODY_LIMIT)}", "4xx, disconnected"
     yield "requests of a client in a second", str(video_connection.REQUESTS_PER_S), "not read until it is over"
     yield (
-        "a client that takes pictures says nothing",
+        "a client that takes pictures says nothing; by TCP, nor reads",
         _setting(VideoConfig, "keep_alive_s", " s"),
         "its pictures end, disconnected",
     )
