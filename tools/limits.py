@@ -268,6 +268,7 @@ def _yarp() -> Iterator[Row]:
         f"{_bytes(yarp_wire.MESSAGE_LIMIT)}, {_bytes(yarp_wire.LINE_LIMIT)}, {_bytes(yarp_wire.NAME_LIMIT)}"
     ), "disconnected"  # fmt: skip
     yield "items of a bottle, lists within lists", f"{bottle.ITEMS}, {bottle.DEPTH}", "refused"
+    yield "the texts of a bottle", _bytes(bottle.TEXTS), "refused"
     yield "a blob in text", _bytes(bottle.TEXT_BLOB), "empty; binary carriers tell it"
     rate = _setting(YarpConfig, "max_requests_per_s")
     yield "messages of a peer in a second", rate, "refused, not read until it is over"
