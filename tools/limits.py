@@ -326,6 +326,7 @@ def _yarp() -> Iterator[Row]:
         f"{_bytes(yarp_wire.MESSAGE_LIMIT)}, {_bytes(yarp_wire.LINE_LIMIT)}, {_bytes(yarp_wire.NAME_LIMIT)}"
     ), "disconnected"  # fmt: skip
     yield "items of a bottle, lists within lists", f"{bottle.ITEMS}, {bottle.DEPTH}", "refused"
+    yield "the texts of a bottle", _bytes(bottle.TEXTS), "refused"
     yield "a blob in text", _bytes(bottle.TEXT_BLOB), "empty; binary carriers tell it"
     rate = _setting(YarpConfig, "max_requests_per_s")
     yield "messages of a peer in a second", rate, "refused, not read until it is over"
@@ -356,7 +357,7 @@ def _video() -> Iterator[Row]:
     yield "a head of a request, its body", f"{_bytes(rtsp.HEAD_LIMIT)}, {_bytes(rtsp.BODY_LIMIT)}", "4xx, disconnected"
     yield "requests of a client in a second", str(video_connection.REQUESTS_PER_S), "not read until it is over"
     yield (
-        "a client that takes pictures says nothing",
+        "a client that takes pictures says nothing; by TCP, nor reads",
         _setting(VideoConfig, "keep_alive_s", " s"),
         "its pictures end, disconnected",
     )

@@ -58,7 +58,7 @@ class VideoConfig(AdapterTable, tag="video", kw_only=True, frozen=True):
     max_clients: of RTSP.
     max_clients_per_host: of one host, other than this machine.
     hello_timeout_s: wall time for the first request of a client.
-    keep_alive_s: wall time after which a client that takes pictures and says nothing is gone.
+    keep_alive_s: wall time after which a client that takes pictures and says nothing is gone; by TCP one that does not read them either.
     queue_bytes: that may wait for a slow client; pictures are left out above.
     """
 

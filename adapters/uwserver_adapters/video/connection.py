@@ -176,7 +176,7 @@ class RtspConnection(Connection):
         if self.waiting + picture.size > self._config.queue_bytes:
             return False
         if self.waiting == 0:
-            self._heard_at = self.loop.time()  # it reads, so it is there
+            self._heard()  # it reads, so it is there
         channel = self._channel or 0
         framed = [part for packet in picture.packets for part in (_FRAME.pack(_DOLLAR, channel, len(packet)), packet)]
         if picture.report:
@@ -193,6 +193,10 @@ class RtspConnection(Connection):
         """Now and then: whether the client is still there."""
         if self.is_closing:
             return
+        if self._stream is not None and self._to is None and self.waiting == 0:
+            # Players write their sign of life between packets: while the world is paused none comes. What we wrote is read, and the
+            # connection is open, so it is there.
+            self._heard()
         patience = IDLE_S if self._stream is None else self._config.keep_alive_s
         rest = self._heard_at + patience - self.loop.time()
         if rest > 0 or self.is_stranger:

@@ -73,6 +73,8 @@ class Reader:
     def __init__(self) -> None:
         self._buffer = bytearray()
         self._searched = 0
+        self._head: Request | None = None  # of a request whose body is still to come
+        self._body = 0
         self._is_lost = False
 
     def receive(self, data: bytes) -> None:
@@ -84,6 +86,8 @@ class Reader:
         """What came next; None until more bytes come."""
         if self._is_lost:
             return None
+        if self._head is not None:
+            return self._whole(self._head)
         if not self._searched:
             self._skip_blanks()
         if not self._buffer:
@@ -130,13 +134,19 @@ class Reader:
         length = headers.get("content-length", "0")
         if _DIGITS.fullmatch(length) is None or int(length) > BODY_LIMIT:
             return self._lost(413, f"Content-Length is a whole number up to {BODY_LIMIT}")
-        end = at + int(length)
-        if len(self._buffer) < end:
-            self._searched = 1
-            return None
-        request = Request(first[1], first[2], first[3], headers, bytes(self._buffer[at:end]))
-        del self._buffer[:end]
+        del self._buffer[:at]
         self._searched = 0
+        self._body = int(length)
+        self._head = Request(first[1], first[2], first[3], headers)
+        return self._whole(self._head)
+
+    def _whole(self, head: Request) -> Request | None:
+        """A request with its body, once that is there."""
+        if len(self._buffer) < self._body:
+            return None
+        request = head._replace(body=bytes(self._buffer[: self._body]))
+        del self._buffer[: self._body]
+        self._head = None
         return request
 
     def _lost(self, status: int, text: str) -> Malformed:
@@ -174,7 +184,7 @@ class Transport(NamedTuple):
 
     Attributes:
         is_tcp: between the answers, on this connection.
-        pair: numbers of the channels, or the client's ports, for RTP and RTCP; None where it gives none.
+        pair: numbers of the channels, which follow each other, or the client's ports, for RTP and RTCP; None where it gives none.
         destination: whom it names to send to; "" for none.
     """
 
@@ -197,9 +207,15 @@ def transports(text: str) -> list[Transport]:
         mode = given.get("mode", "play").strip('"').lower()
         if "multicast" in given or mode != "play":
             continue
-        pair = _pair(given.get("interleaved" if is_tcp else "client_port", ""), 255 if is_tcp else 65535)
+        pair = _channels(given.get("interleaved", "")) if is_tcp else _pair(given.get("client_port", ""), 65535)
         found.append(Transport(is_tcp, pair, given.get("destination", "")))
     return found
+
+
+def _channels(text: str) -> tuple[int, int] | None:
+    """RTCP goes on the channel after that of RTP: both are one byte."""
+    pair = _pair(text, 255)
+    return pair if pair is not None and pair[1] == pair[0] + 1 else None
 
 
 def _pair(text: str, most: int) -> tuple[int, int] | None:

@@ -212,7 +212,14 @@ class Stream:
         packets = self._packets.of(coded.payloads, t_ns)
         picture = Picture(packets, coded.is_key, self._report(t_ns), sum(map(len, packets)))
         for taker in list(self._takers):
-            taker.take(picture)
+            try:
+                taker.take(picture)
+            except Exception as error:  # noqa: BLE001  # one of many: told, and the others get theirs
+                stats.errors += 1
+                stats.last_error = f"{self.name}: {type(error).__name__}: {error}"[:300]
+                self._refusals.note(
+                    "not sent", f"a picture of {self.port.path} was not sent to one who takes it: {error}"
+                )
 
     def _steady(self, t_ns: int) -> int:
         """Time of a picture for receivers, who know no reset: it never goes back."""

@@ -15,6 +15,8 @@ from uwserver.ports import Refused
 
 ITEMS = 1024
 """Most items of a bottle that is read, those of its lists included: what takes a millisecond."""
+TEXTS = 1 << 16
+"""Most bytes of the texts of a bottle that is read, all together: of what is no UTF-8 a megabyte takes seven milliseconds."""
 DEPTH = 32
 """Deepest list within lists."""
 TEXT_BLOB = 4096
@@ -99,6 +101,7 @@ class _Reader:
         self._data = memoryview(data)
         self._at = 0
         self._items = 0
+        self._texts = 0
 
     def number(self, form: struct.Struct) -> int:
         found: int = form.unpack(self._take(form.size))[0]
@@ -129,10 +132,17 @@ class _Reader:
         if code in _VOCABS:
             return Vocab(bytes(self._take(_VOCABS[code])).rstrip(b"\0").decode("utf-8", "replace"))
         if code == STRING:
-            return bytes(self._take(self.number(_I32))).decode("utf-8", "replace")
+            return self._text(self.number(_I32))
         if code == BLOB:
             return bytes(self._take(self.number(_I32)))
         raise Refused("parse_error", f"no item has the tag {code}")
+
+    def _text(self, size: int) -> str:
+        text = self._take(size)
+        self._texts += size
+        if self._texts > TEXTS:
+            raise Refused("too_large", f"the texts of a bottle have at most {TEXTS} bytes")
+        return bytes(text).decode("utf-8", "replace")
 
 
 # -- text ---------------------------------------------------------------------------------------------------------------------------------

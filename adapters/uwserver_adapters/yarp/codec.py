@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 import msgspec
 
-from uwserver.adapter import did_you_mean
+from uwserver.adapter import Undecodable, decode, did_you_mean
 from uwserver.ports import Argument, Buffer, Field, Json, Port, Refused, Sample, Scalar, Service
 from uwserver.units import NANOSECONDS
 from uwserver_adapters.yarp.bottle import BLOB, INT32, LIST, VOCAB32, Value, Vocab
@@ -166,7 +166,7 @@ def call(values: Sequence[Value], services: Mapping[str, Service]) -> tuple[Serv
         services: that are meant, by the name under which they are called.
 
     Raises:
-        Refused: there is no such service; or too many arguments.
+        Refused: there is no such service; too many arguments; or a JSON text that would cost too much.
     """
     if not values or not isinstance(values[0], str):
         raise Refused(
@@ -185,7 +185,8 @@ def call(values: Sequence[Value], services: Mapping[str, Service]) -> tuple[Serv
         raise Refused(
             "bad_argument", f"{name} takes {', '.join(known) or 'no arguments'}; here are {len(said)}", service.path
         )
-    return service, {each: _fitting(known.get(each), value) for each, value in pairs}
+    # Of an argument that is given several times the last counts, and only that one is read.
+    return service, {each: _fitting(known.get(each), value) for each, value in dict(pairs).items()}
 
 
 _TRUTHS: Mapping[object, bool] = {"1": True, "": False, "true": True, "false": False, 1: True, 0: False}
@@ -201,8 +202,10 @@ def _fitting(argument: Argument | None, value: object) -> object:
         return str(value)
     if argument.type == "json" and isinstance(value, str):
         try:
-            return msgspec.json.decode(value)
-        except ValueError:
+            return decode(value.encode("utf-8", "replace"), "json")
+        except Undecodable as undecodable:
+            if undecodable.is_valid:
+                raise Refused(undecodable.fault.code, f"{argument.name}: {undecodable.fault.text}") from None
             return str(value)
     return value
 

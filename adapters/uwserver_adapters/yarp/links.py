@@ -59,15 +59,13 @@ class Link(asyncio.Protocol):
             self._fail(Refused(fault.code, fault.text))
             return
         self._transport.write(wire.hello(self.carrier, self._port.name))
-        if self.carrier == "text":  # which answers nothing that one could rely on
-            self.greeted.set_result(None)
 
     def data_received(self, data: bytes) -> None:
         """The answer to the hello."""
         if self.greeted.done():
             return
         self._answer += data
-        if self.carrier == "text_ack":
+        if wire.is_text(self.carrier):  # YARP welcomes on both of them, though its own writers wait for it on one only
             is_right = self._answer.startswith(b"Welcome"[: len(self._answer)])
             is_whole = b"\n" in self._answer
         else:

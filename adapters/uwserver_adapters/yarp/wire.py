@@ -18,7 +18,7 @@ CARRIERS: tuple[Carrier, ...] = ("tcp", "fast_tcp", "text", "text_ack")
 
 MESSAGE_LIMIT = 1 << 20
 """Longest binary message that is read, bytes."""
-LINE_LIMIT = 1 << 14
+LINE_LIMIT = 1 << 12
 """Longest line, bytes: one of escaped characters takes a millisecond."""
 NAME_LIMIT = 1000
 """Longest name of a sender, bytes; as in YARP itself."""

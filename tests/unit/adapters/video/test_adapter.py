@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from uwserver_adapters.video import connection as connection_module
 from uwserver_adapters.video import stream as stream_module
 from uwserver_adapters.video.config import StreamTable, VideoConfig
 from uwserver_adapters.video.encoder import Coded
@@ -310,6 +311,74 @@ def test_too_many_clients_are_told_and_those_who_have_a_place_keep_it():
             fake.put([sample(0)])
             for player in players[:2]:
                 assert await player.picture()
+
+    bounded(whole())
+
+
+def test_a_channel_without_a_next_one_is_not_taken_and_others_get_each_picture():
+    async def whole() -> None:
+        failures: list[dict[str, Any]] = []
+        asyncio.get_running_loop().set_exception_handler(lambda _, told: failures.append(told))
+        async with serving(streams={"front": FRONT}) as fake, AsyncExitStack() as stack:
+            odd, other = [await Player.connect(fake, stack) for _ in range(2)]
+            _, told = await odd.ask("SETUP", Transport="RTP/AVP/TCP;interleaved=255-0")
+            assert "interleaved=0-1" in told
+            assert (await odd.ask("PLAY"))[0] == 200
+            await other.play()
+            fake.put([sample(0)])  # with a report, on the second channel
+            assert await odd.picture() == await other.picture()
+        assert failures == []
+
+    bounded(whole())
+
+
+def test_one_who_fails_does_not_take_pictures_from_others(monkeypatch):
+    async def whole() -> None:
+        async with serving(streams={"front": FRONT}) as fake, AsyncExitStack() as stack:
+            players = [await Player.connect(fake, stack) for _ in range(2)]
+            for player in players:
+                await player.play()
+            sent = connection_module.RtspConnection._sent
+            failing: list[object] = []
+
+            def fails_for_the_first(self: Any, picture: Any) -> bool:
+                if not failing:
+                    failing.append(self)
+                    raise struct.error("no byte")
+                return sent(self, picture)
+
+            monkeypatch.setattr(connection_module.RtspConnection, "_sent", fails_for_the_first)
+            fake.put([sample(0)])
+            assert await players[1].picture()
+            assert (fake.stats.errors, "no byte" in fake.stats.last_error) == (1, True)
+
+    bounded(whole())
+
+
+@pytest.mark.parametrize("reads", [True, False], ids=["reads", "reads nothing"])
+def test_a_paused_world_ends_no_player_that_reads(reads):
+    """By TCP players say nothing while no packet comes."""
+
+    async def whole() -> None:
+        noise = np.random.default_rng(1).integers(0, 256, (480, 640, 3), np.uint8)
+        config = {"keep_alive_s": 1.0, "queue_bytes": 1 << 20}
+        async with serving(streams={"front": FRONT}, **config) as fake, AsyncExitStack() as stack:
+            player = await Player.connect(fake, stack, limit=4096)
+            await player.play()
+            number = 0
+            while not number or not (reads or fake.stats.dropped):
+                fake.put([sample(number, shown=noise)])
+                await until(lambda: fake.stats.samples_sent + fake.stats.dropped > number)  # noqa: B023
+                if reads:
+                    await player.picture()
+                number += 1
+            await asyncio.sleep(2.5)  # the world is paused
+            assert bool(fake.wanted) is reads
+            if reads:
+                fake.put([sample(number)])
+                assert await player.picture()
+            else:
+                assert fake.stats.details["refused"]["silent"] == 1
 
     bounded(whole())
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from uwserver_adapters.video import rtsp
 from uwserver_adapters.video.rtsp import (
     BODY_LIMIT,
     HEAD_LIMIT,
@@ -73,6 +74,16 @@ def test_half_a_request_waits():
         assert reader.next_event() is None
 
 
+def test_a_head_is_read_once_however_its_body_comes(monkeypatch):
+    heads: list[bytes] = []
+    whole = rtsp.Reader._request
+    monkeypatch.setattr(rtsp.Reader, "_request", lambda self, at: heads.append(b"") or whole(self, at))
+    body = b"a\r\n\r\n$\x00" * 100
+    asked = b"SET_PARAMETER * RTSP/1.0\r\nCSeq: 3\r\nContent-Length: %d\r\n\r\n" % len(body)
+    first, second = read(asked + body + DESCRIBE, 1)
+    assert (first.body, second.method, len(heads)) == (body, "DESCRIBE", 2)
+
+
 @pytest.mark.parametrize(
     ("text", "offers"),
     [
@@ -85,6 +96,10 @@ def test_half_a_request_waits():
         ("RTP/AVP;client_port=70000-70001", [Transport(False, None, "")]),
         ("RTP/AVP;client_port=5-5", [Transport(False, None, "")]),
         ("RTP/AVP/TCP;interleaved=255-256", [Transport(True, None, "")]),
+        ("RTP/AVP/TCP;interleaved=255-0", [Transport(True, None, "")]),
+        ("RTP/AVP/TCP;interleaved=255", [Transport(True, None, "")]),
+        ("RTP/AVP/TCP;interleaved=2-4", [Transport(True, None, "")]),
+        ("RTP/AVP/TCP;interleaved=254-255", [Transport(True, (254, 255), "")]),
         ("RTP/AVP/TCP;mode=record", []),
         ("RTP/SAVP;client_port=5000-5001", []),
         ("", []),

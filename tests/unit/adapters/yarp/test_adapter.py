@@ -12,7 +12,9 @@ from typing import Any
 import pytest
 from msgspec import structs
 from uwserver_adapters.yarp import adapter as module
+from uwserver_adapters.yarp import links
 from uwserver_adapters.yarp.adapter import YarpAdapter
+from uwserver_adapters.yarp.bottle import to_binary
 from uwserver_adapters.yarp.config import YarpConfig
 from uwserver_adapters.yarp.names import server_of, target_of
 from video_rig import CAMERA
@@ -435,7 +437,7 @@ class Sink:
         ("tcp", b"YA\1\2\0\0RP", b"YA\xe4\x1e\0\0RP\x14\0\0\0/uwserver/rov/imu:o\0"),
         ("fast_tcp", b"YA\1\2\0\0RP", b"YA\x64\x1e\0\0RP\x14\0\0\0/uwserver/rov/imu:o\0"),
         ("text_ack", b"Welcome /uwserver/rov/imu:o\r\n", b"CONNACK /uwserver/rov/imu:o\r\n"),
-        ("text", b"", b"CONNECT /uwserver/rov/imu:o\r\n"),
+        ("text", b"Welcome /uwserver/rov/imu:o\r\n", b"CONNECT /uwserver/rov/imu:o\r\n"),
     ],
 )
 def test_yarp_connect_and_disconnect(carrier: str, greeting: bytes, first: bytes) -> None:
@@ -496,17 +498,57 @@ def test_addresses_of_others_are_connected_to_within_allowed_hosts_only(monkeypa
     run(story)
 
 
-def test_what_listens_there_and_is_no_port_is_told() -> None:
+@pytest.mark.parametrize("carrier", ["tcp", "fast_tcp", "text_ack", "text"])
+def test_what_listens_there_and_is_no_port_is_told(carrier: str) -> None:
     async def story(context: FakeContext, server: NameServer) -> None:
         theirs = await Sink(b"SSH-2.0-x\r\n").open()
         server.names["/r"] = ("127.0.0.1", theirs.sockets[0].getsockname()[1])
         async with serving(table(server), context) as port:
             admin = await Client.text(port("rov/imu:o"))
-            assert "no port of YARP" in await admin.ask("a", "[add] /r")
+            assert "no port of YARP" in await admin.ask("a", f"[add] /r {carrier}")
             assert await admin.ask("a", "[list] [out]") == ""
             admin.close()
         theirs.close()
         await theirs.wait_closed()
+
+    run(story)
+
+
+def test_who_greets_nobody_hears_no_sample(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(links, "ANSWER_S", 0.3)
+
+    async def story(context: FakeContext, server: NameServer) -> None:
+        sink = Sink(b"")
+        theirs = await sink.open()
+        server.names["/r"] = ("127.0.0.1", theirs.sockets[0].getsockname()[1])
+        async with serving(table(server), context) as port:
+            admin = await Client.text(port("rov/imu:o"))
+            assert "did not answer" in await admin.ask("a", "[add] /r text")
+            assert context.wanted == frozenset()
+            await until(lambda: sink.ended)
+            assert sink.came == b"CONNECT /uwserver/rov/imu:o\r\n"
+            admin.close()
+        theirs.close()
+        await theirs.wait_closed()
+
+    run(story)
+
+
+def test_a_json_text_too_deep_is_told_and_the_next_call_answered() -> None:
+    async def story(context: FakeContext, server: NameServer) -> None:
+        async with serving(table(server), context) as port:
+            client = await Client.binary(port("world/rpc:i"), READY)
+            index = b"YA\x0a\0\0\0RP\2\1" + b"\xff" * 8
+            for text, word in (
+                ("[" * 100_000, b"texts of a bottle"),
+                ("[" * 40_000, b"maps and lists"),
+                ("[7]", b"ok"),
+            ):
+                bottle = to_binary(["echo", text])
+                client.writer.write(index + struct.pack("<iii", 8, len(bottle), 0) + b"\0\0\0\0~d\0\1" + bottle)
+                assert word in await client.reader.readuntil(b"YA\0\0\0\0RP")
+            assert context.stats.errors == 2
+            client.close()
 
     run(story)
 

@@ -6,7 +6,17 @@ import math
 import struct
 
 import pytest
-from uwserver_adapters.yarp.bottle import DEPTH, ITEMS, TEXT_BLOB, Vocab, from_binary, from_text, to_binary, to_text
+from uwserver_adapters.yarp.bottle import (
+    DEPTH,
+    ITEMS,
+    TEXT_BLOB,
+    TEXTS,
+    Vocab,
+    from_binary,
+    from_text,
+    to_binary,
+    to_text,
+)
 
 from uwserver.ports import Refused
 
@@ -103,6 +113,14 @@ def test_no_line_of_a_bottle_is_refused(line: str, code: str) -> None:
     with pytest.raises(Refused) as caught:
         from_text(line)
     assert caught.value.fault.code == code
+
+
+def test_texts_are_bounded_all_together() -> None:
+    half = "x" * (TEXTS // 2)
+    assert from_binary(to_binary([half, [half], bytes(2 * TEXTS)])) == [half, [half], bytes(2 * TEXTS)]
+    with pytest.raises(Refused, match="texts of a bottle") as caught:
+        from_binary(to_binary([half, [half], "x"]))
+    assert caught.value.fault.code == "too_large"
 
 
 def test_pictures_have_no_text() -> None:

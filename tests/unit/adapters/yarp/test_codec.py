@@ -99,6 +99,23 @@ def test_bottles_call() -> None:
         codec.call(["gotoo"], SERVICES)
 
 
+@pytest.mark.parametrize(
+    "text",
+    ["[" * 60_000, "[" + "[]," * 20_000 + "[]]", "[" + "1e300," * 10_000 + "1]", '{"a":' * 10_000, "[" * 200_000],
+)
+def test_a_json_text_that_would_hold_up_the_loop_is_refused(text: str) -> None:
+    with pytest.raises(Refused, match="more: "):
+        codec.call(["note", "hi", text], SERVICES)
+
+
+def test_of_an_argument_given_again_and_again_one_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    read: list[bytes] = []
+    decode = codec.decode
+    monkeypatch.setattr(codec, "decode", lambda data, form: read.append(data) or decode(data, form))
+    assert codec.call(["note", *[["more", f"[{k}]"] for k in range(1000)]], SERVICES)[1] == {"more": [999]}
+    assert read == [b"[999]"]
+
+
 def test_answers() -> None:
     assert codec.answer(None) == [Vocab("ok")]
     assert codec.answer({"a": 1, "b": [True, None, {"c": "x"}]}) == [
