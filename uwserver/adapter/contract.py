@@ -88,7 +88,7 @@ class Subscriber(Protocol):
     of other ports. More samples may come; those that are needed come all.
 
     It may have a method `put_told`, which gets samples of some ticks that follow each other at once (`Told`), as rows of
-    numbers. It is called in place of `put_samples` where no other subscriber reads too and all of them are rows.
+    numbers, and is called in place of `put_samples` where all of them are rows; where others read too, of one tick.
 
     It may have a method `send_samples`, without arguments, which is called where no more samples wait: the ticks may then be sent together.
     """

@@ -162,7 +162,8 @@ class Bus:
         self._sinks: list[Sink] = []
         self._sends: list[Callable[[], None]] = []
         self._hearers: list[Sink] = []
-        self._put_told: Callable[[Told], None] | None = None
+        self._puts_told: list[Callable[[Told], None]] = []
+        self._others: list[Sink] = []
         self._readers: list[object] = []
         self._paths: Collection[str] | None = frozenset()
         self._thinned = WHOLE
@@ -212,8 +213,9 @@ class Bus:
         """What somebody wants has changed: it holds from the next tick on. Loop thread."""
         self.asked += 1
         self._hearers = [sink for sink in self._sinks if wants_any(sink)]
-        # Who is alone makes of the rows what it needs; for several they are made once.
-        self._put_told = getattr(self._hearers[0], "put_told", None) if len(self._hearers) == 1 else None
+        puts_told = [getattr(sink, "put_told", None) for sink in self._hearers]
+        self._puts_told = [put for put in puts_told if put is not None]
+        self._others = [sink for sink, put in zip(self._hearers, puts_told, strict=True) if put is None]
         before, paths, less, thinned = self._paths, together(self._readers), self._thinned, WHOLE
         if paths is not None:
             thinned = thinned_together(self._readers, paths)
@@ -331,9 +333,9 @@ class Bus:
             is_over = end is not None and self._time.now_ns() >= end
 
     def _gather(self, output: TickOutput) -> int:
-        """Add what the ticks behind it give, where its reader takes some as one. Returns how many it is then."""
+        """Add what the ticks behind it give, where all who read take some as one. Returns how many it is then."""
         ticks = 1
-        while self._put_told is not None and self._crossing and len(output.told or ()) < TOGETHER:
+        while self._puts_told and not self._others and self._crossing and len(output.told or ()) < TOGETHER:
             later = self._crossing[0]
             if not isinstance(later, TickOutput) or not output.goes_on_in(later):
                 break
@@ -358,15 +360,16 @@ class Bus:
             self.expect(output.ports, output.jumps)
         for on_reply, reply in output.replies:
             answer(partial(on_reply, reply))
-        told = None if output.made or len(self._hearers) > 1 else output.told
-        if told and self._put_told is not None:
-            self.last.put(told)
-            answer(partial(self._put_told, told))
-            return
-        samples: Sequence[Sample] = told or output.samples
+        told, hearers = output.told, self._hearers
+        if told and self._puts_told and not output.made:
+            hearers = self._others
+            for put in self._puts_told:
+                answer(partial(put, told))
+        # Who is alone makes of the rows what it needs; for several they are made once.
+        samples: Sequence[Sample] = told if told and not output.made and len(hearers) < 2 else output.samples
         if samples:
             self.last.put(samples)
-            self._each(lambda sink: sink.put_samples(samples), self._hearers)
+            self._each(lambda sink: sink.put_samples(samples), hearers)
 
     def _each(self, deliver: Callable[[Sink], None], sinks: Sequence[Sink]) -> None:
         for sink in tuple(sinks):

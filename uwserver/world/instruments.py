@@ -139,7 +139,7 @@ class Instruments:
             "counts": self._counts,
             "team": self._hydro.team,
         }
-        self._kept = rows
+        self._kept, self._told_table = rows, self._told.view(np.int64).reshape(-1, ENTRY.itemsize // 8)
         self.table: IntArray = layout.addresses(FORMS, rows)
 
     def _make_room(self, needed: int, width: int = 0) -> None:
@@ -312,8 +312,8 @@ class Instruments:
     @property
     def wordy(self) -> list[tuple[int, int, int]]:
         """Stream and number of each sample of this tick with values that are no numbers, and its place in the log; -1 where nobody reads it."""
-        entries = self._told[self._wordy[: self.wordy_count]]
-        return list(zip(*(entries[name].tolist() for name in ("stream", "seq", "slot")), strict=True))
+        entries = self._told_table[self._wordy[: self.wordy_count]].tolist()
+        return [(stream, seq, slot) for _, _, stream, seq, _, _, slot in entries]
 
 
 def _grown(array: Any, *shape: int) -> Any:

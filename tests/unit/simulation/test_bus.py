@@ -472,7 +472,7 @@ def test_who_wants_nothing_is_told_of_events_alone_and_another_is_alone():
     bus.follow_wants()
     bus.publish(second)
     bus.dispatch()
-    assert rows.seen[2:] == idle.seen[1:] == [[2]]
+    assert (rows.seen[2:], idle.seen[1:]) == ([(1, [2])], [[2]])
     idle.wanted.clear()
     bus.follow_wants()
     bus.publish(third)
@@ -480,16 +480,19 @@ def test_who_wants_nothing_is_told_of_events_alone_and_another_is_alone():
     assert (rows.seen[3:], idle.seen[2:]) == ([(1, [8])], [])
 
 
-def test_where_several_read_samples_are_made_tick_by_tick():
+def test_where_others_read_too_it_is_tick_by_tick():
     bus = Bus(lambda dispatch: None)
-    rows, notes = Rows(), Notes()
-    bus.attach(rows)
-    leave = bus.attach(notes)
+    rows, *notes = Rows(), Notes(), Notes()
+    leave = [bus.attach(sink) for sink in (rows, *notes)][1:]
     for output in rows_of_ticks(2):
         bus.publish(output)
     bus.dispatch()
-    assert rows.seen == notes.seen == [[7], [2]]
-    leave()
-    bus.publish(rows_of_ticks(1)[0])
+    assert rows.seen == [(1, [7]), (1, [2])]
+    assert [sink.seen for sink in notes] == [[[7], [2]]] * 2
+    assert bus.last["rov/state"] == SAMPLES[1]
+    leave[0]()
+    leave[1]()
+    for output in rows_of_ticks(2):
+        bus.publish(output)
     bus.dispatch()
-    assert rows.seen[2:] == [(1, [7])]
+    assert rows.seen[2:] == [(2, [7, 2])]
