@@ -168,6 +168,19 @@ leak = {kind = "leak", rate_hz = 2}
 rpm = {kind = "rpm", rate_hz = 20, members = ["t1", "t5"], sigma_radps = 1.0}
 clock = {kind = "clock", rate_hz = 2, offset_s = 0.02, drift = 2e-5}
 compound = {kind = "compound", rate_hz = 120, members = ["pressure", "attitude"]}
+[vehicles.rov.sensors.training]
+kind = "training"
+rate_hz = 10
+limit_s = 60
+[vehicles.rov.sensors.training.tasks.dive]
+kind = "hold_depth"
+depth_m = 2.0
+tolerance_m = 1.0
+for_s = 3
+[vehicles.rov.sensors.training.tasks.touch_the_wall]
+kind = "reach"
+position_ned_m = [0.9, 0, 2]
+size_m = [0.6, 2, 3]
 """
 _FORWARD = [-0.15, -0.15, 0.15, 0.15]
 

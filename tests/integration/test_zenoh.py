@@ -62,7 +62,7 @@ def test_a_plain_peer_hears_samples_with_encoding_and_attachment(peer):
 
 def test_discovery_by_tokens(peer):
     assert tokens(peer, "uw/*/@alive") == {"uw/uwserver/@alive"}
-    ports = {"rov/imu", "rov/depth", "rov/pressure", "rov/thrusters"}
+    ports = {"rov/imu", "rov/depth", "rov/pressure", "rov/thrusters", "rov/lights", "rov/camera_tilt"}
     assert tokens(peer, "uw/uwserver/@alive/**") >= {f"uw/uwserver/@alive/{path}" for path in (*ports, "rov")}
     ((kind, description),) = ask(peer, "uw/uwserver/@describe?pattern=rov/*")
     assert kind == "ok"

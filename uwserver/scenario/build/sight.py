@@ -18,6 +18,7 @@ from uwserver.sensors.optical.camera.camera import Camera
 from uwserver.sensors.sight import Sight
 from uwserver.units import rad
 from uwserver.world.components import ActuatorSlot
+from uwserver.world.members import Member
 from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.world import World
 
@@ -96,14 +97,21 @@ class _Scenery:
                 yield Seen(name, solid, paint, looks, p=placed.p, R=placed.R)
             else:
                 yield Seen(name, solid, paint)
-        for name, like in self._world.population.likes().items():
-            row = self._world.members[name].vehicle.row
+        for name, member, like in self._present():
+            row = member.vehicle.row
             if like in resolved.vehicles:
                 vehicle = resolved.vehicles[like]
                 yield Seen(name, vehicle.solid, self._paint(VEHICLE, PLAIN), vehicle.looks, row)
             else:
                 body = resolved.objects[like]
                 yield Seen(name, body.solid, self._paint(OBJECT, PLAIN), body.looks, row)
+
+    def _present(self) -> Iterator[tuple[str, Member, str]]:
+        """Who is in the world, and like whom of the scenario: one that was dismissed is not."""
+        likes = self._world.population.likes()
+        for name, member in self._world.members.items():
+            if name in likes:
+                yield name, member, likes[name]
 
     def _paint(self, otherwise: Colour, pattern: int) -> Paint:
         from uwserver.sensors.optical.camera.faces import Paint
@@ -115,11 +123,11 @@ class _Scenery:
         from uwserver.sensors.optical.camera.lamps import LampAt
 
         found = []
-        for name, like in self._world.population.likes().items():
+        for _, member, like in self._present():
             vehicle = self._resolved.vehicles.get(like)
             if vehicle is None or not vehicle.vehicle.lamps:
                 continue
-            file, member = vehicle.vehicle, self._world.members[name]
+            file = vehicle.vehicle
             for slot in member.actuators:
                 if isinstance(slot.actuator, Lamps):
                     for lamp, level in zip(slot.actuator.names, slot.actuator.memory.levels, strict=True):
