@@ -102,7 +102,7 @@ def _changed_bytes(value: bytes, rng: np.random.Generator) -> bytes:
         inner = msgspec.msgpack.decode(value)
         if isinstance(inner, dict) and inner:
             return msgspec.msgpack.encode(_changed(inner, rng))
-    except ValueError:
+    except (ValueError, RecursionError):
         pass
     if len(value) >= 8 and len(value) % 8 == 0:
         array = np.frombuffer(value).copy()
