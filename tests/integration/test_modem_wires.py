@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 from uwserver_adapters.moos import wire as moos
 from uwserver_bench.processes import serving
-from uwserver_bench.wires import Peer, Refusal, ZenohPeer, ask, connect
+from uwserver_bench.wires import Message, Peer, Refusal, ZenohPeer, ask, connect
 
 from uwserver.ports import Port
 from uwserver.sensors import AcousticModemConfig, Pose
@@ -132,6 +132,19 @@ def test_a_range_is_a_call_like_any_other(adapters):
         assert found["range"] == pytest.approx(90.0, abs=8.0)  # they rise and drift
         with pytest.raises(Refusal, match=r"no answer of 77 came within 0\.4 s"):
             ask(peer, "call", PATIENCE_S, service="one/modem/range", args={"destination": 77, "timeout_s": 0.4})
+
+
+def test_a_range_that_is_cancelled_leaves_the_modem_free(adapters):
+    with contextlib.closing(connect("TCP JSON", adapters["tcp"]["address"])) as peer:
+        peer.send("call", {"service": "one/modem/range", "args": {"destination": 77, "timeout_s": 60.0}}, 1)
+        with pytest.raises(Refusal, match="waits for another range"):
+            ask(peer, "call", PATIENCE_S, service="one/modem/range", args={"destination": 2})
+        seen: list[Message] = []
+        assert ask(peer, "cancel", seen=seen, id=1) == {"cancelled": True}
+        found = ask(peer, "call", PATIENCE_S, seen=seen, service="one/modem/range", args={"destination": 2})["value"]
+        (fault,) = [message.body["error"]["data"]["code"] for message in seen if message.body.get("id") == 1]
+    assert fault == "preempted"
+    assert found["range"] == pytest.approx(90.0, abs=12.0)
 
 
 # -- MOOS --------------------------------------------------------------------------------------------------------------------------------

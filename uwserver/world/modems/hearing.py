@@ -1,0 +1,61 @@
+"""What becomes of a packet that has arrived: whether it is understood, and what the modem tells of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from uwserver.physics.kernel.random import EVENT
+from uwserver.sensors.messages import Event, Message
+from uwserver.sensors.modem import Modem
+from uwserver.world.modems.packets import Leg, Packet
+
+
+def drawn(modem: Modem, number: int) -> tuple[float, float, float, float, float]:
+    """Random numbers of a modem about a packet: one of 0 to 1 that decides whether it is understood; normal ones for time, direction, speed."""
+    draws = modem.draws
+    draws.seek(number, EVENT)
+    luck = float(draws.rng.random())
+    time, across, up, speed = draws.rng.standard_normal(4).tolist()
+    return luck, time, across, up, speed
+
+
+def why_lost(leg: Leg, modem: Modem, packet: Packet, there: Sequence[Leg], own: Sequence[Packet]) -> str:
+    """Why a packet is not understood, as `Counts` has it; "" where it is.
+
+    Args:
+        leg: of the packet, which has ended.
+        modem: that hears it.
+        packet: itself.
+        there: all that is or was heard there lately, also this one.
+        own: packets that the modem has sent itself.
+    """
+    if not modem.notices(leg.signal / leg.noise):
+        return "faint"
+    if any(leg.meets(each.left, each.over) for each in own):
+        return "deaf"
+    if abs(leg.speed) > modem.fastest:
+        return "doppler"
+    crowd = math.fsum(each.signal for each in there if each.packet != leg.packet and leg.meets(each.begin, each.over))
+    luck, size = drawn(modem, packet.number)[0], max(len(packet.data), modem.table.fixed_bytes)
+
+    def passes(disturbance: float) -> bool:
+        return luck >= modem.error_rate(leg.signal / disturbance, size)
+
+    if passes(leg.noise + leg.late + crowd):
+        return ""
+    if passes(leg.noise + leg.late):
+        return "collided"
+    return "smeared" if passes(leg.noise) else "faint"
+
+
+def message_of(event: Event, leg: Leg, modem: Modem, packet: Packet) -> Message:
+    """What a modem tells of a packet."""
+    snr, sigma = leg.signal / leg.noise, modem.speed_sigma
+    speed = None
+    if sigma is not None:
+        speed = leg.speed if modem.table.ideal else leg.speed + sigma * drawn(modem, packet.number)[4]
+    return Message(
+        event, packet.source, packet.destination, packet.data, leg.begin, leg.over, leg.level,
+        10.0 * math.log10(snr) if snr > 0.0 else None, None, leg.bearing, leg.elevation, speed,
+    )  # fmt: skip
