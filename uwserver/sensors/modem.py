@@ -17,7 +17,7 @@ from uwserver.modifiers.base import Measurement, Memory, Number
 from uwserver.ports import Argument, Buffer, Field, Json, Value
 from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, Settings
 from uwserver.sensors.messages import HIGHEST_ADDRESS, MOST_BYTES, MOST_INBOX, MOST_QUEUE, Message, ModemMemory
-from uwserver.table import Name, NonNegative, Positive
+from uwserver.table import Name, NonNegative
 from uwserver.units import NANOSECONDS, rad
 
 _Path = Annotated[str, Meta(max_length=4096)]
@@ -57,19 +57,19 @@ class ModemTable(SensorTable, kw_only=True, frozen=True):
     broadcast_address: _Address = 255
     highest_address: _Address = 254
     protocol: Name = "modem"
-    bits_per_s: Positive = 1000.0
-    overhead_s: NonNegative = 0.0
+    bits_per_s: Annotated[float, Meta(ge=1, le=1e9)] = 1000.0
+    overhead_s: Annotated[float, Meta(ge=0, le=60)] = 0.0
     fixed_bytes: Annotated[int, Meta(ge=0, le=MOST_BYTES)] = 0
     max_bytes: Annotated[int, Meta(ge=1, le=MOST_BYTES)] = 64
     queue: Annotated[int, Meta(ge=0, le=MOST_QUEUE)] = 4
     acknowledges: bool = True
-    turn_around_s: NonNegative = 0.1
+    turn_around_s: Annotated[float, Meta(ge=0, le=600)] = 0.1
     retries: Annotated[int, Meta(ge=0, le=16)] = 0
-    max_range_m: Positive = 2000.0
-    assumed_sound_speed_mps: Positive | UnsetType = UNSET
+    max_range_m: Annotated[float, Meta(gt=0, le=1e6)] = 2000.0
+    assumed_sound_speed_mps: Annotated[float, Meta(ge=1, le=1e5)] | UnsetType = UNSET
     direction_sigma_deg: NonNegative | UnsetType = UNSET
     clearance_m: NonNegative = 0.5
-    processing_s: NonNegative = 0.0
+    processing_s: Annotated[float, Meta(ge=0, le=600)] = 0.0
 
     def __post_init__(self) -> None:
         """ValueError where keys do not go together."""
@@ -127,7 +127,7 @@ class Signal(Struct, frozen=True):
 
     protocol: _Path
     frequency: Number
-    bandwidth: Number
+    bandwidth: Annotated[float, Meta(gt=0, le=1e9)]
     level: Annotated[float, Meta(ge=-2000, le=2000)]
     axis: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
 

@@ -18,6 +18,11 @@ from uwserver.table import NonNegative, Positive, Probability
 _FASTEST = 1700.0
 """m/s: no sea is as quick."""
 
+_Level = Annotated[float, Meta(ge=-100, le=300)]
+"""dB re 1 uPa, or 1 uPa^2/Hz."""
+_Gain = Annotated[float, Meta(ge=-100, le=100)]
+"""dB."""
+
 
 class AcousticModemConfig(ModemTable, tag="acoustic_modem", kw_only=True, frozen=True):
     """An acoustic modem, on the acoustic channel of USBL and LBL: sound along bent rays, by surface and bottom too.
@@ -43,20 +48,20 @@ class AcousticModemConfig(ModemTable, tag="acoustic_modem", kw_only=True, frozen
     propagation: Literal["straight", "layered"] = "layered"
     arrival: Literal["first", "strongest"] = "first"
     reflections: Annotated[int, Meta(ge=0, le=8)] = 2
-    frequency_hz: Positive = 26e3
-    bandwidth_hz: Positive = 4e3
-    source_level_db: float = 185.0
-    noise_level_db: float | UnsetType = UNSET
+    frequency_hz: Annotated[float, Meta(ge=100, le=1e7)] = 26e3
+    bandwidth_hz: Annotated[float, Meta(ge=1, le=1e7)] = 4e3
+    source_level_db: _Level = 185.0
+    noise_level_db: _Level | UnsetType = UNSET
     shipping: Probability = 0.5
-    self_noise_db: float | UnsetType = UNSET
-    threshold_db: float = 3.0
+    self_noise_db: _Level | UnsetType = UNSET
+    threshold_db: _Gain = 3.0
     modulation: Literal["psk", "fsk"] = "psk"
-    coding_gain_db: float = 0.0
+    coding_gain_db: _Gain = 0.0
     guard_s: NonNegative = 0.01
-    multipath_rejection_db: NonNegative = 0.0
+    multipath_rejection_db: Annotated[float, Meta(ge=0, le=100)] = 0.0
     doppler_limit_mps: Positive | UnsetType = UNSET
     speed_sigma_mps: NonNegative | UnsetType = UNSET
-    fading_sigma_db: NonNegative = 0.0
+    fading_sigma_db: Annotated[float, Meta(ge=0, le=40)] = 0.0
     fading_time_s: Positive = 5.0
 
     def build(self, mount: Pose) -> AcousticModem:
@@ -122,6 +127,8 @@ class AcousticModem(Modem):
         near = [0.0 <= path.time - main.time <= c.guard_s for path in paths]
         useful = math.fsum(p for p, is_near in zip(power, near, strict=True) if is_near)
         late = math.fsum(p for p, is_near in zip(power, near, strict=True) if not is_near)
+        if useful <= 0.0:
+            return None  # so weak that no number is left of it
         rejected = late * 10.0 ** (-0.1 * c.multipath_rejection_db)
         return Crossing(
             main.time, useful, noise, rejected, 10.0 * math.log10(useful), _towards(a, b, main), _leaves(a, b, main)

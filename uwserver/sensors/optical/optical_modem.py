@@ -12,7 +12,6 @@ from uwserver.environment.light import WATER_TYPES, WAVELENGTHS_NM
 from uwserver.frames import Quat, Vec3, rotate
 from uwserver.sensors.base import Pose, Scope
 from uwserver.sensors.modem import Crossing, Modem, ModemTable, Signal
-from uwserver.table import Positive
 from uwserver.units import rad
 
 _SPEED = 2.998e8 / 1.34
@@ -34,11 +33,11 @@ class OpticalModemConfig(ModemTable, tag="optical_modem", kw_only=True, frozen=T
     """
 
     wavelength_nm: Annotated[float, Meta(ge=400, le=700)] = 470.0
-    power_w: Positive = 1.0
+    power_w: Annotated[float, Meta(ge=1e-9, le=1e6)] = 1.0
     beam_width_deg: Annotated[float, Meta(gt=0, le=170)] = 60.0
-    aperture_m2: Positive = 1e-3
+    aperture_m2: Annotated[float, Meta(ge=1e-9, le=10)] = 1e-3
     view_width_deg: Annotated[float, Meta(gt=0, le=170)] = 60.0
-    sensitivity_w: Positive = 1e-8
+    sensitivity_w: Annotated[float, Meta(ge=1e-18, le=1e3)] = 1e-8
 
     def build(self, mount: Pose) -> OpticalModem:
         return OpticalModem(mount, self)
@@ -74,7 +73,7 @@ class OpticalModem(Modem):
         facing = -math.fsum(u * v for u, v in zip(way, rotate(q_NS, (1.0, 0.0, 0.0)), strict=True))
         if sent < signal.bandwidth or facing < self._view:
             return None
-        spot = 2.0 * math.pi * (1.0 - signal.bandwidth) * distance * distance
+        spot = 2.0 * math.pi * max(1.0 - signal.bandwidth, 1e-9) * distance * distance
         caught = min(1.0, c.aperture_m2 * facing / spot) * math.exp(-self.attenuation(scope) * distance)
         power = 10.0 ** (0.1 * (signal.level + gain)) * caught
         if power <= 0.0:

@@ -8,18 +8,18 @@ a random number of the receiver and the packet alone. Nothing is done in ticks i
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
 from msgspec import structs
 
-from uwserver.physics.kernel.random import EVENT
 from uwserver.ports import Sample
 from uwserver.ports.crossing import Later
 from uwserver.sensors.base import Scope
-from uwserver.sensors.messages import MOST_SEEN, Event, Message, Outgoing, Waiting
+from uwserver.sensors.messages import MOST_SEEN, Message, Outgoing, Waiting
 from uwserver.sensors.modem import Crossing, Modem
 from uwserver.units import NANOSECONDS
+from uwserver.world.modems.hearing import drawn, message_of, why_lost
 from uwserver.world.modems.node import Node, nodes_of
 from uwserver.world.modems.packets import COMING, MOST_LEGS, MOST_PACKETS, PAST, THERE, Leg, MediumState, Packet
 from uwserver.world.modems.ranging import Ranging
@@ -31,6 +31,9 @@ _CLOSING = 0.02
 """Sender and receiver come nearer to each other at most with this part of the speed of the signal, or an arrival is noticed a little late."""
 _FAINTEST = 1e-3
 """What is weaker than this part of the noise neither is heard nor disturbs."""
+_MOST_MET = 4
+"""Packets whose way is traced in one tick, as each takes a fifth of a millisecond; the others are met in the next ones, as of the time at which
+they came."""
 _PATIENCE_S = 0.5
 """For so long an answer is waited for beyond the time in which it must have come."""
 
@@ -91,7 +94,7 @@ class Medium(Part):
         self._count += 1
         node.modem.memory.queue = (*node.modem.memory.queue, message)
         self._send_next(node)
-        self._schedule()
+        self._wake_ns = 0  # to find out when is as much work for one message as for many
 
     def ask(self, path: str, destination: int, patience: float) -> Later:
         """Have the modem with this port ask another for its distance, which is told by the call too.
@@ -162,24 +165,33 @@ class Medium(Part):
         if t_ns < self._wake_ns:
             return
         now, nodes = t_ns / NANOSECONDS, self._nodes
-        legs = []
-        for leg in self._legs:
-            node = nodes.get(leg.receiver)
-            if node is None or not node.slot.active:
-                continue
-            arrived = self._meet(leg, node, now) if leg.stage == COMING and leg.wake <= now else leg
-            if arrived is not None:
-                legs.append(arrived)
-        self._legs = legs
-        ended = [leg for leg in legs if leg.stage == THERE and leg.over <= now]
-        for leg in sorted(ended, key=lambda leg: (leg.over, leg.packet, leg.receiver)):
-            self._decide(leg, nodes[leg.receiver])
-        done = {id(leg) for leg in ended}
-        self._legs = [structs.replace(leg, stage=PAST) if id(leg) in done else leg for leg in legs]
+        self._legs = [leg for leg in self._legs if leg.receiver in nodes and nodes[leg.receiver].slot.active]
+        behind = self._meet_all(now)
+        ended = [leg for leg in self._legs if leg.stage == THERE and leg.over <= now and leg.receiver not in behind]
+        if ended:
+            there: dict[str, list[Leg]] = {}
+            for leg in self._legs:
+                if leg.stage != COMING:
+                    there.setdefault(leg.receiver, []).append(leg)
+            for leg in sorted(ended, key=lambda leg: (leg.over, leg.packet, leg.receiver)):
+                self._decide(leg, nodes[leg.receiver], there[leg.receiver])
+            done = {id(leg) for leg in ended}
+            self._legs = [structs.replace(leg, stage=PAST) if id(leg) in done else leg for leg in self._legs]
         for node in nodes.values():
             self._look_after(node, now)
         self._forget_past(now)
         self._schedule()
+
+    def _meet_all(self, now: float) -> set[str]:
+        """Look where packets are that may have come. Returns the receivers that have more of them than can be looked at now: what has ended there
+        cannot be judged before all that meets it is known."""
+        due = sorted((leg.wake, k) for k, leg in enumerate(self._legs) if leg.stage == COMING and leg.wake <= now)
+        met = {k: self._meet(self._legs[k], self._nodes[self._legs[k].receiver], now) for _, k in due[:_MOST_MET]}
+        behind = {self._legs[k].receiver for _, k in due[_MOST_MET:]}
+        if met:
+            looked_at = [met.get(k, leg) for k, leg in enumerate(self._legs)]
+            self._legs = [leg for leg in looked_at if leg is not None]
+        return behind
 
     def _meet(self, leg: Leg, node: Node, now: float) -> Leg | None:
         """A leg under way, a little later: still under way, or there; None where it leads nowhere."""
@@ -216,18 +228,19 @@ class Medium(Part):
         exact = node.modem.direction(crossing.towards, q_NS)
         if exact is None:
             return None, None
-        _, _, across, up, _ = _drawn(node.modem, packet.number)
+        _, _, across, up, _ = drawn(node.modem, packet.number)
         sigma = node.modem.direction_sigma
         return exact[0] + sigma * across, exact[1] + sigma * up
 
     # -- receiving ------------------------------------------------------------------------------------------------------------------------
 
-    def _decide(self, leg: Leg, node: Node) -> None:
-        """The end of a packet has come: it is understood or lost."""
+    def _decide(self, leg: Leg, node: Node, there: Sequence[Leg]) -> None:
+        """The end of a packet has come: it is understood or lost. `there`: all that is or was heard there lately."""
         packet, modem = self._packets[leg.packet], node.modem
         if packet.signal.protocol != modem.table.protocol or not modem.is_for_me(packet.destination):
             return
-        cause = "" if modem.table.ideal else self._loss(leg, node, packet)
+        own = [each for each in self._packets.values() if each.sender == node.path]
+        cause = "" if modem.table.ideal else why_lost(leg, modem, packet, there, own)
         if cause:
             modem.count(cause)
         elif packet.answer:
@@ -235,47 +248,9 @@ class Medium(Part):
         elif packet.message not in modem.memory.seen:
             modem.memory.seen = (*modem.memory.seen, packet.message)[-MOST_SEEN:]
             modem.count("heard")
-            modem.tell(self._message("data", leg, node, packet))
+            modem.tell(message_of("data", leg, modem, packet))
         if not cause and packet.wanted:
             self._answer(leg, modem, packet)
-
-    def _loss(self, leg: Leg, node: Node, packet: Packet) -> str:
-        """Why a packet is not understood, as `Counts` has it; "" where it is."""
-        modem = node.modem
-        if not modem.notices(leg.signal / leg.noise):
-            return "faint"
-        own = [each for each in self._packets.values() if each.sender == node.path]
-        if any(leg.meets(each.left, each.over) for each in own):
-            return "deaf"
-        if abs(leg.speed) > modem.fastest:
-            return "doppler"
-        others = [
-            each
-            for each in self._legs
-            if each.receiver == node.path and each.packet != leg.packet and each.stage != COMING
-        ]
-        crowd = math.fsum(each.signal for each in others if leg.meets(each.begin, each.over))
-        luck, size = _drawn(modem, packet.number)[0], max(len(packet.data), modem.table.fixed_bytes)
-
-        def passes(disturbance: float) -> bool:
-            return luck >= modem.error_rate(leg.signal / disturbance, size)
-
-        if passes(leg.noise + leg.late + crowd):
-            return ""
-        if passes(leg.noise + leg.late):
-            return "collided"
-        return "smeared" if passes(leg.noise) else "faint"
-
-    def _message(self, event: Event, leg: Leg, node: Node, packet: Packet) -> Message:
-        """What a modem tells of a packet."""
-        modem, snr, sigma = node.modem, leg.signal / leg.noise, node.modem.speed_sigma
-        speed = None
-        if sigma is not None:
-            speed = leg.speed if modem.table.ideal else leg.speed + sigma * _drawn(modem, packet.number)[4]
-        return Message(
-            event, packet.source, packet.destination, packet.data, leg.begin, leg.over, leg.level,
-            10.0 * math.log10(snr) if snr > 0.0 else None, None, leg.bearing, leg.elevation, speed,
-        )  # fmt: skip
 
     def _answer(self, leg: Leg, modem: Modem, packet: Packet) -> None:
         """Answer a message, also one that came before: the first answer may have been lost."""
@@ -294,11 +269,11 @@ class Medium(Part):
         modem.memory.waiting = tuple([each for each in modem.memory.waiting if each is not asked])
         travel = leg.begin - asked.over - packet.held
         if not modem.table.ideal:
-            travel += math.sqrt(2.0) * modem.jitter(leg.signal / leg.noise) * _drawn(modem, packet.number)[1]
+            travel += math.sqrt(2.0) * modem.jitter(leg.signal / leg.noise) * drawn(modem, packet.number)[1]
         reach = 0.5 * modem.believed(self._scope(node), node.pose()[0]) * travel
         modem.count("heard")
         told = structs.replace(
-            self._message("delivered", leg, node, packet),
+            message_of("delivered", leg, modem, packet),
             source=modem.settings.address,
             destination=asked.message.destination,
             range=reach,
@@ -381,15 +356,6 @@ class Medium(Part):
         self._count, self._legs = state.count, list(state.legs)
         self._packets = {packet.number: packet for packet in state.packets}
         self._wake_ns = 0  # modems may have something to do
-
-
-def _drawn(modem: Modem, number: int) -> tuple[float, float, float, float, float]:
-    """Random numbers of a modem about a packet: one of 0 to 1 that decides whether it is understood; normal ones for time, direction, speed."""
-    draws = modem.draws
-    draws.seek(number, EVENT)
-    luck = float(draws.rng.random())
-    time, across, up, speed = draws.rng.standard_normal(4).tolist()
-    return luck, time, across, up, speed
 
 
 def _along(way: tuple[float, float, float], v: tuple[float, float, float]) -> float:
