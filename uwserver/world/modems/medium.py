@@ -155,7 +155,8 @@ class Medium(Part):
                 soonest = math.dist(p, other.pose()[0]) / other.modem.speed
                 self._legs.append(Leg(packet.number, path, left + (1.0 - _CLOSING) * soonest))
         if len(self._packets) > MOST_PACKETS or len(self._legs) > MOST_LEGS:
-            del self._packets[next(iter(self._packets))]
+            for number in list(self._packets)[: len(self._packets) // 8 + 1]:  # some at once, as the rest is looked through
+                del self._packets[number]
             self._legs = [leg for leg in self._legs if leg.packet in self._packets][-MOST_LEGS:]
 
     # -- on the way -----------------------------------------------------------------------------------------------------------------------
@@ -322,7 +323,8 @@ class Medium(Part):
             memory = node.modem.memory
             wakes += [each.until for each in memory.waiting]
             wakes += [max(each.after, memory.busy) for each in memory.queue]
-        wakes += [packet.over for packet in self._packets.values() if packet.over > self._now]
+        now = self._now
+        wakes += [packet.over for packet in self._packets.values() if packet.over > now]
         self._wake_ns = math.ceil(min(wakes) * NANOSECONDS) if wakes else 2**62
 
     # -- state ----------------------------------------------------------------------------------------------------------------------------

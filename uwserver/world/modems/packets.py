@@ -11,9 +11,9 @@ from uwserver.sensors.messages import MOST_BYTES
 from uwserver.sensors.modem import Signal
 from uwserver.world.part import State
 
-MOST_PACKETS = 4096
+MOST_PACKETS = 1024
 """In the water at a time; of more the oldest are forgotten."""
-MOST_LEGS = 65_536
+MOST_LEGS = 16_384
 _Number = Annotated[int, Meta(ge=0, le=2**53)]
 _Address = Annotated[int, Meta(ge=0, le=65_535)]
 _Path = Annotated[str, Meta(max_length=4096)]
