@@ -192,7 +192,7 @@ def picture(rows: list[Row], seen: list[tuple[float, float]], path: str) -> None
     plan.set(xlabel="north, m", ylabel="east, m", title="A pipe followed in the pictures of an imaging sonar")
     plan.set_aspect("equal")
     plan.invert_yaxis()
-    plan.legend(loc="upper right", fontsize=8)
+    figure.legend(loc="outside lower center", ncols=3, fontsize=8)
     side.plot([r[0] for r in rows], [r[6] for r in rows])
     side.set(xlabel="time, s", ylabel="altimeter, m", ylim=(0, 3))
     for axis in (plan, side):

@@ -29,7 +29,7 @@ HERO = (
     ("docs/images/demo_square.png", "A square by feedback on the sensors", "docs/tutorial.md"),
 )  # fmt: skip
 NAV: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("Start", ("README.md", "docs/tutorial.md", "docs/scenarios.md", "CHANGELOG.md")),
+    ("Start", ("README.md", "docs/tutorial.md", "docs/tutorial/*.md", "docs/scenarios.md", "CHANGELOG.md")),
     ("Examples", ("examples/README.md",)),
     ("How-to", ("docs/how-to/your-vehicle.md", "docs/how-to/*.md", "docs/how-to/*/*.md")),
     ("Clients", ("clients/*/README.md", "clients/*/*/README.md", "adapters/uwserver_adapters/*/README.md")),

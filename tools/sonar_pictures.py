@@ -10,6 +10,7 @@ import matplotlib
 import msgspec
 import numpy as np
 from msgspec import structs
+from PIL import Image
 
 from uwserver.environment.acoustics.noise import ambient_db
 from uwserver.environment.materials import lambert
@@ -49,6 +50,8 @@ from matplotlib.figure import Figure
 IMAGES = Path(__file__).parents[1] / "docs/images"
 WATER = Water(1025.0, 9.81, 10.0, 101_325.0, (0.2, 0.1, 0.0))
 DEPTH = 20.0
+GRAINY, WIDTH = ("scanning_sonar", "multibeam"), 1100
+"""Pictures that are all speckle, and their width in pixels."""
 
 
 def main() -> None:
@@ -68,9 +71,21 @@ def main() -> None:
     ):
         figure = draw(geometry)
         IMAGES.mkdir(parents=True, exist_ok=True)
+        file = IMAGES / f"sensor_{name}.png"
         # Without the version of matplotlib in it, the same plot is the same file.
-        figure.savefig(IMAGES / f"sensor_{name}.png", dpi=110, metadata={"Software": None})
+        figure.savefig(file, dpi=110, metadata={"Software": None}, bbox_inches="tight")
+        if name in GRAINY:
+            made_small(file)
         plt.close(figure)
+
+
+def made_small(file: Path) -> None:
+    """Speckle makes a large file: fewer pixels and colours."""
+    with Image.open(file) as whole:
+        picture = whole.convert("RGB")
+    picture = picture.resize((WIDTH, picture.height * WIDTH // picture.width), Image.Resampling.LANCZOS)
+    # The colours that lie farthest apart, so that the few bright echoes keep theirs.
+    picture.quantize(48, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(file, optimize=True)
 
 
 def harbour() -> Geometry:
@@ -137,7 +152,7 @@ def scanning_sonar(geometry: Geometry) -> Figure:
 
 def multibeam(geometry: Geometry) -> Figure:
     """The harbour as an Oculus M750d sees it, and with an array without taper, whose side lobes draw arcs."""
-    figure, axes = plt.subplots(1, 2, figsize=(15.0, 5.6), layout="constrained", subplot_kw={"projection": "polar"})
+    figure, axes = plt.subplots(1, 2, figsize=(11.0, 4.4), layout="constrained", subplot_kw={"projection": "polar"})
     titles = ("Oculus M750d, low mode", 'taper = "none": side lobes of 13 dB')
     for axis, taper, title in zip(axes, ("hamming", "none"), titles, strict=True):
         sonar = device("oculus_m750d", range_m=25.0, taper=taper)

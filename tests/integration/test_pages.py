@@ -76,6 +76,30 @@ def test_the_tutorial_leads_to_a_controller_that_holds_its_depth(tmp_path):
     assert "rov/cheap_depth 10 Hz" in printed(said, "uwserver check") or (tmp_path / "dive.mcap").exists()
 
 
+@pytest.mark.slow
+def test_camera_and_sonar_are_looked_at_saved_recorded_and_searched(tmp_path):
+    for module in ("PIL", "av", "matplotlib", "embreex"):
+        pytest.importorskip(module, reason="pip install 'uwserver[pictures,video,plot,solid]'")
+    import av
+    from PIL import Image
+
+    said = follow("docs/tutorial/sonar-and-camera.md", tmp_path)
+    assert "% of a core" in printed(said, "uwserver check")
+    with Image.open(tmp_path / "camera.png") as picture:
+        assert picture.size == (640, 480)
+    assert np.load(tmp_path / "sonar.npz")["image"].shape == (400, 512)
+    found = printed(said, "client.reset()")
+    (camera,) = (float(n) for n in re.findall(r"camera: \d{4} pixels at ([\d.]+) degrees", found))
+    ((distance, sonar),) = [map(float, pair) for pair in re.findall(r"sonar: ([\d.]+) m at ([\d.]+) degrees", found)]
+    # The float's centre is 2.4 m ahead of the lens, 2.35 m of the sonar, 0.3 m to starboard and 0.4 m below.
+    assert camera == pytest.approx(7.1, abs=1.0)
+    assert sonar == pytest.approx(7.3, abs=1.0)
+    assert distance == pytest.approx(2.15, abs=0.1)
+    for name in ("camera.mp4", "sonar.mp4"):
+        with av.open(tmp_path / name) as video:
+            assert sum(1 for _ in video.decode(video=0)) > 15
+
+
 def test_the_c_program_is_built_and_run_as_its_page_says(tmp_path):
     if shutil.which("cc") is None:
         pytest.skip("no C compiler: cc is not installed")
@@ -187,6 +211,7 @@ def test_make_starts_what_the_reader_starts(target, command):
 def test_every_page_with_a_command_is_followed():
     pages = [ROOT / "README.md", ROOT / "docs/tutorial.md", *(ROOT / "clients").glob("*/README.md")]
     pages += (ROOT / "docs/how-to").glob("*.md")
+    pages += (ROOT / "docs/tutorial").glob("*.md")
     here = Path(__file__).read_text()
     for path in pages:
         page = str(path.relative_to(ROOT))
