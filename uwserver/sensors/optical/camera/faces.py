@@ -29,11 +29,14 @@ FACE = np.dtype(
         ("texel", "f4"),  # m from one texel to the next
         ("texture", "i4"),  # number, -1 for none
         ("pattern", "i4"),
-        ("sided", "i4"),  # only the outside is lit
+        ("sided", "i4"),  # 1: only the outside is lit; CLOSED: besides, no ray comes from inside
         ("thing", "i4"),  # row of `picture.THING`
     ]
 )
 """A triangle, counter-clockwise from outside."""
+
+CLOSED = 2
+"""Of a face of a solid."""
 
 CREASE = math.cos(rad(40.0))
 """Faces that meet at a greater angle have an edge between them."""
@@ -67,7 +70,8 @@ def solid_faces(solid: Solid, paint: Paint) -> Any:
     """FACE (n) of a solid in its own frame, about zero; half-spaces are left out."""
     parts = facets(solid)
     rows = blank_faces(len(parts.corners))
-    rows["corners"], rows["sided"], rows["pattern"] = parts.corners, parts.sided, paint.pattern
+    rows["corners"], rows["pattern"] = parts.corners, paint.pattern
+    rows["sided"] = np.where(parts.sided != 0, CLOSED, 0)
     for material in np.unique(parts.material):
         rows["colour"][parts.material == material] = paint.of(int(material))
     rows["normals"] = smooth_normals(parts.corners)

@@ -230,7 +230,7 @@ def form(
             _from_below(s, tile, dx, dy, dz, x, seen)
         elif hit == _SURFACE:
             _from_above(s, tile, dx, dy, dz, x, seen)
-        elif hit < 0 and not wet:
+        elif hit < 0 and not wet and r > 0.0:
             seen[0] = seen[1] = seen[2] = _sky(s, dx, dy, dz)
         for i in range(3):
             radiance[k, i] = seen[i] * through[i] + back[i]
