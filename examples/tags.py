@@ -1,6 +1,6 @@
 """AprilTags, rendered by a camera under water and found by a real detector: where it puts them, against where they are.
 
-    pip install uwserver[camera,solid] pupil-apriltags
+    pip install uwserver[pictures,solid] pupil-apriltags
     python examples/tags.py [--out picture.png] [--seconds 4]
 
 The scenario is tags.toml; ``python examples/tags.py --make`` writes tags.glb, the looks of its board, anew.

@@ -11,6 +11,11 @@ from click import Context
 
 from uwserver.cli import main
 
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 120
 PAGES = ("README.md", "docs/tutorial.md", "clients/python/README.md")
@@ -32,6 +37,31 @@ def test_every_link_between_pages_leads_somewhere():
     for page in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]:
         for link in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", BLOCK.sub("", page.read_text())):
             assert (page.parent / link).exists(), f"{page.name}: {link}"
+
+
+def test_every_extra_that_is_named_exists():
+    """``pip install 'uwserver[x]'`` takes an x that is none without a word but a warning."""
+    extras = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"])
+    named: dict[str, str] = {}
+    for folder, ends in (
+        ("docs", ("md",)),
+        ("examples", ("md", "py")),
+        ("clients/python", ("md", "py")),
+        ("uwserver", ("py",)),
+        ("adapters", ("py",)),
+    ):
+        for path in (path for end in ends for path in (ROOT / folder).rglob(f"*.{end}")):
+            named |= _extras(path)
+    for page in (*PAGES, "CONTRIBUTING.md"):
+        named |= _extras(ROOT / page)
+    assert len(named) > 5
+    assert not {extra: where for extra, where in named.items() if extra not in extras}
+
+
+def _extras(path: Path) -> dict[str, str]:
+    """Those that a file names, each with its name."""
+    found = re.findall(r"uwserver\[([a-z0-9_, -]+)\]", path.read_text(encoding="utf-8"))
+    return {extra.strip(): path.name for each in found for extra in each.split(",")}
 
 
 def test_every_file_that_is_named_is_there():

@@ -142,7 +142,7 @@ class Modem(Sensor):
 
     doc = (
         "Modem: a message that came for this modem or for all, or what became of one that asked for an answer: it was delivered, or nobody "
-        "answered. Stamped with the arrival of its first sound, and told when the last has come."
+        "answered. Stamped with the arrival of its signal, and told when all of it has come."
     )
     fields = (
         Field("event", "1", '"data", "delivered" (answered) or "failed" (not answered)', type="str"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from datetime import datetime, timedelta, timezone
+from datetime import datetime, timezone
 from typing import Any, cast
 
 from msgspec import Struct
@@ -13,7 +13,7 @@ from uwserver.adapter import AdapterContext
 from uwserver.frames import rpy_from_quat
 from uwserver.ports import Sample
 from uwserver.table import Name
-from uwserver_adapters.devices.codec import NANOSECONDS
+from uwserver_adapters.devices.codec import NANOSECONDS, instant
 from uwserver_adapters.devices.device import DeviceTable, Source
 
 Vector = tuple[float, float, float]
@@ -99,13 +99,13 @@ class Readings(Struct, frozen=True):
     @property
     def utc(self) -> datetime:
         """Time of the world."""
-        whole, rest = divmod(self.epoch_ns + self.t_ns, NANOSECONDS)
-        return datetime.fromtimestamp(whole, timezone.utc) + timedelta(microseconds=rest // 1000)
+        return instant(self.epoch_ns + self.t_ns)
 
     @property
     def gps_ns(self) -> int:
-        """GPS time since 1980-01-06."""
-        return self.epoch_ns + self.t_ns + (LEAP_S - int(GPS_ZERO.timestamp())) * NANOSECONDS
+        """GPS time since 1980-01-06, within what 64 bits hold: 0 before, and no later than in 2564."""
+        ns = self.epoch_ns + self.t_ns + (LEAP_S - int(GPS_ZERO.timestamp())) * NANOSECONDS
+        return max(0, min(ns, 2**64 - 1))
 
     @property
     def gps_week(self) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping
-from datetime import datetime, timedelta, timezone
+from datetime import datetime
 from typing import Annotated, Any, Literal, cast
 
 from msgspec import Meta
@@ -13,7 +13,7 @@ from msgspec import Meta
 from uwserver.adapter import AdapterContext, CannotServe
 from uwserver.ports import Sample
 from uwserver.table import Name, Positive
-from uwserver_adapters.devices.codec import NANOSECONDS, deg
+from uwserver_adapters.devices.codec import NANOSECONDS, deg, instant
 from uwserver_adapters.devices.device import DeviceTable, LineReader, Reply, Source
 
 LINE_LIMIT = 1024
@@ -218,8 +218,7 @@ class Nmea0183:
         return True
 
     def _utc(self, t_ns: int) -> datetime:
-        ns = self._context.world.epoch_ns + t_ns
-        return datetime.fromtimestamp(0, timezone.utc) + timedelta(microseconds=ns // 1000)
+        return instant(self._context.world.epoch_ns + t_ns)
 
     def _dpt(self, said: Mapping[str, Any], _: datetime) -> Iterable[str]:
         return f"{said['range']:.2f}", f"{self._table.transducer_offset_m:.2f}", ""

@@ -44,7 +44,8 @@ def _week(r: Readings) -> bytes:
 
 def _utc(r: Readings) -> bytes:
     t = r.utc
-    return struct.pack("<bBBBBBH", t.year - 2000, t.month, t.day, t.hour, t.minute, t.second, t.microsecond // 1000)
+    year = max(-128, min(t.year - 2000, 127))  # all that the field holds
+    return struct.pack("<bBBBBBH", year, t.month, t.day, t.hour, t.minute, t.second, t.microsecond // 1000)
 
 
 def _ypr(r: Readings) -> bytes:

@@ -12,7 +12,7 @@ from uwserver.actuators import CameraMount, Lamps
 from uwserver.environment.light import WATER_TYPES
 from uwserver.physics.geometry.shapes import HalfSpace
 from uwserver.scenario.load.resolved import Resolved
-from uwserver.scenario.solids.palette import OBJECT, SEABED, STRUCTURE, VEHICLE, Colour, colour_of
+from uwserver.scenario.solids.palette import CLEAN, OBJECT, SEABED, STRUCTURE, VEHICLE, Colour, colour_of
 from uwserver.sensors import CameraConfig, Pose, SensorConfig
 from uwserver.sensors.optical.camera.camera import Camera
 from uwserver.sensors.sight import Sight
@@ -114,9 +114,13 @@ class _Scenery:
                 yield name, member, likes[name]
 
     def _paint(self, otherwise: Colour, pattern: int) -> Paint:
-        from uwserver.sensors.optical.camera.faces import Paint
+        """By material; `otherwise` and `pattern` for one that nobody names."""
+        from uwserver.sensors.optical.camera.faces import PLAIN, TILES, Paint
 
-        return Paint((*(colour_of(name, otherwise) for name in self._resolved.materials), otherwise), pattern)
+        names = self._resolved.materials
+        special = dict.fromkeys(CLEAN, PLAIN) | {"tiles": TILES}
+        patterns = tuple(special.get(name, pattern) for name in names)
+        return Paint((*(colour_of(name, otherwise) for name in names), otherwise), (*patterns, pattern))
 
     def lamps(self) -> tuple[LampAt, ...]:
         """All lamps that shine."""

@@ -18,6 +18,15 @@ MATERIALS: dict[str, Colour] = {
     "plastic": (0.75, 0.45, 0.08),
 }
 """By the name of a material, as `environment.materials` has them."""
+COATS: dict[str, Colour] = {
+    "tiles": (0.52, 0.77, 0.82),
+    "paint": (0.87, 0.45, 0.02),
+    "wood": (0.25, 0.13, 0.05),
+    "rubber": (0.02, 0.02, 0.02),
+}
+"""Of materials that sound knows nothing of; as the page paints them."""
+CLEAN = frozenset((*COATS, "steel", "plastic"))
+"""On which neither sand lies nor anything grows."""
 SEABED: Colour = MATERIALS["sand"]
 STRUCTURE: Colour = MATERIALS["concrete"]
 VEHICLE: Colour = (0.85, 0.62, 0.08)
@@ -27,7 +36,7 @@ OBJECT: Colour = (0.45, 0.28, 0.12)
 
 def colour_of(material: str, otherwise: Colour) -> Colour:
     """Of a material; `otherwise` for one that has none."""
-    return MATERIALS.get(material, otherwise)
+    return MATERIALS.get(material) or COATS.get(material, otherwise)
 
 
 def grey() -> Colour:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 import struct
+from datetime import datetime, timedelta, timezone
 
 import pytest
 from devices_rig import inertial_readings
+from msgspec import structs
 from uwserver_adapters.devices.inertial import Fix
 from uwserver_adapters.devices.vectornav_binary import FIELDS, BinaryOutput, ecef, encode, fault_of
 from uwserver_adapters.devices.vectornav_text import crc16
@@ -30,6 +32,16 @@ SAID = inertial_readings(
 def test_each_field_has_the_makers_length(group: int):
     for bit, field in FIELDS[group].items():
         assert len(field(SAID)) == LENGTHS[group][bit], bit
+
+
+@pytest.mark.parametrize("year", [1, 1975, 2500, 9999])
+def test_a_world_far_from_now_has_the_nearest_time_that_a_field_holds(year: int):
+    began = datetime(year, 12, 31, 23, 59, 59, tzinfo=timezone.utc) - datetime(1970, 1, 1, tzinfo=timezone.utc)
+    said = structs.replace(SAID, epoch_ns=began // timedelta(seconds=1) * 10**9, t_ns=5 * 10**9)
+    for group, fields in enumerate(FIELDS):
+        for bit, field in fields.items():
+            assert len(field(said)) == LENGTHS[group][bit], bit
+    assert year > 1980 or (said.gps_ns, said.gps_week, said.gps_tow_ns) == (0, 0, 0)
 
 
 def test_a_message_whole():

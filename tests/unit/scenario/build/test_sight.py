@@ -7,8 +7,12 @@ from typing import Any
 
 import pytest
 
+from uwserver.adapter import installed_adapters
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
+from uwserver.scenario.solids.palette import COATS
+from uwserver.sensors import CameraConfig
+from uwserver.sensors.optical.camera.faces import GROWTH, PLAIN, SEABED, TILES
 from uwserver.world import World
 
 CAMERA = """
@@ -97,3 +101,32 @@ def test_looks_that_cannot_be_shown_are_told_once_at_the_start(
     assert [record.message for record in caplog.records if "pile" in record.message] == [
         next(record.message for record in caplog.records if "no PNG or JPEG" in record.message)
     ]
+
+
+def test_what_is_painted_on_things_follows_their_material() -> None:
+    """The pool that is shipped has tiles on its floor and walls, and neither sand nor growth anywhere; its water is as clear as that of the sea."""
+    resolved = load("pool_inspection", adapters=installed_adapters())
+    sensors: Any = resolved.vehicles["bluerov2"].vehicle.sensors
+    sensors["cam"] = CameraConfig(rate_hz=10, width=32, height=24)
+    world = build(resolved)
+    assert world.sight is not None
+    assert resolved.scenario.environment.water_type == "I"
+    visible = world.sight.look().made()
+    of = {name: number for number, name in enumerate(visible.names)}
+    patterns = {
+        name: {int(p) for p in visible.faces["pattern"][visible.ids[visible.faces["thing"]] == number]}
+        for name, number in of.items()
+    }
+    assert patterns["seabed"] == patterns["north_wall"] == {TILES}
+    assert patterns["panel"] == patterns["pipe"] == patterns["panel_west_post"] == {PLAIN}
+    panel = visible.faces["colour"][visible.ids[visible.faces["thing"]] == of["panel"]]
+    assert panel[0].tolist() == pytest.approx(COATS["paint"])
+
+
+def test_in_the_sea_there_is_sand_and_growth(tmp_path: Path) -> None:
+    world = made(tmp_path, SCENARIO + CAMERA)
+    assert world.sight is not None
+    visible = world.sight.look().made()
+    of = visible.ids[visible.faces["thing"]]
+    assert set(visible.faces["pattern"][of == visible.names.index("seabed")].tolist()) == {SEABED}
+    assert set(visible.faces["pattern"][of == visible.names.index("pile")].tolist()) == {GROWTH}

@@ -17,8 +17,8 @@ from uwserver.units import rad
 Colour = tuple[float, float, float]
 """Red, green, blue, linear, 0..1."""
 
-PLAIN, SEABED, GROWTH = 0, 1, 2
-"""Patterns: none; sand, mud and stones; growth on what stands in the sea."""
+PLAIN, SEABED, GROWTH, TILES = 0, 1, 2, 3
+"""Patterns: none; sand, mud and stones; growth on what stands in the sea; the tiles of a pool."""
 
 FACE = np.dtype(
     [
@@ -29,11 +29,14 @@ FACE = np.dtype(
         ("texel", "f4"),  # m from one texel to the next
         ("texture", "i4"),  # number, -1 for none
         ("pattern", "i4"),
-        ("sided", "i4"),  # only the outside is lit
+        ("sided", "i4"),  # 1: only the outside is lit; CLOSED: besides, no ray comes from inside
         ("thing", "i4"),  # row of `picture.THING`
     ]
 )
 """A triangle, counter-clockwise from outside."""
+
+CLOSED = 2
+"""Of a face of a solid."""
 
 CREASE = math.cos(rad(40.0))
 """Faces that meet at a greater angle have an edge between them."""
@@ -44,32 +47,39 @@ class Paint(NamedTuple):
 
     Attributes:
         colours: by number of material.
-        pattern: of all of it.
+        patterns: likewise.
     """
 
     colours: Sequence[Colour]
-    pattern: int = PLAIN
+    patterns: Sequence[int] = (PLAIN,)
 
     def of(self, material: int) -> Colour:
         """Of a material by number; the last for one that has none."""
         return self.colours[material if 0 <= material < len(self.colours) else -1]
 
+    def pattern_of(self, material: int) -> int:
+        """Of a material by number; the last for one that has none."""
+        return self.patterns[material if 0 <= material < len(self.patterns) else -1]
+
 
 class Floor(NamedTuple):
-    """A half-space: a point (N, m) of its plane, the outward normal, its colour."""
+    """A half-space: a point (N, m) of its plane, the outward normal, its colour and pattern."""
 
     p: FloatArray
     normal: FloatArray
     colour: Colour
+    pattern: int
 
 
 def solid_faces(solid: Solid, paint: Paint) -> Any:
     """FACE (n) of a solid in its own frame, about zero; half-spaces are left out."""
     parts = facets(solid)
     rows = blank_faces(len(parts.corners))
-    rows["corners"], rows["sided"], rows["pattern"] = parts.corners, parts.sided, paint.pattern
+    rows["corners"] = parts.corners
+    rows["sided"] = np.where(parts.sided != 0, CLOSED, 0)
     for material in np.unique(parts.material):
-        rows["colour"][parts.material == material] = paint.of(int(material))
+        of = parts.material == material
+        rows["colour"][of], rows["pattern"][of] = paint.of(int(material)), paint.pattern_of(int(material))
     rows["normals"] = smooth_normals(parts.corners)
     return cut(rows)
 
@@ -102,11 +112,12 @@ _CUTS, _MOST_CUT = 12, 400_000
 
 def floors(solid: Solid, paint: Paint) -> list[Floor]:
     """The half-spaces of a solid."""
-    return [
-        Floor(np.array(placed.p), -placed.R[:, 2], paint.of(solid.material if placed.material < 0 else placed.material))
-        for placed in solid.shapes
-        if isinstance(placed.shape, HalfSpace)
-    ]
+    found = []
+    for placed in solid.shapes:
+        if isinstance(placed.shape, HalfSpace):
+            material = solid.material if placed.material < 0 else placed.material
+            found.append(Floor(np.array(placed.p), -placed.R[:, 2], paint.of(material), paint.pattern_of(material)))
+    return found
 
 
 def blank_faces(count: int) -> Any:

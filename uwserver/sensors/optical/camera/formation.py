@@ -18,7 +18,7 @@ from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled, entry
 from uwserver.sensors.optical.camera.caustics import TEXELS, TILE_M
 from uwserver.sensors.optical.camera.lamps import COARSE, SHADOW, intensity
-from uwserver.sensors.optical.camera.patterns import paint_growth, paint_seabed, sample
+from uwserver.sensors.optical.camera.patterns import paint_growth, paint_seabed, paint_tiles, sample
 
 SEA = np.dtype(
     [
@@ -43,7 +43,7 @@ SEA = np.dtype(
 _CAUSTICS_M = 10.0
 _BACK = 0.08
 """Part of the light downwards that comes up again from below."""
-_GROWTH, _SEABED = 2, 1
+_TILES, _GROWTH, _SEABED = 3, 2, 1
 _SUN_WIDTH = 0.06
 """rad; of the sun's image in a ruffled surface."""
 _NEVER = 1e6
@@ -230,7 +230,7 @@ def form(
             _from_below(s, tile, dx, dy, dz, x, seen)
         elif hit == _SURFACE:
             _from_above(s, tile, dx, dy, dz, x, seen)
-        elif hit < 0 and not wet:
+        elif hit < 0 and not wet and r > 0.0:
             seen[0] = seen[1] = seen[2] = _sky(s, dx, dy, dz)
         for i in range(3):
             radiance[k, i] = seen[i] * through[i] + back[i]
@@ -260,6 +260,8 @@ def _paint(face: Any, shift: Array, place: Array, pixel: float, facing: float, n
         paint_seabed(x, y, pixel / math.sqrt(max(facing, 0.05)), colour)
     elif face.pattern == _GROWTH:
         paint_growth(x, y, z, -normal[2], pixel, colour)
+    elif face.pattern == _TILES:
+        paint_tiles(x, y, z, normal, pixel / math.sqrt(max(facing, 0.05)), colour)
 
 
 @compiled

@@ -18,7 +18,7 @@ from uwserver.sensors.optical.camera.view import Pose, View
 from uwserver.sensors.optical.camera.visible import Look, Models, Seen
 
 KERNELS = (
-    faces.average_normals, rays.turn, rays.meet_floor, rays.select, rays.meet, rays.darken, rays.depths, rays.owners, lamps.fill_veil,
+    faces.average_normals, rays.turn, rays.meet_floor, rays.select, rays.meet, rays.bury, rays.darken, rays.depths, rays.owners, lamps.fill_veil,
     lamps.light_rays, caustics.fill_tile, formation.form, snow.add_flakes, electronics.expose, electronics.expose_mono,
     electronics.develop,
 )  # fmt: skip

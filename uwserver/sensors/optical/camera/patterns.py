@@ -1,4 +1,5 @@
-"""What is painted on things that have no texture: noise in a few octaves, of sand on the seabed and of growth on what stands in the sea (compiled).
+"""What is painted on things that have no texture: noise in a few octaves, of sand on the seabed and of growth on what stands in the sea,
+and the tiles of a pool (compiled).
 
 Octaves finer than two pixels are left out, so that nothing flickers far away.
 """
@@ -95,6 +96,38 @@ def paint_growth(x: float, y: float, z: float, up: float, pixel: float, colour: 
     colour[0] = tone * ((1.0 - coat) * colour[0] + coat * 0.14)
     colour[1] = tone * ((1.0 - coat) * colour[1] + coat * 0.15)
     colour[2] = tone * ((1.0 - coat) * colour[2] + coat * 0.06)
+
+
+_TILE_M, _GROUT_M = 0.25, 0.01
+"""As the page has them."""
+
+
+@compiled
+def _grout(x: float, pixel: float) -> float:
+    """How much of a pixel at x lies on lines of grout across x."""
+    cell = x / _TILE_M
+    line = _TILE_M * min(cell - math.floor(cell), math.floor(cell) + 1.0 - cell)
+    covered = min(max((0.5 * (_GROUT_M + pixel) - line) / max(min(pixel, _GROUT_M), 1e-6), 0.0), 1.0)
+    return covered * min(_GROUT_M / pixel, 1.0) if pixel > 0.0 else covered
+
+
+@compiled
+def paint_tiles(x: float, y: float, z: float, normal: Array, pixel: float, colour: Array) -> None:
+    """Tiles of 0.25 m with grout between them, no two quite alike, on faces along any two axes; `normal` tells which."""
+    share = _share(4.0 * _TILE_M, pixel)
+    if share <= 0.0:
+        return
+    a, b, c = abs(normal[0]), abs(normal[1]), abs(normal[2])
+    u, v = y, z  # across the axis that the face turns to
+    if c >= a and c >= b:
+        u, v = x, y
+    elif b >= a:
+        u, v = x, z
+    dark = max(_grout(u, pixel), _grout(v, pixel))
+    m, n = math.floor(u / _TILE_M), math.floor(v / _TILE_M)
+    tone = 0.08 * (_lattice(int(m), int(n), 5) - 0.5)
+    for i in range(3):
+        colour[i] *= 1.0 + share * ((1.0 - dark) * tone - 0.4 * dark)
 
 
 @compiled

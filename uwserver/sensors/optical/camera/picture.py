@@ -73,6 +73,7 @@ class Optics:
             )
         for placed in self._scenes(view):
             buffers.cast(placed, things, view.look.made().faces)
+        rays.bury(buffers.direction, view.look.made().faces, things, buffers.distance, buffers.face)
         return base, things
 
     def _scenes(self, view: View) -> list[rays.Placed]:

@@ -14,6 +14,7 @@ import numpy as np
 from uwserver.physics.kernel.arrays import Array, FloatArray, IntArray
 from uwserver.physics.kernel.deferred import compiled, entry
 from uwserver.physics.rays.casting import Picker, make_picker
+from uwserver.sensors.optical.camera.faces import CLOSED
 
 NOTHING = -1
 THING = np.dtype(
@@ -71,7 +72,7 @@ class Buffers:
 
     Attributes:
         origin, direction: (n, 3) float32 of the rays, about the base, N.
-        distance: (n) m, inf where nothing is met.
+        distance: (n) m, inf where nothing is met; 0 of a ray that begins in a solid.
         face: (n) row of FACE that is met, -1 for none.
     """
 
@@ -221,6 +222,29 @@ def meet(
                 distance[k], met[k] = reached, first + picked[m]
 
 
+@entry
+def bury(direction: Array, faces: Array, things: Array, distance: Array, met: Array) -> None:
+    """Rays that would leave a closed solid began in it: it is dark there, and they end where they begin.
+
+    Args:
+        direction: (n, 3) of the rays.
+        faces, things: FACE and THING.
+        distance, met: (n) of all rays; those become 0 and NOTHING.
+    """
+    for k in range(len(met)):
+        if met[k] >= 0 and faces[met[k]].sided == CLOSED:
+            face = faces[met[k]]
+            R, c = things[face.thing].R, face.corners
+            ux, uy, uz = c[1, 0] - c[0, 0], c[1, 1] - c[0, 1], c[1, 2] - c[0, 2]
+            vx, vy, vz = c[2, 0] - c[0, 0], c[2, 1] - c[0, 1], c[2, 2] - c[0, 2]
+            nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+            along = 0.0
+            for i in range(3):
+                along += (R[i, 0] * nx + R[i, 1] * ny + R[i, 2] * nz) * direction[k, i]
+            if along > 0.0:
+                distance[k], met[k] = 0.0, NOTHING
+
+
 @compiled
 def _reached(corners: Array, o: Array, d: Array) -> float:
     """How far along a ray the plane of a triangle is; negative where it never meets it."""
@@ -254,7 +278,7 @@ def depths(table: Array, start: Array, distance: Array, out: Array) -> None:
     single = len(start) == 1
     for k in range(len(out)):
         along = 1e3 * (distance[k] * table[k, 0] + start[0 if single else k, 0]) + 0.5
-        out[k] = int(along) if 0.0 < along < 65536.0 else 0
+        out[k] = int(along) if distance[k] > 0.0 and 0.0 < along < 65536.0 else 0
 
 
 @entry

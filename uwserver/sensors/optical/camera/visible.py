@@ -234,7 +234,7 @@ class Visible:
             across = np.cross(floor.normal, (0.0, 1.0, 0.0) if abs(floor.normal[1]) < 0.9 else (1.0, 0.0, 0.0))
             across /= np.linalg.norm(across)
             face["corners"][0, 1], face["corners"][0, 2] = across, np.cross(floor.normal, across)
-            face["normals"][0], face["colour"], face["pattern"] = floor.normal, floor.colour, seen.paint.pattern
+            face["normals"][0], face["colour"], face["pattern"] = floor.normal, floor.colour, floor.pattern
             face["thing"] = thing
             self.planes.append(_Plane(floor.p, floor.normal, self._add(face), thing))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from uwserver.sensors.optical.camera.patterns import flat_noise, noise, paint_growth, paint_seabed
+from uwserver.sensors.optical.camera.patterns import flat_noise, noise, paint_growth, paint_seabed, paint_tiles
 
 PLACES = [(0.37 * k, -1.3 * k, 0.11 * k) for k in range(200)]
 
@@ -43,3 +43,26 @@ def test_growth_covers_what_looks_up_more() -> None:
         return total
 
     assert green(1.0) > green(-1.0)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_tiles_have_grout_between_them_on_floors_and_walls_and_none_from_afar(axis: int) -> None:
+    normal = np.zeros(3)
+    normal[axis] = -1.0
+
+    def tone(place: np.ndarray, pixel: float) -> float:
+        colour = np.ones(3)
+        paint_tiles(*place, normal, pixel, colour)
+        assert (colour == colour[0]).all()
+        return float(colour[0])
+
+    middle, line = np.full(3, 0.125), np.full(3, 0.125)
+    line[(axis + 1) % 3] = 0.25
+    assert tone(middle, 0.001) == pytest.approx(1.0, abs=0.05)
+    assert tone(line, 0.001) == pytest.approx(0.6, abs=0.01)
+    assert 0.95 < tone(line, 0.2) <= 1.0 + 0.05
+    assert tone(line, 5.0) == 1.0
+    # Along the normal the face is one plane: where it stands changes nothing but which tile it is.
+    moved = line.copy()
+    moved[axis] += 0.125
+    assert tone(moved, 0.001) == pytest.approx(tone(line, 0.001))

@@ -10,7 +10,7 @@ from sensors.optical.camera.rig import CLEAR, DARK, NOON, floor, seen, view, wal
 
 from uwserver.environment.light import WATER_TYPES, Daylight, WaterLight
 from uwserver.frames import quat_from_rpy
-from uwserver.physics.geometry.shapes import Box, Sphere
+from uwserver.physics.geometry.shapes import Box, Sphere, TriangleMesh
 from uwserver.sensors.optical.camera.lamps import LampAt
 from uwserver.sensors.optical.camera.lens import lens_of
 from uwserver.sensors.optical.camera.picture import Optics
@@ -195,3 +195,35 @@ def test_open_water_and_no_light_at_all() -> None:
     ids, counts = optics.ids(view())
     assert ids.max() == 0
     assert counts.shape == (1, 2)
+
+
+@pytest.mark.parametrize("depth", [5.0, -5.0], ids=["in the water", "in the air"])
+def test_in_a_solid_it_is_dark_and_nothing_is_far(depth: float) -> None:
+    """The far side of a wall is not seen from inside, nor the water or the sky before it; what stands behind neither."""
+    optics, p = Optics(LENS, FlatPort(0.02, 0.01)), (0.0, 0.0, depth)
+    things = seen("wall", Box((1.0, 50.0, 50.0)), (0.4, 0.0, depth)), seen("ball", Sphere(0.5), (6.0, 0.0, depth))
+    given = {
+        "p": p,
+        "water": WATER_TYPES["II"],
+        "day": Daylight(50_000.0, 0.5, math.pi, 0.5),
+        "lamps": (lamp(0.0, 0.0),),
+    }
+    light = optics.form(view(*things, bodies=[(*p, 1.0)], **given))
+    assert not light.any()
+    assert not optics.depth_mm(view(*things, **given)).any()
+    ids, counts = optics.ids(view(*things, **given))
+    assert not ids.any()
+    assert counts[1, 0] == counts[2, 0] == 0
+    # A metre before it, all is as ever.
+    given["p"] = (-2.0, 0.0, depth)
+    assert optics.form(view(*things, **given)).any()
+    assert optics.depth_mm(view(*things, **given))[24, 32] == 1400
+
+
+def test_a_wall_with_two_sides_is_seen_from_both() -> None:
+    """What is no closed solid has no inside: a sheet, as a mesh of triangles."""
+    corners = np.array([(0.0, -50.0, -50.0), (0.0, 50.0, -50.0), (0.0, 50.0, 50.0), (0.0, -50.0, 50.0)])
+    for order in ([(0, 1, 2), (0, 2, 3)], [(0, 2, 1), (0, 3, 2)]):
+        sheet = seen("sheet", TriangleMesh(corners, np.array(order), oriented=False), (2.0, 0.0, 5.0))
+        depth = Optics(LENS, None).depth_mm(view(sheet, p=(0.0, 0.0, 5.0)))
+        assert (depth == 2000).all()
