@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 import struct
 import threading
 from collections.abc import Coroutine
@@ -421,6 +422,36 @@ def test_datagrams_end_when_their_client_falls_silent(speaks):
             reports.abort()
 
     bounded(whole())
+
+
+def test_datagrams_cost_the_loop_nothing(monkeypatch):
+    """A large picture is hundreds of packets for each who takes it."""
+    threads: set[str] = set()
+    send = socket.socket.sendto
+
+    def recorded(self: socket.socket, *given: Any) -> int:
+        threads.add(threading.current_thread().name)
+        return send(self, *given)
+
+    monkeypatch.setattr(socket.socket, "sendto", recorded, raising=False)
+
+    async def whole() -> None:
+        with socket.socket(type=socket.SOCK_DGRAM) as client, socket.socket(type=socket.SOCK_DGRAM) as target:
+            for end in (client, target):
+                end.bind(("127.0.0.1", 0))
+                end.setblocking(False)
+            table = StreamTable(port="rov/camera", codec="jpeg", rtp=f"127.0.0.1:{target.getsockname()[1]}")
+            async with serving(streams={"front": table}) as fake, AsyncExitStack() as stack:
+                player = await Player.connect(fake, stack)
+                at = client.getsockname()[1]
+                await player.play(transport=f"RTP/AVP;unicast;client_port={at}-{at + 1}")
+                fake.put([sample(0)])
+                loop = asyncio.get_running_loop()
+                assert await loop.sock_recv(client, 2000) == await loop.sock_recv(target, 2000)
+                assert fake.stats.samples_sent == 2
+
+    bounded(whole())
+    assert {name.rpartition("_")[0] for name in threads} == {"video datagrams"}
 
 
 def test_no_request_costs_more_than_its_answer():
