@@ -1,4 +1,4 @@
-"""Pictures as datagrams, sent on a thread of their own: a large picture is a thousand packets for each who takes it, which the loop has no time for."""
+"""Pictures as datagrams, sent on a thread of their own: a large one is a thousand packets for each who takes it, too many for the loop."""
 
 from __future__ import annotations
 
