@@ -15,14 +15,13 @@ from uwserver.adapter import (
     Peers,
     Refusals,
     address_text,
-    did_you_mean,
     serve_tcp,
     serving,
 )
 from uwserver.adapter.pictures import EXTRA, can_encode_jpeg, picture_place
 from uwserver.ports import Event, Json, Port, Sample
 from uwserver_adapters.video.announcer import Announcer
-from uwserver_adapters.video.config import StreamTable, VideoConfig, host_and_port
+from uwserver_adapters.video.config import StreamTable, VideoConfig, host_and_port, port_with_pictures
 from uwserver_adapters.video.connection import RtspConnection
 from uwserver_adapters.video.datagrams import Sender
 from uwserver_adapters.video.media_ports import MediaPorts
@@ -84,20 +83,13 @@ class VideoAdapter:
         self._streams.clear()
         self._by_port.clear()
         for name, table in self.config.streams.items():
-            self._add(name, table, self._port(name, table.port))
+            try:
+                port = port_with_pictures(table.port, self.context.ports)
+            except CannotServe as error:
+                raise CannotServe(f"streams.{name}.port: {error}") from None
+            self._add(name, table, port)
         if not self.config.streams:
             self._follow_ports()
-
-    def _port(self, name: str, path: str) -> Port:
-        ports = self.context.ports
-        port = ports.get(path)
-        with_pictures = sorted(known for known, its in ports.items() if picture_place(its) is not None)
-        there = f"ports with pictures: {', '.join(with_pictures) or 'none'}"
-        if port is None:
-            raise CannotServe(f'streams.{name}.port: no port "{path}"{did_you_mean(path, with_pictures)}; {there}')
-        if picture_place(port) is None:
-            raise CannotServe(f'streams.{name}.port: "{path}" has no pictures; {there}')
-        return port
 
     def _follow_ports(self) -> None:
         """A stream for each port with pictures that there is now."""

@@ -7,7 +7,7 @@ import socket
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
-from uwserver.adapter import CannotListen, cannot_listen
+from uwserver.adapter import CannotListen, bound_socket, cannot_listen
 from uwserver_adapters.video.datagrams import Address, Route, Sender
 
 _TRIES: Final = 16
@@ -47,18 +47,13 @@ class MediaPorts:
         self._keep((await self._bound(0), await self._bound(0)))
 
     async def _bound(self, port: int) -> _Bound:
-        loop = asyncio.get_running_loop()
+        out = bound_socket(self._bind, port, "udp")
         try:
-            family, _, _, _, address = (await loop.getaddrinfo(self._bind, port, type=socket.SOCK_DGRAM))[0]
-            out = socket.socket(family, socket.SOCK_DGRAM)
-            try:
-                out.setblocking(False)
-                out.bind(address)
-                transport, _ = await loop.create_datagram_endpoint(lambda: _Ear(self._heard), sock=out)
-            except BaseException:
-                out.close()
-                raise
+            transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(
+                lambda: _Ear(self._heard), sock=out
+            )
         except OSError as error:
+            out.close()
             raise cannot_listen(error, self._bind, port, "udp", key="udp") from error
         return _Bound(transport, out)
 

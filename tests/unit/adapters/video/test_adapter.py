@@ -509,6 +509,15 @@ def test_a_table_that_names_no_camera(port, text):
         bounded(whole())
 
 
+def test_a_check_tells_the_same():
+    streams = {name: StreamTable(port=port) for name, port in (("a", "rov/camera"), ("b", "rov/depth"), ("c", "rov/x"))}
+    found = dict(VideoConfig(streams=streams).faults(context().ports, {}))
+    assert list(found) == [("streams", "b", "port"), ("streams", "c", "port")]
+    assert found["streams", "b", "port"] == '"rov/depth" has no pictures; ports with pictures: rov/camera'
+    assert found["streams", "c", "port"].startswith('no port "rov/x"')
+    assert list(VideoConfig().faults({}, {})) == []
+
+
 @pytest.mark.parametrize(
     "given",
     [
