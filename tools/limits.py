@@ -37,6 +37,7 @@ from uwserver_adapters.sockets import datagrams
 from uwserver_adapters.sockets.config import SocketsConfig
 from uwserver_adapters.video import announcer, rtsp
 from uwserver_adapters.video import connection as video_connection
+from uwserver_adapters.video import datagrams as video_datagrams
 from uwserver_adapters.video import stream as video_stream
 from uwserver_adapters.video.config import VideoConfig
 from uwserver_adapters.yarp import adapter as yarp_adapter
@@ -367,6 +368,7 @@ def _video() -> Iterator[Row]:
         _setting(VideoConfig, "queue_bytes"),
         "pictures are left out up to the next key picture",
     )
+    yield "pictures under way to one address by UDP", str(video_datagrams.WAITING), "left out, counted"
     yield "pictures that wait for an encoder", str(video_stream.WAITING), "left out, counted"
     yield "key pictures for those who come", f"one each {video_stream.FORCE_S:g} s", "they wait for the next"
     yield "commands of a ground station to cameras in a second", str(announcer.COMMANDS_PER_S), "dropped"

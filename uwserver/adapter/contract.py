@@ -41,6 +41,17 @@ class AdapterTable(Table, tag_field="kind", kw_only=True, frozen=True):
         """
         return {}
 
+    def faults(
+        self, ports: Mapping[str, Port], services: Mapping[str, Service]
+    ) -> Iterable[tuple[tuple[str, ...], str]]:
+        """What it names of the world and cannot serve: keys below its table, and what is wrong. `uwserver check` tells it, as a run would.
+
+        Args:
+            ports: that it may serve, by path, when the scenario begins.
+            services: of its components, by path.
+        """
+        return ()
+
     def parts(self) -> Mapping[str, str]:
         """What it serves where, if that is more than one thing: a text by the key of its table, which `uwserver check` tells."""
         return {}

@@ -11,7 +11,7 @@ import click
 from msgspec import Struct
 
 from uwserver.actuators import ActuatorConfig
-from uwserver.adapter import AdapterNotFound, installed_adapters
+from uwserver.adapter import AdapterNotFound, AdapterTable, installed_adapters
 from uwserver.cli.colour import coloured_problems, styled
 from uwserver.cli.vehicle_parts import parts_of
 from uwserver.modifiers import ModifierConfig
@@ -19,7 +19,7 @@ from uwserver.scenario.authoring.catalogue import SensorKind, first_sentence, ke
 from uwserver.scenario.authoring.json_schema import FileKind, json_schema
 from uwserver.scenario.files.convert import kinds_of
 from uwserver.scenario.files.documents import read, shipped
-from uwserver.scenario.files.errors import ScenarioError, suggestion
+from uwserver.scenario.files.errors import Problem, ScenarioError, Severity, suggestion
 from uwserver.scenario.load.export import explain as explain_resolved
 from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.load.scenario import load
@@ -52,6 +52,13 @@ def check(files: tuple[str, ...], explain: bool) -> None:
             failed = True
             click.echo(styled(f"{file}: {resolved.missing}", fg="red"), err=True)
             continue
+        problems = unserved(resolved)
+        if any(problem.severity == "error" for problem in problems):
+            failed = True
+            click.echo(coloured_problems(str(ScenarioError(problems))), err=True)
+            continue
+        for warning in problems:
+            click.echo(coloured_problems(str(warning)), err=True)
         # With --explain, standard output is TOML and nothing else.
         click.echo(styled("ok", fg="green") + summary(file, resolved).removeprefix("ok"), err=explain)
         for line in parts(resolved):
@@ -85,6 +92,35 @@ def summary(file: str, resolved: Resolved) -> str:
         f"adapters: {', '.join(adapters) or 'none'}"
         f"{'; ran ' + ', '.join(scenario.extensions) if scenario.extensions else ''}"
     )
+
+
+def unserved(resolved: Resolved) -> list[Problem]:
+    """What adapters name of the world that is not there or not fit, so that a run would refuse it. The world is built where one names anything."""
+    overridden = {
+        name: config
+        for name, config in resolved.scenario.adapters.items()
+        if isinstance(config, AdapterTable) and type(config).faults is not AdapterTable.faults
+    }
+    if not overridden:
+        return []
+    from uwserver.scenario.build.world import build  # takes a moment, which most scenarios need not
+
+    assert resolved.path is not None
+    world, document = build(resolved), read(resolved.path)
+    problems = []
+    for name, config in overridden.items():
+        ports = {path: port for path, port in world.ports.items() if config.truth or not port.is_truth}
+        for keys, fault in config.faults(ports, world.services):
+            severity: Severity = "error" if config.required else "warning"  # a run tries the latter again and again
+            text = fault + _off(fault, resolved)
+            problems.append(document.problem(("adapters", name, *keys), text, severity=severity))
+    return problems
+
+
+def _off(fault: str, resolved: Resolved) -> str:
+    """What to do where a sensor that is named is there, but not enabled."""
+    paths = (f'"{vehicle.name}/{sensor}"' for vehicle in resolved.vehicles.values() for sensor in vehicle.off)
+    return "; it is off: set enabled = true in its table" if any(path in fault for path in paths) else ""
 
 
 def parts(resolved: Resolved) -> Iterator[str]:

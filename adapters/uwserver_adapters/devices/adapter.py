@@ -68,8 +68,13 @@ class DevicesAdapter:
                 self._readers.setdefault(path, []).append(station)
 
     def _address(self) -> str:
-        """The first there is."""
-        return next((text for station in self._stations for text in station.addresses.values()), "udp_to alone")
+        """All there are: of which device each is, and its way, where there are several."""
+        all_of = [
+            (f"{name} {way} {text}", text)
+            for name, station in zip(self.config.device, self._stations, strict=True)
+            for way, text in station.addresses.items()
+        ]
+        return ", ".join(told for told, _ in all_of) if len(all_of) > 1 else all_of[0][1]
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """Each sample to the devices that read it."""

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Annotated
+from collections.abc import Iterable, Mapping
+from typing import Annotated, NamedTuple, cast
 
 from msgspec import Meta
 
-from uwserver.adapter import AdapterTable
+from uwserver.adapter import AdapterContext, AdapterTable, CannotServe
+from uwserver.ports import Port, Service
 from uwserver.table import Name
 from uwserver_adapters.devices.nmea0183 import Nmea0183Table
 from uwserver_adapters.devices.oculus import OculusTable
@@ -30,11 +31,29 @@ AnyDevice = (
 )
 
 
+class _Offer(NamedTuple):
+    """What a device looks at of its context before it serves anybody."""
+
+    ports: Mapping[str, Port]
+    services: Mapping[str, Service]
+
+
 class DevicesConfig(AdapterTable, tag="devices", kw_only=True, frozen=True):
     """Attributes:
     device: by names of your own: which sensor is served as which device, and where."""
 
     device: Annotated[dict[Name, AnyDevice], Meta(min_length=1)]
+
+    def faults(
+        self, ports: Mapping[str, Port], services: Mapping[str, Service]
+    ) -> Iterable[tuple[tuple[str, ...], str]]:
+        """Devices of sensors that are not there, or of another kind."""
+        for name, table in self.device.items():
+            try:
+                table.build(cast(AdapterContext, _Offer(ports, services)))
+            except CannotServe as error:
+                role, _, text = str(error).partition(": ")
+                yield ("device", name, role), text
 
     def parts(self) -> Mapping[str, str]:
         """Each device: its kind, its sensors, its addresses."""

@@ -15,15 +15,15 @@ from uwserver.adapter import (
     Peers,
     Refusals,
     address_text,
-    did_you_mean,
     serve_tcp,
     serving,
 )
 from uwserver.adapter.pictures import EXTRA, can_encode_jpeg, picture_place
 from uwserver.ports import Event, Json, Port, Sample
 from uwserver_adapters.video.announcer import Announcer
-from uwserver_adapters.video.config import StreamTable, VideoConfig, host_and_port
+from uwserver_adapters.video.config import StreamTable, VideoConfig, host_and_port, port_with_pictures
 from uwserver_adapters.video.connection import RtspConnection
+from uwserver_adapters.video.datagrams import Sender
 from uwserver_adapters.video.media_ports import MediaPorts
 from uwserver_adapters.video.stream import Stream
 from uwserver_adapters.video.target import Target
@@ -64,8 +64,10 @@ class VideoAdapter:
         config = self.config
         async with contextlib.AsyncExitStack() as stack:
             stack.push_async_callback(self._end)
-            await self._open_targets(stack)
-            address = await self._open_rtsp(stack) if config.rtsp else "rtp alone"
+            sender = Sender(self.context.stats)
+            stack.push_async_callback(sender.close)
+            await self._open_targets(stack, sender)
+            address = await self._open_rtsp(stack, sender) if config.rtsp else "rtp alone"
             announcer = Announcer(self._streams, config.streams, self.context, address)
             for target in config.mavlink:
                 await stack.enter_async_context(announcer.speaking(target))
@@ -81,20 +83,13 @@ class VideoAdapter:
         self._streams.clear()
         self._by_port.clear()
         for name, table in self.config.streams.items():
-            self._add(name, table, self._port(name, table.port))
+            try:
+                port = port_with_pictures(table.port, self.context.ports)
+            except CannotServe as error:
+                raise CannotServe(f"streams.{name}.port: {error}") from None
+            self._add(name, table, port)
         if not self.config.streams:
             self._follow_ports()
-
-    def _port(self, name: str, path: str) -> Port:
-        ports = self.context.ports
-        port = ports.get(path)
-        with_pictures = sorted(known for known, its in ports.items() if picture_place(its) is not None)
-        there = f"ports with pictures: {', '.join(with_pictures) or 'none'}"
-        if port is None:
-            raise CannotServe(f'streams.{name}.port: no port "{path}"{did_you_mean(path, with_pictures)}; {there}')
-        if picture_place(port) is None:
-            raise CannotServe(f'streams.{name}.port: "{path}" has no pictures; {there}')
-        return port
 
     def _follow_ports(self) -> None:
         """A stream for each port with pictures that there is now."""
@@ -140,28 +135,27 @@ class VideoAdapter:
 
     # -- addresses ------------------------------------------------------------------------------------------------------------------
 
-    async def _open_targets(self, stack: contextlib.AsyncExitStack) -> None:
+    async def _open_targets(self, stack: contextlib.AsyncExitStack, sender: Sender) -> None:
         loop = asyncio.get_running_loop()
         for name, table in self.config.streams.items():
             for text in table.targets:
                 host, port = host_and_port("rtp", text)
                 try:
                     family, _, _, _, address = (await loop.getaddrinfo(host, port, type=socket.SOCK_DGRAM))[0]
-                    transport, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, family=family)
+                    out = sender.own(socket.socket(family, socket.SOCK_DGRAM))
                 except OSError as error:
                     raise CannotServe(f"streams.{name}.rtp: {text}: {error}") from error
-                stack.push_async_callback(asyncio.sleep, 0)  # its socket is closed with the next turn of the loop
-                stack.callback(transport.abort)
-                target = Target(transport, (str(address[0]), int(address[1])), self.context.stats)
+                out.setblocking(False)
+                target = Target(sender.route(out, (str(address[0]), int(address[1]))), self.context.stats)
                 self._streams[name].join(target)
                 stack.callback(self._streams[name].leave, target)
 
-    async def _open_rtsp(self, stack: contextlib.AsyncExitStack) -> str:
+    async def _open_rtsp(self, stack: contextlib.AsyncExitStack, sender: Sender) -> str:
         config, stats = self.config, self.context.stats
         ports: MediaPorts | None = None
         if config.udp:
-            ports = MediaPorts(config.bind)
-            stack.push_async_callback(asyncio.sleep, 0)
+            ports = MediaPorts(config.bind, sender)
+            stack.push_async_callback(asyncio.sleep, 0)  # its sockets are closed with the next turn of the loop
             stack.callback(ports.close)
             await ports.open()
         peers: Peers[RtspConnection] = Peers(

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Annotated, Literal
 
 from msgspec import Meta, field
 
-from uwserver.adapter import AdapterTable
+from uwserver.adapter import AdapterTable, CannotServe, did_you_mean
+from uwserver.adapter.pictures import picture_place
+from uwserver.ports import Port, Service
 from uwserver.table import Name, Table
 
 PortNumber = Annotated[int, Meta(ge=0, le=65535)]
@@ -82,11 +84,37 @@ class VideoConfig(AdapterTable, tag="video", kw_only=True, frozen=True):
         if not self.rtsp and not any(table.targets for table in self.streams.values()):
             raise ValueError("nobody is served: give rtp of a stream, or leave rtsp = true")
 
+    def faults(
+        self, ports: Mapping[str, Port], services: Mapping[str, Service]
+    ) -> Iterable[tuple[tuple[str, ...], str]]:
+        """Streams of ports without pictures."""
+        for name, table in self.streams.items():
+            try:
+                port_with_pictures(table.port, ports)
+            except CannotServe as error:
+                yield ("streams", name, "port"), str(error)
+
     def needs(self) -> Mapping[str, str]:
         """The encoder, and the dialect of MAVLink."""
         codecs = {table.codec for table in self.streams.values()} or {self.codec}
         needed = {"av": "uwserver[video]"} if "h264" in codecs else {}
         return {**needed, **({"pymavlink.dialects.v20.common": "uwserver"} if self.mavlink else {})}
+
+
+def port_with_pictures(path: str, ports: Mapping[str, Port]) -> Port:
+    """The port that a stream is of.
+
+    Raises:
+        CannotServe: there is none, or it has no pictures.
+    """
+    port = ports.get(path)
+    with_pictures = sorted(known for known, its in ports.items() if picture_place(its) is not None)
+    there = f"ports with pictures: {', '.join(with_pictures) or 'none'}"
+    if port is None:
+        raise CannotServe(f'no port "{path}"{did_you_mean(path, with_pictures)}; {there}')
+    if picture_place(port) is None:
+        raise CannotServe(f'"{path}" has no pictures; {there}')
+    return port
 
 
 def host_and_port(key: str, address: str) -> tuple[str, int]:

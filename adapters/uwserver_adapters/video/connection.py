@@ -10,7 +10,8 @@ from typing import Any, Final
 from uwserver.adapter import AdapterStats, Connection, Peers, RateMeter
 from uwserver.ports import Fault
 from uwserver_adapters.video.config import VideoConfig
-from uwserver_adapters.video.media_ports import Address, MediaPorts
+from uwserver_adapters.video.datagrams import Address, Route
+from uwserver_adapters.video.media_ports import MediaPorts
 from uwserver_adapters.video.rtsp import Interleaved, Malformed, Reader, answer, sequence_number
 from uwserver_adapters.video.session import Session
 from uwserver_adapters.video.stream import Picture, Stream
@@ -56,7 +57,7 @@ class RtspConnection(Connection):
         self._address = ""
         self._seq = ""
         self._channel: int | None = None
-        self._to: tuple[Address, Address] | None = None
+        self._to: tuple[Route, Address] | None = None  # by UDP: to its port, and where it hears reports
         self._stream: Stream | None = None
         self._waits_for_key = True
         self._heard_at = self.loop.time()
@@ -138,7 +139,7 @@ class RtspConnection(Connection):
             return None
         self._forget_udp()
         self._channel = None
-        self._to = ((self._address, pair[0]), (self._address, pair[1]))
+        self._to = (self._ports.route((self._address, pair[0])), (self._address, pair[1]))
         self._ports.enter(self._to[1], self._heard)
         return self._ports.numbers
 
@@ -172,7 +173,7 @@ class RtspConnection(Connection):
 
     def _sent(self, picture: Picture) -> bool:
         if self._to is not None and self._ports is not None:
-            return self._ports.send(picture.packets, picture.report, self._to)
+            return self._ports.send(picture.packets, picture.report, *self._to)
         if self.waiting + picture.size > self._config.queue_bytes:
             return False
         if self.waiting == 0:
@@ -208,6 +209,7 @@ class RtspConnection(Connection):
     def _forget_udp(self) -> None:
         if self._to is not None and self._ports is not None:
             self._ports.leave(self._to[1])
+            self._to[0].is_over = True
         self._to = None
 
     def stop(self) -> None:

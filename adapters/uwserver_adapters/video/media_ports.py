@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 from collections.abc import Callable
-from typing import Final, cast
+from typing import Final, NamedTuple
 
-from uwserver.adapter import CannotListen, cannot_listen
-
-Address = tuple[str, int]
+from uwserver.adapter import CannotListen, bound_socket, cannot_listen
+from uwserver_adapters.video.datagrams import Address, Route, Sender
 
 _TRIES: Final = 16
-WAITING: Final = 1 << 20
-"""Bytes that may wait for the system; what comes more is dropped."""
 
 
 class MediaPorts:
@@ -20,11 +18,13 @@ class MediaPorts:
 
     Args:
         bind: address of the server.
+        sender: of the pictures.
     """
 
-    def __init__(self, bind: str) -> None:
+    def __init__(self, bind: str, sender: Sender) -> None:
         self._bind = bind
-        self._pair: tuple[asyncio.DatagramTransport, asyncio.DatagramTransport] | None = None
+        self._sender = sender
+        self._pair: tuple[_Bound, _Bound] | None = None
         self._heard: dict[Address, Callable[[], None]] = {}
 
     async def open(self) -> None:
@@ -35,31 +35,39 @@ class MediaPorts:
         """
         for _ in range(_TRIES):
             first = await self._bound(0)
-            number = int(first.get_extra_info("sockname")[1])
+            number = first.number
             other = number + 1 if number % 2 == 0 else number - 1
             try:
                 second = await self._bound(other)
             except CannotListen:
-                first.abort()
+                first.transport.abort()
                 continue
-            self._pair = (first, second) if number % 2 == 0 else (second, first)
+            self._keep((first, second) if number % 2 == 0 else (second, first))
             return
-        self._pair = (await self._bound(0), await self._bound(0))
+        self._keep((await self._bound(0), await self._bound(0)))
 
-    async def _bound(self, port: int) -> asyncio.DatagramTransport:
-        loop = asyncio.get_running_loop()
+    async def _bound(self, port: int) -> _Bound:
+        out = bound_socket(self._bind, port, "udp")
         try:
-            transport, _ = await loop.create_datagram_endpoint(lambda: _Ear(self._heard), local_addr=(self._bind, port))
+            transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(
+                lambda: _Ear(self._heard), sock=out
+            )
         except OSError as error:
+            out.close()
             raise cannot_listen(error, self._bind, port, "udp", key="udp") from error
-        return transport
+        return _Bound(transport, out)
+
+    def _keep(self, pair: tuple[_Bound, _Bound]) -> None:
+        """The loop hears with its sockets, which it closes; the sender has ends of its own."""
+        self._pair = pair
+        self._media, self._reports = (self._sender.own(each.socket.dup()) for each in pair)
 
     @property
     def numbers(self) -> tuple[int, int]:
         """Our ports."""
         assert self._pair is not None
         first, second = self._pair
-        return int(first.get_extra_info("sockname")[1]), int(second.get_extra_info("sockname")[1])
+        return first.number, second.number
 
     def enter(self, reports_of: Address, heard: Callable[[], None]) -> None:
         """Call `heard` for each report that comes from there."""
@@ -69,24 +77,31 @@ class MediaPorts:
         """No more."""
         self._heard.pop(reports_of, None)
 
-    def send(self, packets: list[bytes], report: bytes, to: tuple[Address, Address]) -> bool:
-        """Packets and a report (b"" for none) to ports of a client; False when the system does not take them."""
-        assert self._pair is not None
-        media, reports = self._pair
-        # Typeshed does not know it of datagrams; asyncio and uvloop have it.
-        if media.is_closing() or cast(asyncio.WriteTransport, media).get_write_buffer_size() > WAITING:
-            return False
-        for packet in packets:
-            media.sendto(packet, to[0])
-        if report:
-            reports.sendto(report, to[1])
-        return True
+    def route(self, to: Address) -> Route:
+        """To a client's port."""
+        return self._sender.route(self._media, to)
+
+    def send(self, packets: list[bytes], report: bytes, route: Route, reports_to: Address) -> bool:
+        """Packets, and a report (b"" for none) to the client's other port; False when pictures before are still under way."""
+        return route.send(packets, (self._reports, reports_to, [report] if report else []))
 
     def close(self) -> None:
-        """Give the ports back."""
-        for transport in self._pair or ():
-            transport.abort()
+        """Hear nothing more; the ports are free when the sender has closed too."""
+        for bound in self._pair or ():
+            bound.transport.abort()
         self._heard.clear()
+
+
+class _Bound(NamedTuple):
+    """One of the ports: heard by the loop."""
+
+    transport: asyncio.DatagramTransport
+    socket: socket.socket
+
+    @property
+    def number(self) -> int:
+        """Of the port."""
+        return int(self.transport.get_extra_info("sockname")[1])
 
 
 class _Ear(asyncio.DatagramProtocol):

@@ -3,7 +3,7 @@ from __future__ import annotations
 import json
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import pytest
@@ -12,6 +12,7 @@ from click.testing import CliRunner, Result
 import uwserver.cli.scenario as commands
 from uwserver.adapter import AdapterTable
 from uwserver.modifiers import ModifierConfig
+from uwserver.ports import Port, Service
 from uwserver.scenario.files.convert import kinds_of
 from uwserver.sensors import SensorConfig
 
@@ -34,9 +35,25 @@ class SeveralTable(AdapterTable, tag="several", kw_only=True, frozen=True):
         return {"echo": "rov/ping at 9090", "dvl": "rov/dvl at 9091"}
 
 
+class NamingTable(AdapterTable, tag="naming", kw_only=True, frozen=True):
+    """Names a port."""
+
+    port: str = ""
+
+    def faults(
+        self, ports: Mapping[str, Port], services: Mapping[str, Service]
+    ) -> Iterable[tuple[tuple[str, ...], str]]:
+        assert "rov/depth/set" in services
+        if self.port not in ports:
+            yield ("port",), f'no port "{self.port}"'
+
+
+_ADAPTERS = {"sockets": SocketsTable, "several": SeveralTable, "naming": NamingTable}
+
+
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr(commands, "installed_adapters", lambda: {"sockets": SocketsTable, "several": SeveralTable})
+    monkeypatch.setattr(commands, "installed_adapters", lambda: _ADAPTERS)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -63,6 +80,48 @@ def test_check_tells_what_an_adapter_serves_where(folder: Path) -> None:
     explained = run("check", "--explain", "a.toml")
     assert tomllib.loads(explained.stdout)["adapters"]["d"]["kind"] == "several"
     assert "d.echo: rov/ping at 9090" in explained.stderr
+
+
+NAMES = """schema = 1
+[vehicles.rov]
+model = "bluerov2_heavy"
+truth = {{ rate_hz = 10 }}
+[vehicles.rov.sensors.night]
+kind = "pressure"
+rate_hz = 10
+enabled = false
+[adapters.n]
+kind = "naming"
+port = "{port}"
+required = {required}
+truth = {truth}
+"""
+
+
+@pytest.mark.parametrize(
+    ("port", "fault"),
+    [
+        ("rov/depth", ""), ("rov/dept", 'a.toml:11:1: adapters.n.port: no port "rov/dept"\n1 error\n'),
+        ("rov/night", 'a.toml:11:1: adapters.n.port: no port "rov/night"; it is off: set enabled = true in its table\n1 error\n'),
+    ],
+)  # fmt: skip
+def test_check_refuses_what_a_run_would_refuse(folder: Path, port: str, fault: str) -> None:
+    (folder / "a.toml").write_text(NAMES.format(port=port, required="true", truth="false"))
+    result = run("check", "a.toml")
+    assert (result.exit_code, result.stderr) == (int(bool(fault)), fault)
+
+
+def test_check_warns_of_what_a_run_would_try_again(folder: Path) -> None:
+    (folder / "a.toml").write_text(NAMES.format(port="rov/dept", required="false", truth="false"))
+    result = run("check", "a.toml")
+    assert result.exit_code == 0
+    assert 'a.toml:11:1: adapters.n.port: warning: no port "rov/dept"\n' in result.stderr
+
+
+@pytest.mark.parametrize("truth", [False, True])
+def test_ground_truth_is_there_for_adapters_that_may_serve_it(folder: Path, truth: bool) -> None:
+    (folder / "a.toml").write_text(NAMES.format(port="rov/truth/pose", required="true", truth=str(truth).lower()))
+    assert run("check", "a.toml").exit_code == int(not truth)
 
 
 SONARS = """schema = 1

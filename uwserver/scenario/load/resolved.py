@@ -31,6 +31,7 @@ class ResolvedVehicle:
         looks: a checked .glb file; b"" without one.
         ghost: collision shapes of a ghost, by which viewers draw it.
         track: of an external vehicle that follows a log, in simulation time.
+        off: names of its sensors that are not enabled.
     """
 
     name: str
@@ -41,6 +42,7 @@ class ResolvedVehicle:
     looks: bytes = field(default=b"", repr=False)
     ghost: Solid | None = None
     track: PoseTrack | None = field(default=None, repr=False)
+    off: tuple[str, ...] = ()
 
     @property
     def external_ports(self) -> tuple[str, ...]:

@@ -167,8 +167,10 @@ class _Load:
         """One of the vehicles of a table that has no faults."""
         solids, looks = self._solids, self._looks(("vehicles", key))
         track = self._tracks.get(key)
+        whole, devices = self._vehicles[key]
+        off = () if whole is None else tuple(sensor for sensor in whole.sensors if sensor not in file.sensors)
         return ResolvedVehicle(
-            name, entry, file, self._vehicles[key][1], solids.vehicles.get(key), looks, solids.ghosts.get(key), track
+            name, entry, file, devices, solids.vehicles.get(key), looks, solids.ghosts.get(key), track, off
         )
 
     def _looks(self, owner: tuple[str, str]) -> bytes:

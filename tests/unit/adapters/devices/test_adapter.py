@@ -17,6 +17,7 @@ from devices_rig import ALTIMETER, DVL, LOCKED, make_context, sample
 from uwserver_adapters.devices import DevicesAdapter
 from uwserver_adapters.devices.device import REQUESTS_PER_S
 from uwserver_adapters.devices.nmea0183 import Nmea0183Table, is_sentence
+from uwserver_adapters.devices.ping360 import Ping360Table
 from uwserver_adapters.devices.water_linked_a50 import WaterLinkedA50Table
 
 from uwserver.adapter import CannotListen, CannotServe
@@ -242,6 +243,32 @@ def test_what_cannot_be_served_is_told_with_its_key():
 
     run(wrong_sensor)
     run(taken_port)
+
+
+def test_a_check_tells_the_same_for_each_device():
+    devices = {
+        "log": a50(),
+        "far": WaterLinkedA50Table(sensor="rov/dvll"),
+        "ping": Ping360Table(sensor="rov/dvl", udp_port=0),
+        "gps": Nmea0183Table(gps="rov/dvl", tcp_port=0),
+    }
+    context = make_context()
+    found = dict(DevicesAdapter.Config(device=devices).faults(context.ports, context.services))
+    assert list(found) == [("device", "far", "sensor"), ("device", "ping", "sensor"), ("device", "gps", "gps")]
+    assert found["device", "far", "sensor"].startswith('no sensor "rov/dvll"; there are: ')
+    assert '"rov/dvl" has no field "head_angle"' in found["device", "ping", "sensor"]
+
+
+def test_the_addresses_of_all_devices_are_told():
+    async def scene() -> None:
+        async with running(dvl=a50(), other=a50(udp_port=0)) as context:
+            said = context.stats.address.split(", ")
+            ways = [("dvl", "tcp"), ("other", "tcp"), ("other", "udp")]
+            assert said == ["{} {} {}:{}".format(*way, *address(context, *way)) for way in ways]
+        async with running(dvl=a50()) as context:
+            assert context.stats.address == "{}:{}".format(*address(context, "dvl"))
+
+    run(scene)
 
 
 def test_tables_are_read_by_kind():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 import struct
 import threading
 from collections.abc import Coroutine
@@ -423,6 +424,36 @@ def test_datagrams_end_when_their_client_falls_silent(speaks):
     bounded(whole())
 
 
+def test_datagrams_cost_the_loop_nothing(monkeypatch):
+    """A large picture is hundreds of packets for each who takes it."""
+    threads: set[str] = set()
+    send = socket.socket.sendto
+
+    def recorded(self: socket.socket, *given: Any) -> int:
+        threads.add(threading.current_thread().name)
+        return send(self, *given)
+
+    monkeypatch.setattr(socket.socket, "sendto", recorded, raising=False)
+
+    async def whole() -> None:
+        with socket.socket(type=socket.SOCK_DGRAM) as client, socket.socket(type=socket.SOCK_DGRAM) as target:
+            for end in (client, target):
+                end.bind(("127.0.0.1", 0))
+                end.setblocking(False)
+            table = StreamTable(port="rov/camera", codec="jpeg", rtp=f"127.0.0.1:{target.getsockname()[1]}")
+            async with serving(streams={"front": table}) as fake, AsyncExitStack() as stack:
+                player = await Player.connect(fake, stack)
+                at = client.getsockname()[1]
+                await player.play(transport=f"RTP/AVP;unicast;client_port={at}-{at + 1}")
+                fake.put([sample(0)])
+                loop = asyncio.get_running_loop()
+                assert await loop.sock_recv(client, 2000) == await loop.sock_recv(target, 2000)
+                assert fake.stats.samples_sent == 2
+
+    bounded(whole())
+    assert {name.rpartition("_")[0] for name in threads} == {"video datagrams"}
+
+
 def test_no_request_costs_more_than_its_answer():
     async def whole() -> None:
         async with serving(streams={"front": FRONT}) as fake, AsyncExitStack() as stack:
@@ -476,6 +507,15 @@ def test_a_table_that_names_no_camera(port, text):
 
     with pytest.raises(CannotServe, match=text):
         bounded(whole())
+
+
+def test_a_check_tells_the_same():
+    streams = {name: StreamTable(port=port) for name, port in (("a", "rov/camera"), ("b", "rov/depth"), ("c", "rov/x"))}
+    found = dict(VideoConfig(streams=streams).faults(context().ports, {}))
+    assert list(found) == [("streams", "b", "port"), ("streams", "c", "port")]
+    assert found["streams", "b", "port"] == '"rov/depth" has no pictures; ports with pictures: rov/camera'
+    assert found["streams", "c", "port"].startswith('no port "rov/x"')
+    assert list(VideoConfig().faults({}, {})) == []
 
 
 @pytest.mark.parametrize(
