@@ -18,7 +18,7 @@ from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.scenario.world.tables import WorldTable
 from uwserver.sensors import CompoundConfig, ImuConfig, PressureConfig
 from uwserver.sensors.base import StreamTable
-from uwserver.world import World, snapshot
+from uwserver.world import World, instruments, snapshot
 
 TICKS = 240
 
@@ -92,6 +92,26 @@ def test_nobody_reads_and_the_world_goes_on_alike(name: str) -> None:
         if port.direction == "sensor":
             reading = world.read(port.path)
             assert (None if reading is None else reading.sample) == newest.get(port.path), port.path
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_samples_are_the_same_however_often_another_log_begins(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also in the middle of a tick, whose samples then go along; and what was told before stays."""
+    monkeypatch.setattr(instruments, "_LOGGED", 1)
+    begun: list[int] = []
+    begin = instruments.Instruments._begin_log
+
+    def counted(self: instruments.Instruments, needed: int, last: int) -> None:
+        begun.append(last)
+        begin(self, needed, last)
+
+    monkeypatch.setattr(instruments.Instruments, "_begin_log", counted)
+    world, told = world_of(name), []
+    for _ in range(TICKS):
+        told.append(world.advance())
+    assert [output.samples for output in told] == whole(name)[0]
+    assert len(begun) > 10
+    assert any(begun), "never in the middle of a tick"
 
 
 @pytest.mark.parametrize("name", NAMES)
