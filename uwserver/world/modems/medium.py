@@ -31,7 +31,7 @@ _CLOSING = 0.02
 """Sender and receiver come nearer to each other at most with this part of the speed of the signal, or an arrival is noticed a little late."""
 _FAINTEST = 1e-3
 """What is weaker than this part of the noise neither is heard nor disturbs."""
-_MOST_MET = 4
+_MOST_MET = 8
 """Packets whose way is traced in one tick, as each takes a fifth of a millisecond; the others are met in the next ones, as of the time at which
 they came."""
 _PATIENCE_S = 0.5

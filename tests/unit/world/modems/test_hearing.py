@@ -72,6 +72,6 @@ def test_many_packets_at_once_are_met_in_several_ticks_with_the_same_outcome(mon
     shipped = medium._MOST_MET
     (freely, many), (bounded, few) = told(10_000), told(shipped)
     assert many > 20
-    assert few <= shipped <= 4
+    assert few <= shipped <= 8
     assert len(bounded) > 40
     assert bounded == freely
