@@ -5,16 +5,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from msgspec import UnsetType
+
+from uwserver.modifiers import Delay
 from uwserver.scenario.files.convert import Report
 from uwserver.scenario.files.documents import Document
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.files.merge import named
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.tables import VehicleFile
+from uwserver.sensors import CameraConfig, MultibeamConfig, SensorConfig
 
 MOST_BODIES = 2000
 """Vehicles, with all copies, and objects; also those that are not present at the start."""
 MOST_STRUCTURES = 2000
+MOST_WAITING = 512 << 20
+"""Bytes of readings that are measured and not yet delivered, of all sensors."""
+_READING, _SIGMAS = 2048, 6.0
+"""Bytes of a reading without its pictures (measured: 1 to 2 kB), and how far jitter may go."""
 MOST_COMPONENTS = 100_000
 """Sensors with their further streams and modifiers, and actuators, of all vehicles."""
 
@@ -50,6 +58,48 @@ def check_components(scenario: Scenario, files: Mapping[str, VehicleFile], repor
         most = max(counts, key=counts.__getitem__)
         text = f"{sum(counts.values())} sensors, streams, modifiers and actuators in all vehicles, {counts[most]} of them here"
         report(("vehicles", most), f"{text}: at most {MOST_COMPONENTS}")
+
+
+def check_delays(scenario: Scenario, files: Mapping[str, VehicleFile], report: Report) -> None:
+    """What sensors have measured and not yet delivered is kept: as much as they measure in their latency.
+
+    Args:
+        scenario, files, report: as of `check_components`.
+    """
+    waiting = {
+        (vehicle, name): _copies_of(scenario, vehicle) * _delay_of(sensor) * sensor.rate_hz * _bytes_of(sensor)
+        for vehicle, file in files.items()
+        for name, sensor in file.sensors.items()
+    }
+    total = sum(waiting.values())
+    if total > MOST_WAITING:
+        vehicle, name = max(waiting, key=waiting.__getitem__)
+        sensor = files[vehicle].sensors[name]
+        text = (
+            f"readings that wait for {_delay_of(sensor):g} s, {sensor.rate_hz:g} of them a second, are kept until then"
+        )
+        text += f": with those of all sensors about {total / 2**20:.0f} MB, at most {MOST_WAITING >> 20}"
+        report(("vehicles", vehicle, "sensors", name), f"{text}; lower the latency or the rate")
+
+
+def _delay_of(sensor: SensorConfig) -> float:
+    """The longest of its streams, s."""
+    sides = [sensor.modifiers, *(stream.modifiers for stream in sensor.streams.values())]
+    more = [sum(m.latency_s + _SIGMAS * m.jitter_s for m in side.values() if isinstance(m, Delay)) for side in sides]
+    return (sensor.latency_s or 0.0) + max(more)
+
+
+def _bytes_of(sensor: SensorConfig) -> int:
+    """About those of one reading while it waits."""
+    if isinstance(sensor, CameraConfig):
+        eyes = 1 if isinstance(sensor.baseline_m, UnsetType) else 2
+        return (
+            _READING
+            + eyes * {"rgb": 3, "mono": 1, "depth": 2, "segmentation": 2}[sensor.mode] * sensor.width * sensor.height
+        )
+    if isinstance(sensor, MultibeamConfig):
+        return _READING + {"counts": 1, "pressure": 4, "complex": 8}[sensor.output] * sensor.bins * sensor.beams
+    return _READING + 32 * int(getattr(sensor, "bins", 0))
 
 
 def _copies(entry: Any) -> int:

@@ -17,7 +17,7 @@ from uwserver.scenario.files.documents import Document, find, from_tables, read
 from uwserver.scenario.files.errors import KeyPath, Problem, ScenarioError, Severity, suggestion
 from uwserver.scenario.files.merge import named
 from uwserver.scenario.load.checks import check_scenario
-from uwserver.scenario.load.counts import check_components, check_tables
+from uwserver.scenario.load.counts import check_components, check_delays, check_tables
 from uwserver.scenario.load.default_adapter import with_default_adapter
 from uwserver.scenario.load.export import tables
 from uwserver.scenario.load.extensions import extension_kinds
@@ -136,6 +136,7 @@ class _Load:
         scenario: Scenario | None = self._tree.value
         if scenario is not None:
             check_components(scenario, files, report)
+            check_delays(scenario, files, report)
         missing = "" if scenario is None else missing_extras(scenario, len(self._solids.vehicles) > 1)
         if scenario is None or self._errors():
             if missing:

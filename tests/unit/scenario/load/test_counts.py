@@ -81,3 +81,31 @@ def test_a_thousand_vehicles_are_not_too_many(tmp_path: Path) -> None:
     path = tmp_path / "swarm.toml"
     path.write_text(HEAD + tables("vehicles", 1, 'model = "bluerov2_heavy"\ncopies = {count = 1000}'))
     assert len(load(path, adapters={}).vehicles) == 1000
+
+
+CAMERA = 'model = "bluerov2"\n[vehicles.t0.sensors.eye]\nkind = "camera"\n'
+SLOW = {
+    "latency": CAMERA + "rate_hz = 30\nlatency_s = 1e6",
+    "modifier": CAMERA + 'rate_hz = 30\n[vehicles.t0.sensors.eye.modifiers.late]\nkind = "delay"\nlatency_s = 60.0',
+    "jitter": CAMERA
+    + 'rate_hz = 30\n[vehicles.t0.sensors.eye.streams.s.modifiers.late]\nkind = "delay"\nlatency_s = 0\njitter_s = 1e3',
+    "size": CAMERA + "rate_hz = 30\nwidth = 4096\nheight = 3072\nlatency_s = 1.0",
+    "copies": CAMERA.replace('"bluerov2"', '"bluerov2"\ncopies = {count = 1000}') + "rate_hz = 10",
+    "sonar": 'model = "bluerov2"\n[vehicles.t0.sensors.eye]\nkind = "multibeam"\nrate_hz = 10\noutput = "complex"\nlatency_s = 60.0',
+    "numbers": 'model = "bluerov2"\n[vehicles.t0.sensors.eye]\nkind = "imu"\nrate_hz = 120\nlatency_s = 1e6',
+}
+
+
+@pytest.mark.parametrize("what", SLOW)
+def test_more_readings_under_way_than_there_is_room_for_are_refused(what: str, tmp_path: Path) -> None:
+    told = refusal(tmp_path, tables("vehicles", 1, SLOW[what]))
+    assert told.startswith("vehicles.t0.sensors.eye: readings that wait for")
+    assert "at most 512; lower the latency or the rate" in told
+
+
+def test_what_devices_have_is_not_too_much(tmp_path: Path) -> None:
+    """Twelve million pixels thirty times a second, over USB; and an acoustic fix that takes a minute."""
+    path = tmp_path / "s.toml"
+    text = CAMERA + "rate_hz = 30\nwidth = 4096\nheight = 3072\n[vehicles.t0.sensors.deep]\n"
+    path.write_text(HEAD + tables("vehicles", 1, text + 'kind = "pressure"\nrate_hz = 10\nlatency_s = 60.0'))
+    load(path, adapters={})
