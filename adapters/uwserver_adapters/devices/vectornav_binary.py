@@ -31,7 +31,7 @@ def _startup(r: Readings) -> bytes:
 
 
 def _gps_time(r: Readings) -> bytes:
-    return _U64.pack(r.gps_ns)
+    return _U64.pack(max(r.gps_ns, 0))  # before 1980 there is no such time
 
 
 def _tow(r: Readings) -> bytes:
@@ -44,7 +44,8 @@ def _week(r: Readings) -> bytes:
 
 def _utc(r: Readings) -> bytes:
     t = r.utc
-    return struct.pack("<bBBBBBH", t.year - 2000, t.month, t.day, t.hour, t.minute, t.second, t.microsecond // 1000)
+    year = max(-128, min(t.year - 2000, 127))  # the byte holds those from 1872 to 2127
+    return struct.pack("<bBBBBBH", year, t.month, t.day, t.hour, t.minute, t.second, t.microsecond // 1000)
 
 
 def _ypr(r: Readings) -> bytes:

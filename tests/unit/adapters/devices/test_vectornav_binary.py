@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 import struct
+from datetime import datetime, timezone
 
 import pytest
 from devices_rig import inertial_readings
+from msgspec.structs import replace
 from uwserver_adapters.devices.inertial import Fix
 from uwserver_adapters.devices.vectornav_binary import FIELDS, BinaryOutput, ecef, encode, fault_of
 from uwserver_adapters.devices.vectornav_text import crc16
@@ -30,6 +32,17 @@ SAID = inertial_readings(
 def test_each_field_has_the_makers_length(group: int):
     for bit, field in FIELDS[group].items():
         assert len(field(SAID)) == LENGTHS[group][bit], bit
+
+
+@pytest.mark.parametrize(("year", "told"), [(1, -128), (1975, -25), (2127, 127), (2500, 127)])
+def test_epochs_that_its_times_cannot_hold_are_told_as_the_nearest_that_they_can(year: int, told: int):
+    since = datetime(year, 6, 1, tzinfo=timezone.utc) - datetime(1970, 1, 1, tzinfo=timezone.utc)
+    said = replace(SAID, t_ns=0, epoch_ns=since.days * 86_400 * 1_000_000_000)
+    for group in range(6):
+        for bit, field in FIELDS[group].items():
+            assert len(field(said)) == LENGTHS[group][bit], bit
+    assert struct.unpack("<bB", FIELDS[1][6](said)[:2]) == (told, 6)
+    assert (struct.unpack("<Q", FIELDS[1][1](said))[0] == 0) is (year < 1980)
 
 
 def test_a_message_whole():
