@@ -96,6 +96,7 @@ XMLRPC = [
     xmlrpc.request("localhost", "/", "publisherUpdate", ["/m", "/t", ["http://h:1/"]]) * 2,
 ]
 RUN_UNTIL = next(service for service in SERVICES if service.path == "world/run_until")
+ECHO = next(service for service in SERVICES if service.path == "world/echo")
 FOLLOWER = {"jsonrpc": "2.0", "id": 2, "method": "describe", "params": {"pattern": "rov/*"}}
 _PATIENCE = 2000
 FOLLOWED = Request(2, "describe", {"pattern": "rov/*"})
@@ -454,6 +455,7 @@ class Yarp(Target):
 
     _BOTTLES: tuple[list[Any], ...] = (
         [["u", [0.1] * 8]], [1, 2.5, "a b", b"\1\2", [yarp_bottle.Vocab("list"), [[]]]], ["run_until", ["t_s", 9]], [0.5] * 8,
+        ["echo", '{"a": [1, 2.5, null]}'], ["echo", ["value", "[" * 40]],
     )  # fmt: skip
 
     def once(self) -> None:
@@ -477,7 +479,7 @@ class Yarp(Target):
                 with contextlib.suppress(Refused):
                     assert isinstance(yarp_codec.command(THRUSTERS, event.values), dict)
                 with contextlib.suppress(Refused):
-                    yarp_codec.call(event.values, {"run_until": RUN_UNTIL})
+                    yarp_codec.call(event.values, {"run_until": RUN_UNTIL, "echo": ECHO})
 
     def _bottle(self, tree: Any) -> list[Any]:
         """What a bottle can hold of a tree, and nothing that its forms write in another way."""
@@ -983,7 +985,7 @@ class Rtsp(Target):
             return ["m=video 0 RTP/AVP 96"]
 
     def interleave(self, channel: int) -> None:
-        assert 0 <= channel <= 255
+        assert 0 <= channel < 255  # reports go on the next one
 
     def open_udp(self, pair: tuple[int, int]) -> tuple[int, int] | None:
         assert all(1024 <= port <= 65535 for port in pair)

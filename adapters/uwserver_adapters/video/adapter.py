@@ -60,8 +60,9 @@ class VideoAdapter:
             CannotListen: an address cannot be had.
             CannotServe: a table names what is not there.
         """
-        self._build()
         config = self.config
+        self._load()
+        self._build()
         async with contextlib.AsyncExitStack() as stack:
             stack.push_async_callback(self._end)
             sender = Sender(self.context.stats)
@@ -78,6 +79,14 @@ class VideoAdapter:
                     await asyncio.sleep(SHOW_S)
 
     # -- streams --------------------------------------------------------------------------------------------------------------------
+
+    def _load(self) -> None:
+        """The encoders, before the world runs: that takes as long as hundreds of ticks, and cameras may come at any time."""
+        codecs = {table.codec for table in self.config.streams.values()} or {self.config.codec}
+        if "jpeg" in codecs and not can_encode_jpeg():
+            raise CannotServe(f"JPEG needs simplejpeg or Pillow: pip install '{EXTRA}'")
+        if "h264" in codecs:
+            importlib.import_module("av")
 
     def _build(self) -> None:
         self._streams.clear()
@@ -105,10 +114,6 @@ class VideoAdapter:
                 self._add(path, StreamTable(port=path, codec=self.config.codec), port)
 
     def _add(self, name: str, table: StreamTable, port: Port) -> None:
-        if table.codec == "jpeg" and not can_encode_jpeg():
-            raise CannotServe(f"JPEG needs simplejpeg or Pillow: pip install '{EXTRA}'")
-        if table.codec == "h264":
-            importlib.import_module("av")  # now: it takes as long as hundreds of ticks
         place = picture_place(port)
         assert place is not None
         stream = Stream(name, table, port, place, self.context, self._refusals, self._follow_wants)

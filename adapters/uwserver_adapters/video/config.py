@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from msgspec import Meta, field
 
 from uwserver.adapter import AdapterTable, CannotServe, did_you_mean
-from uwserver.adapter.pictures import picture_place
+from uwserver.adapter.pictures import EXTRA, can_encode_jpeg, picture_place
 from uwserver.ports import Port, Service
 from uwserver.table import Name, Table
 
@@ -95,9 +95,11 @@ class VideoConfig(AdapterTable, tag="video", kw_only=True, frozen=True):
                 yield ("streams", name, "port"), str(error)
 
     def needs(self) -> Mapping[str, str]:
-        """The encoder, and the dialect of MAVLink."""
+        """The encoders, and the dialect of MAVLink."""
         codecs = {table.codec for table in self.streams.values()} or {self.codec}
         needed = {"av": "uwserver[video]"} if "h264" in codecs else {}
+        if "jpeg" in codecs and not can_encode_jpeg():
+            needed["simplejpeg"] = EXTRA  # Pillow would do as well
         return {**needed, **({"pymavlink.dialects.v20.common": "uwserver"} if self.mavlink else {})}
 
 

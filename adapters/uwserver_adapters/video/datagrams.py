@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import selectors
 import socket
-import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Final, Protocol
 
 from uwserver.adapter import AdapterStats, Worker
@@ -37,6 +37,7 @@ class Sender:
 
     def __init__(self, stats: AdapterStats) -> None:
         self._stats = stats
+        self._time = asyncio.get_running_loop().time
         self._worker = Worker("video datagrams", stats)
         self._sockets: list[socket.socket] = []
         self._is_over = False
@@ -56,13 +57,13 @@ class Sender:
 
     def _send(self, route: Route, parts: Sequence[tuple[Out, Address, Sequence[bytes]]]) -> None:
         """On the thread."""
-        end = time.monotonic() + PATIENCE_S
+        end = self._time() + PATIENCE_S
         try:
             for out, to, packets in parts:
                 for packet in packets:
                     if self._is_over or route.is_over:
                         return
-                    if not _is_sent(out, packet, to, end):
+                    if not _is_sent(out, packet, to, lambda: end - self._time()):
                         self._stats.dropped += 1
                         return
         finally:
@@ -107,12 +108,12 @@ class Route:
         return True
 
 
-def _is_sent(out: Out, packet: bytes, to: Address, end: float) -> bool:
+def _is_sent(out: Out, packet: bytes, to: Address, rest_s: Callable[[], float]) -> bool:
     while True:
         try:
             out.sendto(packet, to)
         except BlockingIOError:
-            if not _is_free(out, end - time.monotonic()):
+            if not _is_free(out, rest_s()):
                 return False
         except OSError:  # no way there, for now
             return False

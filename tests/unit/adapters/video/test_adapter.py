@@ -14,6 +14,8 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from uwserver_adapters.video import adapter as adapter_module
+from uwserver_adapters.video import config as config_module
 from uwserver_adapters.video import connection as connection_module
 from uwserver_adapters.video import stream as stream_module
 from uwserver_adapters.video.config import StreamTable, VideoConfig
@@ -491,6 +493,37 @@ def test_ports_that_come_and_go_have_streams_where_no_table_names_them():
             fake.say(Event("reset", 0, 0, "again"))
 
     bounded(whole())
+
+
+@pytest.mark.parametrize("codec", ["jpeg", "h264"])
+def test_encoders_are_there_before_the_first_camera_is(monkeypatch, codec):
+    """Not while the world runs: the import takes as long as hundreds of ticks, and what fails is told before."""
+    loaded: list[str] = []
+    monkeypatch.setattr(adapter_module, "can_encode_jpeg", lambda: loaded.append("jpeg") or True)
+    monkeypatch.setattr(adapter_module.importlib, "import_module", loaded.append)
+
+    async def whole() -> None:
+        async with serving(context(DEPTH), codec=codec) as fake:
+            assert loaded == ["av" if codec == "h264" else "jpeg"]
+            fake.set_ports([DEPTH, CAMERA])
+            assert len(loaded) == 1
+            assert list(fake.stats.details["streams"]) == []
+            await until(lambda: fake.stats.details["streams"])
+
+    bounded(whole())
+
+
+def test_without_a_library_for_jpeg_it_does_not_begin(monkeypatch):
+    async def whole() -> None:
+        async with serving(context(DEPTH), codec="jpeg"):
+            pass
+
+    monkeypatch.setattr(adapter_module, "can_encode_jpeg", lambda: False)
+    with pytest.raises(CannotServe, match=r"pip install 'uwserver\[pictures\]'"):
+        bounded(whole())
+    monkeypatch.setattr(config_module, "can_encode_jpeg", lambda: False)
+    assert VideoConfig(codec="jpeg").needs() == {"simplejpeg": "uwserver[pictures]"}
+    assert VideoConfig(streams={"a": H264}, codec="jpeg").needs() == {"av": "uwserver[video]"}
 
 
 @pytest.mark.parametrize(
