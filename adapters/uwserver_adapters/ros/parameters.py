@@ -11,7 +11,7 @@ from uwserver_adapters.ros.messages.services import Ask
 from uwserver_adapters.ros.messages.settings import Setting
 from uwserver_adapters.ros.messages.types import BadMessage
 
-AT_ONCE = 4096
+AT_ONCE = 512
 """Parameters of one request."""
 Values = Callable[[list[object | None]], None]
 """Gets the values, in the order of their names; None for each that there is not."""
@@ -61,13 +61,15 @@ class Parameters:
             if len(reasons) == len(wanted):
                 answered([reasons[k] for k in range(len(wanted))])
 
+        known, lost = self._settings(), 0
         for k, (name, value) in enumerate(wanted):
             if k >= AT_ONCE:
                 came(k, f"a request changes at most {AT_ONCE} parameters")
                 continue
             try:
-                asked = self._asked(name, value)
+                asked = _asked(known, name, value, suggests=not lost)
             except BadMessage as bad:
+                lost += name not in known
                 came(k, str(bad))
                 continue
             self._call(asked, lambda reply, k=k: came(k, _why(reply)))  # type: ignore[misc]
@@ -75,7 +77,8 @@ class Parameters:
     def set_together(self, wanted: Sequence[tuple[str, object]], answered: Callable[[str], None]) -> None:
         """Change all or none: those of one component, which the world takes in one call."""
         try:
-            asked = [self._asked(name, value) for name, value in wanted[:AT_ONCE]]
+            known = self._settings()
+            asked = [_asked(known, name, value) for name, value in wanted[:AT_ONCE]]
         except BadMessage as bad:
             answered(str(bad))
             return
@@ -91,18 +94,19 @@ class Parameters:
             args = {key: value for one in asked for key, value in one.args.items()}
             self._call(Ask(asked[0].service, args), lambda reply: answered(_why(reply)))
 
-    def _asked(self, name: str, value: object) -> Ask:
-        known = self._settings()
-        setting = known.get(name)
-        if setting is None:
-            raise BadMessage(f'no parameter "{name[:100]}"{did_you_mean(name[:200], known)}')
-        return setting.change(setting.checked(value))
-
     def _call(self, asked: Ask, answered: Callable[[Reply], None]) -> None:
         try:
             self._conversation.call(asked.service, asked.args, answered)
         except Refused as refused:
             answered(Reply(0, 0, fault=refused.fault))
+
+
+def _asked(known: Mapping[str, Setting], name: str, value: object, *, suggests: bool = True) -> Ask:
+    """What changes a setting. To look for the name that was meant takes half a millisecond: it is done for the first of a request."""
+    setting = known.get(name)
+    if setting is None:
+        raise BadMessage(f'no parameter "{name[:100]}"{did_you_mean(name[:200], known) if suggests else ""}')
+    return setting.change(setting.checked(value))
 
 
 def _why(reply: Reply) -> str:
