@@ -98,10 +98,10 @@ def things() -> list[Seen]:
         (Box((0.5, 0.5, 0.5)), (4.0, -0.8, 11.6), level, concrete, GROWTH),
         (Sphere(0.3), (3.2, 0.6, 11.5), level, yellow, PLAIN),
     ]
-    sand = Seen("seabed", Solid("seabed", (Placed(bed),)), Paint([(0.55, 0.47, 0.31)], SEABED))
+    sand = Seen("seabed", Solid("seabed", (Placed(bed),)), Paint([(0.55, 0.47, 0.31)], (SEABED,)))
     return [
         sand,
-        *(Seen(str(k), Solid(str(k), (Placed(s, p, q),)), Paint([c], t)) for k, (s, p, q, c, t) in enumerate(rest)),
+        *(Seen(str(k), Solid(str(k), (Placed(s, p, q),)), Paint([c], (t,))) for k, (s, p, q, c, t) in enumerate(rest)),
     ]
 
 

@@ -546,6 +546,19 @@ def test_an_imaging_sonar_is_a_fan(browser: Browser, tmp_path: Path) -> None:
         }})()"""
         page.wait(f"{looks}[0] > 450", "the pile is bright")
         assert page.ask(looks)[1:] == [25, 25]
+        # Ranges stand beside the fan, not on its echoes: no count has the colour of the ink, nor has a ring.
+        ink = f"""(() => {{
+          const {{ data }} = {fan}.getContext("2d").getImageData(0, 0, 480, 300);
+          const found = [0, 0];
+          for (let k = 0; k < 480 * 300; k += 1) {{
+            const [dx, dy] = [(k % 480) + 0.5 - 240, 296 - Math.floor(k / 480) - 0.5];
+            const inside = Math.abs(Math.atan2(dx, dy)) < 0.78 && Math.hypot(dx, dy) < 291;
+            if (data[4 * k] > 150 && data[4 * k] < 230 && data[4 * k + 2] > 190) found[inside ? 0 : 1] += 1;
+          }}
+          return found;
+        }})()"""
+        on_echoes, beside = page.ask(ink)
+        assert (on_echoes, beside > 100) == (0, True)
         page.picture(tmp_path / "imaging.png")
         assert page.ask("uw.errors") == []
         # Of the side-scan sonar newer pings push older ones down; echoes of the bottom 6 m below begin half way out.

@@ -19,7 +19,7 @@ class AutopilotConfig(Table, kw_only=True, frozen=True):
         rate_hz: steps a second; divides the physics rate; default: the largest that does, up to 60.
         state_rate_hz: of its port `state`; likewise, up to 10.
         mode: at the start.
-        armed: whether it holds the actuators at the start.
+        armed: whether it holds the actuators at the start; a mode that holds begins where its sensors first find it.
         start_position_ned_m: where its dead reckoning begins; default: at the origin of N, until a sensor knows better.
         pilot_timeout_s: without a command of the pilot for so long the sticks spring back; 0 for never.
         setpoint_timeout_s: likewise the set points `velocity` and `attitude`.

@@ -24,6 +24,7 @@ from uwserver.autopilot.rows import (
     three,
 )
 from uwserver.autopilot.state import NEVER, Estimate
+from uwserver.autopilot.sticks import settle
 from uwserver.environment import geodesy
 from uwserver.frames import Quat, Vec3
 from uwserver.physics.kernel.arrays import Array
@@ -67,6 +68,17 @@ _north_east = compiled(geodesy.north_east)
 @separate
 def update(p: Any, source: Any, beacons: Array, v: Array, t_ns: int, now_ns: int) -> None:
     """Correct the estimate of a PILOT by a valid sample; one that no sensor gives (it may come from a saved state) tells nothing."""
+    e = p.e
+    deep, headed, placed = e.depth_ns == NEVER, e.heading_ns == NEVER, e.fix_ns == NEVER
+    _take(p, source, beacons, v, t_ns, now_ns)
+    deep, headed, placed = deep and e.depth_ns != NEVER, headed and e.heading_ns != NEVER, placed and e.fix_ns != NEVER
+    if deep or headed or placed:
+        settle(p.o, e, deep, headed, placed)
+
+
+@compiled
+def _take(p: Any, source: Any, beacons: Array, v: Array, t_ns: int, now_ns: int) -> None:
+    """Into the estimate, by the kind of the sensor."""
     e, c = p.e, p.c
     late = (now_ns - t_ns) / NANOSECONDS
     kind = source.kind

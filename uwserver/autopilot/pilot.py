@@ -83,6 +83,7 @@ class Autopilot:
         o, e, craft = self.orders, self.estimate, self.craft
         if need == READY:
             o.waits = False
+            self.seat.stay()  # where the sensors say that it is; until now that was anywhere
             self._open_ports()
             return WATCH
         if need == FAILSAFE:

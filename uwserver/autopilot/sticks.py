@@ -70,6 +70,23 @@ def stay(o: Any, e: Any) -> None:
 
 
 @compiled
+def settle(o: Any, e: Any, depth: bool, heading: bool, place: bool) -> None:
+    """Set points that no command has given, and that were held in an estimate which the first word of a sensor has put elsewhere: they are where
+    the vehicle now is known to be.
+
+    Args:
+        o, e: of the vehicle.
+        depth, heading, place: what is known for the first time.
+    """
+    if depth and o.given & _DEPTH == 0:
+        o.depth = 0.0 if o.mode == SURFACE else e.p[2]
+    if heading and o.given & _HEADING == 0:
+        o.heading = heading_of(e)
+    if place and o.given & _PLACE == 0:
+        set_three(o.place, three(e.p))
+
+
+@compiled
 def move_heading(o: Any, e: Any, dt: float) -> float:
     """Move the heading's set point by the stick or a commanded turn; returns the yaw rate that is wanted anyhow, rad/s."""
     rate, most = 0.0, o.gains.max_yaw_rate_radps

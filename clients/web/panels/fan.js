@@ -4,6 +4,8 @@ import { palette } from "./sonar.js";
 /** @typedef {import("../types").Picture} Picture */
 
 const [WIDTH, HEIGHT, EDGE] = [480, 300, 4];
+/** Of the labels: their distance from the edge, and how tall their figures are. */
+const [GAP, TALL] = [3, 9];
 /** Bytes before the picture: azimuths of the first and the last beam (rad), ranges where the first row begins and the last one ends (m). */
 export const HEAD = 16;
 
@@ -55,7 +57,7 @@ export class SonarFan {
     }
   }
 
-  /** @param {number} first @param {number} last @param {number} far */
+  /** Rings, and their ranges beside the edge to the right, where no echo is. @param {number} first @param {number} last @param {number} far */
   rings(first, last, far) {
     const { pen } = this;
     const [x, y] = [WIDTH / 2, HEIGHT - EDGE];
@@ -67,7 +69,11 @@ export class SonarFan {
       pen.beginPath();
       pen.arc(x, y, r, first - Math.PI / 2, last - Math.PI / 2);
       pen.stroke();
-      pen.fillText(`${Number(((far * k) / 4).toPrecision(3))} m`, x + 3, y - r + 12);
+      const text = `${Number(((far * k) / 4).toPrecision(3))} m`;
+      const left = Math.min(x + r * Math.sin(last) + GAP, WIDTH - pen.measureText(text).width - 2);
+      // The edge runs from here down to the left; that of a fan wider than a half circle is not in the picture.
+      const edge = last < Math.PI / 2 ? y - (left - x) / Math.tan(last) : y;
+      pen.fillText(text, left, Math.min(edge + GAP + TALL, HEIGHT - 3));
     }
   }
 }

@@ -4,7 +4,7 @@ import { wet } from "./water.js";
 
 /** @typedef {{colour: string, rough: number, metal?: number, pattern?: "sand" | "tiles" | "rock" | "concrete" | "brushed", size?: number}} Look */
 
-/** By the names of the materials that scenarios use; sizes are of one repeat, m. @type {Record<string, Look>} */
+/** By the names of the materials that scenarios use, in the colours that cameras see (`scenario.solids.palette`); sizes are of one repeat, m. @type {Record<string, Look>} */
 const LOOKS = {
   default: { colour: "#c2a878", rough: 1, pattern: "sand", size: 5 },
   sediment: { colour: "#c2a878", rough: 1, pattern: "sand", size: 5 },
@@ -20,7 +20,7 @@ const LOOKS = {
   paint: { colour: "#f0b323", rough: 0.5 },
   rubber: { colour: "#23272b", rough: 0.9 },
   wood: { colour: "#8a6642", rough: 0.9, pattern: "brushed", size: 1 },
-  plastic: { colour: "#d7dde2", rough: 0.5 },
+  plastic: { colour: "#e1b350", rough: 0.5 },
 };
 
 /** What paints the parts of a body. @typedef {Pick<Paints, "fine" | "plain">} Painter */

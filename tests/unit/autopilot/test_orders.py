@@ -416,6 +416,40 @@ def test_armed_from_the_start_it_waits_for_its_sensors(fly):
     assert f.refusal("thrusters", u=[0] * 8)
 
 
+def armed(mode, heading_hz=40.0, **sensors):
+    """5 m deep, headed east, far from the origin, and armed in a mode that begins with what the sensors say; nobody told it where it is."""
+    b = ScenarioBuilder("armed", seed=3, rate_hz=240, adapters={}).seabed("flat", depth_m=30.0)
+    b.vehicle("v", "bluerov2_heavy", position_ned_m=[4, 2, 5], attitude_rpy_deg=[0, 0, 90],
+              autopilot={"armed": True, "mode": mode})  # fmt: skip
+    b.sensor("v", "imu", "imu", rate_hz=60)
+    b.sensor("v", "ahrs", "attitude", rate_hz=heading_hz)
+    b.sensor("v", "dvl", "dvl", rate_hz=8)
+    for name, keys in sensors.items():
+        b.sensor("v", name, **keys)
+    return build(load(b.build(), adapters={}))
+
+
+@pytest.mark.parametrize("mode", ["depth_hold", "altitude_hold", "position_hold", "velocity", "guided"])
+def test_armed_from_the_start_it_holds_what_it_finds_itself_at(mode):
+    world = armed(mode)
+    world.step(8 * 240)
+    pose = world.vehicles["v"].pose
+    assert world.vehicles["v"].p_NB == pytest.approx((4.0, 2.0, 5.0), abs=0.1)
+    assert pose.rpy[2] == pytest.approx(math.pi / 2, abs=0.02)
+
+
+def test_what_is_first_known_after_it_was_armed_is_held_from_then_on():
+    """The attitude of the IMU is enough to hold a depth; the compass and the fixes speak later, and turn and shift the estimate, not the vehicle."""
+    fixes = {"kind": "motion_capture", "rate_hz": 0.5}
+    world = armed("depth_hold", heading_hz=1.0)
+    world.step(8 * 240)
+    assert world.vehicles["v"].pose.rpy[2] == pytest.approx(math.pi / 2, abs=0.05)
+    world = armed("position_hold", mocap=fixes)
+    world.step(10 * 240)
+    assert world.parts["v/autopilot"].pilot.estimate.p[:2] == pytest.approx((4.0, 2.0), abs=0.1)
+    assert world.vehicles["v"].p_NB == pytest.approx((4.0, 2.0, 5.0), abs=0.1)
+
+
 # -- snapshots -----------------------------------------------------------------------------------------------------------------------------
 
 

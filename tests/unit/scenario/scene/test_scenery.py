@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -22,7 +23,7 @@ from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.scene.scenery import Scenery
-from uwserver.scenario.solids.palette import MATERIALS
+from uwserver.scenario.solids.palette import COATS, MATERIALS
 from uwserver.world.lookout import Lookout
 
 SHIPPED = sorted(path.stem for path in (Path(__file__).parents[4] / "scenarios" / "uwserver_scenarios").glob("*.toml"))
@@ -150,3 +151,16 @@ def test_a_lamp_on_a_mount_that_is_not_there_is_told() -> None:
     begun = ScenarioBuilder("sea").vehicle("rov", "bluerov2", override={"lamps": {"third": lamp}})
     with pytest.raises(ScenarioError, match=r'no mount "lamp_lef".*lamp_left'):
         load(begun.build(), adapters={})
+
+
+PAINTS = Path(__file__).parents[4] / "clients/web/scene/materials.js"
+
+
+@pytest.mark.parametrize("material", [*MATERIALS, *COATS])
+def test_the_page_paints_a_material_about_as_cameras_see_it(material: str) -> None:
+    """Patterns make sand and rock a little lighter or darker there."""
+    found = re.search(rf'^  {material}: {{ colour: "#(\w\w)(\w\w)(\w\w)"', PAINTS.read_text(), re.M)
+    assert found is not None
+    parts = [int(part, 16) / 255 for part in found.groups()]
+    linear = [part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts]
+    assert linear == pytest.approx({**MATERIALS, **COATS}[material], abs=0.2)
