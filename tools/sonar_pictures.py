@@ -61,6 +61,8 @@ def main() -> None:
         ("scanning_sonar", scanning_sonar),
         ("multibeam", multibeam),
         ("side_scan", side_scan),
+        ("bathymetry", bathymetry),
+        ("profiler", profiler),
         ("altimeter", altimeter),
         ("dvl", dvl),
         ("adcp", adcp),
@@ -118,7 +120,7 @@ def instant(geometry: Geometry, p: tuple[float, float, float], t: float = 0.0, y
     return scope
 
 
-def device(name: str, **keys: object) -> Sensor:
+def device(name: str, mount: Pose | None = None, **keys: object) -> Sensor:
     """The instrument of a shipped device file."""
 
     def fail(*problem: object) -> None:
@@ -126,7 +128,7 @@ def device(name: str, **keys: object) -> Sensor:
 
     given = check_profile(msgspec.toml.decode(shipped("devices")[name].read_bytes()), fail)
     config = msgspec.convert({"rate_hz": 240.0, **(given or {}), **keys}, SensorConfig)
-    instrument = config.build(Pose())
+    instrument = config.build(mount or Pose())
     instrument.start(1)
     return instrument
 
@@ -139,7 +141,7 @@ def scanning_sonar(geometry: Geometry) -> Figure:
     paper = ScanningSonarConfig(rate_hz=240.0, model="paper", range_m=25.0, step_deg=0.9).build(Pose())
     titles = ("Micron DST, sonar equation, at rest", "the same while yawing 5 degrees a second", 'model = "paper"')
     for axis, sonar, rate, title in zip(axes, (still, moving, paper), (0.0, rad(5.0), 0.0), titles, strict=True):
-        angles, rows = turn_of(sonar, geometry, rate)
+        angles, rows = turn_of(sonar, geometry, rate, (0.0, 0.0, DEPTH - 2.5), (0, 3))
         edges = np.linspace(0.0, 25.0, rows.shape[1] + 1)
         ring = np.append(angles, angles[-1] + rad(0.9))
         axis.pcolormesh(ring, edges, rows.T, cmap="copper", vmin=0, vmax=max(60.0, float(np.quantile(rows, 0.999))))
@@ -174,16 +176,19 @@ def multibeam(geometry: Geometry) -> Figure:
     return figure
 
 
-def turn_of(sonar: Sensor, geometry: Geometry, yaw_rate: float) -> tuple[FloatArray, FloatArray]:
-    """(400) head angles and (400, bins) counts of one turn, pings as fast as the device allows."""
-    angles, rows, t = [], [], 0.0
-    while len(rows) < 400:
-        reading = sonar.sense(instant(geometry, (0.0, 0.0, DEPTH - 2.5), t, yaw_rate * t))
+def turn_of(
+    sonar: Sensor, geometry: Geometry, yaw_rate: float, p: tuple[float, float, float], columns: tuple[int, int]
+) -> tuple[FloatArray, FloatArray]:
+    """(400) head angles and (400, ...) echoes of one turn, of these columns of the readings, pings as fast as the device allows."""
+    angles, echoes, t = [], [], 0.0
+    while len(echoes) < 400:
+        reading = sonar.sense(instant(geometry, p, t, yaw_rate * t))
         t += 1.0 / 240.0
         if reading is not None:
-            angles.append(reading.values[0])
-            rows.append(reading.values[3])
-    return np.unwrap(np.array(angles, dtype=float)), np.array(rows, dtype=float)
+            angle, echo = (reading.values[k] for k in columns)
+            angles.append(angle)
+            echoes.append(math.nan if echo is None else echo)
+    return np.unwrap(np.array(angles, dtype=float)), np.array(echoes, dtype=float)
 
 
 def side_scan(geometry: Geometry) -> Figure:
@@ -203,6 +208,90 @@ def side_scan(geometry: Geometry) -> Figure:
         vmin=0, vmax=255, interpolation="nearest",
     )  # fmt: skip
     axis.set(xlabel="slant range, port and starboard (m)", ylabel="north (m)")
+    return figure
+
+
+def bathymetry(geometry: Geometry) -> Figure:
+    """A survey line of the NORBIT over the harbour, and one of its swaths, over the box."""
+    sonar, ahead = device("norbit_wbms", range_m=30.0), np.arange(-30.0, 30.0, 0.5)
+    height, east, over = DEPTH - 10.0, 6.0, -2.0
+    lines = [swath_of(sonar, geometry, (float(x), east, height), k) for k, x in enumerate(ahead)]
+    figure, (top, bottom) = plt.subplots(2, 1, figsize=(8.0, 7.6), layout="constrained", height_ratios=(2.4, 1.0))
+    # Each sounding as a cell as long as the way between pings.
+    edges = np.arange(-22.0, 34.5, 0.5)
+    depths = np.full((len(ahead), len(edges) - 1), np.nan)
+    for row, (a, r) in zip(depths, lines, strict=True):
+        cell = np.searchsorted(edges, east + r * np.sin(a)) - 1
+        heard = np.isfinite(r) & (cell >= 0) & (cell < len(row))
+        row[cell[heard]] = (height + r * np.cos(a))[heard]
+    colours = plt.get_cmap("viridis_r", 32)
+    shown = top.imshow(
+        depths, cmap=colours, extent=(edges[0], edges[-1], -30.0, 30.0), origin="lower", vmin=17.0, vmax=21.0,
+        interpolation="nearest",
+    )  # fmt: skip
+    top.axvline(east, color="k", lw=0.6, ls=":")
+    top.axhline(over, color="k", lw=0.6, ls="--")
+    title = "NORBIT WBMS at 10 m: a box, a wall and a row of piles, with their shadows"
+    top.set(xlabel="east (m)", ylabel="north (m)", title=title)
+    figure.colorbar(shown, ax=top, label="depth (m)", extend="min")
+    angle, found = lines[int(np.abs(ahead - over).argmin())]
+    true = seen_by(geometry, (over, east, height), np.stack([0.0 * angle, np.sin(angle), np.cos(angle)], axis=1))
+    bottom.plot(
+        east + true * np.sin(angle),
+        height + true * np.cos(angle),
+        "k-",
+        lw=0.8,
+        label="what the axis of each beam meets",
+    )
+    bottom.plot(
+        east + found * np.sin(angle),
+        height + found * np.cos(angle),
+        ".",
+        ms=3,
+        label="soundings of the ping at the dashed line",
+    )
+    bottom.set(xlabel="east (m)", ylabel="depth (m)", ylim=(21.5, 14.5), xlim=(-22.0, 34.0))
+    bottom.legend(fontsize=8, loc="upper left")
+    bottom.grid(visible=True, alpha=0.3)
+    return figure
+
+
+def swath_of(sonar: Sensor, geometry: Geometry, p: tuple[float, float, float], k: int) -> tuple[FloatArray, FloatArray]:
+    """Angles and ranges of the k-th ping."""
+    sonar.begin(k)
+    _, values = sonar.measure(instant(geometry, p, 0.2 * k))
+    angle, found = (value.array().astype(float) for value in values[4:6] if isinstance(value, Buffer))
+    return angle, found
+
+
+def seen_by(geometry: Geometry, p: tuple[float, float, float], direction: FloatArray) -> FloatArray:
+    """(n) distances straight on."""
+    origin = np.tile(np.array(p), (len(direction), 1))
+    return geometry.raycast(origin, np.ascontiguousarray(direction), 200.0).distance
+
+
+def profiler(geometry: Geometry) -> Figure:
+    """Full turns of two heads across the way, past the wall."""
+    figure, axes = plt.subplots(1, 2, figsize=(11.0, 4.9), layout="constrained", sharey=True)
+    p, across, names = (
+        (-16.5, -6.0, DEPTH - 6.0),
+        Pose.from_degrees((0.0, -90.0, 0.0)),
+        ("imagenex_881", "super_seaking"),
+    )
+    for axis, name in zip(axes, names, strict=True):
+        sonar = device(f"{name}_profiler", across, range_m=20.0, sector_width_deg=360.0, step_deg=0.9)
+        angle, found = turn_of(sonar, geometry, 0.0, p, (4, 5))
+        rays = np.linspace(-math.pi, math.pi, 1440)
+        true = seen_by(geometry, p, np.stack([0.0 * rays, np.sin(rays), np.cos(rays)], axis=1))
+        true[true > 20.0] = math.nan
+        axis.plot(p[1] + true * np.sin(rays), p[2] + true * np.cos(rays), "k-", lw=0.8, label="what a thin ray meets")
+        axis.plot(p[1] + found * np.sin(angle), p[2] + found * np.cos(angle), ".", ms=3, label="echoes of one turn")
+        axis.plot(p[1], p[2], "kx", ms=7)
+        axis.axhline(0.0, color="C0", lw=0.8, alpha=0.5, label="surface")
+        axis.set(xlabel="east (m)", title=f"{name}_profiler", aspect="equal", ylim=(22.0, -2.0))
+        axis.grid(visible=True, alpha=0.3)
+    axes[0].set_ylabel("depth (m)")
+    axes[0].legend(fontsize=8, loc=(0.12, 0.45))
     return figure
 
 

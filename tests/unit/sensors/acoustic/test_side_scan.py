@@ -165,12 +165,13 @@ def test_a_ping_waits_for_the_last_one_and_comes_when_it_is_over(facing: Any) ->
 
 def test_a_sonar_that_turns_in_a_ping_smears_what_is_far(facing: Any) -> None:
     """What it sees at once abeam, it has turned away from when the echo of far things is back."""
-    balls = Sphere((0.0, 8.0, DEEP), 0.1), Sphere((0.0, 45.0, DEEP), 0.3)
+    balls = Sphere((0.0, 8.0, DEEP + 2.0), 0.1), Sphere((0.0, 45.0, DEEP), 0.3)
     narrow = msgspec.structs.replace(LEVELS, rays_vertical=2000)
     still = rows(narrow, facing(*balls))[1]
     smeared = rows(narrow, facing(*balls, w_NB_B=(0.0, 0.0, 1.0)))[1]
-    assert smeared[75:85].max() > 0.85 * still[75:85].max()
+    assert smeared[78:88].max() > 0.85 * still[78:88].max() > 0.0
     assert smeared[440:455].max() < 0.5 * still[440:455].max()
+    assert still[440:455].max() > 1e-6 * still[78:88].max()  # it is seen, and not in the shadow of the near one
 
 
 def test_a_wrong_sound_speed_stretches_ranges(facing: Any) -> None:

@@ -36,6 +36,8 @@ def _logarithms() -> npt.NDArray[np.float32]:
 
 LOGARITHMS = _logarithms()
 _OCTAVE = 10.0 * math.log10(2.0)
+_REST = 1e-12
+"""Of the largest sum of a column, what rounding may leave of it where its echoes end."""
 
 
 @entry
@@ -54,10 +56,15 @@ def energies(seconds: Array, shift: float, per_metre: float, alpha: float, out: 
         r = (k + 0.5 + shift) / per_metre
         factor[k] = math.exp(-2.0 * _DECIBEL * alpha * r) / (r * r * r * r * r)
     for m in range(columns):
-        total = 0.0
+        total = largest = 0.0
         for k in range(gates):
-            total += seconds[m, k]
-            out[m, k] += max(total, 0.0) * factor[k]
+            if seconds[m, k] != 0.0:
+                total += seconds[m, k]
+                largest = max(largest, total)
+                if total < _REST * largest:
+                    total = 0.0  # silent gates are passed over later on
+            if total > 0.0:
+                out[m, k] += total * factor[k]
 
 
 @entry
@@ -122,11 +129,14 @@ def scatter(energy: Array, key: int, faded: Array, share: Array, phasors: Array,
         for first in range(0, gates, _SIZE):
             end, turn = min(first + _SIZE, gates), first // _SIZE
             counter, way = np.uint64(m) << np.uint64(16) | np.uint64(turn), (turn + 7 * m) % DIRECTIONS
-            real, imaginary, strongest = sound[0, m, first:end], sound[1, m, first:end], 0.0
+            real, imaginary, silent = sound[0, m, first:end], sound[1, m, first:end], True
             for i in range(end - first):
                 real[i] = imaginary[i] = np.float32(0.0)
-                strongest = max(strongest, energy[m, first + i])
-            if strongest == 0.0:
+            for i in range(end - first):
+                if energy[m, first + i] != 0.0:
+                    silent = False
+                    break
+            if silent:
                 continue
             turned = 0.5 * math.pi * share[way]
             for step in range(2):

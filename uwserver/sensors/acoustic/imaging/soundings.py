@@ -90,9 +90,12 @@ def find(
                 break
         if at < 0:
             continue
-        middle, half = at + 0.5, _FIRST_HALF
+        middle, half, before = at + 0.5, _FIRST_HALF, (-1, -1)
         for _ in range(_ROUNDS):
             low, high = max(int(middle - half), 0), min(math.ceil(middle + half), bins)
+            if (low, high) == before:  # the same window has the same centre
+                break
+            before = low, high
             total = moment = square = energy = 0.0
             count = 0
             for k in range(low, high):

@@ -118,3 +118,18 @@ def test_water_scatters_as_far_as_nothing_is_in_the_way() -> None:
     r = np.arange(10) + 0.5
     assert np.allclose(out[1], 2e-3 / r**2)
     assert np.allclose(out[0], np.where(r < 4.0, 2e-3, 1e-3) / r**2)
+
+
+def test_behind_the_echoes_of_a_column_nothing_is_left() -> None:
+    """Sums of slopes that cancel leave a little of rounding, which is no echo; a faint echo behind it is one."""
+    seconds = np.zeros((1, 103))
+    for start, slope in ((3.3, 0.1), (3.7, 0.7), (4.1, 1e3 / 6.0)):
+        for edge, sign in ((start, 1.0), (start + 2.6, -1.0)):
+            seconds[0, int(edge)] += sign * slope * (1.0 - edge % 1.0)
+            seconds[0, int(edge) + 1] += sign * slope * (edge % 1.0)
+    assert seconds[0].cumsum()[50] > 0.0
+    seconds[0, 60], seconds[0, 62] = 1e-6, -1e-6
+    out = np.zeros((1, 100))
+    columns.energies(seconds, 0.0, 1.0, 0.0, out)
+    assert np.flatnonzero(out).tolist() == [3, 4, 5, 6, 60, 61]
+    assert out[0, 60] == pytest.approx(1e-6 / 60.5**5, rel=1e-6)
