@@ -19,7 +19,7 @@ from uwserver.sensors.acoustic.echo import Absorption, load_kernels
 from uwserver.sensors.acoustic.imaging import columns, speckle
 from uwserver.sensors.acoustic.imaging.array import Taper
 from uwserver.sensors.acoustic.imaging.kernels import load as load_pictures
-from uwserver.sensors.acoustic.imaging.swath import Plane, Swath, columns_of, cost
+from uwserver.sensors.acoustic.imaging.swath import Plane, Swath, check_size, columns_of, cost
 from uwserver.sensors.acoustic.receiver import (
     Echoes,
     Noise,
@@ -37,7 +37,7 @@ from uwserver.table import Name, NonNegative, Positive, Table
 from uwserver.units import NANOSECONDS, rad
 
 _FULL_SCALE = 255.0
-_MOST_RAYS = 1 << 18
+_MOST_MODES = 8
 _STILL = 0.25
 """Beam widths that a sonar may turn in a ping and count as still; beyond, its picture is blended of its first and its last pose."""
 _MILLION = 1e-6
@@ -134,14 +134,14 @@ class MultibeamConfig(SensorTable, tag="multibeam", kw_only=True, frozen=True):
 
     def __post_init__(self) -> None:
         """ValueError where keys do not go together."""
+        if len(self.modes) > _MOST_MODES:
+            raise ValueError(f"{len(self.modes)} modes are more than {_MOST_MODES}")
         if self.mode not in self.names:
             raise ValueError(f'no mode "{self.mode}", there are: {", ".join(self.modes) or "none"}')
         for name in self.names:
             table, where = self.in_mode(name), f" in mode {name}" if name else ""
-            rays = table.columns * table.rays_vertical
-            if rays > _MOST_RAYS:
-                text = f"{rays} rays a ping{where} are more than {_MOST_RAYS}"
-                raise ValueError(f"{text}: wider beams, a smaller field or fewer rays_vertical need fewer")
+            keys = "wider beams, a smaller field or fewer rays_vertical"
+            check_size(table.columns, table.rays_vertical, table.beams, keys, where)
         now = self.in_mode(self.mode)
         if not now.min_range_m <= self.range_m <= now.max_range_m:
             raise ValueError("range_m must lie between min_range_m and max_range_m, of its mode where there are some")

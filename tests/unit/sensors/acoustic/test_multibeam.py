@@ -75,13 +75,12 @@ def sonar_equation(config: MultibeamConfig, instant: Any, r: float) -> float:
     alpha = instant.water.absorption(config.frequency_hz, DEEP)
     c = instant.water.sound_speed(DEEP)
     cell = max(c / (2.0 * config.bandwidth_hz), config.range_m / config.bins)
-    weight = array.weights(config.taper, array.elements(config.taper, rad(config.beam_width_horizontal_deg)))
-    phi = (
-        2.0
-        * integrate.quad(lambda a: array.response(weight, np.array([math.sin(a)]))[0] ** 2, 0.0, rad(30.0), limit=400)[
-            0
-        ]
-    )
+    elements = array.elements(config.taper, rad(config.beam_width_horizontal_deg))
+
+    def power(angle: float) -> float:
+        return float(array.response(config.taper, elements, np.array([math.sin(angle)]))[0] ** 2)
+
+    phi = 2.0 * integrate.quad(power, 0.0, rad(30.0), limit=400)[0]
     x = 2.0 * 1.391557 * math.asin(HEIGHT / r) / rad(config.beam_width_vertical_deg)
     pattern = 40.0 * math.log10(math.sin(x) / x)
     backscatter = -27.0 + 20.0 * math.log10(HEIGHT / r)
@@ -285,6 +284,11 @@ def test_modes_change_what_they_say(facing: Any) -> None:
         ({"range_m": 130.0}, "range_m must lie between"),
         ({"mode": "x"}, 'no mode "x", there are: none'),
         ({"beam_width_horizontal_deg": 0.05, "rays_vertical": 1024}, "rays a ping are more than"),
+        (
+            {"beam_width_horizontal_deg": 0.05, "rays_vertical": 8, "beams": 1024, "field_deg": 170.0},
+            "1024 beams of 10212 columns of rays are 10457088 pairs, more than 4194304: wider beams, a smaller field",
+        ),
+        ({"mode": "0", "modes": {str(k): MultibeamMode() for k in range(9)}}, "9 modes are more than 8"),
         ({"mode": "a", "modes": {"a": MultibeamMode(max_range_m=5.0)}}, "range_m must lie between"),
         ({"modes": {"a": MultibeamMode(min_range_m=500.0)}, "mode": "a"}, "range_m must lie between"),
     ],
@@ -358,4 +362,4 @@ def test_in_a_world_the_thread_sees_the_instant_of_the_ping(tmp_path: Path) -> N
 def run_now(world: World) -> None:
     """Let a world compute its jobs in the tick in which they begin."""
     computing = world.instruments.computing
-    computing.begin = lambda work: work.run()  # type: ignore[method-assign]
+    computing.begin = lambda work, due_ns: work.run()  # type: ignore[method-assign]
