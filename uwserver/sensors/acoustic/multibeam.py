@@ -134,9 +134,13 @@ class MultibeamConfig(PingTable, tag="multibeam", kw_only=True, frozen=True):
     @property
     def cores(self) -> float:
         """About the part of one core that its pictures take in real time, as it starts."""
+        return min(self.rate_hz, self.pings_hz) * self.computing_s
+
+    @property
+    def computing_s(self) -> float:
+        """About the processor time of a picture, as it starts, s."""
         table = self.in_mode(self.mode)
-        pings = min(self.rate_hz, 1.0 / (2.0 * self.range_m / 1500.0 + self.overhead_s))
-        return pings * cost(table.columns, table.rays_vertical, table.beams, table.bins)
+        return cost(table.columns, table.rays_vertical, table.beams, table.bins)
 
     def in_mode(self, name: str) -> MultibeamConfig:
         """The table with what a mode changes, and without modes."""

@@ -24,6 +24,8 @@ from uwserver.sensors.job import Begun, Job
 from uwserver.table import NonNegative, Positive
 from uwserver.units import NANOSECONDS
 
+_SOUND_MPS = 1500.0
+"""About, where no water is known."""
 STRAIGHT = Paths()
 """No ghosts, and no echoes of the ping before."""
 _STILL = 0.25
@@ -69,6 +71,16 @@ class PingTable(SensorTable, kw_only=True, frozen=True):
     def __post_init__(self) -> None:
         """ValueError where keys do not go together."""
         check_range(self.range_m, self.min_range_m, self.max_range_m, "the sonar")
+
+    @property
+    def pings_hz(self) -> float:
+        """About how many pings a second its range leaves time for, as it starts."""
+        return 1.0 / (2.0 * self.range_m / _SOUND_MPS + self.overhead_s)
+
+    @property
+    def given_s(self) -> float:
+        """About what a reading takes from its begin to its delivery, as it starts, s."""
+        return 2.0 * self.range_m / _SOUND_MPS + self.processing_s + (self.latency_s or 0.0)
 
 
 def check_range(range_m: float, low: float, high: float, what: str) -> None:
