@@ -13,6 +13,7 @@ from msgspec import Struct
 from uwserver.actuators import ActuatorConfig
 from uwserver.adapter import AdapterNotFound, AdapterTable, installed_adapters
 from uwserver.cli.colour import coloured_problems, styled
+from uwserver.cli.pace import hasty, late
 from uwserver.cli.vehicle_parts import parts_of
 from uwserver.modifiers import ModifierConfig
 from uwserver.scenario.authoring.catalogue import SensorKind, first_sentence, keys_of, modifier_kinds, sensor_kinds
@@ -65,6 +66,8 @@ def check(files: tuple[str, ...], explain: bool) -> None:
             click.echo(f"  {line}", err=explain)
         if (told := pictures(resolved)) is not None:
             click.echo(told, err=True)
+        for line in (*late(resolved), *hasty(resolved)):
+            click.echo(line, err=True)
     sys.exit(1 if failed else 0)
 
 

@@ -9,7 +9,8 @@ Who waits: in free-run, lock-step and in-process the tick in which the reading i
 a reading that is not ready when it is due, or that would begin while the one before is still computed, is dropped whole; the drop is a call of
 ``world/drop_reading``, so that a recording repeats it. Jobs of a world run one at a time, in the order in which they began (one that is needed now
 before those that are not), and only if somebody reads the port or the sensor `learns`. A job that raises makes its reading invalid. A table
-with a property `cores` (the part of one core that its readings take in real time, about) has `uwserver check` tell it.
+with a property `cores` (the part of one core that its readings take in real time, about) has `uwserver check` tell it; with `computing_s` (processor
+time of a reading) and `given_s` (from its begin to its delivery) also whether a reading may be late.
 """
 
 from __future__ import annotations

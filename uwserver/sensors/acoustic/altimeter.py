@@ -87,7 +87,9 @@ class AltimeterConfig(SensorTable, tag="altimeter", kw_only=True, frozen=True):
         if not self.min_range_m < self.max_range_m:
             raise ValueError("min_range_m must be less than max_range_m")
         if self.range_m is not UNSET and not self.min_range_m <= self.range_m <= self.max_range_m:
-            raise ValueError("range_m must lie between min_range_m and max_range_m")
+            raise ValueError(
+                f"range_m is {self.range_m:g}, the altimeter takes {self.min_range_m:g} to {self.max_range_m:g}"
+            )
 
     def build(self, mount: Pose) -> Altimeter:
         return Altimeter(mount, self)

@@ -13,7 +13,7 @@ from uwserver.ports import Buffer, Field, Value
 from uwserver.ports.buffer import Layout
 from uwserver.sensors.acoustic.imaging.array import Taper
 from uwserver.sensors.acoustic.imaging.soundings import bands
-from uwserver.sensors.acoustic.imaging.swath import Swath
+from uwserver.sensors.acoustic.imaging.swath import Swath, check_size, columns_of
 from uwserver.sensors.acoustic.pinging import Instant, Lighting, PingingSonar, PingSettings, PingTable, fade_of
 from uwserver.sensors.acoustic.receiver import Echoes
 from uwserver.sensors.acoustic.sounding import Array, Soundings, blanked, listen, sound_out
@@ -26,7 +26,6 @@ _ONE_WAY = 1.39
 """A two-way pattern of so much wider beams is that of one transmitter alone: along the way the receiver hears all that is lit."""
 _AXES: FloatArray = np.array(((0.0, 0.0, -1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)))
 """The swath's x is down, its y starboard."""
-_MOST_RAYS = 1 << 18
 
 
 class BathymetryConfig(PingTable, tag="bathymetry", kw_only=True, frozen=True):
@@ -59,10 +58,8 @@ class BathymetryConfig(PingTable, tag="bathymetry", kw_only=True, frozen=True):
     def __post_init__(self) -> None:
         """ValueError where keys do not go together."""
         super().__post_init__()
-        rays = 3.0 * (self.field_deg / self.beam_width_across_deg + 4.0) * self.rays_along
-        if rays > _MOST_RAYS:
-            text = f"{rays:.0f} rays a ping are more than {_MOST_RAYS}"
-            raise ValueError(f"{text}: wider beams, a smaller field or fewer rays_along need fewer")
+        columns = columns_of(rad(self.field_deg), rad(self.beam_width_across_deg))
+        check_size(columns, self.rays_along, self.beams, "wider beams, a smaller field or fewer rays_along")
 
     def build(self, mount: Pose) -> Bathymetry:
         return Bathymetry(mount, self)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -24,6 +24,8 @@ from uwserver.sensors.job import Begun, Job
 from uwserver.table import NonNegative, Positive
 from uwserver.units import NANOSECONDS
 
+_SOUND_MPS = 1500.0
+"""About, where no water is known."""
 STRAIGHT = Paths()
 """No ghosts, and no echoes of the ping before."""
 _STILL = 0.25
@@ -68,8 +70,25 @@ class PingTable(SensorTable, kw_only=True, frozen=True):
 
     def __post_init__(self) -> None:
         """ValueError where keys do not go together."""
-        if not self.min_range_m <= self.range_m <= self.max_range_m:
-            raise ValueError("range_m must lie between min_range_m and max_range_m")
+        check_range(self.range_m, self.min_range_m, self.max_range_m, "the sonar")
+
+    @property
+    def pings_hz(self) -> float:
+        """About how many pings a second its range leaves time for, as it starts."""
+        return 1.0 / (2.0 * self.range_m / _SOUND_MPS + self.overhead_s)
+
+    @property
+    def given_s(self) -> float:
+        """About what a reading takes from its begin to its delivery, as it starts, s."""
+        return 2.0 * self.range_m / _SOUND_MPS + self.processing_s + (self.latency_s or 0.0)
+
+
+def check_range(range_m: float, low: float, high: float, what: str) -> None:
+    """ValueError where `what`, of these limits (m), does not take a range."""
+    if low > high:
+        raise ValueError(f"min_range_m is {low:g} and max_range_m {high:g}: {what} takes no range")
+    if not low <= range_m <= high:
+        raise ValueError(f"range_m is {range_m:g}, {what} takes {low:g} to {high:g}")
 
 
 class PingSettings(Settings, frozen=True):
@@ -90,7 +109,7 @@ class Instant(NamedTuple):
     """What a ping meets, for a job.
 
     Attributes:
-        scope: of the ping; for a job one that stays as it is.
+        scope: of the ping; for a job one that stays as it is, without vehicles by name.
         p: of the transducer in N.
         poses: rotations of the swath in N at the start, and at the end where it differs.
         ranges, water: of the ping.
@@ -104,9 +123,9 @@ class Instant(NamedTuple):
     water: Water
     noise: Noise | None
 
-    def energy(self, echoes: Echoes) -> FloatArray:
+    def energy(self, echoes: Echoes, paths: Paths = STRAIGHT) -> FloatArray:
         """(columns, gates) mean intensity, uPa^2; where the sonar turns, of its poses by the time at which each gate is heard."""
-        each = [echoes.energy(self.scope.geometry, self.water, self.p, R, self.ranges, STRAIGHT) for R in self.poses]
+        each = [echoes.energy(self.scope.geometry, self.water, self.p, R, self.ranges, paths) for R in self.poses]
         if len(each) == 1:
             return each[0]
         passed = (np.arange(each[0].shape[1]) + 0.5) / each[0].shape[1]
@@ -130,6 +149,28 @@ class Lighting(NamedTuple):
     fade: tuple[float, float]
 
 
+class Head(NamedTuple):
+    """What pings: a sonar in one of its modes.
+
+    Attributes:
+        table: keys of the mode.
+        lighting: of its field.
+        pulse: its sound.
+        absorption: of its frequency.
+    """
+
+    table: PingTable
+    lighting: Lighting
+    pulse: Pulse
+    absorption: Absorption
+
+    @classmethod
+    def of(cls, table: PingTable, lighting: Lighting) -> Head:
+        """Of a table."""
+        pulse = Pulse(table.source_level_db, table.pulse_s, table.bandwidth_hz, table.noise_level_db)
+        return cls(table, lighting, pulse, Absorption(table.frequency_hz))
+
+
 class Sent(NamedTuple):
     """A ping that has begun.
 
@@ -151,11 +192,12 @@ class PingingSonar(Sonar):
     settings: PingSettings
     memory: PingMemory
 
-    def __init__(self, mount: Pose, table: PingTable, lighting: Lighting, settings: PingSettings) -> None:
-        """Of a table; with the settings of the start."""
-        self._mount, self._table, self._lighting = mount, table, lighting
-        self._pulse = Pulse(table.source_level_db, table.pulse_s, table.bandwidth_hz, table.noise_level_db)
-        self._absorption = Absorption(table.frequency_hz)
+    def __init__(
+        self, mount: Pose, table: PingTable, lighting: Lighting | Mapping[str, Head], settings: PingSettings
+    ) -> None:
+        """Of a table, whose only mode has this lighting, or of the heads of its modes by name; with the settings of the start."""
+        self._mount = mount
+        self.heads = {"": Head.of(table, lighting)} if isinstance(lighting, Lighting) else lighting
         self.arguments = (
             Argument(
                 "range", "float", "distance at the end of the last bin", "m", False, minimum=table.min_range_m, maximum=table.max_range_m
@@ -172,10 +214,15 @@ class PingingSonar(Sonar):
         """Ready at once."""
         return PingMemory()
 
+    @property
+    def head(self) -> Head:
+        """Of its mode."""
+        return self.heads[""]
+
     def voice(self, c: float) -> Voice:
         """As others hear it, where the sound speed is c (m/s)."""
-        table, pulse = self._table, self._pulse
-        busy = 2.0 * self.settings.range / believed_speed(self._table, c) + table.overhead_s
+        table, _, pulse, _ = self.head
+        busy = 2.0 * self.settings.range / believed_speed(table, c) + table.overhead_s
         return Voice(
             self._mount.p, table.frequency_hz, pulse.bandwidth, pulse.level, pulse.length, self.memory.ready, busy, self.dt
         )  # fmt: skip
@@ -194,19 +241,20 @@ class PingingSonar(Sonar):
         """
         if not self.begins(scope.t):
             return None
-        sent = self.send(scope, self._lighting.axes)
+        sent = self.send(scope, self.head.lighting.axes)
         values = [*sent.values, *(None,) * computed]
         if sent.instant is None:
             return Measurement(values, False, delay_ns=sent.delay_ns)
-        work = job(sent.instant._replace(scope=scope.still()))
+        work = job(sent.instant._replace(scope=scope.still(with_vehicles=False)))
         return Begun(values, True, delay_ns=sent.delay_ns, job=work)
 
     def send(self, scope: Scope, axes: FloatArray) -> Sent:
         """Begin a ping, of a swath whose axes are the columns (3, 3) in the frame of the sensor."""
-        table, reach = self._table, self.settings.range
+        table, _, pulse, absorption = self.head
+        reach = self.settings.range
         p = scope.position(self._mount.p)
         c = scope.water.sound_speed(p[2])
-        believed = believed_speed(self._table, c)
+        believed = believed_speed(table, c)
         duration = 2.0 * reach / believed
         self.memory.ready = scope.t + duration + table.overhead_s
         values: list[Value] = [reach, self.settings.gain, table.frequency_hz, believed]
@@ -216,26 +264,27 @@ class PingingSonar(Sonar):
             return Sent(values, delay, None)
         scattering = table.volume_backscatter_db
         volume = 0.0 if scattering is UNSET else 10.0 ** (0.1 * scattering)
-        water = Water(self._absorption.at(scope, p[2]), volume, height, scope.lambert)
+        water = Water(absorption.at(scope, p[2]), volume, height, scope.lambert)
         poses = self._poses(scope, axes, duration)
-        divided = ranges(reach, table.bins, c, believed / c, self._pulse)
+        divided = ranges(reach, table.bins, c, believed / c, pulse)
         noise = self._noise(scope, p, poses[0][:, 0], divided, c)
         return Sent(values, delay, Instant(scope, p, poses, divided, water, noise))
 
     def _poses(self, scope: Scope, axes: FloatArray, duration: float) -> tuple[FloatArray, ...]:
         """Attitude of the swath at the start, and at the end where the sonar turns meanwhile."""
         attitudes: list[Quat] = [scope.attitude(self._mount.q)]
-        if math.hypot(*scope.w_NB_B) * duration > _STILL * self._lighting.width:
+        if math.hypot(*scope.w_NB_B) * duration > _STILL * self.head.lighting.width:
             _, q_NB = earlier(scope.p_NB, scope.q_NB, (*scope.v_NB_B, *scope.w_NB_B), -duration)
             attitudes.append(multiply(q_NB, self._mount.q))
         return tuple(np.array(matrix(q)) @ axes for q in attitudes)
 
     def _noise(self, scope: Scope, p: Vec3, axis: FloatArray, divided: Ranges, c: float) -> Noise | None:
         number = int(self.rng.integers(1 << 63))
-        if self._table.ideal:
+        table, lighting, _, _ = self.head
+        if table.ideal:
             return None
-        faded, share = speckle.fading(p, axis, *self._lighting.fade)
-        heard = self.overhear(scope, divided.gates, c, self._table.cross_talk_db)
+        faded, share = speckle.fading(p, axis, *lighting.fade)
+        heard = self.overhear(scope, divided.gates, c, table.cross_talk_db)
         return Noise(self.draws.key, number, faded, share, heard)
 
 

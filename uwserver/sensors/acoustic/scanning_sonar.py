@@ -98,7 +98,9 @@ class ScanningSonarConfig(SensorTable, tag="scanning_sonar", kw_only=True, froze
     def __post_init__(self) -> None:
         """ValueError where keys do not go together."""
         if not self.min_range_m <= self.range_m <= self.max_range_m:
-            raise ValueError("range_m must lie between min_range_m and max_range_m")
+            raise ValueError(
+                f"range_m is {self.range_m:g}, the sonar takes {self.min_range_m:g} to {self.max_range_m:g}"
+            )
         if self.sector_width_deg is not UNSET and rad(self.sector_width_deg) > 2.0 * math.pi:
             raise ValueError("sector_width_deg is more than a full turn: leave it out for continuous rotation")
 

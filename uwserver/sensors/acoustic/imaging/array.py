@@ -7,49 +7,60 @@ from functools import cache
 from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from uwserver.physics.kernel.arrays import FloatArray
 
 Taper = Literal["none", "cosine", "hamming"]
 """How the elements are weighted: side lobes of 13.3, 23.0 and 42.7 dB."""
 MOST_ELEMENTS = 4096
+_WEIGHTS: dict[Taper, tuple[tuple[float, float], ...]] = {
+    "none": ((0.0, 1.0),),
+    "cosine": ((1.0, 0.5), (-1.0, 0.5)),
+    "hamming": ((0.0, 0.54), (2.0, 0.23), (-2.0, 0.23)),
+}
+"""A weight is the sum of a cos(pi s x), x from -1/2 to 1/2 over the array: shifts s and amplitudes a."""
+_ON_AXIS = 1e-9
+_BLOCK = 1 << 18
 
 
-def weights(taper: Taper, elements: int) -> FloatArray:
-    """(elements) weights, of sum 1."""
-    x = (np.arange(elements) + 0.5) / elements
-    shape = {
-        "none": np.ones(elements),
-        "cosine": np.sin(math.pi * x),
-        "hamming": 0.54 - 0.46 * np.cos(2.0 * math.pi * x),
-    }
-    result: FloatArray = shape[taper] / shape[taper].sum()
-    return result
-
-
-def response(weight: FloatArray, off: FloatArray) -> FloatArray:
+def response(taper: Taper, elements: int, off: FloatArray) -> FloatArray:
     """Amplitude of a beam, 1 on its axis, for sound that comes from elsewhere.
 
     Args:
-        weight: (n) of the elements, symmetric.
+        taper, elements: of the array.
         off: sine of the angle of the sound minus that of the beam, of any shape.
     """
-    half = len(weight) // 2
-    place = np.arange(len(weight) - half, len(weight)) - 0.5 * (len(weight) - 1)
-    result: FloatArray = np.full(off.shape, weight[half] if len(weight) % 2 else 0.0)
-    for x, w in zip(place, weight[len(weight) - half :], strict=True):
-        result += 2.0 * w * np.cos(math.pi * x * off)
+    result: FloatArray = np.zeros(off.shape)
+    for shift, amplitude in _WEIGHTS[taper]:
+        result += amplitude * _untapered(elements, off + shift / elements)
+    at_axis = sum(
+        amplitude * _untapered(elements, np.array([shift / elements]))[0] for shift, amplitude in _WEIGHTS[taper]
+    )
+    result /= at_axis
     return result
+
+
+def _untapered(elements: int, off: FloatArray) -> FloatArray:
+    """Sum over the elements of cos(pi place off), their places being whole numbers about the middle of the array (Dirichlet's kernel)."""
+    lobe = np.round(0.5 * off)  # grating lobes are two sines apart: about each its sines are exact
+    half = 0.5 * math.pi * (off - 2.0 * lobe)
+    below = np.sin(half)
+    near = np.abs(below) < _ON_AXIS
+    below[near] = 1.0
+    result: FloatArray = np.sin(elements * half) / below
+    result[near] = elements
+    return result if elements % 2 else np.where(lobe % 2.0 == 0.0, result, -result)
 
 
 @cache
 def _spread(taper: Taper) -> float:
     """Width between half-power points of a large array, in sines, times its elements."""
     n = 1000
-    weight, low, high = weights(taper, n), 0.0, 4.0 / n
+    low, high = 0.0, 4.0 / n
     for _ in range(40):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if response(weight, np.array([middle]))[0] ** 2 > 0.5 else (low, middle)
+        low, high = (middle, high) if response(taper, n, np.array([middle]))[0] ** 2 > 0.5 else (low, middle)
     return 2.0 * low * n
 
 
@@ -58,6 +69,12 @@ def elements(taper: Taper, width: float) -> int:
     return min(max(2, round(_spread(taper) / (2.0 * math.sin(0.5 * width)))), MOST_ELEMENTS)
 
 
-def pattern(weight: FloatArray, beams: FloatArray, columns: FloatArray) -> FloatArray:
-    """(beams, columns) amplitude that each beam hears of each column; angles in rad."""
-    return response(weight, np.sin(columns)[None, :] - np.sin(beams)[:, None])
+def pattern(taper: Taper, elements: int, beams: FloatArray, columns: FloatArray) -> npt.NDArray[np.float32]:
+    """(beams, columns) float32 amplitude that each beam hears of each column; angles in rad."""
+    of_columns, of_beams = np.sin(columns), np.sin(beams)
+    result = np.empty((len(beams), len(columns)), np.float32)
+    rows = max(_BLOCK // len(columns), 1)
+    for first in range(0, len(beams), rows):  # a few MB of double precision at a time
+        part = slice(first, first + rows)
+        result[part] = response(taper, elements, of_columns[None, :] - of_beams[part, None])
+    return result

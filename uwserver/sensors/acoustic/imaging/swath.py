@@ -20,6 +20,9 @@ _MARGIN = 2.0
 _PER_BEAM = 3.0
 """Columns in a beam's half-power width: two are what its pattern can tell apart; of three a point between two is 7 % wider."""
 _BOTH_SIDES = 0.995 * math.pi
+_MOST_RAYS = 1 << 18
+_MOST_PAIRS = 1 << 22
+"""Of a beam and a column: their patterns are 16 MB each, and made in half a second."""
 
 _RAY_S, _BEAM_S, _GATE_S = 1.5e-7, 9e-11, 7e-9
 """What a picture costs on one core of a common machine: a ray over 100 000 triangles, a column in a gate of a beam, a gate of a beam or column."""
@@ -34,6 +37,22 @@ def columns_of(field: float, width: float) -> int:
     """How many columns a swath has; angles in rad."""
     over = min(field + 2.0 * _MARGIN * width, _BOTH_SIDES)
     return 4 * math.ceil(0.25 * _PER_BEAM * over / width)
+
+
+def check_size(columns: int, rows: int, beams: int, keys: str, where: str = "") -> None:
+    """ValueError where a ping would have too many rays, or too many columns for its beams.
+
+    Args:
+        columns, rows: of rays.
+        beams: of the array.
+        keys: of the table that make fewer rays.
+        where: follows what is too many.
+    """
+    if columns * rows > _MOST_RAYS:
+        raise ValueError(f"{columns * rows} rays a ping{where} are more than {_MOST_RAYS}: {keys} need fewer")
+    if columns * beams > _MOST_PAIRS:
+        text = f"{beams} beams of {columns} columns of rays{where} are {columns * beams} pairs, more than {_MOST_PAIRS}"
+        raise ValueError(f"{text}: wider beams, a smaller field or fewer beams make fewer")
 
 
 Plane = npt.NDArray[np.float32]
@@ -73,12 +92,11 @@ class Swath:
         self.grid.cells["emitted"] = np.outer(along, across).ravel()
         self.column: IntArray = np.tile(np.arange(self.columns), rows)
         self.azimuth: FloatArray = ((np.arange(beams) + 0.5) / beams - 0.5) * field
-        weight = array.weights(taper, array.elements(taper, width))
-        amplitude = array.pattern(weight, self.azimuth, self.grid.azimuth)
-        self.pattern: Plane = amplitude.astype(np.float32)
-        self.power: Plane = (amplitude**2).astype(np.float32)
+        elements = array.elements(taper, width)
+        self.pattern: Plane = array.pattern(taper, elements, self.azimuth, self.grid.azimuth)
+        self.power: Plane = self.pattern**2
         self.directivity = 4.0 * math.pi / (width * height)
-        self.aperture = 0.5 * len(weight)
+        self.aperture = 0.5 * elements
 
 
 def reflected(hits: Hits, chosen: IntArray, origin: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:

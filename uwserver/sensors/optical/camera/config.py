@@ -160,10 +160,24 @@ class CameraTable(SensorTable, kw_only=True, frozen=True):
 
     @property
     def cores(self) -> float:
-        """About what part of a 2.5 GHz core its pictures take by day (`uwserver bench sensors`); two lamps add half as much."""
+        """About what part of a core its pictures take."""
+        return self.computing_s * self.rate_hz
+
+    @property
+    def given_s(self) -> float:
+        """From the middle of an exposure, as it starts, to the delivery of its picture, s."""
+        exposed = 0.0 if self.ideal or self.mode in ("depth", "segmentation") else 0.5 * self.exposure_s
+        return exposed + self.read_out_s + (self.latency_s or 0.0)
+
+    @property
+    def computing_s(self) -> float:
+        """About the processor time (s) of a picture, or of both of a pair, on a 2.5 GHz core by day (`uwserver bench sensors`).
+
+        Two lamps add half as much.
+        """
         of_each = {"rgb": 330.0, "mono": 320.0, "depth": 170.0, "segmentation": 400.0}[self.mode]
         both = 1.0 if isinstance(self.baseline_m, UnsetType) else 2.0
-        return both * of_each * 1e-9 * self.width * self.height * self.rate_hz
+        return both * of_each * 1e-9 * self.width * self.height
 
     def beside(self, mount: Pose) -> Pose:
         """Where the right camera of a pair sits."""

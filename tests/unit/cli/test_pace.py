@@ -1,0 +1,117 @@
+"""What check tells of readings that come late, and of sonars that are asked for too many pings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+import uwserver.cli.scenario as commands
+from uwserver.cli.pace import hasty, late
+from uwserver.scenario.load.resolved import Resolved
+from uwserver.scenario.load.scenario import load
+
+BOTH = """schema = 1
+[vehicles.rov]
+model = "bluerov2_heavy"
+[vehicles.rov.sensors.front]
+kind = "camera"
+rate_hz = 10
+width = 640
+height = 480
+exposure_s = 0.01
+read_out_s = {read_out_s}
+latency_s = {latency_s}
+[vehicles.rov.sensors.sonar]
+kind = "multibeam"
+rate_hz = {rate_hz}
+beams = 256
+bins = 512
+range_m = {range_m}
+processing_s = {processing_s}
+"""
+ENOUGH = {"read_out_s": 0.02, "latency_s": 0.15, "rate_hz": 10, "range_m": 30, "processing_s": 0.1}
+
+
+@pytest.fixture
+def loaded(tmp_path: Path) -> Resolved:
+    """Of BOTH, with time for all."""
+    return both(tmp_path)
+
+
+def both(folder: Path, **changed: float) -> Resolved:
+    path = folder / "both.toml"
+    path.write_text(BOTH.format(**{**ENOUGH, **changed}), encoding="utf-8")
+    return load(path, adapters={})
+
+
+def test_what_has_time_is_not_told(loaded: Resolved) -> None:
+    assert late(loaded) == []
+    assert hasty(loaded) == []
+
+
+def test_a_camera_that_must_wait_for_a_sonar_may_be_late(tmp_path: Path) -> None:
+    """0.5 x 10 ms and 20 ms and 90 ms are enough for the 101 ms of its own, but not for those of the sonar too."""
+    resolved = both(tmp_path, latency_s=0.09)
+    sensors = resolved.vehicles["rov"].vehicle.sensors
+    camera, sonar = sensors["front"].computing_s, sensors["sonar"].computing_s
+    assert camera == pytest.approx(0.101, abs=1e-3)
+    assert camera < 0.115 < camera + sonar
+    (line,) = late(resolved)
+    assert line.startswith(
+        f"in time: rov/front has 115 ms from the begin of a reading to its delivery, and may need {1e3 * (camera + sonar):.3g} ms: "
+    )
+    assert (
+        f"{1e3 * camera:.3g} ms of its own and {1e3 * sonar:.3g} ms of rov/sonar, which may be in work before it"
+        in line
+    )
+    for key in ("read_out_s", "latency_s", "width", "rate_hz"):
+        assert key in line
+
+
+def test_a_sonar_of_short_range_may_be_late_by_a_camera(tmp_path: Path) -> None:
+    """3 m take 4 ms, and with processing_s = 0.06 that is less than the camera's picture alone."""
+    (line,) = late(both(tmp_path, range_m=3, processing_s=0.06))
+    assert line.startswith("in time: rov/sonar has 64 ms ")
+    assert "ms of rov/front, which may be in work before it" in line
+    for key in ("processing_s", "latency_s", "beams", "rate_hz"):
+        assert key in line
+
+
+def test_alone_it_need_not_wait(tmp_path: Path) -> None:
+    path = tmp_path / "alone.toml"
+    text = BOTH.format(**{**ENOUGH, "latency_s": 0.09})
+    path.write_text(text[: text.index("[vehicles.rov.sensors.sonar]")], encoding="utf-8")
+    assert late(load(path, adapters={})) == []
+    path.write_text(path.read_text(encoding="utf-8").replace("0.09", "0.05"), encoding="utf-8")
+    (line,) = late(load(path, adapters={}))
+    assert "may need 101 ms: 101 ms of its own. In real time" in line
+
+
+def test_a_sonar_cannot_ping_more_often_than_its_echoes_come_back(tmp_path: Path) -> None:
+    (line,) = hasty(both(tmp_path, rate_hz=60, range_m=100))
+    assert line == (
+        "rate: rov/sonar cannot ping rate_hz = 60 times a second: with range_m = 100 and overhead_s = 0.005 about 7.23 a second"
+    )
+
+
+def test_many_are_not_all_named(tmp_path: Path) -> None:
+    path = tmp_path / "many.toml"
+    text = BOTH.format(**{**ENOUGH, "rate_hz": 60, "range_m": 100})
+    path.write_text(
+        text.replace("[vehicles.rov.sensors.front]", "copies = { count = 10 }\n[vehicles.rov.sensors.front]"),
+        encoding="utf-8",
+    )
+    lines = hasty(load(path, adapters={}))
+    assert len(lines) == 5
+    assert lines[-1] == "and 6 more cannot either"
+
+
+def test_check_prints_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(commands, "installed_adapters", dict)
+    both(tmp_path, rate_hz=60, range_m=100, latency_s=0.09)
+    result = CliRunner().invoke(commands.check, [str(tmp_path / "both.toml")])
+    assert result.exit_code == 0
+    assert "\nin time: rov/front has 115 ms " in result.stderr
+    assert "\nrate: rov/sonar cannot ping rate_hz = 60 " in result.stderr
