@@ -50,7 +50,7 @@ class Fanout:
         self._covered: dict[str, tuple[str, ...]] = {}
         self._described: dict[tuple[str, str], msgspec.Raw] = {}
         self._together = Together(lambda path: self._ports.get(path, {}), context.stats)
-        self._jpegs = Jpegs(context.name, context.stats)
+        self._jpegs = Jpegs(context)
 
     async def close(self) -> None:
         """End the thread that encodes pictures."""

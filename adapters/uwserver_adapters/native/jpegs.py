@@ -9,7 +9,7 @@ import logging
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from uwserver.adapter import AdapterStats, InOrder
+from uwserver.adapter import AdapterContext, InOrder
 from uwserver.adapter.pictures import with_jpeg
 from uwserver.ports import Sample
 from uwserver_adapters.native.outbox import Outgoing
@@ -24,12 +24,11 @@ class Jpegs:
     """The JPEG of a `Fanout`.
 
     Args:
-        name: of the adapter.
-        stats: counts.
+        context: of the adapter.
     """
 
-    def __init__(self, name: str, stats: AdapterStats) -> None:
-        self._name, self._stats = name, stats
+    def __init__(self, context: AdapterContext) -> None:
+        self._context, self._stats = context, context.stats
         self._thread: InOrder[Sample] | None = None
 
     async def close(self) -> None:
@@ -61,7 +60,7 @@ class Jpegs:
         for selection in selections:
             due = [(r, d) for r in selection.routes.values() if (d := r.delivery(sample.t_ns)) is not None]
             if due:
-                thread = self._thread = self._thread or InOrder(f"{self._name} pictures", self._stats)
+                thread = self._thread = self._thread or InOrder(f"{self._context.name} pictures", self._stats)
                 kept = [(route.frame, route.outbox.put_later(selection, how, thread.hurry)) for route, how in due]
                 places.append((selection, kept))
                 touched.update(route.outbox for route, _ in due)
