@@ -2,8 +2,9 @@
 
 Each colour has an attenuation of its own along the line of sight and another one for daylight downwards, and the veil of the water before a
 thing does not follow the attenuation of the thing's own light (D. Akkaynak and T. Treibitz, A revised underwater image formation model, CVPR
-2018). Light of the sun falls with depth, keeps less and less of its direction, and is gathered by waves; light of lamps comes by cones, and is
-attenuated both ways. Surfaces are Lambert's. Illuminance is in lux of daylight of each colour, radiance in lux/sr.
+2018). Light of the sun falls with depth, keeps less and less of its direction, and is gathered by waves; light of lamps comes by cones, keeps
+what is scattered forward on its way out, and loses it on its way to the lens, where it would be a blur. Surfaces are Lambert's. Illuminance is
+in lux of daylight of each colour, radiance in lux/sr.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from uwserver.sensors.optical.camera.patterns import paint_growth, paint_seabed,
 SEA = np.dtype(
     [
         ("attenuation", "f8", (3,)),  # of a beam, 1/m
+        ("dimming", "f8", (3,)),  # of lamps on their way out, 1/m
         ("fading", "f8", (3,)),  # of daylight downwards, 1/m
         ("glow", "f8", (3,)),  # see `WaterLight.glow`
         ("spreading", "f8"),  # of the sun's light, of green as of all colours, 1/m
@@ -71,6 +73,7 @@ def sea_row(water: WaterLight, day: Daylight, base: tuple[float, float, float], 
         water.glow(),
         water.spreading()[1],
     )
+    sea["dimming"] = water.dimming()
     sea["surface"], sea["wet"], sea["above"], sea["sky"] = -depth, depth > 0.0, day.illuminance, day.sky
     sea["sun"], sea["entered"] = day.below()
     level = math.cos(day.elevation)
@@ -273,7 +276,7 @@ def _lamplight(s: Any, wet: bool, lamp: Any, x: Array, normal: Array, arrived: A
     if cosine > 0.0:
         lux = intensity(lamp, lx, ly, lz, far) / (far * far) * cosine
         for i in range(3):
-            arrived[i] += lux * (math.exp(-s.attenuation[i] * far) if wet else 1.0)
+            arrived[i] += lux * (math.exp(-s.dimming[i] * far) if wet else 1.0)
 
 
 @compiled
