@@ -232,9 +232,8 @@ class Camera(Sensor):
         assert sight is not None
         depth = max(scope.submergence(p), 0.0)
         light = np.exp(-depth * np.array(sight.water.fading)) * sight.day.illuminance
-        light += (
-            sum(lamp.lumens for lamp in sight.lamps()) * _LAMPLIGHT * np.exp(-4.0 * np.array(sight.water.attenuation))
-        )
+        ways = np.add(sight.water.dimming(), sight.water.attenuation)
+        light += sum(lamp.lumens for lamp in sight.lamps()) * _LAMPLIGHT * np.exp(-2.0 * ways)
         electrons = float((light * _GREY / math.pi * self._chip.electrons(memory.exposure)).max())
         return min(max(electrons * gain_of(memory.gain) / self._chip.full_well, 1e-4), 1.0)
 

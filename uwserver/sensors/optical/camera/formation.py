@@ -2,8 +2,9 @@
 
 Each colour has an attenuation of its own along the line of sight and another one for daylight downwards, and the veil of the water before a
 thing does not follow the attenuation of the thing's own light (D. Akkaynak and T. Treibitz, A revised underwater image formation model, CVPR
-2018). Light of the sun falls with depth, keeps less and less of its direction, and is gathered by waves; light of lamps comes by cones, and is
-attenuated both ways. Surfaces are Lambert's. Illuminance is in lux of daylight of each colour, radiance in lux/sr.
+2018). Light of the sun falls with depth, keeps less and less of its direction, and is gathered by waves; light of lamps comes by cones, keeps
+what is scattered forward on its way out, and loses it on its way to the lens, where it would be a blur. Surfaces are Lambert's. Illuminance is
+in lux of daylight of each colour, radiance in lux/sr.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from uwserver.sensors.optical.camera.patterns import paint_growth, paint_seabed,
 SEA = np.dtype(
     [
         ("attenuation", "f8", (3,)),  # of a beam, 1/m
+        ("dimming", "f8", (3,)),  # of lamps on their way out, 1/m
         ("fading", "f8", (3,)),  # of daylight downwards, 1/m
         ("glow", "f8", (3,)),  # see `WaterLight.glow`
         ("spreading", "f8"),  # of the sun's light, of green as of all colours, 1/m
@@ -46,6 +48,9 @@ _BACK = 0.08
 _TILES, _GROWTH, _SEABED = 3, 2, 1
 _SUN_WIDTH = 0.06
 """rad; of the sun's image in a ruffled surface."""
+_WITHIN = ((-0.125, -0.375), (0.375, -0.125), (-0.375, 0.125), (0.125, 0.375))
+"""Places in a pixel, parts of it, at which one looks through the surface: the edge of Snell's window is sharp and its waves are small."""
+_SHARE = 1.0 / len(_WITHIN)
 _NEVER = 1e6
 _SURFACE = -2
 _TURNED_AWAY = -0.2
@@ -71,6 +76,7 @@ def sea_row(water: WaterLight, day: Daylight, base: tuple[float, float, float], 
         water.glow(),
         water.spreading()[1],
     )
+    sea["dimming"] = water.dimming()
     sea["surface"], sea["wet"], sea["above"], sea["sky"] = -depth, depth > 0.0, day.illuminance, day.sky
     sea["sun"], sea["entered"] = day.below()
     level = math.cos(day.elevation)
@@ -227,7 +233,7 @@ def form(
                 for i in range(3):
                     seen[i] = colour[i] * arrived[i] / math.pi
         elif hit == _SURFACE and wet:
-            _from_below(s, tile, dx, dy, dz, x, seen)
+            _from_below(s, tile, dx, dy, dz, x, r, seen)
         elif hit == _SURFACE:
             _from_above(s, tile, dx, dy, dz, x, seen)
         elif hit < 0 and not wet and r > 0.0:
@@ -273,13 +279,26 @@ def _lamplight(s: Any, wet: bool, lamp: Any, x: Array, normal: Array, arrived: A
     if cosine > 0.0:
         lux = intensity(lamp, lx, ly, lz, far) / (far * far) * cosine
         for i in range(3):
-            arrived[i] += lux * (math.exp(-s.attenuation[i] * far) if wet else 1.0)
+            arrived[i] += lux * (math.exp(-s.dimming[i] * far) if wet else 1.0)
 
 
 @compiled
-def _from_below(s: Any, tile: Array, dx: float, dy: float, dz: float, x: Array, seen: Array) -> None:
-    """The surface as one sees it at x from the water. What it mirrors is water, as one sees it level just below."""
-    above, mirrored = _window(s, tile, dx, dy, dz, s.north + x[0], s.east + x[1])
+def _from_below(s: Any, tile: Array, dx: float, dy: float, dz: float, x: Array, r: float, seen: Array) -> None:
+    """The surface as one sees it at x, r m away, from the water. What it mirrors is water, as one sees it level just below."""
+    above = mirrored = 0.0
+    level = math.hypot(dx, dy)
+    ux, uy = (-dy / level, dx / level) if level > 1e-9 else (1.0, 0.0)
+    for across, along in _WITHIN:
+        p, q = across * s.pixel, along * s.pixel
+        # (ux, uy, 0) and its product with the ray are both across it.
+        ex, ey, ez = dx + p * ux + q * uy * dz, dy + p * uy - q * ux * dz, dz + q * (ux * dy - uy * dx)
+        if ez >= 0.5 * dz:  # nearly level, where all is mirrored
+            mirrored += _SHARE
+            continue
+        far, size = r * dz / ez, 1.0 / math.sqrt(ex * ex + ey * ey + ez * ez)
+        north, east = s.north + x[0] - r * dx + far * ex, s.east + x[1] - r * dy + far * ey
+        light, part = _window(s, tile, ex * size, ey * size, ez * size, north, east)
+        above, mirrored = above + _SHARE * light, mirrored + _SHARE * part
     for i in range(3):
         seen[i] = above + mirrored * s.glow[i] / max(s.attenuation[i], 1e-6) * s.above * s.entered
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from uwserver.environment.light import ASYMMETRY
+from uwserver.environment.light import ASYMMETRY, WaterLight
 from uwserver.frames import Quat, Vec3
 from uwserver.physics.kernel.arrays import Array, FloatArray
 from uwserver.physics.kernel.deferred import compiled, entry
@@ -71,7 +71,7 @@ def intensity(lamp: Any, x: float, y: float, z: float, far: float) -> float:
 
 @entry
 def fill_veil(
-    lamps: Array, origin: Array, direction: Array, width: int, coarse: int, ranges: Array, attenuation: Array, scattering: Array,
+    lamps: Array, origin: Array, direction: Array, width: int, coarse: int, ranges: Array, dimming: Array, attenuation: Array, scattering: Array,
     asymmetry: float, nearest: float, veil: Array,
 ) -> None:  # fmt: skip
     """Light of lamps that the water before each range sends back.
@@ -82,6 +82,7 @@ def fill_veil(
         width: of the picture.
         coarse: pixels along a cell of the veil.
         ranges: (s) m.
+        dimming: (3) of lamps on the way out, 1/m.
         attenuation, scattering: (3) of the water, 1/m.
         asymmetry: of Henyey and Greenstein's phase function.
         nearest: m; least distance from a lamp.
@@ -113,21 +114,26 @@ def fill_veil(
                     spread = 1.0 + gg - 2.0 * g * turn
                     phase = (1.0 - gg) / (4.0 * math.pi * spread * math.sqrt(spread))
                     for i in range(3):
-                        sums[i] += light * phase * scattering[i] * step * math.exp(-attenuation[i] * (middle + far))
+                        sums[i] += (
+                            light * phase * scattering[i] * step * math.exp(-attenuation[i] * middle - dimming[i] * far)
+                        )
                 for i in range(3):
                     veil[row, column, s, i] = sums[i]
 
 
-def veil_of(
-    lamps: Any, rays: tuple[Any, Any], width: int, attenuation: FloatArray, scattering: FloatArray
-) -> FloatArray:
+def veil_of(lamps: Any, rays: tuple[Any, Any], width: int, water: WaterLight) -> FloatArray:
     """The veil of a picture: (rows, columns, STEPS, 3), see `fill_veil`; empty without lamps."""
     if not len(lamps):
         return np.zeros((0, 0, STEPS, 3))
     origin, direction = rays
     height = len(direction) // width
     veil: FloatArray = np.empty((-(-height // COARSE) + 1, -(-width // COARSE) + 1, STEPS, 3))
-    fill_veil(lamps, origin, direction, width, COARSE, RANGES, attenuation, scattering, ASYMMETRY, _NEAREST, veil)
+    dimming, attenuation, scattering = (
+        np.array(colours) for colours in (water.dimming(), water.attenuation, water.scattering)
+    )
+    fill_veil(
+        lamps, origin, direction, width, COARSE, RANGES, dimming, attenuation, scattering, ASYMMETRY, _NEAREST, veil
+    )
     return veil
 
 

@@ -101,14 +101,7 @@ class Optics:
         lit: Any = np.ones((len(lamps), cells), np.uint8)
         if shadows:
             self._shadows(view, things, lamps, lit, water)
-        attenuation, scattering = np.array(water.attenuation), np.array(water.scattering)
-        veil = veil_of(
-            lamps[:0] if water is AIR else lamps,
-            (buffers.origin, buffers.direction),
-            lens.width,
-            attenuation,
-            scattering,
-        )
+        veil = veil_of(lamps[:0] if water is AIR else lamps, (buffers.origin, buffers.direction), lens.width, water)
         tile = caustics.tile(view.t)
         formation.form(
             sea, buffers.origin, buffers.direction, buffers.distance, buffers.face, visible.faces, things, visible.shifts(),
@@ -136,7 +129,7 @@ class Optics:
             least = max(_LEAST_LUX, _SHADOWED * day)
             light_rays(
                 lamps[k : k + 1], buffers.origin, buffers.direction, buffers.distance, self.lens.width, SHADOW, least,
-                min(water.attenuation), points, towards, reach,
+                min(water.dimming()), points, towards, reach,
             )  # fmt: skip
             for placed in view.look.made().scenes:
                 row = things["row"][placed.thing]

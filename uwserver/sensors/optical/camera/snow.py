@@ -102,7 +102,7 @@ def _draw(
         away = max(math.sqrt(lx * lx + ly * ly + lz * lz), 0.05)
         lux = intensity(lamp, lx, ly, lz, away) / (away * away)
         for i in range(3):
-            glow[i] += lux * math.exp(-s.attenuation[i] * away)
+            glow[i] += lux * math.exp(-s.dimming[i] * away)
     for i in range(3):
         glow[i] *= albedo / math.pi * math.exp(-s.attenuation[i] * far)
     top, bottom = max(int(v - size), 0), min(int(v + size) + 1, height - 1)

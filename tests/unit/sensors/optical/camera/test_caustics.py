@@ -34,3 +34,19 @@ def test_light_is_gathered_near_the_surface_and_not_made(depth: float, lively: b
     flat = 50_000.0 * (1.0 - (0.34 / 2.34) ** 2) * 0.5 / math.pi
     assert light.mean() == pytest.approx(flat, rel=0.1)
     assert (light.std() > 0.1 * flat) == lively
+
+
+def test_the_edge_of_the_window_is_not_made_of_blocks() -> None:
+    """Waves are small there: a pixel has about the mean of the nine that a finer camera has in its place."""
+    up, day = quat_from_rpy(0.0, 0.9, 0.0), Daylight(50_000.0, 0.3, math.pi, 0.9)
+    coarse, fine = (
+        Optics(lens_of((width, width * 3 // 4), 1.4), None)
+        .form(view(p=(0.0, 0.0, 9.5), q=up, water=CLEAR, day=day))[:, 1]
+        .reshape(width * 3 // 4, width)
+        .copy()
+        for width in (120, 360)
+    )
+    mean = fine.reshape(90, 3, 120, 3).mean(axis=(1, 3))
+    edge = (mean > 0.2 * mean.max()) & (mean < 0.8 * mean.max())
+    assert edge.sum() > 500
+    assert np.abs(coarse - mean)[edge].mean() < 0.04 * mean.max()

@@ -11,6 +11,7 @@ from sensors.optical.camera.rig import CLEAR, DARK, NOON, floor, seen, view, wal
 from uwserver.environment.light import WATER_TYPES, Daylight, WaterLight
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.geometry.shapes import Box, Sphere, TriangleMesh
+from uwserver.sensors.optical.camera.faces import Paint
 from uwserver.sensors.optical.camera.lamps import LampAt
 from uwserver.sensors.optical.camera.lens import lens_of
 from uwserver.sensors.optical.camera.picture import Optics
@@ -111,6 +112,22 @@ def test_a_lamp_lights_by_its_cone_and_the_inverse_square() -> None:
     far = optics.form(view(wall(4.0), bodies=bodies, lamps=(lamp(0.0, 0.0),)))[MIDDLE].copy()
     np.testing.assert_allclose(near, 1000.0 / math.pi / 4.0 * 0.5 / math.pi, rtol=0.01)
     np.testing.assert_allclose(near / far, 4.0, rtol=0.01)
+
+
+def test_light_of_a_lamp_keeps_what_is_scattered_forward_on_the_way_out_but_not_back() -> None:
+    """What a wall sends back over a black one, 3 m away: a + b (1 - g) to it, c from it."""
+    water = WaterLight((0.30,) * 3, (0.25,) * 3, (0.08,) * 3)
+    scene = {"bodies": [(0.0, 0.0, 10.0, 1.0)], "lamps": (lamp(0.0, 0.0),), "water": water}
+    grey, black = (
+        Optics(LENS, None)
+        .form(view(seen("wall", Box((0.1, 50.0, 50.0)), (3.1, 0.0, 0.0), paint=Paint([(albedo,) * 3])), **scene))[
+            MIDDLE
+        ]
+        .copy()
+        for albedo in (0.5, 0.0)
+    )
+    way = math.exp(-3.0 * (0.05 + 0.25 * (1.0 - 0.924)) - 3.0 * 0.30)
+    np.testing.assert_allclose(grey - black, 1000.0 / math.pi / 9.0 * 0.5 / math.pi * way, rtol=0.01)
 
 
 def test_a_lamp_throws_a_shadow_that_can_be_left_out() -> None:
