@@ -39,6 +39,7 @@ PARTS = (
 _MODULES = {
     "physics": ("physics", "remus"),
     "sensors": ("sensors", "sound", "modems", "cameras"),
+    "video": ("video", "beside"),
     "logs": ("logs", "recordings"),
 }
 """Where a part is not the module of its name."""

@@ -13,6 +13,7 @@ from msgspec import Struct
 from uwserver.actuators import ActuatorConfig
 from uwserver.adapter import AdapterNotFound, AdapterTable, installed_adapters
 from uwserver.cli.colour import coloured_problems, styled
+from uwserver.cli.own_hull import facing_their_hull
 from uwserver.cli.pace import hasty, late
 from uwserver.cli.vehicle_parts import parts_of
 from uwserver.modifiers import ModifierConfig
@@ -66,7 +67,7 @@ def check(files: tuple[str, ...], explain: bool) -> None:
             click.echo(f"  {line}", err=explain)
         if (told := pictures(resolved)) is not None:
             click.echo(told, err=True)
-        for line in (*late(resolved), *hasty(resolved)):
+        for line in (*late(resolved), *hasty(resolved), *facing_their_hull(resolved)):
             click.echo(line, err=True)
     sys.exit(1 if failed else 0)
 

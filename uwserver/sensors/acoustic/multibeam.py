@@ -61,6 +61,7 @@ class MultibeamConfig(PingTable, tag="multibeam", kw_only=True, frozen=True):
     """A forward-looking multibeam sonar; x ahead, azimuth from x towards y. `rate_hz` at most: a ping waits until the last one is over.
 
     Attributes:
+        ideal: mean level without speckle, noise, gain errors and wrong sound speed.
         output: 8-bit counts on a logarithmic scale; the sound pressure (amplitude, Pa); or the same as real and imaginary part.
         beams: of the picture, equal angles apart.
         bins: rows of the picture, equal ranges apart.

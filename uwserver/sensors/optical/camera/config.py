@@ -166,7 +166,7 @@ class CameraTable(SensorTable, kw_only=True, frozen=True):
     @property
     def given_s(self) -> float:
         """From the middle of an exposure, as it starts, to the delivery of its picture, s."""
-        exposed = 0.0 if self.ideal or self.mode in ("depth", "segmentation") else 0.5 * self.exposure_s
+        exposed = 0.0 if self.mode in ("depth", "segmentation") else 0.5 * self.exposure_s
         return exposed + self.read_out_s + (self.latency_s or 0.0)
 
     @property
