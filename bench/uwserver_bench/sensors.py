@@ -17,7 +17,15 @@ import numpy as np
 from uwserver.frames import IDENTITY
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
-from uwserver.sensors import MultibeamConfig, Pose, Scope
+from uwserver.sensors import (
+    BathymetryConfig,
+    MultibeamConfig,
+    Pose,
+    ProfilerConfig,
+    Scope,
+    SensorConfig,
+    SideScanConfig,
+)
 from uwserver.world.profile import Profile
 from uwserver.world.world import World
 from uwserver_bench.physics import COMMAND_EVERY, RATE_HZ
@@ -26,6 +34,12 @@ from uwserver_bench.solids import seabed_mesh
 
 REAL_TIME_BAR = 40.0
 PICTURES_BAR = 50.0
+PINGS: dict[str, tuple[str, float, SensorConfig, Pose]] = {
+    "side scan": ("side-scan ping, 2 x 1000 bins over 50 m", 1.0, SideScanConfig(rate_hz=10), Pose()),
+    "bathymetry": ("bathymetry ping, 256 beams over 140 degrees, 50 m", 3.0, BathymetryConfig(rate_hz=10), Pose()),
+    "profile": ("profile ping, 81 rays, 20 m, straight down", 0.1, ProfilerConfig(rate_hz=10), Pose.from_degrees((0.0, -90.0, 0.0))),
+}  # fmt: skip
+"""By name: the row and its bar, ms; what pings, and how it is mounted."""
 DEVICES = {
     "sonar": ("Micron DST ping, 13 x 71 rays, 400 bins over 20 m", 700.0),
     "dvl": ("DVL1000 sample, bottom and water track", 50.0),
@@ -119,21 +133,27 @@ def bench_sensors(quick: bool, say: Callable[[str], None]) -> list[Row]:
     except ImportError as error:
         return [Row("sensors", "readings", "us", (), note=f'pip install "uwserver[solid]" ({error})')]
     repeats, budget_s = (2, 0.02) if quick else (7, 0.3)
-    values: dict[str, list[float]] = {name: [] for name in (*DEVICES, "all", "pictures")}
+    values: dict[str, list[float]] = {name: [] for name in (*DEVICES, "all", "pictures", *PINGS)}
     for repeat in range(-1, repeats):  # the first warms up
         say(f"sensors: repeat {max(repeat, 0) + 1} of {repeats}")
         world.call("world/reset")
         world.step(2)
         found = _readings_us(world, budget_s)
         found["all"] = _real_time_factor(world, budget_s)
-        found["pictures"] = _pictures_per_second(world, budget_s)
+        sonar = MultibeamConfig(rate_hz=10, range_m=25.0, gain_sigma_db=0.0)
+        found["pictures"] = 1e3 / _ping_ms(world, sonar, Pose.from_degrees((0.0, -12.0, 0.0)), budget_s)
+        for name, (_, _, config, mount) in PINGS.items():
+            found[name] = _ping_ms(world, config, mount, budget_s)
         for name, value in found.items() if repeat >= 0 else ():
             values[name].append(value)
     rows = [Row("sensors", title, "us", tuple(values[name]), at_most=bar) for name, (title, bar) in DEVICES.items()]
     title = "BlueROV2 Heavy: imu 120, depth 48, dvl 8, gps 5, altimeter 10, sonar 20 Hz"
     rows.append(Row("sensors", title, "x realtime", tuple(values["all"]), REAL_TIME_BAR))
     title = "multibeam sonar, 256 beams x 512 ranges over 130 degrees"
-    return [*rows, Row("sensors", title, "pictures/s", tuple(values["pictures"]), PICTURES_BAR)]
+    rows.append(Row("sensors", title, "pictures/s", tuple(values["pictures"]), PICTURES_BAR))
+    return rows + [
+        Row("sensors", title, "ms", tuple(values[name]), at_most=bar) for name, (title, bar, *_) in PINGS.items()
+    ]
 
 
 def survey(more: str = "") -> World:
@@ -175,18 +195,20 @@ def _readings_us(world: World, budget_s: float) -> dict[str, float]:
     return {name: total[KINDS[name]] / counts[KINDS[name]] + errors for name in DEVICES}
 
 
-def _pictures_per_second(world: World, budget_s: float) -> float:
-    """Pictures of an imaging sonar that looks down at the seabed, a second of one thread's processor time."""
-    sonar = MultibeamConfig(rate_hz=10, range_m=25.0, gain_sigma_db=0.0).build(Pose.from_degrees((0.0, -12.0, 0.0)))
+def _ping_ms(world: World, config: SensorConfig, mount: Pose, budget_s: float) -> float:
+    """Milliseconds of one thread's processor time that a reading of a sonar takes, with all that it computes, over the middle of the seabed."""
+    sonar = config.build(mount)
     sonar.load_kernels()
     place = (0.0, 0.0, DEPTH_M - ABOVE_M)
     still = (0.0, 0.0, 0.0)
     scope = Scope(0, place, IDENTITY, still, still, world.water, geometry=world.geometry, lambert=world.lambert)
     count, start = 0, time.thread_time_ns()
     while count == 0 or (time.thread_time_ns() - start) * 1e-9 < budget_s:
-        sonar.measure(replace(scope, t_ns=count * 10**9))
+        valid, _ = sonar.measure(replace(scope, t_ns=count * 10**9))
+        if not valid:
+            raise RuntimeError(f"{type(sonar).__name__} heard nothing over the seabed")
         count += 1
-    return count * 1e9 / (time.thread_time_ns() - start)
+    return (time.thread_time_ns() - start) * 1e-6 / count
 
 
 def _real_time_factor(world: World, budget_s: float) -> float:

@@ -58,6 +58,33 @@ TABLE = {
     ): (
         0.0, 20.0, 0.0, 750e3, 1500.0, Buffer.of(np.array([-0.5, 0.0, 0.5], np.float32)), Buffer.of(np.array([[0, 1, 2], [3, 4, 5]], np.uint8)),
     ),
+    Port(
+        "rov/side", "sensor", "side_scan",
+        (
+            Field("range", "m", "x"), Field("gain", "dB", "x"), Field("frequency", "Hz", "x"), Field("sound_speed", "m/s", "x"),
+            Field("port", "1", "x", type="buffer", buffer=Layout("uint8", (3,))),
+            Field("starboard", "1", "x", type="buffer", buffer=Layout("uint8", (3,))),
+        ),
+        "A sensor of a test.", rate_hz=10.0,
+    ): (30.0, 0.0, 450e3, 1500.0, Buffer.of(np.array([1, 2, 3], np.uint8)), Buffer.of(np.array([4, 5, 6], np.uint8))),
+    Port(
+        "rov/swath", "sensor", "bathymetry",
+        (
+            Field("max_range", "m", "x"), Field("gain", "dB", "x"), Field("frequency", "Hz", "x"), Field("sound_speed", "m/s", "x"),
+            *(Field(name, "1", "x", type="buffer", buffer=Layout("float32", (3,))) for name in ("angle", "range", "quality")),
+            Field("hits", "1", "x", type="buffer", buffer=Layout("uint16", (3,))),
+            Field("level", "dB", "x", type="buffer", buffer=Layout("float32", (3,))),
+        ),
+        "A sensor of a test.", rate_hz=10.0,
+    ): (
+        50.0, 0.0, 400e3, 1500.0,
+        *(Buffer.of(np.array(row, np.float32)) for row in ((-1.0, 0.0, 1.0), (20.0, NAN, 21.0), (0.9, 0.0, 0.8))),
+        Buffer.of(np.array([7, 0, 8], np.uint16)), Buffer.of(np.array([110.0, NAN, 109.0], np.float32)),
+    ),
+    sensor(
+        "rov/profiler", "profiler", max_range=("m",), gain=("dB",), frequency=("Hz",), sound_speed=("m/s",), head_angle=("rad",),
+        range=("m",), level=("dB",), quality=("1",),
+    ): (20.0, 0.0, 1e6, 1500.0, 0.5, 8.0, 120.0, 0.9),
     sensor(
         "rov/usbl", "usbl", beacon=TEXT, range=("m",), bearing=("rad",), elevation=("rad",), p_beacon_S=V3, travel_time=("s",),
         hydrophone_ranges=("m", "", (2,)),
@@ -153,6 +180,11 @@ MOUNTS = {
         )
     ),
     "rov/sonar": Mount((0.1, 0.0, -0.3), fan=FanView(0.05, 0.6, 0.03, (-1.0, 1.0), 4, 0.3, 20.0)),
+    "rov/side": Mount(
+        beams=tuple(BeamView((0.0, side * math.cos(TILT), math.sin(TILT)), 0.02, 1.0, 30.0) for side in (-1.0, 1.0))
+    ),
+    "rov/swath": Mount(beams=(BeamView((0.0, 0.0, 1.0), 0.0175, 1.0, 50.0),)),
+    "rov/profiler": Mount(fan=FanView(0.03, 0.03, 0.015, (-1.0, 1.0), 1, 0.4, 20.0)),
     "rov/lasers": Mount(
         beams=tuple(BeamView((math.cos(a), math.sin(a), 0.0), 0.0, 0.1, 8.0) for a in (-0.5, 0.0, 0.5))
     ),
@@ -160,7 +192,7 @@ MOUNTS = {
 FACTS = Facts(epoch_ns=EPOCH_NS, tick_s=0.004, mounts=MOUNTS, geoid_m=40.0)
 
 
-def sample(port, valid=True, **changed):
+def sample(port, /, valid=True, **changed):
     """The fixed sample of a port; fields replaced by name."""
     values = dict(zip((field.name for field in port.fields), TABLE[port], strict=True))
     return Sample(port.path, 3, T_NS, T_NS, valid, tuple({**values, **changed}.values()))

@@ -13,7 +13,7 @@ from uwserver.adapter.foxglove import messages
 from uwserver.adapter.foxglove.shapes import Files, entity_of
 from uwserver.adapter.pictures import can_encode_jpeg, jpeg, picture_place, pixels
 from uwserver.frames import Quat
-from uwserver.ports import Event, Port, Sample, SceneState, SceneView, SensorView
+from uwserver.ports import Buffer, Event, Port, Sample, SceneState, SceneView, SensorView
 
 PICTURE = "foxglove.CompressedImage"
 """What pictures are shown as, which take a while to encode."""
@@ -177,6 +177,43 @@ def _scanning_sonar(port: Port, sensor: SensorView) -> _Encode | None:
     return encode
 
 
+def _profiler(port: Port, sensor: SensorView) -> _Encode | None:
+    names = [field.name for field in port.fields]
+    try:
+        angle, reach, level = (names.index(name) for name in ("head_angle", "range", "level"))
+    except ValueError:
+        return None
+    topic, frame = f"/{port.path}", sensor.path
+
+    def encode(sample: Sample) -> Foreign | None:
+        theta, r, strength = sample.value[angle], sample.value[reach], sample.value[level]
+        if None in (theta, r, strength):
+            return None
+        point = np.array([(r * math.cos(theta), r * math.sin(theta), 0.0, strength)], np.float32)  # type: ignore[operator,arg-type]  # numbers, as its fields say
+        return Foreign(topic, "foxglove.PointCloud", sample.t_sent_ns, messages.point_cloud(sample.t_ns, frame, point))
+
+    return encode
+
+
+def _bathymetry(port: Port, sensor: SensorView) -> _Encode | None:
+    names = [field.name for field in port.fields]
+    try:
+        places = [names.index(name) for name in ("angle", "range", "level")]
+    except ValueError:
+        return None
+    topic, frame = f"/{port.path}", sensor.path
+
+    def encode(sample: Sample) -> Foreign | None:
+        told = [value.array() for k in places if isinstance(value := sample.value[k], Buffer)]
+        if len(told) < len(places):
+            return None
+        theta, r, level = (row[np.isfinite(told[1])] for row in told)
+        points = np.stack([np.zeros_like(r), r * np.sin(theta), r * np.cos(theta), level], axis=1)
+        return Foreign(topic, "foxglove.PointCloud", sample.t_sent_ns, messages.point_cloud(sample.t_ns, frame, points))
+
+    return encode
+
+
 def _shows_pictures(port: Port) -> bool:
     """Whether its pictures are shown, which takes a library for JPEG."""
     return picture_place(port) is not None and can_encode_jpeg()
@@ -204,12 +241,16 @@ def shown_as(port: Port) -> str | None:
 
 
 _SCHEMA_OF = {
+    "bathymetry": "foxglove.PointCloud",
     "gps": "foxglove.LocationFix",
+    "profiler": "foxglove.PointCloud",
     "range_array": "foxglove.LaserScan",
     "scanning_sonar": "foxglove.PointCloud",
 }
 _FRAMES: dict[str, Callable[[Port, SensorView], _Encode | None]] = {
+    "bathymetry": _bathymetry,
     "gps": _gps,
+    "profiler": _profiler,
     "range_array": _range_array,
     "scanning_sonar": _scanning_sonar,
 }

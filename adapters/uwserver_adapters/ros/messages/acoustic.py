@@ -1,9 +1,10 @@
-"""Acoustic sensors: DVL, altimeter, scanning sonar, beacons."""
+"""Acoustic sensors: DVL, altimeter, sonars, beacons."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
@@ -153,6 +154,8 @@ def scanning_sonar(source: Source) -> Iterator[Outlet]:
 
 _DTYPES = {"uint8": 0, "float32": 8}
 _NONE = np.zeros(0, np.float32)
+_RANGES = "marine_acoustic_msgs/msg/SonarRanges"
+Floats = np.ndarray[tuple[int], np.dtype[np.float32]]
 
 
 def multibeam(source: Source) -> Iterator[Outlet]:
@@ -182,6 +185,102 @@ def multibeam(source: Source) -> Iterator[Outlet]:
         )  # fmt: skip
 
     yield source.outlet("", "marine_acoustic_msgs/msg/ProjectedSonarImage", make)
+
+
+def side_scan(source: Source) -> Iterator[Outlet]:
+    """One ping is a raw image of two beams, port and starboard, in the frame ``_fsd``; both of the nearest range stand first."""
+    types, get = source.types, source.bind("range", "frequency", "sound_speed", "port", "starboard")
+    views = (source.mount or Mount()).beams
+    # Positive to starboard, from straight down; of the axes of both transducers.
+    angles = np.array([math.atan2(view.direction[1], view.direction[2]) for view in views], np.float32)
+    widths = np.array([view.width for view in views], np.float32)
+
+    def make(sample: Sample) -> object | None:
+        reach, frequency, speed, *rows = get(sample.value)
+        if (
+            not sample.valid
+            or not reach
+            or None in rows
+            or rows[0].dtype not in _DTYPES
+            or rows[0].shape != rows[1].shape
+        ):
+            return None
+        image, bins = np.stack([row.array() for row in rows], axis=1), rows[0].shape[0]
+        return types.make(
+            "marine_acoustic_msgs/msg/RawSonarImage", header=source.header(sample, source.frame + "_fsd"),
+            ping_info=types.make(
+                "marine_acoustic_msgs/msg/PingInfo", frequency=frequency, sound_speed=speed, tx_beamwidths=widths
+            ),
+            sample_rate=0.5 * number(speed) * bins / reach, samples_per_beam=bins, sample0=0, tx_delays=np.zeros(2, np.float32),
+            tx_angles=np.zeros(2, np.float32), rx_angles=angles,
+            image=types.make(
+                "marine_acoustic_msgs/msg/SonarImageData", is_bigendian=False, dtype=_DTYPES[rows[0].dtype], beam_count=2,
+                data=image.view(np.uint8).ravel(),
+            ),
+        )  # fmt: skip
+
+    yield source.outlet("", "marine_acoustic_msgs/msg/RawSonarImage", make)
+
+
+class _Ping(NamedTuple):
+    """Of a sonar that tells ranges: its sound (Hz, m/s), widths of beams (rad), and of each beam unit vector, range (m) and level (dB)."""
+
+    frequency: float
+    speed: float
+    tx: Floats
+    rx: Floats
+    directions: list[object]
+    ranges: Floats
+    levels: Floats
+
+
+def _ranges(source: Source, sample: Sample, ping: _Ping) -> object:
+    """A beam without an echo has the flag of the sonar, and no range."""
+    types = source.types
+    good, bad = (types.make("marine_acoustic_msgs/msg/DetectionFlag", flag=flag) for flag in (0, 1))
+    return types.make(
+        _RANGES, header=source.header(sample, source.frame + "_fsd"),
+        ping_info=types.make(
+            "marine_acoustic_msgs/msg/PingInfo", frequency=ping.frequency, sound_speed=ping.speed, tx_beamwidths=ping.tx,
+            rx_beamwidths=ping.rx,
+        ),
+        flags=[bad if missing else good for missing in np.isnan(ping.ranges).tolist()],
+        transmit_delays=np.zeros(len(ping.ranges), np.float32), intensities=ping.levels, beam_unit_vec=ping.directions, ranges=ping.ranges,
+    )  # fmt: skip
+
+
+def bathymetry(source: Source) -> Iterator[Outlet]:
+    """Ranges of all beams, in the frame ``_fsd`` (x ahead, y starboard, z where it looks)."""
+    types, get = source.types, source.bind("frequency", "sound_speed", "angle", "range", "level")
+    views = (source.mount or Mount()).beams
+
+    def make(sample: Sample) -> object | None:
+        frequency, speed, *buffers = get(sample.value)
+        if not sample.valid or None in buffers:
+            return None
+        angles, ranges, levels = (buffer.array() for buffer in buffers)
+        across = np.full(len(angles), views[0].width, np.float32) if views else _NONE
+        directions = [types.vector((0.0, math.sin(angle), math.cos(angle))) for angle in angles.tolist()]
+        return _ranges(source, sample, _Ping(frequency, speed, _NONE, across, directions, ranges, levels))
+
+    yield source.outlet("", _RANGES, make)
+
+
+def profiler(source: Source) -> Iterator[Outlet]:
+    """The range of one beam, in the frame ``_fsd``, about whose z the head turns; pings without an echo are told too."""
+    types, get = source.types, source.bind("frequency", "sound_speed", "head_angle", "range", "level")
+    fan = (source.mount or Mount()).fan
+    width = np.array([fan.horizontal], np.float32) if fan is not None else _NONE
+
+    def make(sample: Sample) -> object | None:
+        frequency, speed, angle, *echo = get(sample.value)
+        if angle is None or speed is None:
+            return None
+        distance, level = (np.array([number(value)], np.float32) for value in echo)
+        directions = [types.vector((math.cos(angle), math.sin(angle), 0.0))]
+        return _ranges(source, sample, _Ping(frequency, speed, width, width, directions, distance, level))
+
+    yield source.outlet("", _RANGES, make)
 
 
 def _levels(bins: tuple[int | None, ...]) -> np.ndarray[tuple[int], np.dtype[np.uint8]]:

@@ -9,11 +9,15 @@ from uwserver_adapters.ros.messages.frames import BEAM, SONAR, flu, mounted, mou
 from uwserver_adapters.ros.messages.source import Facts, ros_name
 from uwserver_adapters.ros.messages.types import Types
 
+_FSD: tuple[tuple[str, Quat], ...] = (("_fsd", (1.0, 0.0, 0.0, 0.0)),)
 _FRAMES: dict[str, tuple[tuple[str, Quat], ...]] = {
-    "dvl": (("_fsd", (1.0, 0.0, 0.0, 0.0)), ("_beam", BEAM)),
+    "dvl": (*_FSD, ("_beam", BEAM)),
     "altimeter": (("_beam", BEAM),),
     "scanning_sonar": (("_sonar", SONAR),),
     "multibeam": (("_sonar", SONAR),),
+    "side_scan": _FSD,
+    "bathymetry": _FSD,
+    "profiler": _FSD,
 }
 """Kind -> suffixes of the frames that its messages name besides its own, and their attitude in S."""
 

@@ -36,6 +36,8 @@ SENSORS = (
     SensorView("rov/gps", "gps", (0.0, 0.0, -1.0), LEVEL),
     SensorView("rov/lasers", "range_array", (0.5, 0.0, 0.0), LEVEL, BEAMS),
     SensorView("rov/sonar", "scanning_sonar", (0.0, 0.0, 0.2), LEVEL),
+    SensorView("rov/profiler", "profiler", (0.0, 0.0, 0.2), LEVEL),
+    SensorView("rov/swath", "bathymetry", (0.0, 0.0, 0.2), LEVEL),
     SensorView("rov/camera", "camera", (0.3, 0.0, 0.0), LEVEL),
     SensorView("rov/imu", "imu", (0.0, 0.0, 0.0), LEVEL),
 )
@@ -49,6 +51,13 @@ LASERS = Port("rov/lasers", "sensor", "range_array", (Field("ranges", "m", "", "
 SONAR = Port(
     "rov/sonar", "sensor", "scanning_sonar",
     (Field("head_angle", "rad", ""), Field("range", "m", ""), Field("bins", "1", "", "", (4,), "int")), "",
+)  # fmt: skip
+PROFILER = Port(
+    "rov/profiler", "sensor", "profiler", tuple(Field(name, "1", "") for name in ("head_angle", "range", "level")), ""
+)
+SWATH = Port(
+    "rov/swath", "sensor", "bathymetry",
+    tuple(Field(name, "1", "", type="buffer", buffer=Layout("float32", (3,))) for name in ("angle", "range", "level")), "",
 )  # fmt: skip
 
 
@@ -95,6 +104,8 @@ def test_frames_form_one_tree_with_z_up_at_its_root(channels: SceneChannels) -> 
         "rov/gps": "rov",
         "rov/lasers": "rov",
         "rov/sonar": "rov",
+        "rov/profiler": "rov",
+        "rov/swath": "rov",
         "rov/camera": "rov",
     }
     root = transforms["N"].rotation
@@ -124,6 +135,24 @@ def test_a_fix_a_scan_and_a_ping(channels: SceneChannels) -> None:
     assert ping is not None
     points = np.frombuffer(decoded(ping).data, "<f4").reshape(-1, 4)
     np.testing.assert_allclose(points, [[0, 3, 0, 10], [0, 7, 0, 20]], atol=1e-6)
+
+
+def test_soundings_are_points_of_the_sensor(channels: SceneChannels) -> None:
+    assert (shown_as(PROFILER), shown_as(SWATH)) == ("foxglove.PointCloud", "foxglove.PointCloud")
+    ping = channels.sample(PROFILER, Sample("rov/profiler", 0, 5, 9, True, (math.pi / 2, 8.0, 120.0)))
+    assert ping is not None
+    points = np.frombuffer(decoded(ping).data, "<f4").reshape(-1, 4)
+    np.testing.assert_allclose(points, [[0, 8, 0, 120]], atol=1e-6)  # the head turns from x towards y
+    assert channels.sample(PROFILER, Sample("rov/profiler", 0, 5, 9, True, (0.5, None, None))) is None
+    rows = ((-math.pi / 6, 0.0, math.pi / 6), (20.0, math.nan, 10.0), (110.0, math.nan, 109.0))
+    buffers = tuple(Buffer.of(np.array(row, np.float32)) for row in rows)
+    swath = channels.sample(SWATH, Sample("rov/swath", 0, 5, 9, True, buffers))
+    assert swath is not None
+    assert (decoded(swath).frame_id, swath.t_ns) == ("rov/swath", 9)
+    points = np.frombuffer(decoded(swath).data, "<f4").reshape(-1, 4)
+    deep = math.cos(math.pi / 6)
+    np.testing.assert_allclose(points, [[0, -10, 20 * deep, 110], [0, 5, 10 * deep, 109]], rtol=1e-6)  # one had no echo
+    assert channels.sample(SWATH, Sample("rov/swath", 0, 5, 9, True, (None, None, None))) is None
 
 
 def test_pictures_are_shown_as_jpeg(channels: SceneChannels, monkeypatch: pytest.MonkeyPatch) -> None:

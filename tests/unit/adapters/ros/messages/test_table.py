@@ -231,7 +231,8 @@ def test_static_transforms_lead_to_the_axes_that_messages_name(made):
     transforms = {t.child_frame_id: t for t in made.tf_static.transforms}
     assert set(transforms) == {
         "rov/imu", "rov/depth", "rov/altimeter", "rov/altimeter_beam", "rov/dvl", "rov/dvl_fsd", "rov/dvl_beam", "rov/sonar",
-        "rov/sonar_sonar", "rov/lasers", "rov/odom",
+        "rov/sonar_sonar", "rov/side", "rov/side_fsd", "rov/swath", "rov/swath_fsd", "rov/profiler", "rov/profiler_fsd", "rov/lasers",
+        "rov/odom",
     }  # fmt: skip
 
     def seen(child, v):
@@ -334,6 +335,42 @@ def test_a_picture_of_an_imaging_sonar_has_a_direction_for_each_beam(told):
     directions = [(beam.y, beam.z) for beam in image.beam_directions]
     assert directions == [pytest.approx((math.sin(a), math.cos(a))) for a in (-0.5, 0.0, 0.5)]
     assert (image.ping_info.frequency, image.ping_info.sound_speed) == (750e3, 1500.0)
+
+
+def test_a_side_scan_is_a_raw_image_of_two_beams(made, told):
+    (image,) = told["/rov/side"]
+    assert image.__msgtype__ == "marine_acoustic_msgs/msg/RawSonarImage"
+    assert (image.image.beam_count, image.image.dtype, image.image.data.tolist()) == (2, 0, [1, 4, 2, 5, 3, 6])
+    assert (image.samples_per_beam, image.sample0, image.sample_rate) == (3, 0, pytest.approx(750.0 / 10.0))
+    assert image.rx_angles == pytest.approx([-60 * DEG, 60 * DEG])  # 30 degrees below the horizon
+    assert (image.header.frame_id, image.ping_info.frequency) == ("rov/side_fsd", 450e3)
+    pressure = [Buffer.of(np.array(row, np.float32)) for row in ((1.0, 2.0, 3.0), (4.0, 5.0, 6.0))]
+    (outlet,) = (outlet for outlet in made.outlets if outlet.topic == "/rov/side")
+    image = outlet.make(sample(PORTS["rov/side"], port=pressure[0], starboard=pressure[1])).image
+    assert (image.dtype, image.data.view(np.float32).tolist()) == (8, [1.0, 4.0, 2.0, 5.0, 3.0, 6.0])
+
+
+def test_soundings_are_ranges_of_beams_and_say_which_have_none(told):
+    (ping,) = told["/rov/swath"]
+    assert ping.__msgtype__ == "marine_acoustic_msgs/msg/SonarRanges"
+    assert ping.header.frame_id == "rov/swath_fsd"
+    assert [flag.flag for flag in ping.flags] == [0, 1, 0]
+    assert ping.ranges == pytest.approx([20.0, math.nan, 21.0], nan_ok=True)
+    assert ping.intensities == pytest.approx([110.0, math.nan, 109.0], nan_ok=True)
+    units = [(beam.x, beam.y, beam.z) for beam in ping.beam_unit_vec]
+    assert units == [pytest.approx((0.0, math.sin(a), math.cos(a))) for a in (-1.0, 0.0, 1.0)]  # starboard is positive
+    assert ping.ping_info.rx_beamwidths == pytest.approx([0.0175] * 3)
+
+
+def test_a_profiling_sonar_tells_one_range_and_where_it_looked(made, told):
+    (ping,) = told["/rov/profiler"]
+    (unit,) = ping.beam_unit_vec
+    assert (unit.x, unit.y, unit.z) == pytest.approx((math.cos(0.5), math.sin(0.5), 0.0))
+    assert (ping.ranges.tolist(), ping.intensities.tolist(), ping.flags[0].flag) == ([8.0], [120.0], 0)
+    (outlet,) = (outlet for outlet in made.outlets if outlet.topic == "/rov/profiler")
+    nothing = outlet.make(sample(PORTS["rov/profiler"], valid=False, range=None, level=None))
+    assert nothing.flags[0].flag == 1
+    assert np.isnan(nothing.ranges[0])
 
 
 def test_rays_of_light_run_counter_clockwise(told):
