@@ -155,7 +155,9 @@ class Medium(Part):
                 soonest = math.dist(p, other.pose()[0]) / other.modem.speed
                 self._legs.append(Leg(packet.number, path, left + (1.0 - _CLOSING) * soonest))
         if len(self._packets) > MOST_PACKETS or len(self._legs) > MOST_LEGS:
-            for number in list(self._packets)[: len(self._packets) // 8 + 1]:  # some at once, as the rest is looked through
+            for number in list(self._packets)[
+                : len(self._packets) // 8 + 1
+            ]:  # some at once, as the rest is looked through
                 del self._packets[number]
             self._legs = [leg for leg in self._legs if leg.packet in self._packets][-MOST_LEGS:]
 
