@@ -16,8 +16,9 @@ from uwserver_adapters.native.shares import Subscription
 
 from uwserver.adapter import AdapterStats
 from uwserver.modifiers import ClockDrift, Delay, Dropout, Reorder
-from uwserver.ports import Call, Port, Sample, told
+from uwserver.ports import Call, Port
 from uwserver.ports.checks import checked_args
+from uwserver.ports.crossing import TickOutput
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
@@ -174,11 +175,14 @@ def made(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
     """Ports of the samples that the world made."""
     ports: list[str] = []
 
-    def counted(port: str, *parts: Any) -> Sample:
-        ports.append(port)
-        return Sample(port, *parts)
+    publish = Bus.publish
 
-    monkeypatch.setattr(told, "Sample", counted)
+    def counted(bus: Bus, output: TickOutput, wake: bool = True) -> None:
+        ports.extend(() if output.told is None else output.told.ports)
+        ports.extend(sample.port for sample in output.made)
+        publish(bus, output, wake)
+
+    monkeypatch.setattr(Bus, "publish", counted)
     return ports
 
 
