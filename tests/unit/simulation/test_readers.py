@@ -9,8 +9,10 @@ from collections.abc import Collection, Iterator
 import pytest
 from simulation_rig import PATIENCE_S, Rig, running
 
-from uwserver.ports import Call, Sample, SceneState, told
+from uwserver.ports import Call, Sample, SceneState
+from uwserver.ports import told as told_module
 from uwserver.ports.checks import checked_args
+from uwserver.ports.crossing import TickOutput
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.simulation import readers as module
@@ -41,7 +43,7 @@ class Reader:
 
 
 @pytest.fixture
-def still(resolved: Resolved) -> Iterator[Rig]:
+def still(resolved: Resolved, made: list[str]) -> Iterator[Rig]:
     """A paused world which the rig itself does not read."""
     with running(resolved, Timing(paused=True)) as rig:
         rig.wanted = ()
@@ -51,15 +53,16 @@ def still(resolved: Resolved) -> Iterator[Rig]:
 
 @pytest.fixture
 def made(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Ports of all samples that were made."""
+    """Ports of all samples that the world gave."""
     ports: list[str] = []
+    publish = Bus.publish
 
-    def counted(port: str, *parts) -> Sample:
-        ports.append(port)
-        return Sample(port, *parts)
+    def counted(bus: Bus, output: TickOutput, wake: bool = True) -> None:
+        ports.extend(() if output.told is None else output.told.ports)
+        ports.extend(sample.port for sample in output.made)
+        publish(bus, output, wake)
 
-    for maker in (told, sensing):
-        monkeypatch.setattr(maker, "Sample", counted)
+    monkeypatch.setattr(Bus, "publish", counted)
     return ports
 
 
@@ -170,7 +173,15 @@ def test_nothing_is_lost_of_a_vehicle_that_comes_later(resolved: Resolved, made:
         assert [sample.seq for sample in reader.samples] == list(range(len(reader.samples)))
 
 
-def test_the_newest_of_what_nobody_wants_can_be_read(still: Rig, resolved: Resolved, made: list[str], monkeypatch):
+def test_the_newest_of_what_nobody_wants_can_be_read(still: Rig, resolved: Resolved, monkeypatch):
+    objects: list[str] = []
+
+    def counted(port: str, *parts) -> Sample:
+        objects.append(port)
+        return Sample(port, *parts)
+
+    for maker in (told_module, sensing):
+        monkeypatch.setattr(maker, "Sample", counted)
     monkeypatch.setattr(module, "AT_ONCE", 2)
     still.call("world/step", n=TICKS)
     told: list = []
@@ -179,7 +190,7 @@ def test_the_newest_of_what_nobody_wants_can_be_read(still: Rig, resolved: Resol
     still.call("world/pause")
     still.call("world/pause")
     assert len(told) == 1
-    assert len(made) == len(told[0])
+    assert len(objects) == len(told[0])
     newest = {sample.port: sample for sample in expected(resolved, TICKS)}
     assert {sample.port: sample for sample in told[0]} == newest
     assert len(told[0]) == len(newest) + 1, "one was asked for twice, and one is not there"

@@ -137,6 +137,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "5",
         "--record",
         "x.mcap",
+        "--port",
+        "0",
     ]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 _SETTLING_S = 0.4
 """Auto-exposure goes to the light with this time constant."""
+_DARKEST = 1e-4
+"""Level of a black picture, as a part of full scale."""
 _DAZZLED = 0.97
 """From this part of full scale on nobody knows how bright it is: it goes down by `_STEP`."""
 _STEP = 0.3
@@ -217,7 +219,7 @@ class Camera(Sensor):
             memory.level = self._guess(scope, p)
         if memory.level < 0.0:
             return
-        wanted = electronics.TARGET / memory.level
+        wanted = electronics.TARGET / max(memory.level, _DARKEST)
         if memory.last >= 0.0:  # the first picture is taken as it was guessed, the others follow slowly
             wanted = _STEP if memory.level > _DAZZLED else min(max(wanted, 0.1), 10.0)
             wanted **= 1.0 - math.exp(-max(now - memory.last, 0.0) / _SETTLING_S)
