@@ -419,9 +419,9 @@ async def test_a_client_whose_name_is_no_utf_8_is_named_readably(tank, connect, 
 
 async def test_a_silent_client_is_disconnected(tank, connect, monkeypatch):
     monkeypatch.setattr("uwserver_adapters.moos.db.adapter.TELL_S", 0.05)
-    async with tank(client_timeout_s=0.2) as context:
+    async with tank(client_timeout_s=1.0) as context:
         silent, lively = await connect(context.stats.address, "silent"), await connect(context.stats.address, "lively")
-        for _ in range(12):
+        for _ in range(30):
             lively.send(Message(wire.TIMING, wire.TIMING_KEY, 0.0, time=5.0))
             await asyncio.sleep(0.05)
         with pytest.raises(ConnectionError):
