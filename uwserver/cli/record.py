@@ -147,13 +147,7 @@ class Attached:
         self._send(sender, "describe", {})
         rest, loop = b"", asyncio.get_running_loop()
         while True:
-            try:
-                chunk = await asyncio.wait_for(reader.read(_CHUNK), FLUSH_S)
-            except asyncio.TimeoutError:
-                self._flush()
-                continue
-            except OSError as error:  # of the network, not of the disk
-                raise ConnectionError(error.strerror or str(error)) from error
+            chunk = await self._chunk(reader)
             if not chunk:
                 raise ConnectionError("the server closed the connection")
             *lines, rest = (rest + chunk).split(b"\n") if b"\n" in chunk else (rest + chunk,)
@@ -164,6 +158,24 @@ class Attached:
             if loop.time() - self._flushed >= FLUSH_S:
                 self._flush()
                 self._flushed = loop.time()
+
+    async def _chunk(self, reader: asyncio.StreamReader) -> bytes:
+        """What comes next; b"" at the end. What is written already goes to the disk meanwhile."""
+        read = asyncio.ensure_future(reader.read(_CHUNK))
+        try:
+            while not read.done():
+                await asyncio.wait(
+                    {read}, timeout=FLUSH_S
+                )  # `wait_for` would lose a cancellation that comes together with data
+                if not read.done():
+                    self._flush()
+            return read.result()
+        except ConnectionError:
+            raise
+        except OSError as error:  # of the network, not of the disk
+            raise ConnectionError(error.strerror or str(error)) from error
+        finally:
+            read.cancel()
 
     def _send(self, sender: asyncio.StreamWriter, method: str, params: dict[str, Any]) -> None:
         message = {"jsonrpc": "2.0", "id": method, "method": method, "params": params}

@@ -269,3 +269,26 @@ def test_an_old_file_is_not_overwritten(tmp_path: Path):
     with pytest.raises(FileExistsError, match="exists already"):
         recorded(tmp_path / "a.mcap", Played(say(sample(0, 10))))
     assert (tmp_path / "a.mcap").read_text() == "dive"
+
+
+@pytest.mark.parametrize("later", range(6))
+def test_an_end_that_comes_together_with_data_is_not_lost(later: int, tmp_path: Path) -> None:
+    """With `--seconds 2` it sometimes went on for ever."""
+
+    async def scene() -> None:
+        attached, reader = Attached(("127.0.0.1", 1), tmp_path / "x.mcap", ("**",), ""), asyncio.StreamReader()
+
+        async def listen() -> None:
+            while await attached._chunk(reader):
+                pass
+
+        task = asyncio.ensure_future(listen())
+        await asyncio.sleep(0.01)
+        reader.feed_data(b"x")
+        for _ in range(later):
+            await asyncio.sleep(0)
+        task.cancel()
+        await asyncio.wait({task}, timeout=1.0)
+        assert task.cancelled()
+
+    asyncio.run(scene())
