@@ -34,6 +34,8 @@ def bench_modems(quick: bool, say: Callable[[str], None]) -> list[Row]:
     idle, each = [], []
     for repeat in range(-1, repeats):  # the first warms up
         say(f"modems: repeat {max(repeat, 0) + 1} of {repeats}")
+        for world in (without, silent):  # at the same place: what a tick costs follows from the motion
+            world.call("world/reset")
         base, quiet = _tick_us(without, seconds), _tick_us(silent, seconds)
         spoken = _packet_us(silent, packets, quiet)
         if repeat >= 0:
