@@ -51,6 +51,8 @@ _SUN_WIDTH = 0.06
 _WITHIN = ((-0.125, -0.375), (0.375, -0.125), (-0.375, 0.125), (0.125, 0.375))
 """Places in a pixel, parts of it, at which one looks through the surface: the edge of Snell's window is sharp and its waves are small."""
 _SHARE = 1.0 / len(_WITHIN)
+_LEVEL = 0.32
+"""Sine of the elevation below which all is mirrored: no wave of `caustics.WAVES` is so steep that light comes in along such a ray."""
 _NEVER = 1e6
 _SURFACE = -2
 _TURNED_AWAY = -0.2
@@ -286,6 +288,10 @@ def _lamplight(s: Any, wet: bool, lamp: Any, x: Array, normal: Array, arrived: A
 def _from_below(s: Any, tile: Array, dx: float, dy: float, dz: float, x: Array, r: float, seen: Array) -> None:
     """The surface as one sees it at x, r m away, from the water. What it mirrors is water, as one sees it level just below."""
     above = mirrored = 0.0
+    if -dz < _LEVEL:
+        for i in range(3):
+            seen[i] = s.glow[i] / max(s.attenuation[i], 1e-6) * s.above * s.entered
+        return
     level = math.hypot(dx, dy)
     ux, uy = (-dy / level, dx / level) if level > 1e-9 else (1.0, 0.0)
     for across, along in _WITHIN:

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from sensors.optical.camera.rig import CLEAR, floor, view
 
-from uwserver.environment.light import Daylight
+from uwserver.environment.light import REFRACTION, Daylight
 from uwserver.frames import quat_from_rpy
-from uwserver.sensors.optical.camera.caustics import TEXELS, TILE_M, tile
+from uwserver.sensors.optical.camera import formation
+from uwserver.sensors.optical.camera.caustics import TEXELS, TILE_M, WAVES, tile
 from uwserver.sensors.optical.camera.lens import lens_of
 from uwserver.sensors.optical.camera.picture import Optics
 
@@ -50,3 +51,12 @@ def test_the_edge_of_the_window_is_not_made_of_blocks() -> None:
     edge = (mean > 0.2 * mean.max()) & (mean < 0.8 * mean.max())
     assert edge.sum() > 500
     assert np.abs(coarse - mean)[edge].mean() < 0.04 * mean.max()
+
+
+def test_rays_that_are_nearly_level_are_mirrored_by_all_waves() -> None:
+    """So their pixels look at the surface once, and not in four places."""
+    steepest = float(np.sum(WAVES[:, 0] * np.hypot(WAVES[:, 1], WAVES[:, 2])))
+    critical = math.sqrt(1.0 - 1.0 / REFRACTION**2)
+    for slope in np.linspace(0.0, steepest, 50):
+        level = formation._LEVEL + 0.005  # and a pixel more
+        assert (slope * math.sqrt(1.0 - level**2) + level) / math.hypot(1.0, slope) < critical
