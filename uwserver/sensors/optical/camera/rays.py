@@ -222,6 +222,10 @@ def meet(
                 distance[k], met[k] = reached, first + picked[m]
 
 
+_FEW = 61
+"""Of so many rays one is looked at first; no divisor of the width of a picture, so that they are spread over it."""
+
+
 @entry
 def bury(direction: Array, faces: Array, things: Array, distance: Array, met: Array) -> None:
     """Rays that would leave a closed solid began in it: it is dark there, and they end where they begin.
@@ -231,18 +235,29 @@ def bury(direction: Array, faces: Array, things: Array, distance: Array, met: Ar
         faces, things: FACE and THING.
         distance, met: (n) of all rays; those become 0 and NOTHING.
     """
-    for k in range(len(met)):
-        if met[k] >= 0 and faces[met[k]].sided == CLOSED:
-            face = faces[met[k]]
-            R, c = things[face.thing].R, face.corners
-            ux, uy, uz = c[1, 0] - c[0, 0], c[1, 1] - c[0, 1], c[1, 2] - c[0, 2]
-            vx, vy, vz = c[2, 0] - c[0, 0], c[2, 1] - c[0, 1], c[2, 2] - c[0, 2]
-            nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-            along = 0.0
-            for i in range(3):
-                along += (R[i, 0] * nx + R[i, 1] * ny + R[i, 2] * nz) * direction[k, i]
-            if along > 0.0:
+    inside = False
+    for k in range(0, len(met), _FEW):  # inside, nearly all rays leave
+        inside = inside or _leaves(direction[k], faces, things, met[k])
+    if inside:
+        for k in range(len(met)):
+            if _leaves(direction[k], faces, things, met[k]):
                 distance[k], met[k] = 0.0, NOTHING
+
+
+@compiled
+def _leaves(d: Array, faces: Array, things: Array, met: int) -> bool:
+    """Whether a ray meets a closed solid from inside."""
+    if met < 0 or faces[met].sided != CLOSED:
+        return False
+    face = faces[met]
+    R, c = things[face.thing].R, face.corners
+    ux, uy, uz = c[1, 0] - c[0, 0], c[1, 1] - c[0, 1], c[1, 2] - c[0, 2]
+    vx, vy, vz = c[2, 0] - c[0, 0], c[2, 1] - c[0, 1], c[2, 2] - c[0, 2]
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    along = 0.0
+    for i in range(3):
+        along += (R[i, 0] * nx + R[i, 1] * ny + R[i, 2] * nz) * d[i]
+    return along > 0.0
 
 
 @compiled
