@@ -32,6 +32,10 @@ class RateMeter:
         self.count += weight
         return self.count <= self.most
 
+    def is_full(self, now: float) -> bool:
+        """Whether the next one is one too many, and the window lasts: for who lets it wait instead of refusing it."""
+        return self.count >= self.most and now < self.end
+
     def is_flooded(self, now: float) -> bool:
         """Whether more came than allowed, and the window lasts."""
         return self.count > self.most and now < self.end

@@ -87,7 +87,7 @@ class TcpWire(Connection, Wire):
     def step(self) -> bool:
         """Take the next message, unless too many came: they wait, and so does their sender."""
         now = self.loop.time()
-        if now < self._rate.end and self._rate.count >= self._rate.most:
+        if self._rate.is_full(now):
             return False
         event = self._reader.next_event()
         if event is None:
@@ -98,8 +98,7 @@ class TcpWire(Connection, Wire):
 
     def quiet_until(self) -> float:
         """When the next message is taken of a peer that sent too many."""
-        is_full = self.loop.time() < self._rate.end and self._rate.count >= self._rate.most
-        return self._rate.end if is_full else 0.0
+        return self._rate.end if self._rate.is_full(self.loop.time()) else 0.0
 
     def reply(self, data: bytes) -> None:
         """Send an answer; who reads none of them is disconnected."""

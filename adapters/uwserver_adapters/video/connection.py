@@ -79,7 +79,7 @@ class RtspConnection(Connection):
     def step(self) -> bool:
         """Answer the next request, unless too many came: they wait, and so does their sender."""
         now = self.loop.time()
-        if now < self._rate.end and self._rate.count >= self._rate.most:
+        if self._rate.is_full(now):
             return False
         event = self._reader.next_event()
         if event is None:
@@ -114,8 +114,7 @@ class RtspConnection(Connection):
 
     def quiet_until(self) -> float:
         """When the next request is taken of a client that sent too many."""
-        is_full = self.loop.time() < self._rate.end and self._rate.count >= self._rate.most
-        return self._rate.end if is_full else 0.0
+        return self._rate.end if self._rate.is_full(self.loop.time()) else 0.0
 
     def refused(self, fault: Fault) -> bytes:
         """What a client gets for which there is no place, or which said nothing in time."""

@@ -12,6 +12,8 @@ def test_so_many_in_a_window_and_then_a_new_one():
     meter = RateMeter(3, window_s=2.0)
     assert [meter.take(10.0) for _ in range(5)] == [True, True, True, False, False]
     assert meter.is_flooded(11.9)
+    assert meter.is_full(11.9)
+    assert not meter.is_full(12.0)
     assert not meter.is_flooded(12.0)
     assert meter.take(12.0)
     assert not meter.is_flooded(12.0)
@@ -37,3 +39,12 @@ def test_one_that_costs_as_much_as_several():
     assert meter.take(0.0, 9)
     assert not meter.take(0.0, 2)
     assert meter.take(1.0, 10)
+
+
+def test_it_is_full_one_before_it_is_flooded():
+    meter = RateMeter(2, window_s=2.0)
+    meter.take(10.0)
+    assert not meter.is_full(10.0)
+    meter.take(10.0)
+    assert meter.is_full(10.0)
+    assert not meter.is_flooded(10.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from uwserver.physics.kernel.random import EVENT
 from uwserver.sensors.messages import Event, Message
@@ -20,7 +20,7 @@ def drawn(modem: Modem, number: int) -> tuple[float, float, float, float, float]
     return luck, time, across, up, speed
 
 
-def why_lost(leg: Leg, modem: Modem, packet: Packet, there: Sequence[Leg], own: Sequence[Packet]) -> str:
+def why_lost(leg: Leg, modem: Modem, packet: Packet, there: Sequence[Leg], own: Iterable[Packet]) -> str:
     """Why a packet is not understood, as `Counts` has it; "" where it is.
 
     Args:

@@ -242,7 +242,7 @@ class Medium(Part):
         packet, modem = self._packets[leg.packet], node.modem
         if packet.signal.protocol != modem.table.protocol or not modem.is_for_me(packet.destination):
             return
-        own = [each for each in self._packets.values() if each.sender == node.path]
+        own = (each for each in self._packets.values() if each.sender == node.path)
         cause = "" if modem.table.ideal else why_lost(leg, modem, packet, there, own)
         if cause:
             modem.count(cause)
