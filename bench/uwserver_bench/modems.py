@@ -39,8 +39,9 @@ def bench_modems(quick: bool, say: Callable[[str], None]) -> list[Row]:
         base, quiet = _tick_us(without, seconds), _tick_us(silent, seconds)
         spoken = _packet_us(silent, packets, quiet)
         if repeat >= 0:
-            idle.append(max(0.0, quiet - base))  # less than what two measurements differ by
-            each.append(spoken / (VEHICLES - 1))
+            # Zero is less than what two measurements differ by.
+            idle.append(max(0.0, quiet - base))
+            each.append(max(0.0, spoken) / (VEHICLES - 1))
     return [
         Row("sensors", f"{VEHICLES} idle modems, a tick", "us", tuple(idle), at_most=IDLE_BAR_US),
         Row(
