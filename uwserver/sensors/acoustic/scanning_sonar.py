@@ -64,6 +64,7 @@ class ScanningSonarConfig(SensorTable, tag="scanning_sonar", kw_only=True, froze
         dynamic_range_db: of the 255 counts.
         gain_db: at the start.
         assumed_sound_speed_mps: what the device believes; default: the truth.
+        sees_own_vehicle: whether what its own vehicle consists of stands in its field; else it looks through it, wherever it is mounted.
         overhead_s: between the end of a ping and the next one.
     """
 
@@ -93,6 +94,7 @@ class ScanningSonarConfig(SensorTable, tag="scanning_sonar", kw_only=True, froze
     dynamic_range_db: Positive = 80.0
     gain_db: Annotated[float, Meta(ge=-60, le=60)] = 0.0
     assumed_sound_speed_mps: Positive | UnsetType = UNSET
+    sees_own_vehicle: bool = False
     overhead_s: NonNegative = 0.01
 
     def __post_init__(self) -> None:
@@ -192,7 +194,8 @@ class ScanningSonar(Sonar):
         reading = Measurement([angle, reach, self.settings.gain, blank(self.fields)[3]], False)
         if scope.submergence(p_NS) > 0.0:
             reading.valid = True
-            reading.values[3] = self._picture(scope, p_NS, angle, believed / c)
+            seen = scope if self._config.sees_own_vehicle else scope.without_own_body()
+            reading.values[3] = self._picture(seen, p_NS, angle, believed / c)
         duration = 2.0 * reach / believed
         self.memory.ready = now + duration + self._config.overhead_s
         reading.delay_ns = round(duration * NANOSECONDS)
