@@ -133,11 +133,6 @@ class MultibeamConfig(PingTable, tag="multibeam", kw_only=True, frozen=True):
         return columns_of(rad(self.field_deg), rad(self.beam_width_horizontal_deg))
 
     @property
-    def cores(self) -> float:
-        """About the part of one core that its pictures take in real time, as it starts."""
-        return min(self.rate_hz, self.pings_hz) * self.computing_s
-
-    @property
     def computing_s(self) -> float:
         """About the processor time of a picture, as it starts, s."""
         table = self.in_mode(self.mode)

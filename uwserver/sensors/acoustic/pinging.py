@@ -80,6 +80,16 @@ class PingTable(SensorTable, kw_only=True, frozen=True):
         return 1.0 / (2.0 * self.range_m / _SOUND_MPS + self.overhead_s)
 
     @property
+    def cores(self) -> float:
+        """About the part of one core that its pings take in real time, as it starts, beside the ticks."""
+        return min(self.rate_hz, self.pings_hz) * self.computing_s
+
+    @property
+    def computing_s(self) -> float:
+        """About the processor time of a ping that is computed beside the ticks, as it starts, s; 0 of one that is read within its tick."""
+        return 0.0
+
+    @property
     def given_s(self) -> float:
         """About what a reading takes from its begin to its delivery, as it starts, s."""
         return 2.0 * self.range_m / _SOUND_MPS + self.processing_s + (self.latency_s or 0.0)

@@ -12,7 +12,8 @@ from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Buffer, Field, Value
 from uwserver.ports.buffer import Layout
 from uwserver.sensors.acoustic.imaging import columns
-from uwserver.sensors.acoustic.imaging.sides import Sides
+from uwserver.sensors.acoustic.imaging.sides import COLUMNS, Sides, rows_above
+from uwserver.sensors.acoustic.imaging.swath import cost
 from uwserver.sensors.acoustic.pinging import Instant, Lighting, PingingSonar, PingSettings, PingTable, fade_of
 from uwserver.sensors.acoustic.receiver import Echoes, gain_over_range, hear
 from uwserver.sensors.base import Pose, Scope
@@ -50,6 +51,12 @@ class SideScanConfig(PingTable, tag="side_scan", kw_only=True, frozen=True):
     floor_db: float = 118.0
     dynamic_range_db: Positive = 60.0
     gain_db: Annotated[float, Meta(ge=-60, le=60)] = 0.0
+
+    @property
+    def computing_s(self) -> float:
+        """About the processor time of a ping, s."""
+        rows = self.rays_vertical + rows_above(self.rays_vertical)
+        return cost(2 * COLUMNS, rows, 2, self.bins)
 
     def build(self, mount: Pose) -> SideScan:
         return SideScan(mount, self)

@@ -14,6 +14,8 @@ from scipy import integrate, stats
 from uwserver.frames import quat_from_rpy
 from uwserver.sensors import Pose, SideScanConfig
 from uwserver.sensors.acoustic.imaging.fan import two_way
+from uwserver.sensors.acoustic.imaging.sides import Sides
+from uwserver.sensors.acoustic.imaging.swath import cost
 from uwserver.testing import FakeGeometry, check_sensor
 from uwserver.testing.fake_geometry import Plane, Sphere
 from uwserver.testing.sensors import scopes
@@ -191,3 +193,11 @@ def test_in_air_it_hears_nothing_and_absurd_ranges_do_no_harm(facing: Any) -> No
             assert np.isfinite(side).all()
     with pytest.raises(ValueError, match=r"range_m is .*, the (sonar|altimeter) takes"):
         SideScanConfig(rate_hz=1, range_m=1000.0)
+
+
+def test_its_cost_is_counted_by_the_rays_that_it_casts() -> None:
+    """What check tells: all rays, above the horizon too."""
+    config = SideScanConfig(rate_hz=10, rays_vertical=100)
+    sides = Sides(0.02, 0.8, 0.3, 100)
+    assert config.computing_s == cost(sides.columns, sides.rows, 2, config.bins)
+    assert len(sides.grid.direction) == sides.columns * sides.rows

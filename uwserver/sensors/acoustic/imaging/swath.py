@@ -28,9 +28,10 @@ _RAY_S, _BEAM_S, _GATE_S = 1.5e-7, 9e-11, 7e-9
 """What a picture costs on one core of a common machine: a ray over 100 000 triangles, a column in a gate of a beam, a gate of a beam or column."""
 
 
-def cost(columns: int, rows: int, beams: int, gates: int) -> float:
-    """About the processor time (s) of a picture."""
-    return _RAY_S * columns * rows + _BEAM_S * columns * beams * gates + _GATE_S * (columns + beams) * gates
+def cost(columns: int, rows: int, beams: int, gates: int, heard: int | None = None) -> float:
+    """About the processor time (s) of a picture, each beam of which is made of so many columns; default: of all."""
+    summed = _BEAM_S * (columns if heard is None else heard) * beams * gates
+    return _RAY_S * columns * rows + summed + _GATE_S * (columns + beams) * gates
 
 
 def columns_of(field: float, width: float) -> int:
