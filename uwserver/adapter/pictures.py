@@ -18,6 +18,8 @@ from uwserver.ports import Buffer, Field, Port, Sample
 
 Pixels = NDArray[np.uint8]
 """``[h, w, 3]`` RGB or ``[h, w]`` grey, contiguous."""
+Levels = NDArray[np.float32]
+"""Of echoes, one row."""
 
 QUALITY = 80
 """Of JPEG: 18 kB of a view under water of 640 x 480, in which no one sees a difference."""
@@ -85,6 +87,12 @@ def _brightness() -> Pixels:
     grey: Pixels = (255 - np.arange(1 << 16) * 255 // FAR_MM).clip(0, 255).astype(np.uint8)
     grey[0] = 0
     return grey
+
+
+def amplitudes(echoes: Buffer) -> Levels:
+    """What a row of echoes looks like: counts and pressures as they are, of real and imaginary parts ``float32 [n, 2]`` their amplitude."""
+    row = echoes.array().astype(np.float32)
+    return np.hypot(row[:, 0], row[:, 1]) if row.ndim == 2 and row.shape[1] == 2 else row.ravel()
 
 
 def can_encode_jpeg() -> bool:
