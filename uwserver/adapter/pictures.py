@@ -19,7 +19,7 @@ from uwserver.ports import Buffer, Field, Port, Sample
 Pixels = NDArray[np.uint8]
 """``[h, w, 3]`` RGB or ``[h, w]`` grey, contiguous."""
 Levels = NDArray[np.float32]
-"""Of echoes, one row."""
+"""Of echoes."""
 
 QUALITY = 80
 """Of JPEG: 18 kB of a view under water of 640 x 480, in which no one sees a difference."""
@@ -89,10 +89,13 @@ def _brightness() -> Pixels:
     return grey
 
 
-def amplitudes(echoes: Buffer) -> Levels:
-    """What a row of echoes looks like: counts and pressures as they are, of real and imaginary parts ``float32 [n, 2]`` their amplitude."""
-    row = echoes.array().astype(np.float32)
-    return np.hypot(row[:, 0], row[:, 1]) if row.ndim == 2 and row.shape[1] == 2 else row.ravel()
+def amplitudes(echoes: Buffer, dimensions: int = 1) -> Levels:
+    """What echoes of so many dimensions look like: counts and pressures as they are; of real and imaginary parts, one dimension more of two, their
+    amplitude."""
+    heard: Levels = echoes.array().astype(np.float32)
+    if heard.ndim == dimensions + 1 and heard.shape[-1] == 2:
+        heard = np.hypot(heard[..., 0], heard[..., 1])
+    return heard
 
 
 def can_encode_jpeg() -> bool:
