@@ -18,6 +18,8 @@ from uwserver.ports import Buffer, Field, Port, Sample
 
 Pixels = NDArray[np.uint8]
 """``[h, w, 3]`` RGB or ``[h, w]`` grey, contiguous."""
+Levels = NDArray[np.float32]
+"""Of echoes."""
 
 QUALITY = 80
 """Of JPEG: 18 kB of a view under water of 640 x 480, in which no one sees a difference."""
@@ -85,6 +87,15 @@ def _brightness() -> Pixels:
     grey: Pixels = (255 - np.arange(1 << 16) * 255 // FAR_MM).clip(0, 255).astype(np.uint8)
     grey[0] = 0
     return grey
+
+
+def amplitudes(echoes: Buffer, dimensions: int = 1) -> Levels:
+    """What echoes of so many dimensions look like: counts and pressures as they are; of real and imaginary parts, one dimension more of two, their
+    amplitude."""
+    heard: Levels = echoes.array().astype(np.float32)
+    if heard.ndim == dimensions + 1 and heard.shape[-1] == 2:
+        heard = np.hypot(heard[..., 0], heard[..., 1])
+    return heard
 
 
 def can_encode_jpeg() -> bool:

@@ -1,4 +1,4 @@
-"""Sonars that look at their own vehicle: whose mount is so near to its collision shapes, or so turned, that these stand in their field."""
+"""Sonars that shall see their own vehicle, and see little else: so near to its collision shapes, or so turned, that these fill their field."""
 
 from __future__ import annotations
 
@@ -30,6 +30,8 @@ def facing_their_hull(resolved: Resolved) -> Iterator[str]:
             key = id(vehicle.vehicle), name  # copies share it
             if vehicle.solid is None or not isinstance(sensor, PingTable) or not sensor.enabled or key in told:
                 continue
+            if not sensor.sees_own_vehicle:
+                continue
             told.add(key)
             from uwserver.scenario.build.members import mount_of  # takes a moment, which most scenarios need not
 
@@ -40,7 +42,7 @@ def facing_their_hull(resolved: Resolved) -> Iterator[str]:
                 yield (
                     f"own hull: {vehicle.name}/{name} at [{x:g}, {y:g}, {z:g}] looks at its own vehicle: {100.0 * share:.0f} % of its power meet "
                     f"the collision shapes, the nearest {nearest:.3f} m away, and give a bright bar at short range. Move it away from them "
-                    "(position_frd_m), or turn it (rpy_deg)"
+                    "(position_frd_m), turn it (rpy_deg), or leave sees_own_vehicle out"
                 )
 
 

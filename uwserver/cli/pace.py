@@ -36,7 +36,7 @@ def late(resolved: Resolved) -> list[str]:
         )
         for vehicle, v in resolved.vehicles.items()
         for name, sensor in v.vehicle.sensors.items()
-        if sensor.enabled and hasattr(sensor, "computing_s") and hasattr(sensor, "given_s")
+        if sensor.enabled and hasattr(sensor, "computing_s") and hasattr(sensor, "given_s") and sensor.computing_s > 0.0
     ]  # fmt: skip
     longest = sorted(each, key=lambda one: -one.cost)[:2]
     lines = []

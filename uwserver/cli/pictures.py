@@ -10,10 +10,13 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from uwserver.adapter.pictures import amplitudes
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Buffer, Field, Port, Sample
 from uwserver.units import NANOSECONDS
 
+_RANGE_DB = 80.0
+"""Of pressures that are drawn as levels."""
 _WIDE = 6
 """Components of a field above which it is drawn as an image over time."""
 
@@ -37,7 +40,8 @@ def picture(port: Port, samples: Sequence[Sample]) -> Figure:
 
 def _scanning_sonar(port: Port, samples: Sequence[Sample]) -> Figure:
     """The last full picture: the newest ping at each head angle."""
-    angles, ranges, bins = (_column(port, samples, name) for name in ("head_angle", "range", "bins"))
+    angles, ranges = (_column(port, samples, name) for name in ("head_angle", "range"))
+    bins = _rows(port, samples, "bins") if _field(port, "bins").is_packed else _column(port, samples, "bins")
     heard = np.flatnonzero(np.isfinite(bins).any(axis=1)).tolist()
     newest: dict[float, int] = {round(float(angles[k, 0]), 6): k for k in heard}
     if not newest:
@@ -63,6 +67,98 @@ def _scanning_sonar(port: Port, samples: Sequence[Sample]) -> Figure:
     axis.tick_params(labelsize=7)
     axis.set_title(f"echoes to {reach:g} m, {len(kept)} pings, x of the sensor up", fontsize=8)
     return figure
+
+
+def _multibeam(port: Port, samples: Sequence[Sample]) -> Figure:
+    """The last picture, as the fan that it is."""
+    newest = next((sample for sample in reversed(samples) if isinstance(_plain(port, sample, "image"), Buffer)), None)
+    if newest is None:
+        raise ValueError(f'"{port.path}" made no picture in that time')
+    near, far = (float(_plain(port, newest, name)) for name in ("range_start", "range"))
+    theta = _plain(port, newest, "azimuth").array().astype(float)
+    image = _shown(amplitudes(_plain(port, newest, "image"), 2), _field(port, "image").unit)
+    figure = Figure(figsize=(6.4, 5.2), layout="constrained")
+    axis: Any = figure.add_subplot(projection="polar")
+    axis.set_theta_zero_location("N")
+    axis.set_theta_direction(-1)
+    step = float(np.median(np.diff(theta))) or 0.0157
+    edges = np.append(theta - step / 2.0, theta[-1] + step / 2.0)
+    drawn = axis.pcolormesh(edges, np.linspace(near, far, len(image) + 1), image, cmap="inferno")
+    axis.set_ylim(0.0, far)
+    axis.set_thetalim(edges[0], edges[-1])
+    axis.tick_params(labelsize=7)
+    axis.grid(alpha=0.3)
+    figure.colorbar(drawn, ax=axis, label=_unit_shown(_field(port, "image").unit), shrink=0.7)
+    axis.set_title(f"echoes to {far:g} m at {newest.t_ns / NANOSECONDS:g} s, x of the sensor up", fontsize=8)
+    return figure
+
+
+def _side_scan(port: Port, samples: Sequence[Sample]) -> Figure:
+    """Both sides of each ping, newest above: as the vehicle went."""
+    sides = [_rows(port, samples, name) for name in ("port", "starboard")]
+    reach = _column(port, samples, "range")[:, 0]
+    heard = np.isfinite(sides[0]).any(axis=1) & np.isfinite(sides[1]).any(axis=1)
+    if not heard.any():
+        raise ValueError(f'"{port.path}" had no picture: is it under water?')
+    far, unit = float(reach[heard][-1]), _field(port, "port").unit
+    kept = heard & (reach == far)
+    image = _shown(np.hstack([sides[0][kept, ::-1], sides[1][kept]]), unit)
+    t = _times(samples)[kept]
+    figure = Figure(figsize=(7.0, 5.2), layout="constrained")
+    axis = figure.subplots()
+    extent = (-far, far, float(t[0]), float(t[-1]) if len(t) > 1 else float(t[0]) + 1.0)
+    drawn = axis.imshow(image, cmap="copper", aspect="auto", origin="lower", extent=extent, interpolation="nearest")
+    axis.set(xlabel="slant range, m: port, starboard", ylabel="time, s")
+    figure.colorbar(drawn, ax=axis, label=_unit_shown(unit))
+    axis.set_title(f"{len(t)} pings", fontsize=8)
+    return figure
+
+
+def _bathymetry(port: Port, samples: Sequence[Sample]) -> Figure:
+    """Where the soundings lie, seen from the sensor: down over starboard, by the quality of each."""
+    names = "angle", "range", "quality"
+    values = ([_plain(port, sample, name) for name in names] for sample in samples)
+    told = [[v.array() for v in row if isinstance(v, Buffer)] for row in values]
+    told = [row for row in told if len(row) == len(names)]
+    if not told:
+        raise ValueError(f'"{port.path}" had no soundings: is it under water?')
+    angle, distance, quality = (np.concatenate(rows) for rows in zip(*told, strict=True))
+    figure = Figure(figsize=(7.0, 4.2), layout="constrained")
+    axis = figure.subplots()
+    drawn = axis.scatter(
+        distance * np.sin(angle), distance * np.cos(angle), c=quality, s=2, cmap="viridis", vmin=0.0, vmax=1.0
+    )
+    axis.invert_yaxis()
+    axis.set(xlabel="to starboard, m", ylabel="down, m")
+    axis.grid(alpha=0.3)
+    figure.colorbar(drawn, ax=axis, label="quality")
+    axis.set_title(f"soundings of {len(told)} pings, in axes of the sensor", fontsize=8)
+    return figure
+
+
+def _rows(port: Port, samples: Sequence[Sample], name: str) -> FloatArray:
+    """(n, k) echoes of a field of buffers; NaN where there is none."""
+    found = [_plain(port, sample, name) for sample in samples]
+    width = max((value.shape[0] for value in found if isinstance(value, Buffer) and value.shape), default=1)
+    rows = np.full((len(found), width), math.nan)
+    for row, value in zip(rows, found, strict=True):
+        if isinstance(value, Buffer):
+            heard = amplitudes(value)
+            row[: len(heard)] = heard
+    return rows
+
+
+def _shown(echoes: Any, unit: str) -> FloatArray:
+    """Counts as they are; pressures (Pa), which change by many powers of ten, as levels."""
+    numbers: FloatArray = np.asarray(echoes, float)
+    if unit == "Pa":
+        largest = max(float(np.nanmax(numbers)), 1e-30)
+        numbers = 20.0 * np.log10(np.maximum(numbers, largest * 10.0 ** (-0.05 * _RANGE_DB)) * 1e6)
+    return numbers
+
+
+def _unit_shown(unit: str) -> str:
+    return "dB re 1 uPa" if unit == "Pa" else "counts"
 
 
 def _runs(theta: FloatArray, step: float) -> Iterable[tuple[int, int]]:
@@ -187,8 +283,11 @@ def _over_time(port: Port, samples: Sequence[Sample]) -> Figure:
 
 
 _PICTURES: Mapping[str, Callable[[Port, Sequence[Sample]], Figure]] = {
+    "bathymetry": _bathymetry,
     "camera": _camera,
+    "multibeam": _multibeam,
     "scanning_sonar": _scanning_sonar,
+    "side_scan": _side_scan,
     "dvl": _dvl,
     "adcp": _adcp,
     "usbl": _beacons,

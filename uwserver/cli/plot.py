@@ -12,7 +12,7 @@ import click
 import msgspec
 
 import uwserver
-from uwserver.ports import Port, Refused, Sample
+from uwserver.ports import Buffer, Port, Refused, Sample
 from uwserver.ports.checks import suggestion
 from uwserver.recording.report.reading import fields_of
 from uwserver.scenario.files.errors import ScenarioError
@@ -95,7 +95,8 @@ def report(recording: Path, output: Path | None, vehicles: tuple[str, ...], png:
 def sensor(source: str, port: str, output: Path | None, begin_s: float, end_s: float | None) -> None:
     """Draw the samples of PORT: SOURCE is a recording (.mcap), or a scenario by name or file, which is run as fast as possible.
 
-    A scanning sonar gives its picture, a DVL its beams, LBL and USBL their beacons, everything else its values over time; grey: not valid.
+    Sonars and cameras give their picture, a side-scan sonar that of its way, a bathymetric one its soundings, a DVL its beams,
+    LBL and USBL their beacons, everything else its values over time; grey: not valid.
     """
     if importlib.util.find_spec("matplotlib") is None:
         raise click.ClickException(_MISSING)
@@ -194,8 +195,18 @@ def _port(path: str, kind: str, schema: dict[str, Any]) -> Port:
 
 def _sample(port: Port, message: dict[str, Any]) -> Sample:
     values = [message["value"][field.name] for field in port.fields]
-    value = tuple(tuple(v) if isinstance(v, list) else v for v in values)
+    value = tuple(_value(v) for v in values)
     return Sample(port.path, message["seq"], message["t_ns"], message["t_sent_ns"], message["valid"], value)
+
+
+def _value(told: Any) -> Any:
+    """As it was: a list is an array, an object a buffer."""
+    if isinstance(told, dict):
+        try:
+            return msgspec.convert(told, Buffer)
+        except msgspec.ValidationError as error:
+            raise ValueError(f"a message holds no buffer where one should be: {error}") from error
+    return tuple(told) if isinstance(told, list) else told
 
 
 COMMANDS = (plot,)

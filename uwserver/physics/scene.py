@@ -11,8 +11,8 @@ from uwserver.physics.collision.contacts import NO_CONTACTS, Contacts
 from uwserver.physics.collision.engine import AUTO
 from uwserver.physics.collision.solids import Solids
 from uwserver.physics.geometry.shapes import Solid
-from uwserver.physics.kernel.arrays import FloatArray
-from uwserver.physics.rays.casting import Rays, Still
+from uwserver.physics.kernel.arrays import FloatArray, IntArray
+from uwserver.physics.rays.casting import Instant, Rays, Still
 from uwserver.physics.rays.raycast import Hits
 
 
@@ -74,6 +74,14 @@ class Scene:
         """As `geometry.Geometry`, where the bodies are now."""
         return self._rays.at(self._state()).raycast(origin, direction, max_range)
 
+    def raycast_past(self, rows: IntArray, origin: FloatArray, direction: FloatArray, max_range: float) -> Hits:
+        """As `raycast`, of rays that each pass what the body in its row (n) carries: they start at it."""
+        return self._rays.cast_past(self._state(), rows, origin, direction, max_range)
+
     def still(self) -> Still:
         """The same as a geometry for one other thread, with the bodies where they are now."""
         return self._rays.still(self._state())
+
+    def without(self, row: int) -> Instant:
+        """The same at this instant, but for what the body in `row` carries: for who shall not see what it is mounted on."""
+        return self._rays.at(self._state(), row)

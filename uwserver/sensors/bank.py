@@ -29,7 +29,7 @@ from uwserver.physics.kernel.arrays import Array, FloatArray, IntArray
 from uwserver.physics.kernel.deferred import Deferred, Elsewhere, compiled, entry, inlined
 from uwserver.physics.kernel.pool import Pool
 from uwserver.physics.kernel.random import draw_normals
-from uwserver.physics.rays.raycast import Geometry, no_hits
+from uwserver.physics.rays.raycast import Geometry, Hits, no_hits
 from uwserver.ports import Json
 from uwserver.sensors.base import Pose, Scope, Sensor, Settings
 
@@ -190,20 +190,27 @@ def reader(
         heads, rows, numbers: arrays in which the sensors lie.
         due: (m) numbers of heads.
         now: the world (`surroundings.FORMS`).
-        solids: what rays can hit.
+        solids: what rays can hit; those of the body that carries a sensor are not seen by it.
     """
     if not bank.aims:
         return partial(_made(bank), heads, rows, numbers, due, now)
     origin, direction = np.empty((2, int(heads["rays"][due].sum()), 3))
     first, nothing = np.zeros(len(due) + 1, np.int64), no_hits(0)
     aims, run = [aim.made() for aim in bank.aims], bank.run.made()
+    past, carriers = getattr(solids, "raycast_past", None), heads["body"][due]
+
+    def cast(start: FloatArray, towards: FloatArray, reach: float) -> Hits:
+        if past is None:
+            return solids.raycast(start, towards, reach)
+        found: Hits = past(np.repeat(carriers, np.diff(first)), start, towards, reach)
+        return found
 
     def read_by_rays(t: float) -> None:
         hits = nothing
         for aim in aims:
             reach = aim(heads, rows, numbers, due, now, t, origin, direction, first, hits)
             count = int(first[-1])
-            hits = solids.raycast(origin[:count], direction[:count], reach) if count else nothing
+            hits = nothing if count == 0 else cast(origin[:count], direction[:count], reach)
         run(heads, rows, numbers, due, now, t, direction, first, hits)
 
     return read_by_rays
@@ -315,7 +322,8 @@ class BankSensor(Sensor):
         heads.rows[0], rows.rows[0] = self.heads.rows[self.head], self.rows.rows[self.row]
         head = heads.rows[0]
         head["row"], head["body"], head["first"], head["width"], head["dt"] = 0, 0, 0, columns.width, self.dt
-        read(self.bank, heads.rows, rows.rows, numbers, np.zeros(1, np.int64), there.table, scope.t, scope.geometry)
+        solids = scope.without_own_body().geometry
+        read(self.bank, heads.rows, rows.rows, numbers, np.zeros(1, np.int64), there.table, scope.t, solids)
         self.rows.rows[self.row] = rows.rows[0]
         if not head["ready"]:
             return None

@@ -169,6 +169,11 @@ class Scope:
         vehicles = {name: Standing(place.p_NB, place.q_NB, place.nu) for name, place in places}
         return replace(self, geometry=geometry, vehicles=vehicles, wiring=None)
 
+    def without_own_body(self) -> Scope:
+        """The same without the solids of this body, as who looks out of it sees it."""
+        without = getattr(self.geometry, "without", None)
+        return self if without is None or self.row < 0 else replace(self, geometry=without(self.row))
+
     def position(self, p_BS: Vec3) -> Vec3:
         """p_NS (m) of a point fixed to the body at p_BS."""
         dx, dy, dz = rotate(self.q_NB, p_BS)

@@ -24,13 +24,14 @@ rate_hz = 10
 range_m = 20
 rpy_deg = [0.0, -10.0, 0.0]
 position_frd_m = {position}
+{more}
 """
 HULL = Solid("hull", (Placed(Box((0.5, 0.5, 0.5))),))
 
 
-def lines(folder: Path, position: list[float]) -> list[str]:
+def lines(folder: Path, position: list[float], more: str = "sees_own_vehicle = true") -> list[str]:
     path = folder / "sonar.toml"
-    path.write_text(SONAR.format(position=position), encoding="utf-8")
+    path.write_text(SONAR.format(position=position, more=more), encoding="utf-8")
     return list(facing_their_hull(load(path, adapters={})))
 
 
@@ -45,6 +46,10 @@ def test_a_sonar_on_the_lid_of_its_hull_is_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize("position", [[0.25, 0.0, 0.1], [0.3, 0.0, -0.1], [0.2, 0.0, 0.0]])
 def test_one_in_front_of_it_or_inside_is_not(tmp_path: Path, position: list[float]) -> None:
     assert lines(tmp_path, position) == []
+
+
+def test_one_that_looks_through_its_vehicle_is_not(tmp_path: Path) -> None:
+    assert lines(tmp_path, [0.2, 0.0, -0.1], "") == []
 
 
 def test_the_part_of_the_power_that_is_lost() -> None:

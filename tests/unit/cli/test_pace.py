@@ -89,6 +89,45 @@ def test_alone_it_need_not_wait(tmp_path: Path) -> None:
     assert "may need 101 ms: 101 ms of its own. In real time" in line
 
 
+LOOKING_DOWN = """schema = 1
+[vehicles.rov]
+model = "bluerov2_heavy"
+[vehicles.rov.sensors.port_and_starboard]
+kind = "side_scan"
+rate_hz = 10
+range_m = 5
+processing_s = 0.0
+[vehicles.rov.sensors.swath]
+kind = "bathymetry"
+rate_hz = 10
+range_m = 1
+processing_s = {processing_s}
+[vehicles.rov.sensors.pencil]
+kind = "profiler"
+rate_hz = 20
+range_m = 1
+"""
+
+
+@pytest.mark.parametrize("processing_s", [0.02, 0.0])
+def test_sonars_that_look_down_cost_something_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, processing_s: float
+) -> None:
+    """3.2 ms of a swath and 0.6 ms of both sides do not fit into the 1.3 ms of a metre; a profiler reads within the tick and waits for nobody."""
+    monkeypatch.setattr(commands, "installed_adapters", dict)
+    path = tmp_path / "down.toml"
+    path.write_text(LOOKING_DOWN.format(processing_s=processing_s), encoding="utf-8")
+    lines = late(load(path, adapters={}))
+    told = CliRunner().invoke(commands.check, [str(path)]).stderr
+    assert "of a core while somebody reads all of them (rov/swath 3 %, rov/port_and_starboard 1 %)" in told
+    if processing_s:
+        assert lines == []
+        return
+    (line,) = lines
+    assert line.startswith("in time: rov/swath has 1.33 ms from the begin of a reading to its delivery")
+    assert "ms of rov/port_and_starboard, which may be in work before it" in line
+
+
 def test_a_sonar_cannot_ping_more_often_than_its_echoes_come_back(tmp_path: Path) -> None:
     (line,) = hasty(both(tmp_path, rate_hz=60, range_m=100))
     assert line == (

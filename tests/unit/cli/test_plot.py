@@ -16,7 +16,8 @@ from playback_rig import recorded
 
 from uwserver.cli.pictures import picture
 from uwserver.cli.plot import plot
-from uwserver.ports import Buffer, Port, Sample
+from uwserver.ports import Buffer, Field, Port, Sample
+from uwserver.ports.buffer import Layout
 from uwserver.recording.parts import Rotation
 from uwserver.scenario.authoring.catalogue import sensor_kinds
 
@@ -34,6 +35,35 @@ rate_hz = 40
 range_m = 10
 step_deg = 3.6
 position_frd_m = [0.0, 0.0, 0.4]
+[vehicles.rov.sensors.loud]
+kind = "scanning_sonar"
+output = "complex"
+rate_hz = 40
+range_m = 10
+[vehicles.rov.sensors.imaging]
+kind = "multibeam"
+output = "complex"
+rate_hz = 5
+range_m = 10
+bins = 64
+beams = 24
+rays_vertical = 32
+field_deg = 60
+beam_width_horizontal_deg = 3
+rpy_deg = [0.0, -30.0, 0.0]
+[vehicles.rov.sensors.side]
+kind = "side_scan"
+rate_hz = 5
+range_m = 20
+bins = 100
+rays_vertical = 64
+[vehicles.rov.sensors.swath]
+kind = "bathymetry"
+rate_hz = 5
+range_m = 20
+bins = 200
+beams = 32
+beam_width_across_deg = 4
 [vehicles.rov.sensors.log]
 kind = "dvl"
 profile = "a50"
@@ -68,8 +98,14 @@ def run(folder: Path, *arguments: str) -> Result:
     return CliRunner().invoke(plot, ["sensor", *paths])
 
 
-@pytest.mark.parametrize("source", ["x.toml", "x.mcap"])
-@pytest.mark.parametrize("name", ["sonar", "log", "imu"])
+@pytest.mark.parametrize(
+    ("source", "name"),
+    [
+        ("x.toml", "sonar"),
+        ("x.toml", "imaging"),
+        *(("x.mcap", name) for name in ("sonar", "log", "loud", "imaging", "side", "swath")),
+    ],
+)
 def test_a_picture_from_a_scenario_and_from_a_recording(folder: Path, source: str, name: str) -> None:
     file = folder / f"{source}.{name}.png"
     result = run(folder, source, f"rov/{name}", "-o", str(file), "--to", "2")
@@ -82,6 +118,44 @@ def test_both_sources_give_the_same_picture(folder: Path) -> None:
     for source in ("x.toml", "x.mcap"):
         assert run(folder, source, "rov/sonar", "-o", str(folder / f"same.{source}.png"), "--to", "2").exit_code == 0
     assert (folder / "same.x.toml.png").read_bytes() == (folder / "same.x.mcap.png").read_bytes()
+
+
+def test_pictures_of_echoes_are_those_of_the_samples() -> None:
+    """A waterfall of both sides, port to the left; a fan of an imaging sonar; soundings to starboard and down."""
+    side = Port(
+        "rov/side", "sensor", "side_scan",
+        (Field("range", "m", ""), *(Field(n, "1", "", type="buffer", buffer=Layout("uint8", (3,))) for n in ("port", "starboard"))), "",
+    )  # fmt: skip
+    rows = [Buffer.of(np.array(row, np.uint8)) for row in ((1, 2, 3), (4, 5, 6))]
+    figure = picture(side, [Sample("rov/side", k, k * 10**9, 0, True, (30.0, *rows)) for k in range(4)])
+    (image,) = figure.axes[0].images
+    assert image.get_array().tolist() == [[3, 2, 1, 4, 5, 6]] * 4
+    assert image.get_extent() == [-30.0, 30.0, 0.0, 3.0]
+    fields = tuple(
+        Field(n, "Pa", "", type="buffer", buffer=Layout("float32", s))
+        for n, s in (("azimuth", (2,)), ("image", (3, 2, 2)))
+    )
+    fan = Port("rov/fan", "sensor", "multibeam", (Field("range_start", "m", ""), Field("range", "m", ""), *fields), "")
+    wave = np.zeros((3, 2, 2), np.float32)
+    wave[2, 1] = 3e-6, -4e-6
+    azimuth = Buffer.of(np.array([-0.1, 0.1], np.float32))
+    figure = picture(fan, [Sample("rov/fan", 0, 0, 0, True, (0.0, 6.0, azimuth, Buffer.of(wave)))])
+    (mesh,) = (each for each in figure.axes[0].collections if isinstance(each, QuadMesh))
+    levels = np.asarray(mesh.get_array())
+    assert levels[2, 1] == levels.max() == pytest.approx(20.0 * math.log10(5.0))
+    assert levels[0, 0] == pytest.approx(levels.max() - 80.0)
+    fields = tuple(
+        Field(n, "1", "", type="buffer", buffer=Layout("float32", (2,))) for n in ("angle", "range", "quality")
+    )
+    swath = Port("rov/swath", "sensor", "bathymetry", fields, "")
+    told = [Buffer.of(np.array(row, np.float32)) for row in ((-math.pi / 6, math.pi / 6), (10.0, 20.0), (0.5, 1.0))]
+    figure = picture(swath, [Sample("rov/swath", 0, 0, 0, True, tuple(told))])
+    assert np.asarray(figure.axes[0].collections[0].get_offsets()) == pytest.approx(
+        np.array([[-5.0, 10.0 * math.cos(math.pi / 6)], [10.0, 20.0 * math.cos(math.pi / 6)]]), rel=1e-6
+    )
+    for port, nothing in ((side, (30.0, None, None)), (fan, (0.0, 6.0, None, None)), (swath, (None,) * 3)):
+        with pytest.raises(ValueError, match=port.path):
+            picture(port, [Sample(port.path, 0, 0, 0, False, nothing)])
 
 
 @pytest.mark.parametrize(

@@ -11,13 +11,15 @@ import numpy as np
 
 from uwserver.adapter.foxglove import messages
 from uwserver.adapter.foxglove.shapes import Files, entity_of
-from uwserver.adapter.pictures import can_encode_jpeg, jpeg, picture_place, pixels
+from uwserver.adapter.pictures import Levels, amplitudes, can_encode_jpeg, jpeg, picture_place, pixels
 from uwserver.frames import Quat
 from uwserver.ports import Buffer, Event, Port, Sample, SceneState, SceneView, SensorView
 
 PICTURE = "foxglove.CompressedImage"
 """What pictures are shown as, which take a while to encode."""
 ROOT, WORLD = "N_enu", "N"
+_ABREAST = 256
+"""Points of each side of a side-scan sonar: more than a picture of the way has across."""
 _HALF = math.sqrt(0.5)
 _NED_IN_ENU: Quat = (0.0, _HALF, _HALF, 0.0)
 _LEVELS = {
@@ -160,21 +162,51 @@ def _scanning_sonar(port: Port, sensor: SensorView) -> _Encode | None:
         angle, reach, bins = (names.index(name) for name in ("head_angle", "range", "bins"))
     except ValueError:
         return None
-    topic, frame, count = f"/{port.path}", sensor.path, port.fields[bins].size
-    middles = (np.arange(count) + 0.5) / count
+    topic, frame = f"/{port.path}", sensor.path
 
     def encode(sample: Sample) -> Foreign | None:
         theta, far, echoes = sample.value[angle], sample.value[reach], sample.value[bins]
         if not isinstance(theta, int | float) or not isinstance(far, int | float) or echoes is None:
             return None
-        levels = np.array(echoes, dtype=np.float32)
+        levels = amplitudes(echoes) if isinstance(echoes, Buffer) else np.array(echoes, dtype=np.float32)
         heard = np.flatnonzero(levels > 0.0)  # what is silent would only hide what is behind it
         points = np.zeros((len(heard), 4), dtype=np.float32)
-        distance = middles[heard] * far
+        distance = (heard + 0.5) * (far / max(len(levels), 1))
         points[:, 0], points[:, 1], points[:, 3] = distance * math.cos(theta), distance * math.sin(theta), levels[heard]
         return Foreign(topic, "foxglove.PointCloud", sample.t_sent_ns, messages.point_cloud(sample.t_ns, frame, points))
 
     return encode
+
+
+def _side_scan(port: Port, sensor: SensorView) -> _Encode | None:
+    """Both rows abreast of the vehicle, by slant range: as the vehicle goes, a decay time makes a mosaic of them."""
+    names = [field.name for field in port.fields]
+    try:
+        reach, port_side, starboard = (names.index(name) for name in ("range", "port", "starboard"))
+    except ValueError:
+        return None
+    topic, frame = f"/{port.path}", sensor.path
+
+    def encode(sample: Sample) -> Foreign | None:
+        far, *rows = (sample.value[k] for k in (reach, port_side, starboard))
+        sides = [_peaks(amplitudes(row), _ABREAST) for row in rows if isinstance(row, Buffer)]
+        if len(sides) < 2 or not isinstance(far, int | float):
+            return None
+        count = len(sides[0])
+        points = np.zeros((2 * count, 4), dtype=np.float32)
+        across = (np.arange(count) + 0.5) * (far / max(count, 1))
+        points[:, 1], points[:, 3] = np.concatenate([-across[::-1], across]), np.concatenate([sides[0][::-1], sides[1]])
+        return Foreign(topic, "foxglove.PointCloud", sample.t_sent_ns, messages.point_cloud(sample.t_ns, frame, points))
+
+    return encode
+
+
+def _peaks(levels: Levels, most: int) -> Levels:
+    """The largest of neighbours, so that at most so many are left."""
+    each = -(-len(levels) // most)
+    padded = np.pad(levels, (0, -len(levels) % max(each, 1)))
+    peaks: Levels = padded.reshape(-1, max(each, 1)).max(axis=1)
+    return peaks
 
 
 def _profiler(port: Port, sensor: SensorView) -> _Encode | None:
@@ -246,6 +278,7 @@ _SCHEMA_OF = {
     "profiler": "foxglove.PointCloud",
     "range_array": "foxglove.LaserScan",
     "scanning_sonar": "foxglove.PointCloud",
+    "side_scan": "foxglove.PointCloud",
 }
 _FRAMES: dict[str, Callable[[Port, SensorView], _Encode | None]] = {
     "bathymetry": _bathymetry,
@@ -253,6 +286,7 @@ _FRAMES: dict[str, Callable[[Port, SensorView], _Encode | None]] = {
     "profiler": _profiler,
     "range_array": _range_array,
     "scanning_sonar": _scanning_sonar,
+    "side_scan": _side_scan,
 }
 """Kinds of sensors that have a message, and so a frame; ports with pictures have one too, whatever their kind."""
 _LOOKING = frozenset({"camera", "multibeam"})

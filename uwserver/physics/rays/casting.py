@@ -33,6 +33,8 @@ _KEPT = 16
 LATTICE_M = 1024.0
 """Between origins of what never moves. Nothing small is farther than half of it from its own along an axis, where float32 has steps of 0.03 mm:
 that far beside its edge a triangle may be missed, or met."""
+NOBODY = -1
+"""A row of the state in which no body is."""
 _STILL: FloatArray = np.zeros(13)
 _STILL[Q] = 1.0
 
@@ -166,6 +168,8 @@ class Rays:
         self._scenes: dict[int, tuple[Solid, _Scene | None]] = {}
         self._still: tuple[_Scene, ...] | None = None
         self._simple: tuple[Simple, IntArray] | None = None
+        self._others: dict[int, tuple[Simple, IntArray]] = {}
+        self._rows: IntArray = np.empty(0, np.int64)
 
     def add_static(self, body: int, solid: Solid) -> None:
         """Add something that never moves. Raises BadSolid."""
@@ -198,21 +202,55 @@ class Rays:
         del self._static[body]
         self._still = None
 
-    def at(self, state: FloatArray) -> Instant:
-        """The solids where a state (n, 13) puts them."""
-        return Instant(self, state)
+    def at(self, state: FloatArray, without: int = NOBODY) -> Instant:
+        """The solids where a state (n, 13) puts them, but for those that the body in the row `without` carries."""
+        return Instant(self, state, without)
 
-    def cast(self, state: FloatArray, origin: FloatArray, direction: FloatArray, max_range: float) -> Hits:
-        """See `uwserver.physics.rays.raycast.Geometry.raycast`; moving bodies stand where `state` says."""
-        _, table = self._simple or self._gather()
-        moving = [(body, c.row, c.scene) for body, c in self._moving.items() if c.scene is not None]
+    def cast(
+        self, state: FloatArray, origin: FloatArray, direction: FloatArray, max_range: float, without: int = NOBODY
+    ) -> Hits:
+        """See `uwserver.physics.rays.raycast.Geometry.raycast`; moving bodies stand where `state` says, and that of row `without` is not there."""
+        _, table = self._simple_without(without)
+        moving = [
+            (body, c.row, c.scene) for body, c in self._moving.items() if c.scene is not None and c.row != without
+        ]
         return _cast(table, self._still or (), moving, state, (origin, direction, max_range))
 
-    def still(self, state: FloatArray) -> Still:
-        """The solids as they are now, where this state (n, 13) puts them, for one other thread. The first after a change makes the scenes."""
-        simple = self._simple or self._gather()
-        moving = [(body, c.row, c.scene.apart()) for body, c in self._moving.items() if c.scene is not None]
+    def cast_past(
+        self, state: FloatArray, rows: IntArray, origin: FloatArray, direction: FloatArray, max_range: float
+    ) -> Hits:
+        """As `cast`; each ray passes what the body in its row (n) carries."""
+        answer = self.cast(state, origin, direction, max_range)
+        own = (answer.body >= 0) & (self._rows[answer.body] == rows)
+        if own.any():
+            for row in np.unique(rows[own]).tolist():
+                chosen = np.flatnonzero(own & (rows == row))
+                found = self.cast(state, origin[chosen], direction[chosen], max_range, row)
+                for column, again in zip(answer, found, strict=True):
+                    column[chosen] = again
+        return answer
+
+    def still(self, state: FloatArray, without: int = NOBODY) -> Still:
+        """The solids as they are now, where this state (n, 13) puts them, for one other thread; not those of the row `without`. The first after a
+        change makes the scenes."""
+        simple = self._simple_without(without)
+        moving = [
+            (body, c.row, c.scene.apart())
+            for body, c in self._moving.items()
+            if c.scene is not None and c.row != without
+        ]
         return Still(simple, tuple(scene.apart() for scene in self._still or ()), tuple(moving), state.copy())
+
+    def _simple_without(self, row: int) -> tuple[Simple, IntArray]:
+        """What is intersected one by one, but for what this row carries; kept until something changes, as each ping of its sonars asks."""
+        whole = self._simple or self._gather()
+        if row == NOBODY:
+            return whole
+        if row not in self._others:
+            carried = whole[0].carried
+            simple = whole[0]._replace(carried=np.ascontiguousarray(carried[carried["row"] != row]))
+            self._others[row] = simple, addresses(hits.SIMPLE, simple._asdict())
+        return self._others[row]
 
     def _gather(self) -> tuple[Simple, IntArray]:
         """What the first rays after a change need; the rows stay alive beside their table."""
@@ -234,6 +272,9 @@ class Rays:
                 places[key] = first, len(each[-1]), centre, float(np.linalg.norm(half))
                 first += len(each[-1])
             rows.append((body, row, *places[key]))
+        self._others.clear()
+        self._rows = np.full(max([*self._static, *self._moving], default=0) + 1, NOBODY)
+        self._rows[[*self._moving]] = [carried.row for carried in self._moving.values()]
         simple = Simple(planes(self._static.items()), np.array(rows, CARRIED), np.concatenate(each))
         self._simple = simple, addresses(hits.SIMPLE, simple._asdict())
         return self._simple
@@ -270,9 +311,13 @@ class Still:
 class Instant:
     """A `uwserver.physics.rays.raycast.Geometry`: solids where a state (n, 13) puts them, read when rays are cast."""
 
-    def __init__(self, rays: Rays, state: FloatArray) -> None:
-        self._rays, self._state = rays, state
+    def __init__(self, rays: Rays, state: FloatArray, without: int = NOBODY) -> None:
+        self._rays, self._state, self._without = rays, state, without
 
     def raycast(self, origin: FloatArray, direction: FloatArray, max_range: float) -> Hits:
         """The nearest solid that each ray meets."""
-        return self._rays.cast(self._state, origin, direction, max_range)
+        return self._rays.cast(self._state, origin, direction, max_range, self._without)
+
+    def still(self) -> Still:
+        """As `Rays.still`."""
+        return self._rays.still(self._state, self._without)

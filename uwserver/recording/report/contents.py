@@ -10,9 +10,10 @@ import numpy as np
 from uwserver.physics.geometry.shapes import Solid
 from uwserver.ports import Event
 from uwserver.recording.report.bathymetry import Area, SeaFloor, outlines, sea_floor
+from uwserver.recording.report.columns import FloatArray
 from uwserver.recording.report.errors import SensorError, sensor_errors
 from uwserver.recording.report.panels import Panel, panels
-from uwserver.recording.report.reading import FloatArray, Recorded
+from uwserver.recording.report.reading import Recorded
 from uwserver.recording.report.summary import Row, VehicleSummary, summary_of, vehicle_summary
 from uwserver.recording.report.truth import Truth, truth_of
 from uwserver.scenario.solids.archive import unpack

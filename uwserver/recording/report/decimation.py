@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uwserver.recording.report.reading import FloatArray, IntArray
+from uwserver.recording.report.columns import FloatArray
+from uwserver.recording.report.reading import IntArray
 
 PIXELS = 900
 """Columns of a plot; twice as many points are kept."""

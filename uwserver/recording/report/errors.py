@@ -19,7 +19,8 @@ from msgspec import UnsetType
 from uwserver.environment.column import WaterColumn, uniform_column
 from uwserver.environment.earth import EARTH_RATE
 from uwserver.environment.geodesy import north_east
-from uwserver.recording.report.reading import FloatArray, Recorded, Series
+from uwserver.recording.report.columns import FloatArray
+from uwserver.recording.report.reading import Recorded, Series
 from uwserver.recording.report.truth import Mount, Truth, mount_of, rotations, small_angles
 from uwserver.scenario.water.tables import Environment
 from uwserver.sensors.motion.triad import HUMP

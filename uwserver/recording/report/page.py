@@ -19,10 +19,10 @@ import msgspec
 import numpy as np
 
 from uwserver.recording.report.bathymetry import SeaFloor, data_url
+from uwserver.recording.report.columns import FloatArray
 from uwserver.recording.report.contents import Contents, Track
 from uwserver.recording.report.decimation import thinned
 from uwserver.recording.report.panels import Panel, Picture
-from uwserver.recording.report.reading import FloatArray
 
 _HERE = Path(__file__).parent
 _EXPORT = re.compile(r"^export \{ (\w+) as default \};\s*$", re.MULTILINE)

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from uwserver.recording.report.bathymetry import SeaFloor, png
+from uwserver.recording.report.columns import FloatArray
 from uwserver.recording.report.errors import BOUND, SensorError
-from uwserver.recording.report.reading import FloatArray, Recorded, Series
+from uwserver.recording.report.reading import Recorded, Series
 from uwserver.recording.report.truth import Truth, euler, rotations
 from uwserver.units import deg
 
@@ -120,7 +121,7 @@ def _panels(
             yield from _fields(series, "Battery", ("voltage", "current", "charge"))
         elif series.kind == "dvl" and "beam_locks" in series.columns:
             yield _locks(series)
-        elif series.kind == "scanning_sonar":
+        elif series.kind in _ROWS:
             yield from _waterfall(series)
     for error in errors:
         if error.sigma is not None or error.path.endswith("/state") or np.nanmax(np.abs(error.error)) > _EXACT:
@@ -130,7 +131,9 @@ def _panels(
             yield from _fields(series, "Other sensors")
 
 
-_SHOWN = ("rpm", "battery", "scanning_sonar", "autopilot", "truth_pose", "truth_velocity", "truth_acceleration")
+_SHOWN = (
+    "rpm", "battery", "scanning_sonar", "multibeam", "side_scan", "autopilot", "truth_pose", "truth_velocity", "truth_acceleration",
+)  # fmt: skip
 
 
 def _panel(
@@ -266,17 +269,43 @@ def _locks(series: Series) -> Panel:
 
 
 def _waterfall(series: Series) -> Iterator[Panel]:
-    bins, reach = series.columns.get("bins"), series.columns.get("range")
-    if bins is None or reach is None or not np.isfinite(bins).any() or not np.isfinite(reach).any():
+    """Echoes over range and time, of each ping a column."""
+    rows, reach = _echoes(series), series.columns.get("range")
+    if rows is None or reach is None or not np.isfinite(rows).any() or not np.isfinite(reach).any():
         return
     far = float(np.nanmax(reach))
-    note = (
-        "each ping as it came, whatever the head's bearing"
-        if np.nanmin(reach) == far
-        else "pings of shorter range are stretched"
-    )
-    picture = _picture(series.t, bins, 0.0, far, series.fields["bins"].unit)
-    yield Panel(series.vehicle, "Sonar", f"{_short(series)} range", "m", is_down=True, picture=picture, note=note)
+    note = _OF_A_PING[series.kind] if np.nanmin(reach) == far else "pings of shorter range are stretched"
+    unit = series.fields[_ROWS[series.kind][0]].unit
+    if unit == "Pa":  # over range it changes by many powers of ten
+        rows, unit = _decibels(rows), "dB re 1 uPa"
+    both_sides = series.kind == "side_scan"
+    picture = _picture(series.t, rows, -far if both_sides else 0.0, far, unit)
+    title = f"{_short(series)} range"
+    yield Panel(series.vehicle, "Sonar", title, "m", is_down=not both_sides, picture=picture, note=note)
+
+
+_ROWS = {"multibeam": ("image",), "scanning_sonar": ("bins",), "side_scan": ("port", "starboard")}
+_OF_A_PING = {
+    "multibeam": "of each ping the strongest beam at each range",
+    "scanning_sonar": "each ping as it came, whatever the head's bearing",
+    "side_scan": "slant range, to starboard above 0 and to port below",
+}
+_RANGE_DB = 80.0
+
+
+def _echoes(series: Series) -> FloatArray | None:
+    """(n, k) from the near end to the far one, or from the far end of port to that of starboard."""
+    found = [series.columns[name] for name in _ROWS[series.kind] if name in series.columns]
+    if len(found) < len(_ROWS[series.kind]):
+        return None
+    return found[0] if len(found) == 1 else np.hstack([found[0][:, ::-1], found[1]])
+
+
+def _decibels(pressure: FloatArray) -> FloatArray:
+    """Levels re 1 uPa of amplitudes (Pa), those far below the largest as high as that."""
+    largest = max(float(np.nanmax(pressure)), 1e-30)
+    levels: FloatArray = 20.0 * np.log10(np.maximum(pressure, largest * 10.0 ** (-0.05 * _RANGE_DB)) * 1e6)
+    return levels
 
 
 def _picture(t: FloatArray, rows: FloatArray, low: float, high: float, unit: str) -> Picture:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import re
 import struct
 from array import array
@@ -20,11 +19,11 @@ from uwserver.ports import Cast, Event, Field
 from uwserver.recording.format import EVENTS, METADATA
 from uwserver.recording.parts import SERVED
 from uwserver.recording.reading import MOST_CHUNK_BYTES, MOST_RECORD_BYTES, NotReplayable, parts_of
+from uwserver.recording.report.columns import Column, FloatArray, columns_of
 from uwserver.recording.states import CASTS, STATES, CastRecord, read_state
 from uwserver.scenario.files.opening import opened
 from uwserver.units import NANOSECONDS
 
-FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 MOST_EVENTS = 20_000
@@ -43,7 +42,7 @@ class Series:
         path: of the port; the part before the first "/" is its vehicle.
         kind: of the component.
         direction: "sensor" or "actuator".
-        fields: by name; those of text and of packed pictures have no columns.
+        fields: by name; those of text and of pictures but a sonar's have no columns.
         t: (n) measured at, s of simulation time; of a command, when it acted.
         seq: (n) of samples, 0 for commands.
         valid: (n).
@@ -125,31 +124,6 @@ def _fields(properties: dict[str, Any]) -> Iterator[Field]:
 
 
 @dataclass
-class _Column:
-    """Numbers of one field as they come; `size` of them a message."""
-
-    size: int
-    numbers: array[float] = field(default_factory=lambda: array("d"))
-
-    def add(self, value: Any) -> None:
-        if value is None:
-            self.numbers.extend([math.nan] * self.size)
-        elif self.size == 1 and not isinstance(value, list):
-            self.numbers.append(value)
-        elif isinstance(value, list) and len(value) == self.size:
-            try:
-                self.numbers.extend(value)
-            except TypeError:
-                del self.numbers[len(self.numbers) // self.size * self.size :]
-                self.numbers.extend([math.nan if v is None else v for v in value])
-        else:
-            raise ValueError(f"{value!r} where {self.size} numbers should stand")
-
-    def whole(self, count: int) -> FloatArray:
-        return np.frombuffer(self.numbers, dtype=np.float64)[: count * self.size].reshape(count, self.size)
-
-
-@dataclass
 class _Channel:
     """A port of a recording while it is read."""
 
@@ -160,11 +134,10 @@ class _Channel:
     t: array[int] = field(default_factory=lambda: array("q"))
     seq: array[int] = field(default_factory=lambda: array("q"))
     valid: bytearray = field(default_factory=bytearray)
-    columns: dict[str, _Column] = field(default_factory=dict)
+    columns: dict[str, Column] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        drawn = {name: f for name, f in self.fields.items() if f.type not in ("str", "bytes", "buffer")}
-        self.columns = {name: _Column(f.size) for name, f in drawn.items()}
+        self.columns = dict(columns_of(self.kind, self.fields))
 
     def add(self, message: dict[str, Any], publish_ns: int) -> None:
         t_ns, seq = int(message.get("t_ns", publish_ns)), int(message.get("seq", 0))

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from uwserver.recording.report.columns import FloatArray
 from uwserver.recording.report.errors import SensorError
-from uwserver.recording.report.reading import FloatArray, IntArray, Recorded, Series
+from uwserver.recording.report.reading import IntArray, Recorded, Series
 from uwserver.recording.report.truth import Truth
 
 Row = tuple[str, str]

@@ -172,7 +172,7 @@ class Adcp(Sensor):
         now, s = scope.t, self.settings
         if now < self.memory.ready - 1e-6:
             return None
-        at = _Instant(scope, self._mount, self._beams)
+        at = _Instant(scope.without_own_body(), self._mount, self._beams)
         distances: FloatArray = s.blanking + s.cell_size * np.arange(1, self._config.cells + 1, dtype=np.float64)
         farthest = (float(distances[-1]) + 0.5 * s.cell_size) / self._cosine
         travel = 2.0 * max(farthest, self._config.bottom_max_altitude_m / self._cosine) / at.c

@@ -12,8 +12,8 @@ from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Buffer, Field, Value
 from uwserver.ports.buffer import Layout
 from uwserver.sensors.acoustic.imaging.array import Taper
-from uwserver.sensors.acoustic.imaging.soundings import bands
-from uwserver.sensors.acoustic.imaging.swath import Swath, check_size, columns_of
+from uwserver.sensors.acoustic.imaging.soundings import HEARD, bands
+from uwserver.sensors.acoustic.imaging.swath import Swath, check_size, columns_of, cost
 from uwserver.sensors.acoustic.pinging import Instant, Lighting, PingingSonar, PingSettings, PingTable, fade_of
 from uwserver.sensors.acoustic.receiver import Echoes
 from uwserver.sensors.acoustic.sounding import Array, Soundings, blanked, listen, sound_out
@@ -60,6 +60,12 @@ class BathymetryConfig(PingTable, tag="bathymetry", kw_only=True, frozen=True):
         super().__post_init__()
         columns = columns_of(rad(self.field_deg), rad(self.beam_width_across_deg))
         check_size(columns, self.rays_along, self.beams, "wider beams, a smaller field or fewer rays_along")
+
+    @property
+    def computing_s(self) -> float:
+        """About the processor time of a ping, s."""
+        columns = columns_of(rad(self.field_deg), rad(self.beam_width_across_deg))
+        return cost(columns, self.rays_along, self.beams, self.bins, HEARD)
 
     def build(self, mount: Pose) -> Bathymetry:
         return Bathymetry(mount, self)

@@ -15,7 +15,7 @@ from uwserver.ports.buffer import Layout
 from uwserver.sensors.acoustic.cross_talk import believed_speed
 from uwserver.sensors.acoustic.imaging import columns
 from uwserver.sensors.acoustic.imaging.array import Taper
-from uwserver.sensors.acoustic.imaging.swath import Plane, Swath, check_size, columns_of, cost
+from uwserver.sensors.acoustic.imaging.swath import Plane, Swath, check_size, check_together, columns_of, cost
 from uwserver.sensors.acoustic.pinging import (
     Head,
     Instant,
@@ -115,10 +115,12 @@ class MultibeamConfig(PingTable, tag="multibeam", kw_only=True, frozen=True):
             raise ValueError(f"{len(self.modes)} modes are more than {_MOST_MODES}")
         if self.mode not in self.names:
             raise ValueError(f'no mode "{self.mode}", there are: {", ".join(self.modes) or "none"}')
+        sizes = []
         for name in self.names:
             table, where = self.in_mode(name), f" in mode {name}" if name else ""
-            keys = "wider beams, a smaller field or fewer rays_vertical"
-            check_size(table.columns, table.rays_vertical, table.beams, keys, where)
+            sizes.append((table.columns, table.rays_vertical, table.beams))
+            check_size(*sizes[-1], "wider beams, a smaller field or fewer rays_vertical", where)
+        check_together(sizes, "fewer modes, wider beams, smaller fields, fewer beams or fewer rays_vertical")
         now = self.in_mode(self.mode)
         check_range(self.range_m, now.min_range_m, now.max_range_m, f"mode {self.mode}" if self.mode else "the sonar")
 
@@ -131,11 +133,6 @@ class MultibeamConfig(PingTable, tag="multibeam", kw_only=True, frozen=True):
     def columns(self) -> int:
         """Of rays."""
         return columns_of(rad(self.field_deg), rad(self.beam_width_horizontal_deg))
-
-    @property
-    def cores(self) -> float:
-        """About the part of one core that its pictures take in real time, as it starts."""
-        return min(self.rate_hz, self.pings_hz) * self.computing_s
 
     @property
     def computing_s(self) -> float:

@@ -48,6 +48,7 @@ class PingTable(SensorTable, kw_only=True, frozen=True):
         cross_talk_db: direct sound of other sonars of the vehicle whose bands overlap, beside that on their axis: -40 for two side lobes of -20 dB
             (a model); without it they are not heard.
         assumed_sound_speed_mps: what the device believes; default: the truth.
+        sees_own_vehicle: whether what its own vehicle consists of stands in its field; else it looks through it, wherever it is mounted.
         overhead_s: between the end of a ping and the next one.
         processing_s: from the last echo to the delivery; in real time no more is there to compute it.
     """
@@ -65,6 +66,7 @@ class PingTable(SensorTable, kw_only=True, frozen=True):
     volume_backscatter_db: float | UnsetType = UNSET
     cross_talk_db: Annotated[float, Meta(ge=-200, le=0)] | UnsetType = UNSET
     assumed_sound_speed_mps: Positive | UnsetType = UNSET
+    sees_own_vehicle: bool = False
     overhead_s: NonNegative = 0.005
     processing_s: NonNegative = 0.02
 
@@ -76,6 +78,16 @@ class PingTable(SensorTable, kw_only=True, frozen=True):
     def pings_hz(self) -> float:
         """About how many pings a second its range leaves time for, as it starts."""
         return 1.0 / (2.0 * self.range_m / _SOUND_MPS + self.overhead_s)
+
+    @property
+    def cores(self) -> float:
+        """About the part of one core that its pings take in real time, as it starts, beside the ticks."""
+        return min(self.rate_hz, self.pings_hz) * self.computing_s
+
+    @property
+    def computing_s(self) -> float:
+        """About the processor time of a ping that is computed beside the ticks, as it starts, s; 0 of one that is read within its tick."""
+        return 0.0
 
     @property
     def given_s(self) -> float:
@@ -245,7 +257,7 @@ class PingingSonar(Sonar):
         values = [*sent.values, *(None,) * computed]
         if sent.instant is None:
             return Measurement(values, False, delay_ns=sent.delay_ns)
-        work = job(sent.instant._replace(scope=scope.still(with_vehicles=False)))
+        work = job(sent.instant._replace(scope=sent.instant.scope.still(with_vehicles=False)))
         return Begun(values, True, delay_ns=sent.delay_ns, job=work)
 
     def send(self, scope: Scope, axes: FloatArray) -> Sent:
@@ -268,7 +280,8 @@ class PingingSonar(Sonar):
         poses = self._poses(scope, axes, duration)
         divided = ranges(reach, table.bins, c, believed / c, pulse)
         noise = self._noise(scope, p, poses[0][:, 0], divided, c)
-        return Sent(values, delay, Instant(scope, p, poses, divided, water, noise))
+        seen = scope if table.sees_own_vehicle else scope.without_own_body()
+        return Sent(values, delay, Instant(seen, p, poses, divided, water, noise))
 
     def _poses(self, scope: Scope, axes: FloatArray, duration: float) -> tuple[FloatArray, ...]:
         """Attitude of the swath at the start, and at the end where the sonar turns meanwhile."""

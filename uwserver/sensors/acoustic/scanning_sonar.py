@@ -11,7 +11,8 @@ from msgspec import UNSET, Meta, UnsetType
 from uwserver.frames import Vec3, matrix
 from uwserver.modifiers.base import Measurement, Memory, Time
 from uwserver.physics.kernel.arrays import FloatArray
-from uwserver.ports import Argument, Field
+from uwserver.ports import Argument, Buffer, Field, Value
+from uwserver.ports.buffer import Layout
 from uwserver.sensors.acoustic.cross_talk import Sonar, Voice, add_bursts, believed_speed
 from uwserver.sensors.acoustic.echo import MU_SURFACE, Absorption, cast, kernels, load_kernels
 from uwserver.sensors.acoustic.head import (
@@ -45,7 +46,8 @@ class ScanningSonarConfig(SensorTable, tag="scanning_sonar", kw_only=True, froze
     Attributes:
         model: the sonar equation; or the paper's plain dot product of each ray with what it hits, without errors.
         ideal: mean level without speckle, noise and wrong sound speed.
-        output: 8-bit counts on a logarithmic scale, or the sound pressure (amplitude, Pa) before compression.
+        output: 8-bit counts on a logarithmic scale; the sound pressure (amplitude, Pa) before compression; or, of the sonar equation, the same as
+            real and imaginary part: that of the strongest sample in each bin.
         frequency_hz, bandwidth_hz: of the sound; the bandwidth gives the resolution in range.
         pulse_s: its length; a swept pulse longer than 1 / bandwidth is compressed, which lifts the echo by bandwidth times length.
         beam_width_horizontal_deg, beam_width_vertical_deg: between half-power points.
@@ -64,12 +66,13 @@ class ScanningSonarConfig(SensorTable, tag="scanning_sonar", kw_only=True, froze
         dynamic_range_db: of the 255 counts.
         gain_db: at the start.
         assumed_sound_speed_mps: what the device believes; default: the truth.
+        sees_own_vehicle: whether what its own vehicle consists of stands in its field; else it looks through it, wherever it is mounted.
         overhead_s: between the end of a ping and the next one.
     """
 
     model: Literal["sonar_equation", "paper"] = "sonar_equation"
     ideal: bool = False
-    output: Literal["counts", "pressure"] = "counts"
+    output: Literal["counts", "pressure", "complex"] = "counts"
     frequency_hz: Positive = 7e5
     bandwidth_hz: Positive = 1e5
     pulse_s: Positive = 4e-4
@@ -93,6 +96,7 @@ class ScanningSonarConfig(SensorTable, tag="scanning_sonar", kw_only=True, froze
     dynamic_range_db: Positive = 80.0
     gain_db: Annotated[float, Meta(ge=-60, le=60)] = 0.0
     assumed_sound_speed_mps: Positive | UnsetType = UNSET
+    sees_own_vehicle: bool = False
     overhead_s: NonNegative = 0.01
 
     def __post_init__(self) -> None:
@@ -101,6 +105,8 @@ class ScanningSonarConfig(SensorTable, tag="scanning_sonar", kw_only=True, froze
             raise ValueError(
                 f"range_m is {self.range_m:g}, the sonar takes {self.min_range_m:g} to {self.max_range_m:g}"
             )
+        if self.model == "paper" and self.output == "complex":
+            raise ValueError('model "paper" knows no phase: output "complex" needs model "sonar_equation"')
         if self.sector_width_deg is not UNSET and rad(self.sector_width_deg) > 2.0 * math.pi:
             raise ValueError("sector_width_deg is more than a full turn: leave it out for continuous rotation")
 
@@ -152,6 +158,9 @@ class ScanningSonar(Sonar):
         bins = Field("bins", "1", "echo level of each bin, 0 to 255", shape=(config.bins,), type="int")
         if config.output == "pressure":
             bins = Field("bins", "Pa", "amplitude of the echo in each bin", shape=(config.bins,))
+        elif config.output == "complex":
+            layout = Layout("float32", (config.bins, 2))
+            bins = Field("bins", "Pa", "real and imaginary part of the echo in each bin", type="buffer", buffer=layout)
         self.fields = (
             Field("head_angle", "rad", "where the beam points, from x towards y of the sensor"),
             Field("range", "m", "distance at the end of the last bin"),
@@ -192,13 +201,14 @@ class ScanningSonar(Sonar):
         reading = Measurement([angle, reach, self.settings.gain, blank(self.fields)[3]], False)
         if scope.submergence(p_NS) > 0.0:
             reading.valid = True
-            reading.values[3] = self._picture(scope, p_NS, angle, believed / c)
+            seen = scope if self._config.sees_own_vehicle else scope.without_own_body()
+            reading.values[3] = self._picture(seen, p_NS, angle, believed / c)
         duration = 2.0 * reach / believed
         self.memory.ready = now + duration + self._config.overhead_s
         reading.delay_ns = round(duration * NANOSECONDS)
         return reading
 
-    def _picture(self, scope: Scope, p_NS: Vec3, angle: float, stretch: float) -> tuple[float, ...]:
+    def _picture(self, scope: Scope, p_NS: Vec3, angle: float, stretch: float) -> Value:
         """The bins of a ping."""
         config, reach = self._config, self.settings.range
         R = np.array(matrix(scope.attitude(self._mount.q))) @ turned(angle)
@@ -220,7 +230,10 @@ class ScanningSonar(Sonar):
             echoes.deposit(finer.cells, direction, R, *hits, ground, gates.per_metre, second)
         energy = np.empty(gates.total)
         echoes.energies(second, gates.per_metre, alpha, energy)
-        intensity = self._receive(scope, energy, gates, p_NS, R[:, 0])
+        sound = self._receive(scope, energy, gates, p_NS, R[:, 0])
+        if config.output == "complex":
+            return Buffer.of((1e-6 * sound).astype(np.float32))
+        intensity = sound[:, 0] * sound[:, 0] + sound[:, 1] * sound[:, 1]
         if config.output == "pressure":
             return tuple((1e-6 * np.sqrt(intensity)).tolist())
         counts = np.empty(config.bins, np.int64)
@@ -233,7 +246,7 @@ class ScanningSonar(Sonar):
     def _receive(
         self, scope: Scope, energy: FloatArray, gates: echoes.Gates, p_NS: Vec3, axis: FloatArray
     ) -> FloatArray:
-        """(bins) intensity, uPa^2: the peak of what the pulse leaves of the echoes (gates) in each bin.
+        """(bins, 2) real and imaginary part, uPa: the peak of what the pulse leaves of the echoes (gates) in each bin; the mean has the phase 0.
 
         Args:
             scope: of the ping.
@@ -242,9 +255,11 @@ class ScanningSonar(Sonar):
             p_NS: of the transducer.
             axis: (3) of the beam, in N.
         """
-        out: FloatArray = np.empty(self._config.bins)
+        out: FloatArray = np.zeros((self._config.bins, 2))
         if self._config.ideal:
-            speckle.detect_mean(energy, gates.window, gates.per_bin, out)
+            mean = np.empty(self._config.bins)
+            speckle.detect_mean(energy, gates.window, gates.per_bin, mean)
+            out[:, 0] = np.sqrt(mean)
             return out
         field = np.empty((gates.total, 2))
         number = int(self.rng.integers(1 << 63))

@@ -12,7 +12,8 @@ from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Buffer, Field, Value
 from uwserver.ports.buffer import Layout
 from uwserver.sensors.acoustic.imaging import columns
-from uwserver.sensors.acoustic.imaging.sides import Sides
+from uwserver.sensors.acoustic.imaging.sides import COLUMNS, Sides, rows_above
+from uwserver.sensors.acoustic.imaging.swath import cost
 from uwserver.sensors.acoustic.pinging import Instant, Lighting, PingingSonar, PingSettings, PingTable, fade_of
 from uwserver.sensors.acoustic.receiver import Echoes, gain_over_range, hear
 from uwserver.sensors.base import Pose, Scope
@@ -29,7 +30,7 @@ class SideScanConfig(PingTable, tag="side_scan", kw_only=True, frozen=True):
     """A side-scan sonar; x ahead, y starboard, z down. Ranges are slant ranges, from the transducers on.
 
     Attributes:
-        output: 8-bit counts on a logarithmic scale; or the sound pressure (amplitude, Pa).
+        output: 8-bit counts on a logarithmic scale; the sound pressure (amplitude, Pa); or the same as real and imaginary part.
         beam_width_horizontal_deg: along the way, between half-power points of transmitter and receiver each.
         beam_width_vertical_deg: across the way, likewise.
         tilt_deg: of the axes of both transducers below the horizon.
@@ -40,7 +41,7 @@ class SideScanConfig(PingTable, tag="side_scan", kw_only=True, frozen=True):
         gain_db: at the start.
     """
 
-    output: Literal["counts", "pressure"] = "counts"
+    output: Literal["counts", "pressure", "complex"] = "counts"
     beam_width_horizontal_deg: Annotated[float, Meta(ge=0.05, le=10)] = 1.0
     beam_width_vertical_deg: Annotated[float, Meta(gt=0, le=120)] = 50.0
     tilt_deg: Annotated[float, Meta(ge=0, le=90)] = 20.0
@@ -50,6 +51,12 @@ class SideScanConfig(PingTable, tag="side_scan", kw_only=True, frozen=True):
     floor_db: float = 118.0
     dynamic_range_db: Positive = 60.0
     gain_db: Annotated[float, Meta(ge=-60, le=60)] = 0.0
+
+    @property
+    def computing_s(self) -> float:
+        """About the processor time of a ping, s."""
+        rows = self.rays_vertical + rows_above(self.rays_vertical)
+        return cost(2 * COLUMNS, rows, 2, self.bins)
 
     def build(self, mount: Pose) -> SideScan:
         return SideScan(mount, self)
@@ -76,6 +83,8 @@ class _Rows(Job):
         sound = hear(sides, instant.energy(echoes), instant.ranges, instant.noise)[:, :, : config.bins]
         if instant.noise is None:  # an amplitude of the same intensity, of phase 0
             sound = np.concatenate([np.sqrt(sound), np.zeros_like(sound)])
+        if config.output == "complex":
+            return tuple(Buffer.of(np.ascontiguousarray(_MICRO * sound[:, side].T)) for side in range(2))
         intensity = np.empty((config.bins, 2), np.float32)
         columns.intensities(sound, _GAINS, intensity)
         if config.output == "pressure":
@@ -97,9 +106,11 @@ class SideScan(PingingSonar):
         width, height = rad(config.beam_width_horizontal_deg), rad(config.beam_width_vertical_deg)
         self._sides = Sides(width, height, rad(config.tilt_deg), config.rays_vertical)
         self._echoes = Echoes(self._sides, config.bins)
-        counts = config.output == "counts"
-        unit, layout = ("1", Layout("uint8", (config.bins,))) if counts else ("Pa", Layout("float32", (config.bins,)))
-        what = "counts" if counts else "amplitude of the echo"
+        unit, what, layout = {
+            "counts": ("1", "counts", Layout("uint8", (config.bins,))),
+            "pressure": ("Pa", "amplitude of the echo", Layout("float32", (config.bins,))),
+            "complex": ("Pa", "real and imaginary part of the echo", Layout("float32", (config.bins, 2))),
+        }[config.output]
         self.fields = (
             Field("range", "m", "slant range at the end of the last bin"),
             Field("gain", "dB", "gain of this ping"),

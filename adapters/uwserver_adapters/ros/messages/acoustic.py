@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uwserver.ports import BeamView, Sample, Value
+from uwserver.ports import BeamView, Buffer, Sample, Value
 from uwserver_adapters.ros.messages.frames import covariance, flu
 from uwserver_adapters.ros.messages.source import Mount, Outlet, Source, is_whole, number, numbers, unknown
 
@@ -130,6 +130,7 @@ def altimeter(source: Source) -> Iterator[Outlet]:
 def scanning_sonar(source: Source) -> Iterator[Outlet]:
     """One ping is an image of one beam, in the frame ``_sonar`` (z ahead, x up)."""
     types, get = source.types, source.bind("head_angle", "range", "bins")
+    counts = next(field for field in source.port.fields if field.name == "bins").type == "int"
     fan = (source.mount or Mount()).fan
     widths = (fan.horizontal, fan.vertical) if fan is not None else None
     along, across = (np.array([width] if width else [], np.float32) for width in widths or (0.0, 0.0))
@@ -141,12 +142,16 @@ def scanning_sonar(source: Source) -> Iterator[Outlet]:
         angle, reach, bins = get(sample.value)
         if not sample.valid or angle is None or reach is None or bins is None:
             return None
-        levels = bins.array().astype(np.uint8) if hasattr(bins, "array") else _levels(bins)
+        if isinstance(bins, Buffer):
+            return None  # complex: this message has no type for it
+        levels = _levels(bins) if counts else numbers(bins).astype(np.float32)
         centres = ((np.arange(len(levels)) + 0.5) * (reach / max(len(levels), 1))).astype(np.float32)
         return types.make(
             "marine_acoustic_msgs/msg/ProjectedSonarImage", header=source.header(sample, source.frame + "_sonar"),
             ping_info=ping, beam_directions=[types.vector((0.0, math.sin(angle), math.cos(angle)))], ranges=centres,
-            image=types.make(image_type, is_bigendian=False, dtype=0, beam_count=1, data=levels),
+            image=types.make(
+                image_type, is_bigendian=False, dtype=_DTYPES[levels.dtype.name], beam_count=1, data=levels.view(np.uint8)
+            ),
         )  # fmt: skip
 
     yield source.outlet("", "marine_acoustic_msgs/msg/ProjectedSonarImage", make)
@@ -155,6 +160,7 @@ def scanning_sonar(source: Source) -> Iterator[Outlet]:
 _DTYPES = {"uint8": 0, "float32": 8}
 _NONE = np.zeros(0, np.float32)
 _RANGES = "marine_acoustic_msgs/msg/SonarRanges"
+_DETECTIONS = "marine_acoustic_msgs/msg/SonarDetections"
 Floats = np.ndarray[tuple[int], np.dtype[np.float32]]
 
 
@@ -203,6 +209,7 @@ def side_scan(source: Source) -> Iterator[Outlet]:
             or None in rows
             or rows[0].dtype not in _DTYPES
             or rows[0].shape != rows[1].shape
+            or len(rows[0].shape) != 1
         ):
             return None
         image, bins = np.stack([row.array() for row in rows], axis=1), rows[0].shape[0]
@@ -234,36 +241,59 @@ class _Ping(NamedTuple):
     levels: Floats
 
 
+def _ping_info(source: Source, ping: _Ping) -> object:
+    return source.types.make(
+        "marine_acoustic_msgs/msg/PingInfo", frequency=ping.frequency, sound_speed=ping.speed, tx_beamwidths=ping.tx, rx_beamwidths=ping.rx
+    )  # fmt: skip
+
+
+def _flags(source: Source, ping: _Ping) -> list[object]:
+    """A beam without an echo has the flag of the sonar."""
+    good, bad = (source.types.make("marine_acoustic_msgs/msg/DetectionFlag", flag=flag) for flag in (0, 1))
+    return [bad if missing else good for missing in np.isnan(ping.ranges).tolist()]
+
+
 def _ranges(source: Source, sample: Sample, ping: _Ping) -> object:
-    """A beam without an echo has the flag of the sonar, and no range."""
-    types = source.types
-    good, bad = (types.make("marine_acoustic_msgs/msg/DetectionFlag", flag=flag) for flag in (0, 1))
-    return types.make(
-        _RANGES, header=source.header(sample, source.frame + "_fsd"),
-        ping_info=types.make(
-            "marine_acoustic_msgs/msg/PingInfo", frequency=ping.frequency, sound_speed=ping.speed, tx_beamwidths=ping.tx,
-            rx_beamwidths=ping.rx,
-        ),
-        flags=[bad if missing else good for missing in np.isnan(ping.ranges).tolist()],
+    """A beam without an echo has no range."""
+    return source.types.make(
+        _RANGES, header=source.header(sample, source.frame + "_fsd"), ping_info=_ping_info(source, ping), flags=_flags(source, ping),
         transmit_delays=np.zeros(len(ping.ranges), np.float32), intensities=ping.levels, beam_unit_vec=ping.directions, ranges=ping.ranges,
     )  # fmt: skip
 
 
 def bathymetry(source: Source) -> Iterator[Outlet]:
-    """Ranges of all beams, in the frame ``_fsd`` (x ahead, y starboard, z where it looks)."""
+    """Ranges of all beams, and below that as ``/detections`` their travel times and angles; in the frame ``_fsd`` (x ahead, y starboard, z where
+    it looks)."""
     types, get = source.types, source.bind("frequency", "sound_speed", "angle", "range", "level")
     views = (source.mount or Mount()).beams
 
-    def make(sample: Sample) -> object | None:
+    def ping_of(sample: Sample) -> tuple[_Ping, Floats] | None:
         frequency, speed, *buffers = get(sample.value)
-        if not sample.valid or None in buffers:
+        if not sample.valid or not speed or None in buffers:
             return None
         angles, ranges, levels = (buffer.array() for buffer in buffers)
         across = np.full(len(angles), views[0].width, np.float32) if views else _NONE
         directions = [types.vector((0.0, math.sin(angle), math.cos(angle))) for angle in angles.tolist()]
-        return _ranges(source, sample, _Ping(frequency, speed, _NONE, across, directions, ranges, levels))
+        return _Ping(frequency, speed, _NONE, across, directions, ranges, levels), angles
+
+    def make(sample: Sample) -> object | None:
+        found = ping_of(sample)
+        return None if found is None else _ranges(source, sample, found[0])
+
+    def detections(sample: Sample) -> object | None:
+        found = ping_of(sample)
+        if found is None:
+            return None
+        ping, angles = found
+        nothing = np.zeros(len(angles), np.float32)
+        return types.make(
+            _DETECTIONS, header=source.header(sample, source.frame + "_fsd"), ping_info=_ping_info(source, ping), flags=_flags(source, ping),
+            two_way_travel_times=(2.0 * ping.ranges / ping.speed).astype(np.float32), tx_delays=nothing, intensities=ping.levels,
+            tx_angles=nothing, rx_angles=angles,
+        )  # fmt: skip
 
     yield source.outlet("", _RANGES, make)
+    yield source.outlet("/detections", _DETECTIONS, detections)
 
 
 def profiler(source: Source) -> Iterator[Outlet]:

@@ -91,6 +91,16 @@ float32[] intensities
 geometry_msgs/Vector3[] beam_unit_vec
 float32[] ranges
 """,
+    "marine_acoustic_msgs/msg/SonarDetections": """
+std_msgs/Header header
+marine_acoustic_msgs/PingInfo ping_info
+marine_acoustic_msgs/DetectionFlag[] flags
+float32[] two_way_travel_times
+float32[] tx_delays
+float32[] intensities
+float32[] tx_angles
+float32[] rx_angles
+""",
     "uwserver_msgs/msg/AcousticFix": """
 std_msgs/Header header
 string beacon

@@ -38,6 +38,7 @@ SENSORS = (
     SensorView("rov/sonar", "scanning_sonar", (0.0, 0.0, 0.2), LEVEL),
     SensorView("rov/profiler", "profiler", (0.0, 0.0, 0.2), LEVEL),
     SensorView("rov/swath", "bathymetry", (0.0, 0.0, 0.2), LEVEL),
+    SensorView("rov/side", "side_scan", (0.0, 0.0, 0.2), LEVEL),
     SensorView("rov/camera", "camera", (0.3, 0.0, 0.0), LEVEL),
     SensorView("rov/imu", "imu", (0.0, 0.0, 0.0), LEVEL),
 )
@@ -106,6 +107,7 @@ def test_frames_form_one_tree_with_z_up_at_its_root(channels: SceneChannels) -> 
         "rov/sonar": "rov",
         "rov/profiler": "rov",
         "rov/swath": "rov",
+        "rov/side": "rov",
         "rov/camera": "rov",
     }
     root = transforms["N"].rotation
@@ -153,6 +155,39 @@ def test_soundings_are_points_of_the_sensor(channels: SceneChannels) -> None:
     deep = math.cos(math.pi / 6)
     np.testing.assert_allclose(points, [[0, -10, 20 * deep, 110], [0, 5, 10 * deep, 109]], rtol=1e-6)  # one had no echo
     assert channels.sample(SWATH, Sample("rov/swath", 0, 5, 9, True, (None, None, None))) is None
+
+
+@pytest.mark.parametrize("output", ["counts", "complex"])
+def test_both_sides_of_a_side_scan_lie_abreast(channels: SceneChannels, output: str) -> None:
+    """Port to the left, nearest in the middle; of more bins than are shown the strongest of neighbours."""
+    shape = (400,) if output == "counts" else (400, 2)
+    layout = Layout("uint8" if output == "counts" else "float32", shape)
+    fields = tuple(Field(name, "1", "", type="buffer", buffer=layout) for name in ("port", "starboard"))
+    side = Port("rov/side", "sensor", "side_scan", (Field("range", "m", ""), *fields), "")
+    rows = np.zeros((2, *shape), layout.dtype)
+    if output == "counts":
+        rows[0, 399], rows[1, 10], rows[1, 11] = 7, 3, 9
+    else:
+        rows[0, 399], rows[1, 10], rows[1, 11] = (0.0, -7.0), (3.0, 0.0), (5.4, -7.2)
+    assert shown_as(side) == "foxglove.PointCloud"
+    told = channels.sample(side, Sample("rov/side", 0, 5, 9, True, (40.0, *(Buffer.of(row) for row in rows))))
+    assert told is not None
+    points = np.frombuffer(decoded(told).data, "<f4").reshape(-1, 4)
+    np.testing.assert_allclose(np.sort(points[:, 1]), points[:, 1])
+    assert len(points) == 400
+    heard = points[points[:, 3] > 0.0]
+    np.testing.assert_allclose(heard, [[0, -39.9, 0, 7], [0, 1.1, 0, 9]], rtol=1e-6)
+    assert channels.sample(side, Sample("rov/side", 0, 5, 9, True, (40.0, None, None))) is None
+
+
+def test_a_ping_of_complex_echoes_has_their_amplitudes(channels: SceneChannels) -> None:
+    bins = Field("bins", "Pa", "", type="buffer", buffer=Layout("float32", (2, 2)))
+    port = Port("rov/sonar", "sensor", "scanning_sonar", (*SONAR.fields[:2], bins), "")
+    waves = Buffer.of(np.array([(0.0, 0.0), (3.0, -4.0)], np.float32))
+    ping = channels.sample(port, Sample("rov/sonar", 0, 5, 9, True, (0.0, 8.0, waves)))
+    assert ping is not None
+    points = np.frombuffer(decoded(ping).data, "<f4").reshape(-1, 4)
+    np.testing.assert_allclose(points, [[6, 0, 0, 5]], atol=1e-6)
 
 
 def test_pictures_are_shown_as_jpeg(channels: SceneChannels, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -241,3 +241,37 @@ def test_few_rays_and_bad_ones(n):
 def test_the_quickest_picker_that_is_installed(picker: str) -> None:
     kind = type(make_picker(np.eye(3)[None])).__name__
     assert kind == {"embree": "EmbreePicker", "tree": "TreePicker"}[picker]
+
+
+def test_who_looks_out_of_a_body_sees_what_is_behind_it(picker: str) -> None:
+    """A body of boxes and one of a mesh, each in a row: without it rays meet the other, and the bottom; each ray past its own."""
+    boxes = Solid("boxes", (Placed(Box((0.5, 0.5, 0.5))),))
+    ball = Solid("ball", (Placed(TriangleMesh(*_ball())),))
+    bottom = Solid("bottom", (Placed(HalfSpace(), p=np.array([0.0, 0.0, 10.0])),))
+    state = np.zeros((2, 13))
+    state[:, 3] = 1.0
+    state[:, 2] = 2.0, 5.0
+    rays = Rays()
+    rays.add_static(7, bottom)
+    rays.add_moving(3, boxes, 0)
+    rays.add_moving(5, ball, 1)
+    down = np.tile([0.0, 0.0, 1.0], (3, 1))
+    start = np.zeros((3, 3))
+    assert rays.cast(state, start, down, 50.0).body.tolist() == [3, 3, 3]
+    assert rays.cast(state, start, down, 50.0, 0).body.tolist() == [5, 5, 5]
+    assert rays.at(state, 0).raycast(start, down, 50.0).body.tolist() == [5, 5, 5]
+    assert rays.at(state, 0).still().raycast(start, down, 50.0).body.tolist() == [5, 5, 5]
+    start[:, 2] = 3.0  # between the boxes and the ball
+    assert rays.cast(state, start, down, 50.0, 1).body.tolist() == [7, 7, 7]
+    past = rays.cast_past(state, np.array([0, 1, -1]), start, down, 50.0)
+    assert past.body.tolist() == [5, 7, 5]
+    assert past.distance[1] == pytest.approx(7.0)
+    rays.remove(5)
+    assert rays.cast_past(state, np.array([0, 1, -1]), start, down, 50.0).body.tolist() == [7, 7, 7]
+
+
+def _ball() -> tuple[np.ndarray, np.ndarray]:
+    """More triangles than are intersected one by one."""
+    found = facets(Solid("ball", (Placed(Sphere(0.5)),))).corners
+    assert len(found) > casting.FEW
+    return found.reshape(-1, 3), np.arange(3 * len(found)).reshape(-1, 3)

@@ -102,6 +102,24 @@ kind = "scanning_sonar"
 rate_hz = 30
 range_m = 12
 bins = 60
+[vehicles.rov.sensors.imaging]
+kind = "multibeam"
+output = "pressure"
+rate_hz = 5
+range_m = 24
+bins = 300
+beams = 24
+rays_vertical = 64
+field_deg = 60
+beam_width_horizontal_deg = 3
+rpy_deg = [0.0, -30.0, 0.0]
+processing_s = 0.02
+[vehicles.rov.sensors.side]
+kind = "side_scan"
+rate_hz = 5
+range_m = 40
+bins = 200
+rays_vertical = 64
 [vehicles.rov.sensors.battery]
 kind = "battery"
 profile = "lipo_4s_18ah"

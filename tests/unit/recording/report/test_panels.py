@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import base64
 import io
+import json
+import math
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pytest
 from matplotlib.image import imread
+from mcap.reader import make_reader
 
+from uwserver.recording.report.columns import ACROSS
 from uwserver.recording.report.contents import Contents
 from uwserver.recording.report.panels import Panel, _unwrapped
 from uwserver.recording.report.reading import Recorded
@@ -59,6 +67,47 @@ def test_the_waterfall_is_of_the_pings(contents: Contents, recorded: Recorded) -
     row, column = np.unravel_index(np.argmax(pixels), pixels.shape)
     strongest = np.unravel_index(np.nanargmax(bins), bins.shape)
     assert (column, 59 - row) == strongest
+
+
+def test_an_imaging_sonar_has_its_strongest_beam_over_range(contents: Contents, recorded: Recorded, run: Path) -> None:
+    """In dB, as pressures change by many powers of ten; of 300 bins the peaks of 256 are kept."""
+    found = panel(contents, "imaging range")
+    rows = recorded.series["rov/imaging"].columns["image"]
+    images = [np.frombuffer(base64.b64decode(m["value"]["image"]["base64"]), "<f4") for m in told(run, "rov/imaging")]
+    assert rows.shape == (len(images), ACROSS)
+    np.testing.assert_allclose(rows.max(axis=1), [image.max() for image in images])
+    strongest = images[0].reshape(300, 24).max(axis=1)
+    k = int(strongest.argmax())
+    assert int(rows[0].argmax()) == pytest.approx(k * ACROSS / 300, abs=1.0)
+    assert found.picture is not None
+    assert (found.picture.low, found.picture.high, found.picture.unit) == (0.0, 24.0, "dB re 1 uPa")
+    assert found.picture.most == pytest.approx(20.0 * math.log10(rows.max() * 1e6))
+    assert "strongest beam" in found.note
+
+
+def test_a_side_scan_shows_both_sides(contents: Contents, recorded: Recorded, run: Path) -> None:
+    """Starboard above, port below, nearest in the middle; the water column between them is dark."""
+    picture = panel(contents, "side range").picture
+    assert picture is not None
+    assert (picture.low, picture.high, picture.unit) == (-40.0, 40.0, "1")
+    pixels = imread(io.BytesIO(picture.png))[..., :3].sum(axis=2)
+    first = told(run, "rov/side")[0]["value"]
+    port, starboard = (
+        np.frombuffer(base64.b64decode(first[side]["base64"]), np.uint8) for side in ("port", "starboard")
+    )
+    assert pixels.shape[0] == 2 * ACROSS
+    shown = pixels[:, 0]
+    for row, half in ((starboard, shown[:ACROSS][::-1]), (port, shown[ACROSS:])):
+        wide = row[np.arange(ACROSS) * 200 // ACROSS].astype(float)
+        assert np.corrcoef(wide, half)[0, 1] > 0.95
+    assert np.array_equal(recorded.series["rov/side"].columns["port"][0], port[np.arange(ACROSS) * 200 // ACROSS])
+
+
+def told(run: Path, path: str) -> list[dict[str, Any]]:
+    """The messages of a port."""
+    with run.open("rb") as file:
+        found = [json.loads(message.data) for _, _, message in make_reader(file).iter_messages(topics=[path])]
+    return sorted(found, key=lambda message: int(message["t_ns"]))
 
 
 def test_headings_go_through_north_without_a_jump() -> None:

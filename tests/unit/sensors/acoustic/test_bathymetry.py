@@ -11,6 +11,8 @@ from msgspec import structs
 
 from uwserver.frames import quat_from_rpy
 from uwserver.sensors import BathymetryConfig, Pose
+from uwserver.sensors.acoustic.imaging.soundings import HEARD, bands
+from uwserver.sensors.acoustic.imaging.swath import Swath, cost
 from uwserver.testing import FakeGeometry, check_sensor
 from uwserver.testing.fake_geometry import Plane, Sphere
 from uwserver.testing.sensors import scopes
@@ -170,3 +172,11 @@ def test_in_air_it_hears_nothing_and_absurd_ranges_do_no_harm(over: Any) -> None
         BathymetryConfig(rate_hz=1, range_m=1000.0)
     with pytest.raises(ValueError, match="rays a ping are more than"):
         BathymetryConfig(rate_hz=1, beam_width_across_deg=0.1, rays_along=256)
+
+
+def test_its_cost_is_counted_by_the_columns_that_its_beams_hear() -> None:
+    config = BathymetryConfig(rate_hz=10)
+    swath = Swath(rad(config.field_deg), rad(config.beam_width_across_deg), 0.02, config.beams, config.rays_along)
+    heard = np.diff(bands(swath.pattern)).mean()
+    assert heard == pytest.approx(HEARD, rel=0.05)
+    assert config.computing_s == cost(swath.columns, swath.rows, config.beams, config.bins, HEARD)

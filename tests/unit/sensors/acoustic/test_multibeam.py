@@ -289,6 +289,20 @@ def test_modes_change_what_they_say(facing: Any) -> None:
             "1024 beams of 10212 columns of rays are 10457088 pairs, more than 4194304: wider beams, a smaller field",
         ),
         ({"mode": "0", "modes": {str(k): MultibeamMode() for k in range(9)}}, "9 modes are more than 8"),
+        (
+            {"mode": "0", "beam_width_horizontal_deg": 0.4, "modes": {str(k): MultibeamMode() for k in range(5)}},
+            "5 modes have 632320 rays a ping together, more than 524288: fewer modes, wider beams",
+        ),
+        (
+            {
+                "mode": "0",
+                "beam_width_horizontal_deg": 0.1,
+                "rays_vertical": 8,
+                "beams": 1024,
+                "modes": {str(k): MultibeamMode() for k in range(3)},
+            },
+            "3 modes have 12017664 pairs of a beam and a column together, more than 8388608",
+        ),
         ({"mode": "a", "modes": {"a": MultibeamMode(max_range_m=5.0)}}, "range_m is 30, mode a takes 0.5 to 5"),
         ({"modes": {"a": MultibeamMode(min_range_m=500.0)}, "mode": "a"}, "min_range_m is 500 and max_range_m 120"),
     ],

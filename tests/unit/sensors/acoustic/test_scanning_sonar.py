@@ -53,8 +53,14 @@ def row(config, instant, seed=0):
 def test_contract():
     deep = [s for s in scopes() if s.p_NB[2] > 1.0]
     small = {"rate_hz": 20, "bins": 32, "rays_vertical": 9, "rays_horizontal": 3}
-    for config in (ScanningSonarConfig(**small), ScanningSonarConfig(model="paper", output="pressure", **small)):
+    for config in (
+        ScanningSonarConfig(**small),
+        ScanningSonarConfig(output="complex", **small),
+        ScanningSonarConfig(model="paper", output="pressure", **small),
+    ):
         check_sensor(config, instants=deep)
+    with pytest.raises(ValueError, match='"paper" knows no phase'):
+        ScanningSonarConfig(model="paper", output="complex", **small)
 
 
 # -- levels -----------------------------------------------------------------------------------------------------------------------------
@@ -274,6 +280,27 @@ def test_speckle_is_rayleigh(facing):
         p.append(stats.kstest(np.concatenate(amplitudes), stats.rayleigh(scale=math.sqrt(0.5)).cdf).pvalue)
     assert sum(value > 0.05 for value in p) >= 18
     assert min(p) >= 0.001
+
+
+def test_the_complex_echo_is_normal_and_has_the_amplitude_of_the_real_one(facing):
+    """Real and imaginary part of bins that share no gate: normal, each with half of the mean intensity, and independent."""
+    bottom = Plane((0.0, 0.0, HEIGHT), (0.0, 0.0, -1.0))
+    config = msgspec.structs.replace(FINE, ideal=False)
+    expected = np.sqrt(row(FINE, facing(bottom)) ** 2 + 1e-12 * config.build(Pose())._noise)[:, None]
+    waved = msgspec.structs.replace(config, output="complex")
+    found = []
+    for seed in range(40):
+        sonar = waved.build(Pose())
+        sonar.start(seed)
+        wave = sonar.sense(facing(bottom)).values[3].array()
+        if seed == 0:
+            assert np.allclose(np.hypot(wave[:, 0], wave[:, 1]), row(config, facing(bottom)), rtol=1e-5)
+        found.append((wave / expected)[::20])
+    z = np.concatenate(found)
+    z = z[np.isfinite(z).all(axis=1)]
+    for part in z.T:
+        assert stats.kstest(part, stats.norm(scale=math.sqrt(0.5)).cdf).pvalue > 0.01
+    assert abs(np.mean(z[:, 0] * z[:, 1])) < 4.0 * 0.5 / math.sqrt(len(z))
 
 
 def test_a_still_sonar_sees_the_same_speckle_turn_after_turn_and_a_moving_one_another(facing):

@@ -14,6 +14,8 @@ from scipy import integrate, stats
 from uwserver.frames import quat_from_rpy
 from uwserver.sensors import Pose, SideScanConfig
 from uwserver.sensors.acoustic.imaging.fan import two_way
+from uwserver.sensors.acoustic.imaging.sides import Sides
+from uwserver.sensors.acoustic.imaging.swath import cost
 from uwserver.testing import FakeGeometry, check_sensor
 from uwserver.testing.fake_geometry import Plane, Sphere
 from uwserver.testing.sensors import scopes
@@ -48,7 +50,7 @@ def rows(config: SideScanConfig, instant: Any, seed: int = 0) -> tuple[np.ndarra
 
 def test_contract() -> None:
     deep = [s for s in scopes() if s.p_NB[2] > 1.0][:6]
-    for output in ("counts", "pressure"):
+    for output in ("counts", "pressure", "complex"):
         check_sensor(SideScanConfig(output=output, rate_hz=10, bins=16, rays_vertical=16), instants=deep)
 
 
@@ -134,6 +136,29 @@ def test_speckle_is_exponential_and_frozen_while_nothing_moves(facing: Any) -> N
     assert stats.kstest(intensity.ravel(), "expon").pvalue > 0.01
 
 
+def test_the_complex_echo_is_normal_and_has_the_amplitude_of_the_real_one(facing: Any) -> None:
+    """Real and imaginary part of both sides: normal, each with half of the mean intensity, and independent."""
+    config = msgspec.structs.replace(NOISY, output="complex")
+    waves, amplitudes = rows(config, facing(BOTTOM), 3), rows(NOISY, facing(BOTTOM), 3)
+    for wave, amplitude in zip(waves, amplitudes, strict=True):
+        assert np.allclose(np.hypot(wave[:, 0], wave[:, 1]), amplitude, rtol=1e-4)
+    mean = rows(LEVELS, facing(BOTTOM))[0][70:, None]
+    sonar = config.build(Pose())
+    sonar.start(5)
+    parts = []
+    for ping in range(30):
+        sonar.begin(ping)
+        values = sonar.measure(facing(BOTTOM, t_ns=ping * 10**9, p_NB=(4.0 * ping, 0.0, DEEP)))[1]
+        parts += [value.array()[70:] / mean for value in values[-2:]]
+    z = np.array(parts)[:, ::7]  # of bins that share no gate
+    for part in (z[..., 0].ravel(), z[..., 1].ravel()):
+        assert stats.kstest(part, stats.norm(scale=math.sqrt(0.5)).cdf).pvalue > 0.01
+    assert abs(np.mean(z[..., 0] * z[..., 1])) < 4.0 * 0.5 / math.sqrt(z[..., 0].size)
+    ideal = rows(msgspec.structs.replace(LEVELS, output="complex"), facing(BOTTOM))[0]
+    assert np.allclose(ideal[70:, :1], mean, rtol=1e-5)
+    assert not ideal[:, 1].any()
+
+
 def test_counts_are_the_level_after_gain(facing: Any) -> None:
     instant = facing(BOTTOM)
     counted = msgspec.structs.replace(NOISY, output="counts", gain_db=3.0)
@@ -191,3 +216,11 @@ def test_in_air_it_hears_nothing_and_absurd_ranges_do_no_harm(facing: Any) -> No
             assert np.isfinite(side).all()
     with pytest.raises(ValueError, match=r"range_m is .*, the (sonar|altimeter) takes"):
         SideScanConfig(rate_hz=1, range_m=1000.0)
+
+
+def test_its_cost_is_counted_by_the_rays_that_it_casts() -> None:
+    """What check tells: all rays, above the horizon too."""
+    config = SideScanConfig(rate_hz=10, rays_vertical=100)
+    sides = Sides(0.02, 0.8, 0.3, 100)
+    assert config.computing_s == cost(sides.columns, sides.rows, 2, config.bins)
+    assert len(sides.grid.direction) == sides.columns * sides.rows

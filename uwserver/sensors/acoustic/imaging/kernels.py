@@ -36,10 +36,11 @@ def load() -> None:
         fan.cells, fan.direction, np.eye(3), *hits, Ground(np.ones(1), 1.0), gates.per_metre, second
     )  # fmt: skip
     echoes.energies(second, gates.per_metre, 0.01, energy)
-    field, bins, counts = np.empty((gates.total, 2)), np.empty(10), np.empty(10, np.int64)
+    field, found, bins, counts = np.empty((gates.total, 2)), np.empty((10, 2)), np.empty(10), np.empty(10, np.int64)
     faded, share = speckle.fading((0.0, 0.0, 0.0), np.array((1.0, 0.0, 0.0)), 1.0, 1.0)
     speckle.scatter(energy, np.uint64(0), 0, 0.0, faded, share, speckle.PHASORS, field)
-    speckle.detect(field, gates.window, gates.per_bin, bins)
+    speckle.detect(field, gates.window, gates.per_bin, found)
+    bins[:] = np.square(found).sum(axis=1)
     speckle.compress(bins, 1.0, 30.0, 0.01, 60.0, 100.0, 1.0, 255.0, counts)
     speckle.detect_mean(energy, gates.window, gates.per_bin, bins)
     _load_columns(fan, hits)

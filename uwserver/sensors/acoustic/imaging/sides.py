@@ -22,6 +22,11 @@ _ABOVE = 4
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 
+def rows_above(rows: int) -> int:
+    """How many look up beside so many that look down."""
+    return max(rows // _ABOVE, 1)
+
+
 def depressions(rows: int) -> FloatArray:
     """Edges (n + 1) of the rows from above to below the horizon, rad below it; `rows` of them below.
 
@@ -30,7 +35,7 @@ def depressions(rows: int) -> FloatArray:
     """
     low, high = math.asinh(math.tan(_LOWEST) / _LEVEL), math.asinh(math.tan(_HIGHEST) / _LEVEL)
     below = np.linspace(0.0, low, rows + 1)
-    above = np.linspace(-high, 0.0, max(rows // _ABOVE, 1) + 1)[:-1]
+    above = np.linspace(-high, 0.0, rows_above(rows) + 1)[:-1]
     result: FloatArray = np.arctan(_LEVEL * np.sinh(np.concatenate([above, below])))
     return result
 

@@ -12,6 +12,8 @@ from uwserver.sensors.acoustic.imaging.swath import Plane
 
 _FAINT = 0.01
 """Amplitude below which a beam is taken to hear nothing: -40 dB."""
+HEARD = 12
+"""Columns that a beam hears, of a Hamming taper: those of its main lobe. Other tapers have more, whose echoes there are mostly silent."""
 _FIRST_HALF = 4.0
 """Gates to both sides of the strongest one, in which an echo is looked for first."""
 _GROWTH = 2.5

@@ -131,18 +131,18 @@ def scatter(
 
 @entry
 def detect(field: Array, window: float, per_bin: int, out: Array) -> None:
-    """Bins of the matched filter's output: the peak of its samples in each, one a gate. The pulse sums the sound of as many gates as it is long.
+    """Bins of the matched filter's output: the largest of its samples in each, one a gate. The pulse sums the sound of as many gates as it is long.
 
     Args:
         field: (gates, 2) as of `scatter`.
         window, per_bin: of `Gates`.
-        out: (bins) receives intensities, uPa^2.
+        out: (bins, 2) receives real and imaginary part, uPa.
     """
     core, last = int(window), len(field)
     # What is left of the window goes to both its ends, by energy.
     rest = math.sqrt(0.5 * (window - core))
     for k in range(len(out)):
-        peak = 0.0
+        peak = -1.0
         for middle in range(k * per_bin, (k + 1) * per_bin):
             first = middle - core // 2
             real = imaginary = 0.0
@@ -152,8 +152,9 @@ def detect(field: Array, window: float, per_bin: int, out: Array) -> None:
             for j in range(max(first, 0), min(first + core, last)):
                 real += field[j, 0]
                 imaginary += field[j, 1]
-            peak = max(peak, real * real + imaginary * imaginary)
-        out[k] = peak
+            intensity = real * real + imaginary * imaginary
+            if intensity > peak:
+                peak, out[k, 0], out[k, 1] = intensity, real, imaginary
 
 
 @entry

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -23,14 +24,17 @@ _BOTH_SIDES = 0.995 * math.pi
 _MOST_RAYS = 1 << 18
 _MOST_PAIRS = 1 << 22
 """Of a beam and a column: their patterns are 16 MB each, and made in half a second."""
+_TOGETHER = 2
+"""So many times as many have all modes of a device together: they take some 130 MB, and a second to make."""
 
 _RAY_S, _BEAM_S, _GATE_S = 1.5e-7, 9e-11, 7e-9
 """What a picture costs on one core of a common machine: a ray over 100 000 triangles, a column in a gate of a beam, a gate of a beam or column."""
 
 
-def cost(columns: int, rows: int, beams: int, gates: int) -> float:
-    """About the processor time (s) of a picture."""
-    return _RAY_S * columns * rows + _BEAM_S * columns * beams * gates + _GATE_S * (columns + beams) * gates
+def cost(columns: int, rows: int, beams: int, gates: int, heard: int | None = None) -> float:
+    """About the processor time (s) of a picture, each beam of which is made of so many columns; default: of all."""
+    summed = _BEAM_S * (columns if heard is None else heard) * beams * gates
+    return _RAY_S * columns * rows + summed + _GATE_S * (columns + beams) * gates
 
 
 def columns_of(field: float, width: float) -> int:
@@ -53,6 +57,15 @@ def check_size(columns: int, rows: int, beams: int, keys: str, where: str = "") 
     if columns * beams > _MOST_PAIRS:
         text = f"{beams} beams of {columns} columns of rays{where} are {columns * beams} pairs, more than {_MOST_PAIRS}"
         raise ValueError(f"{text}: wider beams, a smaller field or fewer beams make fewer")
+
+
+def check_together(sizes: Sequence[tuple[int, int, int]], keys: str) -> None:
+    """ValueError where swaths of one device, each of so many columns, rows and beams, are too large together: all are kept."""
+    rays, pairs = (_TOGETHER * most for most in (_MOST_RAYS, _MOST_PAIRS))
+    found = sum(columns * rows for columns, rows, _ in sizes), sum(columns * beams for columns, _, beams in sizes)
+    for count, most, what in zip(found, (rays, pairs), ("rays a ping", "pairs of a beam and a column"), strict=True):
+        if count > most:
+            raise ValueError(f"{len(sizes)} modes have {count} {what} together, more than {most}: {keys} have fewer")
 
 
 Plane = npt.NDArray[np.float32]

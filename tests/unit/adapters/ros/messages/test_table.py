@@ -15,13 +15,14 @@ from idl_rig import Classes
 from msgspec import structs
 from ros_rig import DEG, EPOCH_NS, FACTS, MOUNTS, PORTS, T_NS, catalogue, messages, sample
 from uwserver_adapters.ros.messages import DISTROS, BadMessage, Facts, Mount, Types
+from uwserver_adapters.ros.messages.acoustic import scanning_sonar
 from uwserver_adapters.ros.messages.frames import attitude, covariance, enu, flu
 from uwserver_adapters.ros.messages.plain import built, plain
-from uwserver_adapters.ros.messages.source import mounts_of
+from uwserver_adapters.ros.messages.source import Source, mounts_of
 from uwserver_adapters.ros.messages.types import dds_name, full_name
 
 from uwserver.frames import matrix, multiply, quat_from_rpy, rotate
-from uwserver.ports import BodyView, Buffer, Cast, SensorView
+from uwserver.ports import BodyView, Buffer, Cast, Field, SensorView
 from uwserver.testing.fake_context import WORLD
 from uwserver.testing.fake_scene import bare_scene
 
@@ -360,6 +361,34 @@ def test_soundings_are_ranges_of_beams_and_say_which_have_none(told):
     units = [(beam.x, beam.y, beam.z) for beam in ping.beam_unit_vec]
     assert units == [pytest.approx((0.0, math.sin(a), math.cos(a))) for a in (-1.0, 0.0, 1.0)]  # starboard is positive
     assert ping.ping_info.rx_beamwidths == pytest.approx([0.0175] * 3)
+
+
+def test_soundings_are_travel_times_and_angles_too(made, told):
+    """Frequency 400 kHz, 1500 m/s: 20 m are 27 ms there and back; angles are positive to starboard."""
+    (ping,) = told["/rov/swath/detections"]
+    assert Types("noetic").md5(ping.__msgtype__).endswith("ab99fb0df80256b440ff")  # as published for ROS 1
+    assert ping.header.frame_id == "rov/swath_fsd"
+    speed = ping.ping_info.sound_speed
+    assert ping.two_way_travel_times == pytest.approx([40.0 / speed, math.nan, 42.0 / speed], nan_ok=True)
+    assert [flag.flag for flag in ping.flags] == [0, 1, 0]
+    assert ping.rx_angles == pytest.approx([-1.0, 0.0, 1.0])
+    assert ping.intensities == pytest.approx([110.0, math.nan, 109.0], nan_ok=True)
+    assert ping.tx_angles.tolist() == ping.tx_delays.tolist() == [0.0] * 3
+    (outlet,) = (outlet for outlet in made.outlets if outlet.topic == "/rov/swath/detections")
+    assert outlet.make(sample(PORTS["rov/swath"], valid=False)) is None
+
+
+def test_pressures_are_floats_and_complex_echoes_have_no_message(made):
+    counts = PORTS["rov/sonar"]
+    loud = structs.replace(counts, fields=(*counts.fields[:3], Field("bins", "Pa", "amplitude", shape=(4,))))
+    (outlet,) = scanning_sonar(Source(made.types, made.facts, loud))
+    image = outlet.make(sample(counts, bins=(0.25, 300.0, 0.0, 1e-3))).image
+    assert (image.dtype, image.beam_count) == (8, 1)
+    assert image.data.view(np.float32).tolist() == pytest.approx([0.25, 300.0, 0.0, 1e-3])
+    waves = Buffer.of(np.zeros((4, 2), np.float32))
+    assert outlet.make(sample(counts, bins=waves)) is None
+    (outlet,) = (outlet for outlet in made.outlets if outlet.topic == "/rov/side")
+    assert outlet.make(sample(PORTS["rov/side"], port=waves, starboard=waves)) is None
 
 
 def test_a_profiling_sonar_tells_one_range_and_where_it_looked(made, told):

@@ -122,20 +122,25 @@ def test_even_ground_has_the_energy_of_a_pulse_in_every_bin() -> None:
 
 
 def test_a_bin_is_the_peak_of_its_samples() -> None:
-    made, bins = field(EVEN[:1000]), np.empty(90)
-    detect(made, 2.0, 10, bins)
+    made, found = field(EVEN[:1000]), np.empty((90, 2))
+    detect(made, 2.0, 10, found)
+    bins = np.square(found).sum(axis=1)
     # The sample of gates k - 1 and k has its middle between them.
     intensity = np.abs(np.concatenate([[0.0], samples(made, 2)])) ** 2
     assert bins[1:] == pytest.approx([intensity[10 * k : 10 * k + 10].max() for k in range(1, 90)])
+    # Its phase is that of the sample.
+    sums = np.concatenate([[0.0], samples(made, 2)])
+    peaks = [10 * k + int(intensity[10 * k : 10 * k + 10].argmax()) for k in range(1, 90)]
+    assert found[1:, 0] + 1j * found[1:, 1] == pytest.approx(sums[peaks])
 
 
 def test_a_pulse_of_no_whole_number_of_gates_brings_its_energy() -> None:
     """Speckle over many samples, against the mean of the same ground."""
     for window in (2.5, 3.9):
-        bins, mean = np.empty(COUNT - 10), np.empty(COUNT - 10)
-        detect(field(), window, 1, bins)
+        found, mean = np.empty((COUNT - 10, 2)), np.empty(COUNT - 10)
+        detect(field(), window, 1, found)
         detect_mean(EVEN, window, 1, mean)
-        assert bins.mean() == pytest.approx(mean[10:].mean(), rel=0.03)
+        assert np.square(found).sum(axis=1).mean() == pytest.approx(mean[10:].mean(), rel=0.03)
 
 
 # -- counts ---------------------------------------------------------------------------------------------------------------------------
