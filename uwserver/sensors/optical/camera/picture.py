@@ -10,10 +10,9 @@ import numpy as np
 from uwserver.environment.light import AIR, WaterLight
 from uwserver.frames import Quat, Vec3, matrix, multiply, rotate
 from uwserver.physics.kernel.arrays import FloatArray
-from uwserver.sensors.optical.camera import caustics, formation, rays, snow
+from uwserver.sensors.optical.camera import formation, rays, snow
 from uwserver.sensors.optical.camera.lamps import LAMP, RANGES, SHADOW, candelas, exponent_of, light_rays, veil_of
 from uwserver.sensors.optical.camera.lens import Lens
-from uwserver.sensors.optical.camera.textures import LINEAR
 from uwserver.sensors.optical.camera.view import View
 from uwserver.sensors.optical.camera.visible import Visible
 from uwserver.sensors.optical.camera.window import WATER_INDEX, FlatPort, Window, outside
@@ -41,7 +40,6 @@ class Optics:
         self.buffers = rays.Buffers(lens.width * lens.height)
         self.radiance: Any = np.zeros((lens.width * lens.height, 3), np.float32)
         self._flakes = snow.flakes(snow_density)
-        self._light = LINEAR.astype(np.float64)
         self._known: tuple[Visible, list[rays.Placed]] | None = None
 
     def _bundle(self, wet: bool) -> tuple[Any, Any]:
@@ -95,17 +93,16 @@ class Optics:
         lens, buffers, visible = self.lens, self.buffers, view.look.made()
         north, east, down = base.tolist()
         water = view.water if view.depth > 0.0 else AIR
-        sea = formation.sea_row(view.water, view.day, (north, east, down), view.depth, 1.0 / lens.fx)
+        sea = formation.sea_row(view.t, view.water, view.day, (north, east, down), view.depth, 1.0 / lens.fx)
         lamps = lamp_rows(view, base)
         cells = -(-lens.width // SHADOW) * -(-lens.height // SHADOW)
         lit: Any = np.ones((len(lamps), cells), np.uint8)
         if shadows:
             self._shadows(view, things, lamps, lit, water)
         veil = veil_of(lamps[:0] if water is AIR else lamps, (buffers.origin, buffers.direction), lens.width, water)
-        tile = caustics.tile(view.t)
         formation.form(
             sea, buffers.origin, buffers.direction, buffers.distance, buffers.face, visible.faces, things, visible.shifts(),
-            visible.atlas.texels, visible.atlas.levels, self._light, lamps, lit, veil, RANGES, tile, lens.width, self.radiance,
+            visible.atlas.texels, visible.atlas.levels, lamps, lit, veil, RANGES, lens.width, self.radiance,
         )  # fmt: skip
         if len(self._flakes) and view.depth > 0.0:
             wide = lens.fx * (WATER_INDEX if isinstance(self._window, FlatPort) else 1.0)
