@@ -184,6 +184,13 @@ def test_what_lies_behind_a_camera_costs_no_rays(monkeypatch: pytest.MonkeyPatch
     assert counts[1, 1] == counts[1, 0] + counts[3, 0]  # the wall would fill the picture
 
 
+@pytest.mark.parametrize("yaw", [-2.0, 0.7, 3.0])
+def test_a_camera_sees_what_is_before_it_wherever_it_looks(yaw: float) -> None:
+    where = (3.0 * math.cos(yaw), 3.0 * math.sin(yaw), 10.0)
+    post = seen("post", Box((0.2, 0.2, 0.2)), where)
+    assert Optics(LENS, None).depth_mm(view(post, q=quat_from_rpy(0.0, 0.0, yaw)))[24, 32]
+
+
 def test_what_comes_into_sight_while_a_camera_turns_is_seen() -> None:
     post = seen("post", Box((0.4, 0.4, 0.4)), (0.0, 3.0, 11.2))
     still = view(post)
