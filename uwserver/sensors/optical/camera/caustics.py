@@ -35,24 +35,24 @@ def _waves() -> FloatArray:
 WAVES: FloatArray = _waves()
 
 
-def tile(t: float) -> FloatArray:
-    """(TEXELS, TEXELS, 3) of the surface at a time (s): slopes north and east, and the curvature (1/m), over north and east."""
-    out: FloatArray = np.empty((TEXELS, TEXELS, 3))
-    fill_tile(WAVES, t, TILE_M / TEXELS, out)
-    return out
+def fill(t: float, out: Array) -> None:
+    """The surface at a time (s) into (TEXELS, TEXELS, 3): slopes north and east, and the curvature (1/m), over north and east."""
+    along = np.arange(TEXELS, dtype=np.float64) * (TILE_M / TEXELS)
+    north, east = WAVES[:, 1:2] * along, WAVES[:, 2:3] * along + (WAVES[:, 4:5] - WAVES[:, 3:4] * t)
+    fill_tile(WAVES, np.stack((np.cos(north), np.sin(north))), np.stack((np.cos(east), np.sin(east))), out)
 
 
 @entry
-def fill_tile(waves: Array, t: float, step: float, out: Array) -> None:
-    """See `tile`; `waves` as `WAVES`, `step` (m) between texels."""
+def fill_tile(waves: Array, north: Array, east: Array, out: Array) -> None:
+    """See `fill`; `waves` as `WAVES`, and (2, waves, TEXELS) cosines and sines of the parts of their phases along north, and along east and time."""
     for a in range(out.shape[0]):
         for b in range(out.shape[1]):
-            north = east = bend = 0.0
+            x = y = bend = 0.0
             for m in range(len(waves)):
                 size, kx, ky = waves[m, 0], waves[m, 1], waves[m, 2]
-                phase = kx * a * step + ky * b * step - waves[m, 3] * t + waves[m, 4]
-                s, c = math.sin(phase), math.cos(phase)
-                north -= size * kx * s
-                east -= size * ky * s
+                s = north[1, m, a] * east[0, m, b] + north[0, m, a] * east[1, m, b]
+                c = north[0, m, a] * east[0, m, b] - north[1, m, a] * east[1, m, b]
+                x -= size * kx * s
+                y -= size * ky * s
                 bend -= size * (kx * kx + ky * ky) * c
-            out[a, b, 0], out[a, b, 1], out[a, b, 2] = north, east, bend
+            out[a, b, 0], out[a, b, 1], out[a, b, 2] = x, y, bend

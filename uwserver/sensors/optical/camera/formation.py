@@ -14,19 +14,24 @@ from typing import Any
 
 import numpy as np
 
-from uwserver.environment.light import REFRACTION, Daylight, WaterLight
+from uwserver.environment.light import REFRACTION, Colours, Daylight, WaterLight
+from uwserver.frames import Vec3
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.deferred import compiled, entry
-from uwserver.sensors.optical.camera.caustics import TEXELS, TILE_M
+from uwserver.physics.kernel.deferred import entry, inlined
+from uwserver.sensors.optical.camera.caustics import TEXELS, TILE_M, fill
+from uwserver.sensors.optical.camera.exponential import exponential
 from uwserver.sensors.optical.camera.lamps import COARSE, SHADOW, intensity
-from uwserver.sensors.optical.camera.patterns import paint_growth, paint_seabed, paint_tiles, sample
+from uwserver.sensors.optical.camera.patterns import grown, sampled, seabed, tiles
+from uwserver.sensors.optical.camera.surface import from_above, from_below, sky_towards, waves_at
 
 SEA = np.dtype(
     [
         ("attenuation", "f8", (3,)),  # of a beam, 1/m
         ("dimming", "f8", (3,)),  # of lamps on their way out, 1/m
         ("fading", "f8", (3,)),  # of daylight downwards, 1/m
-        ("glow", "f8", (3,)),  # see `WaterLight.glow`
+        ("glow", "f8", (3,)),  # of the water at the base, lux/sr of a metre, see `WaterLight.glow`
+        ("mirrored", "f8", (3,)),  # what the surface mirrors from below: water seen level, lux/sr
+        ("body", "f8", (3,)),  # of the water as seen from above, lux/sr
         ("spreading", "f8"),  # of the sun's light, of green as of all colours, 1/m
         ("surface", "f8"),  # z of the surface about the base, m: negative under water
         ("wet", "i8"),  # the camera is in the water
@@ -38,21 +43,17 @@ SEA = np.dtype(
         ("north", "f8"),  # of the base, m, modulo the tile of the waves
         ("east", "f8"),
         ("pixel", "f8"),  # rad
+        ("waves", "f4", (TEXELS, TEXELS, 3)),  # see `caustics.fill_tile`
     ]
 )
-"""Light and water of a picture."""
+"""Light and water of a picture. Waves are a field of it, as numba counts references to an array that is passed on, for each pixel."""
 
 _CAUSTICS_M = 10.0
 _BACK = 0.08
 """Part of the light downwards that comes up again from below."""
 _TILES, _GROWTH, _SEABED = 3, 2, 1
-_SUN_WIDTH = 0.06
-"""rad; of the sun's image in a ruffled surface."""
-_WITHIN = ((-0.125, -0.375), (0.375, -0.125), (-0.375, 0.125), (0.125, 0.375))
-"""Places in a pixel, parts of it, at which one looks through the surface: the edge of Snell's window is sharp and its waves are small."""
-_SHARE = 1.0 / len(_WITHIN)
-_LEVEL = 0.32
-"""Sine of the elevation below which all is mirrored: no wave of `caustics.WAVES` is so steep that light comes in along such a ray."""
+_LAMBERT = 1.0 / math.pi
+"""Radiance of a white face, of its illuminance."""
 _NEVER = 1e6
 _SURFACE = -2
 _TURNED_AWAY = -0.2
@@ -61,10 +62,13 @@ _LEAST_SEEN = 1e-4
 """Of the light of a thing; less is lost in the veil."""
 
 
-def sea_row(water: WaterLight, day: Daylight, base: tuple[float, float, float], depth: float, pixel: float) -> Any:
+def sea_row(
+    t: float, water: WaterLight, day: Daylight, base: tuple[float, float, float], depth: float, pixel: float
+) -> Any:
     """SEA (1) of a picture.
 
     Args:
+        t: s.
         water, day: light and water.
         base: of the picture, N.
         depth: of it under the surface, m; negative in air.
@@ -72,122 +76,25 @@ def sea_row(water: WaterLight, day: Daylight, base: tuple[float, float, float], 
     """
     row: Any = np.zeros(1, SEA)
     sea = row[0]
-    sea["attenuation"], sea["fading"], sea["glow"], sea["spreading"] = (
-        water.attenuation,
-        water.fading,
-        water.glow(),
-        water.spreading()[1],
-    )
+    sea["attenuation"], sea["fading"], sea["spreading"] = water.attenuation, water.fading, water.spreading()[1]
     sea["dimming"] = water.dimming()
     sea["surface"], sea["wet"], sea["above"], sea["sky"] = -depth, depth > 0.0, day.illuminance, day.sky
     sea["sun"], sea["entered"] = day.below()
+    glow = day.illuminance * float(sea["entered"]) * np.array(water.glow())
+    sea["glow"] = glow * np.exp(-max(depth, 0.0) * np.array(water.fading))
+    sea["mirrored"] = glow / np.maximum(water.attenuation, 1e-6)
+    sea["body"] = glow / (np.add(water.attenuation, water.fading) + 1e-9)
     level = math.cos(day.elevation)
     sea["high"] = level * math.cos(day.azimuth), level * math.sin(day.azimuth), -math.sin(day.elevation)
     sea["north"], sea["east"], sea["pixel"] = base[0] % TILE_M, base[1] % TILE_M, pixel
+    fill(t, sea["waves"])
     return row
-
-
-@compiled
-def _tile_at(tile: Array, north: float, east: float, channel: int) -> float:
-    """A value of the tile of waves, between its texels."""
-    x, y = north * (TEXELS / TILE_M), east * (TEXELS / TILE_M)
-    a, b = math.floor(x), math.floor(y)
-    p, q = x - a, y - b
-    i, j = int(a) & (TEXELS - 1), int(b) & (TEXELS - 1)
-    k, m = (i + 1) & (TEXELS - 1), (j + 1) & (TEXELS - 1)
-    low = tile[i, j, channel] * (1.0 - q) + tile[i, m, channel] * q
-    high = tile[k, j, channel] * (1.0 - q) + tile[k, m, channel] * q
-    return float(low * (1.0 - p) + high * p)
-
-
-@compiled
-def _reflected(cosine: float, ratio: float) -> float:
-    """As `environment.light.fresnel`."""
-    square = 1.0 - ratio * ratio * (1.0 - cosine * cosine)
-    if square <= 0.0:
-        return 1.0
-    behind = math.sqrt(square)
-    across = (ratio * cosine - behind) / (ratio * cosine + behind)
-    along = (cosine - ratio * behind) / (cosine + ratio * behind)
-    return 0.5 * (across * across + along * along)
-
-
-@compiled
-def _sky(sea: Any, x: float, y: float, z: float) -> float:
-    """Radiance of the sky towards (x, y, z), in lux/sr of white."""
-    s = x * sea.high[0] + y * sea.high[1] + z * sea.high[2]
-    width = _SUN_WIDTH * _SUN_WIDTH
-    glare = (1.0 - sea.sky) / (2.0 * math.pi * width) * math.exp(-(1.0 - s) / width) if s > 0.8 else 0.0
-    return float(sea.above * (sea.sky / math.pi * (1.3 + 0.6 * min(z, 0.0)) + glare))
-
-
-@compiled
-def _window(sea: Any, tile: Array, x: float, y: float, z: float, north: float, east: float) -> tuple[float, float]:
-    """What a ray that goes up meets in the surface: radiance from above it, and the part of it that mirrors the water."""
-    a, b = _tile_at(tile, north, east, 0), _tile_at(tile, north, east, 1)
-    # The elevation is up: the normal that points down into the water.
-    size = 1.0 / math.sqrt(1.0 + a * a + b * b)
-    nx, ny, nz = a * size, b * size, size
-    cosine = -(x * nx + y * ny + z * nz)
-    if cosine <= 0.0:
-        return 0.0, 1.0
-    mirrored = _reflected(cosine, REFRACTION)
-    square = 1.0 - REFRACTION * REFRACTION * (1.0 - cosine * cosine)
-    if square <= 0.0:
-        return 0.0, 1.0
-    on = REFRACTION * cosine - math.sqrt(square)
-    ux, uy, uz = REFRACTION * x + on * nx, REFRACTION * y + on * ny, REFRACTION * z + on * nz
-    return (1.0 - mirrored) * REFRACTION * REFRACTION * _sky(sea, ux, uy, uz), mirrored
-
-
-@compiled
-def _albedo(
-    face: Any, owner: Any, x: Array, pixel: float, place: Array, texels: Array, levels: Array, light: Array, normal: Array, colour: Array
-) -> None:  # fmt: skip
-    """Colour and normal (N) of a face where a ray meets it.
-
-    Args:
-        face: of FACE.
-        owner: of THING.
-        x: (3) where, about the base.
-        pixel: m that one covers there.
-        place: (3) receives the same in the frame of the faces.
-        texels, levels, light: of the atlas.
-        normal, colour: (3) receive them.
-    """
-    R = owner.R
-    for i in range(3):
-        place[i] = R[0, i] * (x[0] - owner.p[0]) + R[1, i] * (x[1] - owner.p[1]) + R[2, i] * (x[2] - owner.p[2])
-        colour[i] = face.colour[i]
-    # Barycentric coordinates (Ericson, Real-Time Collision Detection, 3.4).
-    d00 = d01 = d11 = d20 = d21 = 0.0
-    for i in range(3):
-        a, b = face.corners[1, i] - face.corners[0, i], face.corners[2, i] - face.corners[0, i]
-        c = place[i] - face.corners[0, i]
-        d00, d01, d11, d20, d21 = d00 + a * a, d01 + a * b, d11 + b * b, d20 + c * a, d21 + c * b
-    whole = d00 * d11 - d01 * d01
-    v = w = 0.0
-    if whole > 0.0:
-        v = min(max((d11 * d20 - d01 * d21) / whole, 0.0), 1.0)
-        w = min(max((d00 * d21 - d01 * d20) / whole, 0.0), 1.0)
-    u = 1.0 - v - w
-    nx = u * face.normals[0, 0] + v * face.normals[1, 0] + w * face.normals[2, 0]
-    ny = u * face.normals[0, 1] + v * face.normals[1, 1] + w * face.normals[2, 1]
-    nz = u * face.normals[0, 2] + v * face.normals[1, 2] + w * face.normals[2, 2]
-    size = math.sqrt(nx * nx + ny * ny + nz * nz)
-    size = 1.0 / size if size > 0.0 else 0.0
-    for i in range(3):
-        normal[i] = (R[i, 0] * nx + R[i, 1] * ny + R[i, 2] * nz) * size
-    if face.texture >= 0:
-        s = u * face.uv[0, 0] + v * face.uv[1, 0] + w * face.uv[2, 0]
-        t = u * face.uv[0, 1] + v * face.uv[1, 1] + w * face.uv[2, 1]
-        sample(texels, levels, face.texture, s, t, pixel / max(face.texel, 1e-6), light, colour)
 
 
 @entry
 def form(
     sea: Array, origin: Array, direction: Array, distance: Array, met: Array, faces: Array, things: Array, shift: Array,
-    texels: Array, levels: Array, light: Array, lamps: Array, lit: Array, veil: Array, ranges: Array, tile: Array, width: int,
+    texels: Array, levels: Array, lamps: Array, lit: Array, veil: Array, ranges: Array, width: int,
     radiance: Array,
 ) -> None:  # fmt: skip
     """Radiance of each pixel.
@@ -197,173 +104,201 @@ def form(
         origin, direction, distance, met: (n) rays and what they met, see `rays.Buffers`.
         faces, things: FACE and THING.
         shift: (things, 3) of the origin of faces in the frame of patterns, m.
-        texels, levels, light: of the atlas, and the light of its values.
+        texels, levels: of the atlas.
         lamps, lit: LAMP (m), and (m, cells) whether each reaches what is seen, see `lamps.light_rays`.
         veil, ranges: of lamps, see `lamps.fill_veil`.
-        tile: of waves.
         width: of the picture.
         radiance: (n, 3) float32 receives it.
     """
     s, wet = sea[0], sea[0].wet != 0
-    colour, normal, x, place, fresh = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    through, deeper, back, arrived, seen = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    for i in range(3):  # daylight at the base
-        fresh[i] = s.above * s.entered * math.exp(s.fading[i] * min(s.surface, 0.0))
+    cells = (width + SHADOW - 1) // SHADOW  # in a row
+    steps = (len(ranges) - 1) / math.log(ranges[len(ranges) - 1] / ranges[0])
     for k in range(len(distance)):
-        dx, dy, dz = float(direction[k, 0]), float(direction[k, 1]), float(direction[k, 2])
+        d = float(direction[k, 0]), float(direction[k, 1]), float(direction[k, 2])
         r, hit = min(distance[k], _NEVER), met[k]
-        if (dz < 0.0) == wet and dz != 0.0:
-            surface = (s.surface - origin[k, 2]) / dz
-            if 0.0 <= surface < r:
-                r, hit = surface, _SURFACE
-        x[0], x[1], x[2] = origin[k, 0] + r * dx, origin[k, 1] + r * dy, origin[k, 2] + r * dz
-        _between(s, wet, dz, r, fresh, through, deeper, back)
-        seen[0] = seen[1] = seen[2] = 0.0
+        if (d[2] < 0.0) == wet and d[2] != 0.0:
+            up = (s.surface - origin[k, 2]) / d[2]
+            if 0.0 <= up < r:
+                r, hit = up, _SURFACE
+        x = origin[k, 0] + r * d[0], origin[k, 1] + r * d[1], origin[k, 2] + r * d[2]
+        through, seen = _through(s, wet, r), (0.0, 0.0, 0.0)
         if hit >= 0 and max(through[0], through[1], through[2]) > _LEAST_SEEN:
             face, pixel = faces[hit], s.pixel * r
-            _albedo(face, things[face.thing], x, pixel, place, texels, levels, light, normal, colour)
-            facing = -(normal[0] * dx + normal[1] * dy + normal[2] * dz)
+            owner = things[face.thing]
+            place = _place(owner, x)
+            normal, colour = _looks(face, owner, place, pixel, texels, levels)
+            facing = -(normal[0] * d[0] + normal[1] * d[1] + normal[2] * d[2])
             if facing < 0.0 and face.sided == 0:
-                normal[0], normal[1], normal[2], facing = -normal[0], -normal[1], -normal[2], -facing
-            _paint(face, shift[face.thing], place, pixel, facing, normal, colour)
-            _daylight(s, tile, x, normal, deeper, fresh, arrived)
-            cell = (k // width // SHADOW) * ((width + SHADOW - 1) // SHADOW) + k % width // SHADOW
-            for m in range(len(lamps)):
-                if lit[m, cell] != 0:
-                    _lamplight(s, wet, lamps[m], x, normal, arrived)
+                normal, facing = (-normal[0], -normal[1], -normal[2]), -facing
             if facing > _TURNED_AWAY:
-                for i in range(3):
-                    seen[i] = colour[i] * arrived[i] / math.pi
+                lux = _daylight(s, x, normal)
+                for m in range(len(lamps)):
+                    if lit[m, k // width // SHADOW * cells + k % width // SHADOW] != 0:
+                        lux = _lamplight(s, wet, lamps[m], x, normal, lux)
+                moved = shift[face.thing, 0], shift[face.thing, 1], shift[face.thing, 2]
+                colour = _painted(face.pattern, place, moved, pixel, facing, normal, colour)
+                seen = _LAMBERT * colour[0] * lux[0], _LAMBERT * colour[1] * lux[1], _LAMBERT * colour[2] * lux[2]
         elif hit == _SURFACE and wet:
-            _from_below(s, tile, dx, dy, dz, x, r, seen)
+            seen = from_below(s, d, x, r)
         elif hit == _SURFACE:
-            _from_above(s, tile, dx, dy, dz, x, seen)
+            seen = from_above(s, d, x)
         elif hit < 0 and not wet and r > 0.0:
-            seen[0] = seen[1] = seen[2] = _sky(s, dx, dy, dz)
+            bright = sky_towards(s, d[0], d[1], d[2])
+            seen = bright, bright, bright
         for i in range(3):
-            radiance[k, i] = seen[i] * through[i] + back[i]
+            radiance[k, i] = seen[i] * through[i] + (_between(s, i, d[2], r) if wet else 0.0)
         if veil.shape[0] > 0 and wet:
-            _add_veil(veil, ranges, k // width, k % width, r, radiance[k])
+            _add_veil(veil, ranges, steps, (k // width, k % width), r, radiance[k])
 
 
-@compiled
-def _between(s: Any, wet: bool, dz: float, r: float, fresh: Array, through: Array, deeper: Array, back: Array) -> None:
-    """What the water does along r m of a ray: the part of light that comes through, how daylight changes to its end, and what it adds."""
+@inlined
+def _through(s: Any, wet: bool, r: float) -> Colours:
+    """Part of the light that comes through r m of water."""
+    if not wet:
+        return 1.0, 1.0, 1.0
+    red, green, blue = s.attenuation[0], s.attenuation[1], s.attenuation[2]
+    return exponential(-red * r), exponential(-green * r), exponential(-blue * r)
+
+
+@inlined
+def _between(s: Any, i: int, dz: float, r: float) -> float:
+    """What the water adds of a colour along r m of a ray."""
+    rate = s.attenuation[i] + s.fading[i] * dz
+    # (1 - exp(-rate r)) / rate, and its series where that would be a small difference.
+    column = (1.0 - exponential(-rate * r)) / rate if abs(rate * r) > 1e-4 else r * (1.0 - 0.5 * rate * r)
+    return float(s.glow[i] * column)
+
+
+@inlined
+def _place(owner: Any, x: Vec3) -> Vec3:
+    """Where x (about the base, N) is in the frame of the faces of a THING."""
+    R, p = owner.R, owner.p
+    a, b, c = x[0] - p[0], x[1] - p[1], x[2] - p[2]
+    return (
+        R[0, 0] * a + R[1, 0] * b + R[2, 0] * c,
+        R[0, 1] * a + R[1, 1] * b + R[2, 1] * c,
+        R[0, 2] * a + R[1, 2] * b + R[2, 2] * c,
+    )
+
+
+@inlined
+def _looks(face: Any, owner: Any, place: Vec3, pixel: float, texels: Array, levels: Array) -> tuple[Vec3, Colours]:
+    """Normal (N) and colour of a face.
+
+    Args:
+        face: of FACE.
+        owner: of THING.
+        place: on the face, in its frame.
+        pixel: m that one covers there.
+        texels, levels: of the atlas.
+    """
+    # Barycentric coordinates (Ericson, Real-Time Collision Detection, 3.4).
+    d00 = d01 = d11 = d20 = d21 = 0.0
     for i in range(3):
-        through[i], deeper[i], back[i] = 1.0, 1.0, 0.0
-        if wet:
-            through[i] = math.exp(-s.attenuation[i] * r)
-            deeper[i] = math.exp(-s.fading[i] * r * dz) if abs(dz) * r < 400.0 else 0.0
-            rate = s.attenuation[i] + s.fading[i] * dz
-            # (1 - exp(-rate r)) / rate, and its series where that would be a small difference.
-            column = (1.0 - through[i] * deeper[i]) / rate if abs(rate * r) > 1e-4 else r * (1.0 - 0.5 * rate * r)
-            back[i] = s.glow[i] * fresh[i] * column
+        a, b = face.corners[1, i] - face.corners[0, i], face.corners[2, i] - face.corners[0, i]
+        c = place[i] - face.corners[0, i]
+        d00, d01, d11, d20, d21 = d00 + a * a, d01 + a * b, d11 + b * b, d20 + c * a, d21 + c * b
+    whole = d00 * d11 - d01 * d01
+    part = 1.0 / whole if whole > 0.0 else 0.0
+    v = min(max((d11 * d20 - d01 * d21) * part, 0.0), 1.0)
+    w = min(max((d00 * d21 - d01 * d20) * part, 0.0), 1.0)
+    u = 1.0 - v - w
+    nx = u * face.normals[0, 0] + v * face.normals[1, 0] + w * face.normals[2, 0]
+    ny = u * face.normals[0, 1] + v * face.normals[1, 1] + w * face.normals[2, 1]
+    nz = u * face.normals[0, 2] + v * face.normals[1, 2] + w * face.normals[2, 2]
+    size = math.sqrt(nx * nx + ny * ny + nz * nz)
+    size = 1.0 / size if size > 0.0 else 0.0
+    R = owner.R
+    normal = (
+        (R[0, 0] * nx + R[0, 1] * ny + R[0, 2] * nz) * size,
+        (R[1, 0] * nx + R[1, 1] * ny + R[1, 2] * nz) * size,
+        (R[2, 0] * nx + R[2, 1] * ny + R[2, 2] * nz) * size,
+    )
+    colour = float(face.colour[0]), float(face.colour[1]), float(face.colour[2])
+    if face.texture >= 0:
+        s = u * face.uv[0, 0] + v * face.uv[1, 0] + w * face.uv[2, 0]
+        t = u * face.uv[0, 1] + v * face.uv[1, 1] + w * face.uv[2, 1]
+        colour = sampled(texels, levels, face.texture, s, t, pixel / max(face.texel, 1e-6), colour)
+    return normal, colour
 
 
-@compiled
-def _paint(face: Any, shift: Array, place: Array, pixel: float, facing: float, normal: Array, colour: Array) -> None:
-    """Put the pattern of a face on its colour."""
+@inlined
+def _painted(
+    pattern: int, place: Vec3, shift: Vec3, pixel: float, facing: float, normal: Vec3, colour: Colours
+) -> Colours:
+    """A colour with the pattern of its face."""
     x, y, z = place[0] + shift[0], place[1] + shift[1], place[2] + shift[2]
-    if face.pattern == _SEABED:
-        paint_seabed(x, y, pixel / math.sqrt(max(facing, 0.05)), colour)
-    elif face.pattern == _GROWTH:
-        paint_growth(x, y, z, -normal[2], pixel, colour)
-    elif face.pattern == _TILES:
-        paint_tiles(x, y, z, normal, pixel / math.sqrt(max(facing, 0.05)), colour)
+    if pattern == _SEABED:
+        colour = seabed(x, y, pixel / math.sqrt(max(facing, 0.05)), colour)
+    elif pattern == _GROWTH:
+        colour = grown(x, y, z, -normal[2], pixel, colour)
+    elif pattern == _TILES:
+        colour = tiles((x, y, z), normal, pixel / math.sqrt(max(facing, 0.05)), colour)
+    return colour
 
 
-@compiled
-def _lamplight(s: Any, wet: bool, lamp: Any, x: Array, normal: Array, arrived: Array) -> None:
-    """Add what a lamp brings to a face at x."""
+@inlined
+def _lamplight(s: Any, wet: bool, lamp: Any, x: Vec3, normal: Vec3, lux: Colours) -> Colours:
+    """Illuminance of a face at x, and what a lamp adds to it."""
     lx, ly, lz = x[0] - lamp.p[0], x[1] - lamp.p[1], x[2] - lamp.p[2]
     far = max(math.sqrt(lx * lx + ly * ly + lz * lz), 0.01)
     cosine = -(normal[0] * lx + normal[1] * ly + normal[2] * lz) / far
-    if cosine > 0.0:
-        lux = intensity(lamp, lx, ly, lz, far) / (far * far) * cosine
-        for i in range(3):
-            arrived[i] += lux * (math.exp(-s.dimming[i] * far) if wet else 1.0)
+    if cosine <= 0.0:
+        return lux
+    bright = intensity(lamp, lx, ly, lz, far) / (far * far) * cosine
+    if bright <= 0.0:
+        return lux
+    if not wet:
+        return lux[0] + bright, lux[1] + bright, lux[2] + bright
+    return (
+        lux[0] + bright * exponential(-s.dimming[0] * far),
+        lux[1] + bright * exponential(-s.dimming[1] * far),
+        lux[2] + bright * exponential(-s.dimming[2] * far),
+    )
 
 
-@compiled
-def _from_below(s: Any, tile: Array, dx: float, dy: float, dz: float, x: Array, r: float, seen: Array) -> None:
-    """The surface as one sees it at x, r m away, from the water. What it mirrors is water, as one sees it level just below."""
-    above = mirrored = 0.0
-    if -dz < _LEVEL:
-        for i in range(3):
-            seen[i] = s.glow[i] / max(s.attenuation[i], 1e-6) * s.above * s.entered
-        return
-    level = math.hypot(dx, dy)
-    ux, uy = (-dy / level, dx / level) if level > 1e-9 else (1.0, 0.0)
-    for across, along in _WITHIN:
-        p, q = across * s.pixel, along * s.pixel
-        # (ux, uy, 0) and its product with the ray are both across it.
-        ex, ey, ez = dx + p * ux + q * uy * dz, dy + p * uy - q * ux * dz, dz + q * (ux * dy - uy * dx)
-        if ez >= 0.5 * dz:  # nearly level, where all is mirrored
-            mirrored += _SHARE
-            continue
-        far, size = r * dz / ez, 1.0 / math.sqrt(ex * ex + ey * ey + ez * ez)
-        north, east = s.north + x[0] - r * dx + far * ex, s.east + x[1] - r * dy + far * ey
-        light, part = _window(s, tile, ex * size, ey * size, ez * size, north, east)
-        above, mirrored = above + _SHARE * light, mirrored + _SHARE * part
-    for i in range(3):
-        seen[i] = above + mirrored * s.glow[i] / max(s.attenuation[i], 1e-6) * s.above * s.entered
-
-
-@compiled
-def _from_above(s: Any, tile: Array, dx: float, dy: float, dz: float, x: Array, seen: Array) -> None:
-    """The surface as one sees it at x from the air: the sky mirrored, and the colour of the water."""
-    a, b = _tile_at(tile, s.north + x[0], s.east + x[1], 0), _tile_at(tile, s.north + x[0], s.east + x[1], 1)
-    size = 1.0 / math.sqrt(1.0 + a * a + b * b)
-    cosine = max((dx * a + dy * b + dz) * size, 0.02)
-    mirrored = _reflected(cosine, 1.0 / REFRACTION)
-    ux, uy, uz = dx - 2.0 * cosine * a * size, dy - 2.0 * cosine * b * size, dz - 2.0 * cosine * size
-    bright = mirrored * _sky(s, ux, uy, min(uz, -0.01))
-    for i in range(3):
-        seen[i] = bright + (1.0 - mirrored) * s.glow[i] / (s.attenuation[i] + s.fading[i] + 1e-9) * s.above * s.entered
-
-
-@compiled
-def _daylight(s: Any, tile: Array, x: Array, normal: Array, deeper: Array, fresh: Array, arrived: Array) -> None:
+@inlined
+def _daylight(s: Any, x: Vec3, normal: Vec3) -> Colours:
     """Illuminance (lux) that daylight brings to a face at x (about the base) with this normal (N)."""
     depth = x[2] - s.surface
     up = -normal[2]
     if depth <= 0.0:  # in air
         straight = max(0.0, normal[0] * s.high[0] + normal[1] * s.high[1] + normal[2] * s.high[2])
         lux = s.above * ((1.0 - s.sky) * straight / max(-s.high[2], 0.05) + s.sky * (0.5 + 0.5 * up))
-        for i in range(3):
-            arrived[i] = lux
-        return
+        return lux, lux, lux
     straight = max(0.0, normal[0] * s.sun[0] + normal[1] * s.sun[1] + normal[2] * s.sun[2]) / max(-s.sun[2], 0.05)
     gain = 1.0
     if straight > 0.0 and depth < _CAUSTICS_M:
         slant = depth / max(-s.sun[2], 0.3)
-        bend = _tile_at(tile, s.north + x[0] + slant * s.sun[0], s.east + x[1] + slant * s.sun[1], 2)
-        gather = depth * math.exp(-depth / 3.0) * (1.0 - depth / _CAUSTICS_M)
+        _, _, bend = waves_at(s, s.north + x[0] + slant * s.sun[0], s.east + x[1] + slant * s.sun[1])
+        gather = depth * exponential(-depth / 3.0) * (1.0 - depth / _CAUSTICS_M)
         gain = 1.0 / max(1.0 + (1.0 - 1.0 / REFRACTION) * gather * bend, 0.3)
     diffuse = 0.5 + 0.5 * up + _BACK * (0.5 - 0.5 * up)
-    direct = (1.0 - s.sky) * math.exp(-s.spreading * depth)
-    for i in range(3):
-        arrived[i] = fresh[i] * deeper[i] * (direct * straight * gain + (1.0 - direct) * diffuse)
+    direct = (1.0 - s.sky) * exponential(-s.spreading * depth)
+    lux = s.above * s.entered * (direct * straight * gain + (1.0 - direct) * diffuse)
+    return (
+        lux * exponential(-s.fading[0] * depth),
+        lux * exponential(-s.fading[1] * depth),
+        lux * exponential(-s.fading[2] * depth),
+    )
 
 
-@compiled
-def _add_veil(veil: Array, ranges: Array, row: int, column: int, r: float, out: Array) -> None:
-    """Add the veil of lamps up to range r (m), between the cells of its table."""
-    y, z = row / COARSE, column / COARSE
+@inlined
+def _add_veil(veil: Array, ranges: Array, steps: float, pixel: tuple[int, int], r: float, out: Array) -> None:
+    """Add the veil of lamps up to range r (m) in a pixel (row, column), between the cells of its table, whose ranges lie so many `steps` to one
+    of the logarithm."""
+    y, z = pixel[0] * (1.0 / COARSE), pixel[1] * (1.0 / COARSE)
     a, b = int(y), int(z)
     p, q = y - a, z - b
-    last = len(ranges) - 1
-    step = math.log(r / ranges[0]) / math.log(ranges[last] / ranges[0]) * last if r > ranges[0] else 0.0
-    m = min(int(step), last - 1)
+    step = math.log(r / ranges[0]) * steps if r > ranges[0] else 0.0
+    m = min(int(step), len(ranges) - 2)
     w = min(step - m, 1.0)
     near = min(r / ranges[0], 1.0)
     for i in range(3):
         low = (veil[a, b, m, i] * (1.0 - q) + veil[a, b + 1, m, i] * q) * (1.0 - p) + (
             veil[a + 1, b, m, i] * (1.0 - q) + veil[a + 1, b + 1, m, i] * q
         ) * p
-        m += 1
-        high = (veil[a, b, m, i] * (1.0 - q) + veil[a, b + 1, m, i] * q) * (1.0 - p) + (
-            veil[a + 1, b, m, i] * (1.0 - q) + veil[a + 1, b + 1, m, i] * q
+        high = (veil[a, b, m + 1, i] * (1.0 - q) + veil[a, b + 1, m + 1, i] * q) * (1.0 - p) + (
+            veil[a + 1, b, m + 1, i] * (1.0 - q) + veil[a + 1, b + 1, m + 1, i] * q
         ) * p
-        m -= 1
         out[i] += near * (low * (1.0 - w) + high * w)

@@ -11,6 +11,7 @@ from uwserver.environment.light import ASYMMETRY, WaterLight
 from uwserver.frames import Quat, Vec3
 from uwserver.physics.kernel.arrays import Array, FloatArray
 from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.sensors.optical.camera.exponential import exponential
 
 LAMP = np.dtype(
     [
@@ -66,7 +67,7 @@ def intensity(lamp: Any, x: float, y: float, z: float, far: float) -> float:
     along = (lamp.axis[0] * x + lamp.axis[1] * y + lamp.axis[2] * z) / far
     if along <= 0.0:
         return 0.0
-    return float(lamp.candela * math.exp(lamp.exponent * math.log(along)))
+    return float(lamp.candela * exponential(lamp.exponent * math.log(along)))
 
 
 @entry
@@ -115,7 +116,11 @@ def fill_veil(
                     phase = (1.0 - gg) / (4.0 * math.pi * spread * math.sqrt(spread))
                     for i in range(3):
                         sums[i] += (
-                            light * phase * scattering[i] * step * math.exp(-attenuation[i] * middle - dimming[i] * far)
+                            light
+                            * phase
+                            * scattering[i]
+                            * step
+                            * exponential(-attenuation[i] * middle - dimming[i] * far)
                         )
                 for i in range(3):
                     veil[row, column, s, i] = sums[i]

@@ -11,12 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.deferred import compiled
+from uwserver.environment.light import Colours
+from uwserver.frames import Vec3
+from uwserver.physics.kernel.arrays import Array, FloatArray
+from uwserver.physics.kernel.deferred import compiled, inlined
+from uwserver.sensors.optical.camera.textures import LINEAR
 
 _COUNT = 4096
 _TABLE: Any = np.random.Generator(np.random.PCG64(20)).random(_COUNT).astype(np.float32)
 _MASK = _COUNT - 1
+_LIGHT: FloatArray = LINEAR.astype(np.float64)
 
 
 @compiled
@@ -59,9 +63,9 @@ def _share(length: float, pixel: float) -> float:
     return min(max(0.5 * length / pixel - 0.5, 0.0), 1.0)
 
 
-@compiled
-def paint_seabed(x: float, y: float, pixel: float, colour: Array) -> None:
-    """Sand: patches of metres, ripples of decimetres, grains and shells of centimetres."""
+@inlined
+def seabed(x: float, y: float, pixel: float, colour: Colours) -> Colours:
+    """Sand of a colour: patches of metres, ripples of decimetres, grains and shells of centimetres."""
     tone = 0.35 * (flat_noise(0.31 * x, 0.31 * y) - 0.5)
     share = _share(0.45, pixel)
     if share > 0.0:
@@ -76,13 +80,17 @@ def paint_seabed(x: float, y: float, pixel: float, colour: Array) -> None:
         tone += 0.4 * share * (grain - 0.5)
         if grain > 0.93:  # a bit of shell
             tone += 0.5 * share
-    for i in range(3):
-        colour[i] = min(max(colour[i] * (1.0 + tone), 0.0), 1.0)
+    tone += 1.0
+    return (
+        min(max(colour[0] * tone, 0.0), 1.0),
+        min(max(colour[1] * tone, 0.0), 1.0),
+        min(max(colour[2] * tone, 0.0), 1.0),
+    )
 
 
-@compiled
-def paint_growth(x: float, y: float, z: float, up: float, pixel: float, colour: Array) -> None:
-    """Algae and rust, more of them where light falls; `up` is the cosine of the face from straight up."""
+@inlined
+def grown(x: float, y: float, z: float, up: float, pixel: float, colour: Colours) -> Colours:
+    """A colour below algae and rust, more of them where light falls; `up` is the cosine of the face from straight up."""
     coat = noise(1.3 * x, 1.3 * y, 1.3 * z)
     share = _share(0.14, pixel)
     fine = 0.5
@@ -93,9 +101,12 @@ def paint_growth(x: float, y: float, z: float, up: float, pixel: float, colour: 
     tone = 0.75 + 0.5 * fine
     if share > 0.0:
         tone += 0.4 * share * (noise(33.0 * x, 33.0 * y, 33.0 * z) - 0.5)
-    colour[0] = tone * ((1.0 - coat) * colour[0] + coat * 0.14)
-    colour[1] = tone * ((1.0 - coat) * colour[1] + coat * 0.15)
-    colour[2] = tone * ((1.0 - coat) * colour[2] + coat * 0.06)
+    bare = 1.0 - coat
+    return (
+        tone * (bare * colour[0] + coat * 0.14),
+        tone * (bare * colour[1] + coat * 0.15),
+        tone * (bare * colour[2] + coat * 0.06),
+    )
 
 
 _TILE_M, _GROUT_M = 0.25, 0.01
@@ -111,38 +122,35 @@ def _grout(x: float, pixel: float) -> float:
     return covered * min(_GROUT_M / pixel, 1.0) if pixel > 0.0 else covered
 
 
-@compiled
-def paint_tiles(x: float, y: float, z: float, normal: Array, pixel: float, colour: Array) -> None:
+@inlined
+def tiles(place: Vec3, normal: Vec3, pixel: float, colour: Colours) -> Colours:
     """Tiles of 0.25 m with grout between them, no two quite alike, on faces along any two axes; `normal` tells which."""
     share = _share(4.0 * _TILE_M, pixel)
     if share <= 0.0:
-        return
+        return colour
     a, b, c = abs(normal[0]), abs(normal[1]), abs(normal[2])
-    u, v = y, z  # across the axis that the face turns to
+    u, v = place[1], place[2]  # across the axis that the face turns to
     if c >= a and c >= b:
-        u, v = x, y
+        u, v = place[0], place[1]
     elif b >= a:
-        u, v = x, z
+        u, v = place[0], place[2]
     dark = max(_grout(u, pixel), _grout(v, pixel))
     m, n = math.floor(u / _TILE_M), math.floor(v / _TILE_M)
     tone = 0.08 * (_lattice(int(m), int(n), 5) - 0.5)
-    for i in range(3):
-        colour[i] *= 1.0 + share * ((1.0 - dark) * tone - 0.4 * dark)
+    tone = 1.0 + share * ((1.0 - dark) * tone - 0.4 * dark)
+    return colour[0] * tone, colour[1] * tone, colour[2] * tone
 
 
 @compiled
-def sample(
-    texels: Array, levels: Array, texture: int, u: float, v: float, blur: float, light: Array, colour: Array
-) -> None:
-    """Multiply a colour by a texture, which repeats.
+def sampled(texels: Array, levels: Array, texture: int, u: float, v: float, blur: float, colour: Colours) -> Colours:
+    """A colour times a texture, which repeats.
 
     Args:
         texels, levels: of an atlas.
         texture: its finest level.
         u, v: where, 0 to 1 from the upper left.
         blur: texels of the finest level that a pixel covers.
-        light: (256) of sRGB values.
-        colour: (3), follows.
+        colour: of the face.
     """
     coarser = 0
     while blur > 1.4 and coarser < levels[texture].levels:
@@ -155,8 +163,17 @@ def sample(
     p, q = x - a, y - b
     i, j = int(a) % w, int(b) % h
     right, below = (i + 1) % w, (j + 1) % h
-    first = level.first
-    for c in range(3):
-        top = light[texels[first + j * w + i, c]] * (1.0 - p) + light[texels[first + j * w + right, c]] * p
-        low = light[texels[first + below * w + i, c]] * (1.0 - p) + light[texels[first + below * w + right, c]] * p
-        colour[c] *= top * (1.0 - q) + low * q
+    upper, lower = level.first + j * w, level.first + below * w
+    return (
+        colour[0] * _texel(texels, 0, (upper + i, upper + right, lower + i, lower + right), p, q),
+        colour[1] * _texel(texels, 1, (upper + i, upper + right, lower + i, lower + right), p, q),
+        colour[2] * _texel(texels, 2, (upper + i, upper + right, lower + i, lower + right), p, q),
+    )
+
+
+@inlined
+def _texel(texels: Array, c: int, four: tuple[int, int, int, int], p: float, q: float) -> float:
+    """Light of a colour between four texels, upper left to lower right."""
+    top = _LIGHT[texels[four[0], c]] * (1.0 - p) + _LIGHT[texels[four[1], c]] * p
+    low = _LIGHT[texels[four[2], c]] * (1.0 - p) + _LIGHT[texels[four[3], c]] * p
+    return float(top * (1.0 - q) + low * q)

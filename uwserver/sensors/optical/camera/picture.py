@@ -10,10 +10,10 @@ import numpy as np
 from uwserver.environment.light import AIR, WaterLight
 from uwserver.frames import Quat, Vec3, matrix, multiply, rotate
 from uwserver.physics.kernel.arrays import FloatArray
-from uwserver.sensors.optical.camera import caustics, formation, rays, snow
+from uwserver.sensors.optical.camera import formation, rays, snow
+from uwserver.sensors.optical.camera.cone import Balls, Cone, cone_of
 from uwserver.sensors.optical.camera.lamps import LAMP, RANGES, SHADOW, candelas, exponent_of, light_rays, veil_of
 from uwserver.sensors.optical.camera.lens import Lens
-from uwserver.sensors.optical.camera.textures import LINEAR
 from uwserver.sensors.optical.camera.view import View
 from uwserver.sensors.optical.camera.visible import Visible
 from uwserver.sensors.optical.camera.window import WATER_INDEX, FlatPort, Window, outside
@@ -35,31 +35,35 @@ class Optics:
             ValueError: a pixel gets no light.
         """
         self.lens, self._window, self._seat = lens, window, np.array(seat)
-        self._bundles: dict[bool, tuple[Any, Any]] = {}
+        self._bundles: dict[bool, tuple[Any, Any, Cone]] = {}
         self._directions = lens.table()
         self._bundle(True)
         self.buffers = rays.Buffers(lens.width * lens.height)
         self.radiance: Any = np.zeros((lens.width * lens.height, 3), np.float32)
         self._flakes = snow.flakes(snow_density)
-        self._light = LINEAR.astype(np.float64)
         self._known: tuple[Visible, list[rays.Placed]] | None = None
 
-    def _bundle(self, wet: bool) -> tuple[Any, Any]:
-        """Directions and origins of all pixels in S, float32."""
+    def _bundle(self, wet: bool) -> tuple[Any, Any, Cone]:
+        """Directions and origins of all pixels in S, float32, and the cone about them."""
         if wet not in self._bundles:
             found = outside(self._window, self._directions, WATER_INDEX if wet else 1.0)
             origin = found.origin if self._window is not None else np.zeros((1, 3))
-            self._bundles[wet] = found.direction.astype(np.float32), origin.astype(np.float32)
+            self._bundles[wet] = (
+                found.direction.astype(np.float32),
+                origin.astype(np.float32),
+                cone_of(found.direction, origin),
+            )
         return self._bundles[wet]
 
     def cast(self, view: View) -> tuple[FloatArray, Any]:
         """Find what each pixel sees; returns the base of the picture (3, N), and THING."""
         lens, buffers = self.lens, self.buffers
         base = np.array(view.first.p)
-        table, start = self._bundle(view.depth > 0.0)
+        table, start, cone = self._bundle(view.depth > 0.0)
         R, p = _rows(view, lens.height, base)
         rays.turn(table, start, lens.width, R, p, buffers.origin, buffers.direction)
         things = view.look.made().placed(view.state, base)
+        cone = _seen_from(cone, view)
         buffers.clear()
         for plane in view.look.made().planes:
             rays.meet_floor(
@@ -72,7 +76,8 @@ class Optics:
                 buffers.face,
             )
         for placed in self._scenes(view):
-            buffers.cast(placed, things, view.look.made().faces)
+            if cone.meets(_balls(placed, things)):
+                buffers.cast(placed, things, view.look.made().faces)
         rays.bury(buffers.direction, view.look.made().faces, things, buffers.distance, buffers.face)
         return base, things
 
@@ -95,17 +100,16 @@ class Optics:
         lens, buffers, visible = self.lens, self.buffers, view.look.made()
         north, east, down = base.tolist()
         water = view.water if view.depth > 0.0 else AIR
-        sea = formation.sea_row(view.water, view.day, (north, east, down), view.depth, 1.0 / lens.fx)
+        sea = formation.sea_row(view.t, view.water, view.day, (north, east, down), view.depth, 1.0 / lens.fx)
         lamps = lamp_rows(view, base)
         cells = -(-lens.width // SHADOW) * -(-lens.height // SHADOW)
         lit: Any = np.ones((len(lamps), cells), np.uint8)
         if shadows:
             self._shadows(view, things, lamps, lit, water)
         veil = veil_of(lamps[:0] if water is AIR else lamps, (buffers.origin, buffers.direction), lens.width, water)
-        tile = caustics.tile(view.t)
         formation.form(
             sea, buffers.origin, buffers.direction, buffers.distance, buffers.face, visible.faces, things, visible.shifts(),
-            visible.atlas.texels, visible.atlas.levels, self._light, lamps, lit, veil, RANGES, tile, lens.width, self.radiance,
+            visible.atlas.texels, visible.atlas.levels, lamps, lit, veil, RANGES, lens.width, self.radiance,
         )  # fmt: skip
         if len(self._flakes) and view.depth > 0.0:
             wide = lens.fx * (WATER_INDEX if isinstance(self._window, FlatPort) else 1.0)
@@ -140,7 +144,7 @@ class Optics:
         """(h, w) uint16: distance along the optical axis from the pupil, mm; 0 where nothing is nearer than 65.5 m."""
         self.cast(view)
         out: Any = np.empty(self.buffers.n, np.uint16)
-        table, start = self._bundle(view.depth > 0.0)
+        table, start, _ = self._bundle(view.depth > 0.0)
         rays.depths(table, start, self.buffers.distance, out)
         return out.reshape(self.lens.height, self.lens.width)
 
@@ -152,6 +156,11 @@ class Optics:
         rays.owners(buffers.face, visible.faces, things, out)
         counts: FloatArray = np.zeros((len(visible.names), 2))
         counts[:, 0] = np.bincount(out, minlength=len(visible.names))
+        sees = (
+            np.where(buffers.face >= 0, visible.faces["thing"][buffers.face], -1)
+            if len(visible.faces)
+            else buffers.face
+        )
         base = np.array(view.first.p)
         for plane in visible.planes:
             buffers.clear()
@@ -165,14 +174,30 @@ class Optics:
                 buffers.face,
             )
             counts[visible.ids[plane.thing], 1] += np.count_nonzero(buffers.face >= 0)
+        cone = _seen_from(self._bundle(view.depth > 0.0)[2], view)
         for number, thing, scene in visible.alone():
-            if visible.rows[thing] == view.own >= 0:  # nothing stands between a camera and what it is mounted on
-                counts[number, 1] += counts[number, 0]
-            else:
-                counts[number, 1] += buffers.count(
-                    rays.Placed(scene, thing, visible.first_of(thing)), things, visible.faces
-                )
+            placed, there = rays.Placed(scene, thing, visible.first_of(thing)), sees == thing
+            counts[number, 1] += np.count_nonzero(there)
+            # Nothing stands between a camera and what it is mounted on.
+            if not visible.rows[thing] == view.own >= 0 and cone.meets(_balls(placed, things)):
+                counts[number, 1] += buffers.count(placed, things, visible.faces, there)
         return out.reshape(self.lens.height, self.lens.width), counts
+
+
+def _seen_from(cone: Cone, view: View) -> Cone:
+    """The cone in N about the base, of a camera that turns and moves while its rows are read."""
+    turned = 2.0 * math.acos(min(abs(float(np.dot(view.first.q, view.last.q))), 1.0))
+    return Cone(
+        np.array(matrix(view.first.q)) @ cone.axis,
+        cone.half + turned,
+        cone.slack + math.dist(view.first.p, view.last.p),
+    )
+
+
+def _balls(placed: rays.Placed, things: Any) -> Balls:
+    """Balls about the parts of a scene, in N about the base."""
+    centre, radius = placed.scene.balls
+    return Balls(centre @ things["R"][placed.thing].T + things["p"][placed.thing], radius)
 
 
 def _rows(view: View, height: int, base: FloatArray) -> tuple[FloatArray, FloatArray]:

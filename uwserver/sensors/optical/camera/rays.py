@@ -14,6 +14,7 @@ import numpy as np
 from uwserver.physics.kernel.arrays import Array, FloatArray, IntArray
 from uwserver.physics.kernel.deferred import compiled, entry
 from uwserver.physics.rays.casting import Picker, make_picker
+from uwserver.sensors.optical.camera.cone import Balls, balls_of
 from uwserver.sensors.optical.camera.faces import CLOSED
 
 NOTHING = -1
@@ -34,12 +35,15 @@ class PickScene(NamedTuple):
     Attributes:
         picker: of the engine.
         centre: (3) of its origin in the frame of the things, m.
-        radius: of the ball about it, m.
+        balls: about its parts, from its origin.
+        middle, radius: (3) and m of the ball about all of it, from its origin.
         triangles: how many.
     """
 
     picker: Picker
     centre: FloatArray
+    balls: Balls
+    middle: FloatArray
     radius: float
     triangles: int
 
@@ -63,8 +67,15 @@ class Placed(NamedTuple):
 def pick_scene(corners: FloatArray, centre: FloatArray) -> PickScene:
     """A scene of triangles (n, 3, 3) about a centre (3)."""
     about = corners - centre
-    radius = float(np.sqrt((about**2).sum(axis=2).max()))
-    return PickScene(make_picker(np.ascontiguousarray(about, np.float64), robust=False), centre, radius, len(corners))
+    flat = about.reshape(-1, 3)
+    middle = 0.5 * (flat.min(axis=0) + flat.max(axis=0))
+    radius = float(np.linalg.norm(flat - middle, axis=1).max()) * (1.0 + _ROUNDING) + _ROUNDING
+    picker = make_picker(np.ascontiguousarray(about, np.float64), robust=False)
+    return PickScene(picker, centre, balls_of(about), middle, radius, len(corners))
+
+
+_ROUNDING = 1e-4
+"""m, and of its radius, by which a ball is larger than what it holds: rays are float32."""
 
 
 class Buffers:
@@ -96,7 +107,8 @@ class Buffers:
         """Meet a scene, before what was met so far."""
         scene, thing = placed.scene, things[placed.thing : placed.thing + 1]
         count = select(
-            self.origin, self.direction, self.distance, thing, scene.radius, self._start, self._towards, self._limit, self._index
+            self.origin, self.direction, self.distance, thing, scene.middle, scene.radius, self._start, self._towards, self._limit,
+            self._index,
         )  # fmt: skip
         if count == 0:
             return
@@ -106,9 +118,10 @@ class Buffers:
             picked, first = np.where(picked >= 0, placed.rows[picked], -1), 0
         meet(picked, first, faces, start, towards, self._index, self.distance, self.face)
 
-    def count(self, placed: Placed, things: Any, faces: Any) -> int:
-        """How many rays a scene would meet if it were alone. Forgets what was met."""
+    def count(self, placed: Placed, things: Any, faces: Any, without: Any) -> int:
+        """How many rays but some (n) a scene would meet if it were alone. Forgets what was met."""
         self.clear()
+        self.distance[without] = 0.0
         self.cast(placed, things, faces)
         return int(np.count_nonzero(self.face != NOTHING))
 
@@ -123,8 +136,8 @@ class Buffers:
         """
         scene, thing = placed.scene, things[placed.thing : placed.thing + 1]
         count = select(
-            points, towards, reach, thing, scene.radius, self._start, self._towards, self._limit, self._index
-        )
+            points, towards, reach, thing, scene.middle, scene.radius, self._start, self._towards, self._limit, self._index
+        )  # fmt: skip
         if count:
             picked = scene.picker.pick(self._start[:count], self._towards[:count], self._limit[:count])
             darken(picked, self._index, lit)
@@ -171,8 +184,8 @@ def meet_floor(
 
 @entry
 def select(
-    origin: Array, direction: Array, distance: Array, thing: Array, radius: float, start: Array, towards: Array, limit: Array,
-    index: Array,
+    origin: Array, direction: Array, distance: Array, thing: Array, middle: Array, radius: float, start: Array, towards: Array,
+    limit: Array, index: Array,
 ) -> int:  # fmt: skip
     """Bring rays that pass a ball, before what they have met, into its frame.
 
@@ -180,17 +193,22 @@ def select(
         origin, direction: (n, 3) of the rays.
         distance: (n) of what they have met, m; 0 leaves a ray out.
         thing: (1) THING that places the ball.
-        radius: of it.
+        middle, radius: (3) and m of it, from the origin of the thing.
         start, towards, limit, index: (n) receive those rays, and which they are.
 
     Returns:
         How many.
     """
     R, p, count, square = thing[0].R, thing[0].p, 0, radius * radius
+    i, j, h = middle[0], middle[1], middle[2]
+    u = R[0, 0] * i + R[0, 1] * j + R[0, 2] * h
+    v = R[1, 0] * i + R[1, 1] * j + R[1, 2] * h
+    w = R[2, 0] * i + R[2, 1] * j + R[2, 2] * h
     for k in range(len(distance)):
         x, y, z = p[0] - origin[k, 0], p[1] - origin[k, 1], p[2] - origin[k, 2]
         a, b, c = direction[k, 0], direction[k, 1], direction[k, 2]
-        along, size = a * x + b * y + c * z, x * x + y * y + z * z
+        along = a * (x + u) + b * (y + v) + c * (z + w)
+        size = (x + u) * (x + u) + (y + v) * (y + v) + (z + w) * (z + w)
         if distance[k] <= 0.0 or along < -radius or size - along * along > square or along - radius > distance[k]:
             continue
         for i in range(3):

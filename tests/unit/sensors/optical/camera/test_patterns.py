@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from uwserver.sensors.optical.camera.patterns import flat_noise, noise, paint_growth, paint_seabed, paint_tiles
+from uwserver.sensors.optical.camera.patterns import flat_noise, grown, noise, seabed, tiles
 
 PLACES = [(0.37 * k, -1.3 * k, 0.11 * k) for k in range(200)]
 
@@ -22,9 +22,7 @@ def test_noise_is_between_0_and_1_smooth_and_as_it_always_was() -> None:
 def tones(pixel: float) -> np.ndarray:
     out = []
     for x, y, _ in PLACES:
-        colour = np.array((0.5, 0.4, 0.3))
-        paint_seabed(x, y, pixel, colour)
-        out.append(colour[0])
+        out.append(seabed(x, y, pixel, (0.5, 0.4, 0.3))[0])
     return np.array(out)
 
 
@@ -37,8 +35,7 @@ def test_growth_covers_what_looks_up_more() -> None:
     def green(up: float) -> float:
         total = 0.0
         for place in PLACES:
-            colour = np.array((0.8, 0.1, 0.1))
-            paint_growth(*place, up, 0.01, colour)
+            colour = grown(*place, up, 0.01, (0.8, 0.1, 0.1))
             total += colour[1] / colour[0]
         return total
 
@@ -51,9 +48,8 @@ def test_tiles_have_grout_between_them_on_floors_and_walls_and_none_from_afar(ax
     normal[axis] = -1.0
 
     def tone(place: np.ndarray, pixel: float) -> float:
-        colour = np.ones(3)
-        paint_tiles(*place, normal, pixel, colour)
-        assert (colour == colour[0]).all()
+        colour = tiles(tuple(place), tuple(normal), pixel, (1.0, 1.0, 1.0))
+        assert colour == (colour[0],) * 3
         return float(colour[0])
 
     middle, line = np.full(3, 0.125), np.full(3, 0.125)
