@@ -99,15 +99,17 @@ class Search:
         """One control step."""
         n, e = self._hold[0] - place.north, self._hold[1] - place.east
         way = math.hypot(n, e)
+        speed = min(0.3, 0.4 * way) / max(way, 1e-6)
         if way > 0.5:
+            # It turns where it is, then goes with the bow ahead: the camera looks where it goes.
             self._heading = math.atan2(e, n)
+            speed *= max(0.0, math.cos(self._heading - place.heading))
         else:
             self._heading += TURN_RADPS * DT_S
             self._turned += TURN_RADPS * DT_S
         if self._turned > 2.0 * math.pi:
             self._hold[self._leg % 2] += LEG_M * (1 + self._leg // 2) * (-1) ** (self._leg // 2)
             self._leg, self._turned = self._leg + 1, 0.0
-        speed = min(0.3, 0.4 * way) / max(way, 1e-6)
         return Goal((speed * n, speed * e), self._down, self._heading)
 
 
@@ -230,7 +232,9 @@ def drive(client: uwclient.Client) -> Dive:
                 dock.update(seen, at, then)
                 shots.setdefault(docking.stage, (image, seen.corners))
                 shots["docked"] = (image, seen.corners)
-        goal = docking.goal(dock, place, depth)
+        before, goal = docking.stage, docking.goal(dock, place, depth)
+        if docking.stage != before:
+            print(f"{k * DT_S:6.1f} s: {docking.stage}", flush=True)
         turning = sample["imu"].vector("w_S")[2]
         ahead = body_axes(*goal.velocity, place.heading)
         client.send("rov/thrusters", u=pilot.command(place, depth, turning, ahead, goal.down, goal.heading))
@@ -271,9 +275,8 @@ def picture(dive: Dive, path: str) -> None:
             color="0.2",
             width=0.01,
         )
-    plan.set(
-        xlabel="east, m", ylabel="north, m", aspect="equal", title="True track, and where the bow points every 2 s"
-    )
+    plan.set(xlabel="east, m", ylabel="north, m", title="True track, and where the bow points every 2 s")
+    plan.set_aspect("equal", adjustable="datalim")
     plan.grid(alpha=0.3)
     plan.legend()
     titles = (("search", "first seen"), ("enter", "lined up"), ("docked", "docked"))
