@@ -276,27 +276,3 @@ def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
     with socket.socket(socket.AF_INET, kind) as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
-
-
-def test_tags_of_the_camera_are_found_by_a_real_detector(tmp_path: Path) -> None:
-    pytest.importorskip("pupil_apriltags", reason="pip install pupil-apriltags")
-    pytest.importorskip("embreex")
-    command = [sys.executable, str(EXAMPLES / "tags.py"), "--seconds", "1.6", "--out", str(tmp_path / "tags.png")]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
-    assert done.returncode == 0, done.stdout + done.stderr
-    first, last = done.stdout.splitlines()[-2:]
-    assert first.startswith("tags [0, 1, 2]")
-    tags, error = (float(number) for number in re.findall(r"\d+(?:\.\d+)?", last))
-    assert tags == 3
-    assert error < 0.06
-    assert (tmp_path / "tags.png").exists()
-
-
-def test_the_looks_of_the_tags_are_those_that_the_program_makes(tmp_path: Path) -> None:
-    pytest.importorskip("PIL")
-    runpy.run_path(str(EXAMPLES / "tags.py"))["make"](tmp_path / "tags.glb")
-    from uwserver.sensors.optical.camera.gltf import read_glb
-
-    made, shipped_one = (read_glb(path.read_bytes()) for path in (tmp_path / "tags.glb", EXAMPLES / "tags.glb"))
-    assert (made.faces == shipped_one.faces).all()
-    assert all((a == b).all() for a, b in zip(made.pictures, shipped_one.pictures, strict=True))

@@ -156,7 +156,7 @@ class Site:
         scripts = " ".join(("'self'", *page.scripts))
         return (
             f"default-src 'self'; script-src {scripts}; style-src 'self' 'unsafe-inline'; img-src 'self' blob: data:; "
-            f"connect-src 'self'; worker-src 'self' blob:; object-src 'none'; base-uri 'none'; form-action 'none'; "
+            f"connect-src 'self' blob:; worker-src 'self' blob:; object-src 'none'; base-uri 'none'; form-action 'none'; "
             f"frame-ancestors {ancestors}"
         )
 
