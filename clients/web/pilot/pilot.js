@@ -201,9 +201,14 @@ export class Pilot {
 
   /** Tilt the camera on board. @param {number} angle rad, up */
   tiltBy(angle) {
-    const { minimum, maximum } = this.mount?.fields[0] ?? {};
-    this.tilt = Math.max(minimum ?? -MOST_TILT, Math.min(maximum ?? MOST_TILT, this.tilt + angle));
+    this.tilt = this.tiltable(this.tilt + angle);
     this.turnMount();
+  }
+
+  /** What the chosen vehicle's camera can do of a tilt. @param {number} tilt rad */
+  tiltable(tilt) {
+    const { minimum, maximum } = this.mount?.fields[0] ?? {};
+    return Math.max(minimum ?? -MOST_TILT, Math.min(maximum ?? MOST_TILT, tilt));
   }
 
   /** The port that tilts the camera of the chosen vehicle, where it has one. */
@@ -215,6 +220,7 @@ export class Pilot {
   turnMount() {
     const { mount } = this;
     if (!mount || !this.owns || this.app.status.paused) return;
+    this.tilt = this.tiltable(this.tilt);
     this.app.link.notify("command", { port: mount.path, value: { tilt: this.tilt } });
     this.turned = this.tilt;
   }
