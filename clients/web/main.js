@@ -254,6 +254,7 @@ addEventListener("keydown", (event) => {
   const views = { Digit1: "orbit", Digit2: "follow", Digit3: "board", Digit4: "top" };
   if (event.code in views) chooser.view(/** @type {any} */ (views)[event.code]);
   else if (event.code === "KeyM") chart.enlarge();
+  else if (event.code === "KeyX") training.mark();
   else if (event.code === "KeyP") bars.turnDock();
   else if (event.code === "KeyK") void bars.act(app.status.paused ? "world/resume" : "world/pause");
   else if (event.code === "KeyN" && app.bodies.length) app.choose((app.chosen + 1) % app.bodies.length);

@@ -3,6 +3,7 @@ import { h, tell } from "../core/dom.js";
 import { trainingCard } from "./training_card.js";
 import { AXES } from "../pilot/sticks.js";
 import { DIRECT } from "../pilot/pilot.js";
+import { spoken } from "../pilot/words.js";
 /** @typedef {import("../core/app.js").App} App @typedef {import("../pilot/pilot.js").Pilot} Pilot */
 
 const NAMES = { surge: "Ahead", sway: "Aside", heave: "Down", roll: "Roll", pitch: "Pitch", yaw: "Turn" };
@@ -10,7 +11,7 @@ const SHOWN = [0, 1, 2, 5];
 /** @type {[string[], string][]} */
 const KEY_HELP = [
   [["W", "S"], "ahead, astern"], [["A", "D"], "turn to port, starboard"], [["Q", "E"], "aside to port, starboard"], [["R", "F"], "up, down"], [["Shift"], "held: a third of the speed"],
-  [["Space"], "all stop"], [["Enter"], "take control"], [["1", "2", "3", "4"], "orbit, follow, on board, top"], [["N"], "next vehicle"], [["M"], "large map"], [["K"], "pause, go on"], [["L"], "lamps"], [["P"], "panels"], [["↑", "↓"], "tilt of the camera on board"],
+  [["Space"], "all stop"], [["Enter"], "take control"], [["1", "2", "3", "4"], "orbit, follow, on board, top"], [["N"], "next vehicle"], [["M"], "large map"], [["K"], "pause, go on"], [["L"], "lamps"], [["X"], "mark a finding"], [["P"], "panels"], [["↑", "↓"], "tilt of the camera"],
 ];
 
 /** Of a recording that plays, whose time is steered. @type {[string[], string][]} */
@@ -107,10 +108,4 @@ export function pilotTab(app, pilot, training) {
       for (const end of endings) end();
     };
   };
-}
-
-/** @param {string} name with underlines */
-export function spoken(name) {
-  const words = name.replaceAll("_", " ");
-  return words.charAt(0).toUpperCase() + words.slice(1);
 }

@@ -1,5 +1,7 @@
 // The card of a pilot's training: task, time, score, the best try, and the last one to be watched again.
 import { figure, h, tell } from "../core/dom.js";
+import { spoken } from "../pilot/words.js";
+import { names } from "../pilot/training.js";
 import { card } from "./dock.js";
 /** @typedef {import("../core/app.js").App} App @typedef {import("../pilot/training.js").Training} Training */
 
@@ -10,10 +12,11 @@ const tenth = (value) => (typeof value === "number" ? value.toFixed(1) : "–");
 
 /** @param {App} app @param {Training} training @returns {[element: HTMLElement, end: () => void]} */
 export function trainingCard(app, training) {
-  const cells = Object.fromEntries(["task", "distance", "time", "left", "score", "collisions", "best", "last"].map((name) => [name, h("dd", {}, "–")]));
-  const names = { task: "Task", distance: "Distance", time: "Time", left: "Left", score: "Score", collisions: "Collisions", best: "Best so far", last: "Last try" };
+  const cells = Object.fromEntries(["task", "hint", "part", "found", "distance", "time", "left", "score", "collisions", "best", "last"].map((name) => [name, h("dd", {}, "–")]));
+  const labels = { task: "Task", hint: "Now", part: "Done", found: "Found", distance: "Distance", time: "Time", left: "Left", score: "Score", collisions: "Collisions", best: "Best so far", last: "Last try" };
   const said = h("p", { class: "doc" });
   const again = h("button", { onclick: () => app.link.call(`${training.path}/set`, { running: true }).catch((/** @type {Error} */ error) => tell(said, error.message)) }, "Begin anew");
+  const mark = h("button", { title: "What the camera shows is a finding: key X", onclick: () => training.mark() }, "Mark");
   const watch = h("button", { onclick: () => training.watch(!training.rerun) });
   const bar = h("input", { type: "range", min: 0, max: 1, step: 0.001, "aria-label": "Time of the try", style: "flex:1;accent-color:var(--accent)", oninput: () => {
     const { rerun } = training;
@@ -30,7 +33,7 @@ export function trainingCard(app, training) {
   const clock = h("b", { class: "mono" });
   const time = h("div", { class: "row" }, play, bar, clock);
   const element = card("Training", [], h("div", { class: "stack" },
-    h("dl", { class: "values" }, ...Object.entries(names).flatMap(([name, text]) => [h("dt", {}, text), cells[name], h("span")])), said, h("div", { class: "row" }, again, watch), time));
+    h("dl", { class: "values" }, ...Object.entries(labels).flatMap(([name, text]) => [h("dt", {}, text), cells[name], h("span")])), said, h("div", { class: "row" }, again, mark, watch), time));
   const show = () => {
     const { state, best, ended, rerun } = training;
     element.hidden = !training.path;
@@ -38,6 +41,12 @@ export function trainingCard(app, training) {
     const goes = state.state === "ready" || state.state === "running";
     tell(cells.task, goes ? `${figure(state.number)} of ${figure(state.count)}: ${state.task}` : "–");
     tell(cells.distance, goes ? `${tenth(state.distance)} m` : "–");
+    tell(cells.hint, goes && state.hint ? `${state.hint}${state.held > 0 ? ` (${figure(state.held, 0)} of ${figure(state.hold, 0)} s)` : ""}` : "–");
+    tell(cells.part, typeof state.part === "number" ? `${figure(100 * state.part, 0)} %` : "–");
+    const there = names(state.found);
+    tell(cells.found, there.length || state.missing > 0 ? `${there.length} of ${there.length + state.missing}${there.length ? `: ${there.map(spoken).join(", ")}` : ""}` : "–");
+    mark.hidden = !state.marks;
+    mark.disabled = state.state !== "running" || Boolean(rerun);
     for (const name of ["time", "left"]) tell(cells[name], `${tenth(state[name])} s`);
     for (const name of ["score", "collisions"]) tell(cells[name], figure(state[name], 0));
     tell(cells.best, best ? `${figure(best.score, 0)} in ${tenth(best.time)} s` : "–");

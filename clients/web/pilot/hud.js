@@ -22,7 +22,9 @@ function trained(state, all) {
   if (state === "off") return "off";
   if (state === "done" || state === "failed") return `${state === "done" ? "done" : "time is over"} · ${time} · ${score}`;
   const held = all.hold > 0 && all.held > 0 ? ` (${figure(all.held, 0)} of ${figure(all.hold, 0)} s)` : "";
-  return `${all.number}/${all.count} ${all.task}${held} · ${state === "ready" ? "push to begin" : time} · ${score}`;
+  const part = all.part > 0 ? `, ${figure(100 * all.part, 0)} %` : "";
+  const hint = all.hint ? `: ${all.hint}` : "";
+  return `${all.number}/${all.count} ${all.task}${part}${hint}${held} · ${state === "ready" ? "push to begin" : time} · ${score}`;
 }
 
 /** Gauges over the picture. */

@@ -23,6 +23,8 @@ export class Pilot {
     this.sticks = /** @type {Sticks} */ ([0, 0, 0, 0, 0, 0]);
     this.gain = Number(localStorage.getItem("uwserver.gain") ?? 0.8) || 0.8;
     this.tilt = 0;
+    /** What the vehicle's mount was told last. */
+    this.turned = 0;
     /** Last of the autopilot's state. @type {Record<string, unknown>} */
     this.state = {};
     this.asked = false;
@@ -199,7 +201,28 @@ export class Pilot {
 
   /** Tilt the camera on board. @param {number} angle rad, up */
   tiltBy(angle) {
-    this.tilt = Math.max(-MOST_TILT, Math.min(MOST_TILT, this.tilt + angle));
+    this.tilt = this.tiltable(this.tilt + angle);
+    this.turnMount();
+  }
+
+  /** What the chosen vehicle's camera can do of a tilt. @param {number} tilt rad */
+  tiltable(tilt) {
+    const { minimum, maximum } = this.mount?.fields[0] ?? {};
+    return Math.max(minimum ?? -MOST_TILT, Math.min(maximum ?? MOST_TILT, tilt));
+  }
+
+  /** The port that tilts the camera of the chosen vehicle, where it has one. */
+  get mount() {
+    return this.app.description?.ports.find((port) => port.kind === "camera_mount" && port.path.startsWith(this.app.prefix));
+  }
+
+  /** The vehicle's own camera looks where the page does. */
+  turnMount() {
+    const { mount } = this;
+    if (!mount || !this.owns || this.app.status.paused) return;
+    this.tilt = this.tiltable(this.tilt);
+    this.app.link.notify("command", { port: mount.path, value: { tilt: this.tilt } });
+    this.turned = this.tilt;
   }
 
   /** A button of the gamepad. @param {string} action */
@@ -229,6 +252,9 @@ export class Pilot {
   }
 
   keep() {
-    if (this.owns) this.app.link.notify("call", { service: "web/lease/keep", args: {} });
+    if (!this.owns) return;
+    this.app.link.notify("call", { service: "web/lease/keep", args: {} });
+    // Again and again, as an all stop or a reset brings it back to rest.
+    if (this.tilt || this.turned) this.turnMount();
   }
 }

@@ -1,6 +1,8 @@
 // A pilot's training: how the try goes, where it leads to, the best one so far; and the last try, kept frame by frame to be watched again.
+import { figure, toast } from "../core/dom.js";
 import { Timeline } from "../core/frames.js";
 import { ignore } from "../core/link.js";
+import { spoken } from "./words.js";
 /** @typedef {import("../core/app.js").App} App @typedef {import("../types").Frame} Frame */
 /** How a try went. @typedef {{score: number, time: number, state: string}} Result */
 
@@ -8,6 +10,11 @@ const PERIOD_S = 0.05;
 /** Frames that are kept of a try; of a longer one the last ones. */
 const MOST = 20_000;
 const KEPT = "uwserver.training.";
+
+/** @param {unknown} found names with commas, as the port tells them @returns {string[]} */
+export function names(found) {
+  return typeof found === "string" && found ? found.split(", ") : [];
+}
 
 /** A try that is watched again: what `Timeline` is to the present. */
 export class Rerun {
@@ -94,9 +101,28 @@ export class Training {
     return `${KEPT}${this.app.world?.scenario ?? ""}.${this.path}`;
   }
 
+  /** Mark what the camera shows: the judge knows whether it is a finding. */
+  mark() {
+    if (this.state.state !== "running" || !this.state.marks || this.rerun) return;
+    this.app.link.call(`${this.path}/set`, { mark: true }).catch((/** @type {Error} */ error) => toast(error.message, "bad"));
+  }
+
+  /** What was found, and what a mark cost. @param {Record<string, any>} before @param {Record<string, any>} value */
+  praise(before, value) {
+    if (before.state !== "running") return;
+    if (value.number > before.number) {
+      toast(`Done: ${before.task}`, "good");
+      return;
+    }
+    const there = names(before.found);
+    for (const name of names(value.found)) if (!there.includes(name)) toast(`${spoken(name)}: ${value.marks ? "marked" : "inspected"}`, "good");
+    if (value.lost > before.lost) toast(`There is nothing to mark here: ${figure(before.lost - value.lost, 0)} points`, "bad");
+  }
+
   /** @param {Record<string, any>} value */
   hear(value) {
     const before = this.state.state;
+    this.praise(this.state, value);
     this.state = value;
     const ends = before === "running" && (value.state === "done" || value.state === "failed");
     // Begun anew, ended by hand or by a reset of the world: what was flown can be watched all the same.

@@ -19,6 +19,8 @@ const LOOKS = {
   steel: { colour: "#8b949b", rough: 0.45, metal: 0.55, pattern: "brushed", size: 1 },
   paint: { colour: "#f0b323", rough: 0.5 },
   rubber: { colour: "#23272b", rough: 0.9 },
+  zinc: { colour: "#ccd2d4", rough: 0.6, metal: 0.15 },
+  rust: { colour: "#9a4a24", rough: 0.95, pattern: "rock", size: 1 },
   wood: { colour: "#8a6642", rough: 0.9, pattern: "brushed", size: 1 },
   plastic: { colour: "#e1b350", rough: 0.5 },
 };

@@ -259,7 +259,7 @@ def optical_modem(world):
 
 def training(world):
     """Under power near the surface: the first of one task runs."""
-    assert [last(world, "training", name) for name in ("state", "task", "number", "count")] == ["running", "dive", 1, 1]
+    assert [last(world, "training", name) for name in ("state", "task", "number", "count")] == ["running", "dive", 1, 3]
     assert last(world, "training", "distance") == pytest.approx(abs(4.0 - world.vehicles["heavy"].p_NB[2]), abs=0.05)
 
 
@@ -365,7 +365,7 @@ SETTINGS = {
     "gps": {"satellites": 6},
     "battery": {"hotel_load_W": 50.0},
     "leak": {"area_m2": 1e-5},
-    "training": {"running": False},
+    "training": {"running": False, "mark": True},
     "camera": {"exposure": 0.005, "gain": 6.0, "auto_exposure": True},
 }  # fmt: skip
 """What can be set of the device besides its rate: range and gain where it has them."""

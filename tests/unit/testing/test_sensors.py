@@ -16,7 +16,8 @@ from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors import CompoundConfig, IdealSensor, ModemTable, Pose, RpmConfig, Scope, SensorConfig, SensorTable
 from uwserver.sensors.acoustic.interrogation import Beacon
-from uwserver.sensors.onboard.training import Task, TrainingConfig
+from uwserver.sensors.onboard.tasks import HoldDepth
+from uwserver.sensors.onboard.training import TrainingConfig
 from uwserver.sensors.optical.camera.camera import CameraConfig
 from uwserver.testing import check_sensor
 from uwserver.testing.sensors import check_values, scopes
@@ -33,7 +34,7 @@ def test_shipped_sensors(kind: type[Any]) -> None:
     elif "beacons" in kind.__struct_fields__:
         needed = {"beacons": {"b": Beacon(position_ned_m=(10.0, 5.0, 20.0))}}
     elif kind is TrainingConfig:
-        needed = {"tasks": {"down": Task(kind="hold_depth", depth_m=5.0, for_s=10.0)}}
+        needed = {"tasks": {"down": HoldDepth(depth_m=5.0, for_s=10.0)}}
     elif kind is CameraConfig:
         needed = {"width": 32, "height": 24}
     config = kind(rate_hz=10.0, **needed)

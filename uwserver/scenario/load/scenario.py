@@ -41,6 +41,7 @@ from uwserver.scenario.vehicle.tracks import read_track
 from uwserver.scenario.water.tables import Environment
 from uwserver.scenario.world.tables import WorldTable
 from uwserver.sensors import carriers
+from uwserver.sensors.onboard.training import looked_at
 from uwserver.units import rad
 from uwserver.world.external.track import PoseTrack
 
@@ -191,7 +192,7 @@ class _Load:
         devices = self._thruster_devices(merged)
         draft = drafted(tree, devices)
         before = self._errors()
-        self._check_carriers(draft, merged)
+        self._check_others(draft, merged)
         check_vehicle(draft, self._world, self._environment, self._report(merged), self._warn(merged))
         autopilot: AutopilotConfig | None = self._tree.at("vehicles", name, "autopilot").value
         if autopilot is not None:
@@ -227,15 +228,19 @@ class _Load:
     def _errors(self) -> int:
         return sum(problem.severity == "error" for problem in self._problems)
 
-    def _check_carriers(self, draft: Draft, merged: MergedFile) -> None:
-        """Beacons sit on vehicles that there are."""
-        vehicles = tuple(self._tree.at("vehicles").parts)
+    def _check_others(self, draft: Draft, merged: MergedFile) -> None:
+        """Beacons sit on vehicles that there are, and trainings look at structures that there are."""
+        vehicles, there = tuple(self._tree.at("vehicles").parts), tuple(self._tree.at("structures").parts)
         for name, sensor in draft.sensors.items():
             for beacon, vehicle in carriers(sensor):
                 if vehicle not in vehicles:
                     path: KeyPath = ("sensors", name, "beacons", beacon, "vehicle")
                     text = f'no vehicle "{vehicle}"{suggestion(vehicle, vehicles, "; there are: ")}'
                     self._report(merged)(path, text)
+            for place, structure in looked_at(sensor).items():
+                if structure not in there:
+                    text = f'no structure "{structure}"{suggestion(structure, there, "; there are: ")}'
+                    self._report(merged)(("sensors", name, *place), text)
 
     def _thruster_devices(self, merged: MergedFile) -> dict[str, ThrusterDevice]:
         devices: dict[str, ThrusterDevice] = {}

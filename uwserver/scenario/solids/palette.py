@@ -23,6 +23,8 @@ COATS: dict[str, Colour] = {
     "paint": (0.87, 0.45, 0.02),
     "wood": (0.25, 0.13, 0.05),
     "rubber": (0.02, 0.02, 0.02),
+    "zinc": (0.62, 0.65, 0.66),
+    "rust": (0.30, 0.09, 0.03),
 }
 """Of materials that sound knows nothing of; as the page paints them."""
 CLEAN = frozenset((*COATS, "steel", "plastic"))

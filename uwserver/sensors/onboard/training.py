@@ -4,87 +4,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Literal
+from itertools import accumulate
+from typing import Annotated, Any, Literal, Protocol
 
-from msgspec import Meta
+from msgspec import Meta, structs
 
-from uwserver.frames import Vec3
+from uwserver.frames import Vec3, multiply, quat_from_rpy
 from uwserver.modifiers import Measurement
 from uwserver.modifiers.base import Memory
 from uwserver.ports import Argument, Field, Json, Value
 from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, Settings
-from uwserver.table import NonNegative, Positive, Table, Vector3
-from uwserver.units import NANOSECONDS, rad
+from uwserver.sensors.onboard.inspection import Follow, Inspect, looking
+from uwserver.sensors.onboard.tasks import Gate, HoldDepth, Moment, Outline, Reach, Task, Verdict
+from uwserver.table import NonNegative, Positive
+from uwserver.units import NANOSECONDS
 
-Kind = Literal["reach", "hold_depth", "gate"]
 State = Literal["ready", "running", "done", "failed", "off"]
-_Extent = Annotated[float, Meta(gt=0.0, le=1e4)]
 MOVED_M, STEERED_W = 0.3, 1.0
 """Time begins when the thrusters draw so much; of a vehicle without such ones when it is so far from where it stood."""
 _APART_NS = NANOSECONDS
 """A touch so soon after another one is the same collision."""
 _MOST_TASKS = 64
-
-
-class Task(Table, kw_only=True, frozen=True):
-    """One task of a pilot.
-
-    Attributes:
-        kind: "reach": be inside a box for `for_s`; "hold_depth": keep a depth for `for_s`; "gate": go through an opening, the way it points.
-        position_ned_m: middle of the box or the opening.
-        size_m: whole edges of the box, north, east, down; of a gate the second is its width and the third its height.
-        heading_deg: way through a gate.
-        depth_m, tolerance_m: to keep, and how far off it may be.
-        for_s: how long without a break.
-        points: what it is worth.
-        text: what the pilot is told; default: the task's name.
-    """
-
-    kind: Kind
-    position_ned_m: Vector3 = (0.0, 0.0, 0.0)
-    size_m: tuple[_Extent, _Extent, _Extent] = (2.0, 2.0, 2.0)
-    heading_deg: float = 0.0
-    depth_m: float = 0.0
-    tolerance_m: Positive = 0.25
-    for_s: NonNegative = 0.0
-    points: NonNegative = 100.0
-    text: Annotated[str, Meta(max_length=200)] = ""
-
-    def __post_init__(self) -> None:
-        """ValueError where a task would be done at once."""
-        if self.kind == "hold_depth" and self.for_s == 0.0:
-            raise ValueError("hold_depth needs for_s: for how long the depth is kept")
-
-    def goal(self, p: Vec3) -> Vec3:
-        """Where the pilot is to go, m in N; of a depth below or above the vehicle."""
-        return (p[0], p[1], self.depth_m) if self.kind == "hold_depth" else self.position_ned_m
-
-    def is_met(self, before: Vec3, p: Vec3) -> bool:
-        """Whether it is met at p, which was reached in a straight line."""
-        if self.kind == "hold_depth":
-            return abs(p[2] - self.depth_m) <= self.tolerance_m
-        if self.kind == "reach":
-            edges = zip(p, self.position_ned_m, self.size_m, strict=True)
-            return all(abs(own - middle) <= 0.5 * size for own, middle, size in edges)
-        return self._is_passed(before, p)
-
-    def _is_passed(self, before: Vec3, p: Vec3) -> bool:
-        c, s = math.cos(rad(self.heading_deg)), math.sin(rad(self.heading_deg))
-        (n0, e0, d0), (n1, e1, d1) = (
-            (q[0] - self.position_ned_m[0], q[1] - self.position_ned_m[1], q[2] - self.position_ned_m[2])
-            for q in (before, p)
-        )
-        ahead0, ahead1 = c * n0 + s * e0, c * n1 + s * e1
-        if not ahead0 < 0.0 <= ahead1:
-            return False
-        part = ahead0 / (ahead0 - ahead1)
-        across = (c * e0 - s * n0) + part * ((c * e1 - s * n1) - (c * e0 - s * n0))
-        down = d0 + part * (d1 - d0)
-        return abs(across) <= 0.5 * self.size_m[1] and abs(down) <= 0.5 * self.size_m[2]
+_MOST_PIECES = 4096
 
 
 class TrainingConfig(SensorTable, tag="training", kw_only=True, frozen=True):
-    """Tasks for a pilot. Time begins when its thrusters push; it is the simulation's.
+    """Tasks for a pilot. Time begins when its thrusters push; it is the simulation's. The mount is that of the pilot's camera.
 
     Attributes:
         tasks: by name, in the order of the file.
@@ -92,22 +37,46 @@ class TrainingConfig(SensorTable, tag="training", kw_only=True, frozen=True):
         collision_points: what a collision costs.
         collision_Ns: a weaker touch counts for none; it is felt at the instants of `rate_hz`.
         points_per_s_left: for time that is left when all is done.
+        view_deg: whole angle of the cone about the camera's axis x in which a pilot sees things well.
     """
 
-    tasks: dict[str, Task]
+    tasks: dict[str, Reach | HoldDepth | Gate | Inspect | Follow]
     limit_s: Positive = 600.0
     collision_points: NonNegative = 10.0
     collision_Ns: NonNegative = 0.5
     points_per_s_left: NonNegative = 1.0
+    view_deg: Annotated[float, Meta(ge=1, le=170)] = 60.0
 
     def __post_init__(self) -> None:
         """ValueError without a task, or with too many."""
         if not 0 < len(self.tasks) <= _MOST_TASKS:
             raise ValueError(f"a training has 1 to {_MOST_TASKS} tasks, not {len(self.tasks)}")
+        pieces = sum(len(task.worth()) for task in self.tasks.values())
+        if pieces > _MOST_PIECES:
+            raise ValueError(f"the tasks have {pieces} metres, structures and findings in all: at most {_MOST_PIECES}")
 
     def build(self, mount: Pose) -> Training:
-        """The judge; its mount does not matter."""
-        return Training(self)
+        """The judge, with the pilot's camera on this mount."""
+        return Training(self, mount)
+
+
+def looked_at(sensor: SensorTable) -> dict[tuple[str | int, ...], str]:
+    """Names of the structures that a training asks its pilot to look at, by their places in its table; none of another sensor."""
+    tasks = sensor.tasks if isinstance(sensor, TrainingConfig) else {}
+    return {
+        ("tasks", name, "structures", k): structure
+        for name, task in tasks.items()
+        if isinstance(task, Inspect)
+        for k, structure in enumerate(task.structures)
+    }
+
+
+class Joint(Protocol):
+    """The actuator of a mount that tilts; its memory has the angle, rad."""
+
+    @property
+    def memory(self) -> Any:
+        """With `tilt`."""
 
 
 class TrainingSettings(Settings, frozen=True):
@@ -121,9 +90,13 @@ class TrainingMemory(Memory):
     place, before: where the vehicle stood at first, and at the last reading; m in N.
     seen: there was a reading.
     begun_ns, ended_ns: of this try; -1 before.
-    step: tasks done.
-    since_ns: since when the present task has been met; -1 while it is not.
-    collisions, touched_ns: counted, and when the last touch was felt; -1 before."""
+    step: tasks that are over.
+    done: which pieces of all tasks are done.
+    piece: of the present task, which was met at the last reading; -1 for none.
+    since_ns: since when; -1 while none is.
+    collisions, touched_ns: counted, and when the last touch was felt; -1 before.
+    mark: the pilot has marked something since the last reading.
+    lost: points, by wrong marks."""
 
     place: tuple[float, float, float] = (0.0, 0.0, 0.0)
     before: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -131,9 +104,13 @@ class TrainingMemory(Memory):
     begun_ns: Annotated[int, Meta(ge=-1, le=2**62)] = -1
     ended_ns: Annotated[int, Meta(ge=-1, le=2**62)] = -1
     step: Annotated[int, Meta(ge=0, le=_MOST_TASKS)] = 0
+    done: Annotated[tuple[bool, ...], Meta(max_length=_MOST_PIECES)] = ()
+    piece: Annotated[int, Meta(ge=-1, lt=_MOST_PIECES)] = -1
     since_ns: Annotated[int, Meta(ge=-1, le=2**62)] = -1
     collisions: Annotated[int, Meta(ge=0, le=2**31)] = 0
     touched_ns: Annotated[int, Meta(ge=-1, le=2**62)] = -1
+    mark: bool = False
+    lost: Annotated[float, Meta(ge=0, le=1e12)] = 0.0
 
 
 class Training(Sensor):
@@ -141,7 +118,7 @@ class Training(Sensor):
 
     doc = (
         "Tasks for a pilot: which one it is, time, collisions and score. Time begins when its thrusters push. "
-        "`set` with `running` = true begins anew, with false it ends."
+        "`set` with `running` = true begins anew, with false it ends; with `mark` = true the pilot marks what the camera shows."
     )
     fields = (
         Field("state", "1", "ready, running, done, failed (the time is over) or off", type="str"),
@@ -152,30 +129,59 @@ class Training(Sensor):
         Field("left", "s", "until the time is over"),
         Field("held", "s", "for how long the task has been met without a break"),
         Field("hold", "s", "for how long it has to be"),
-        Field("goal_p_NB", "m", "where to go", "N", (3,)),
+        Field("goal_p_NB", "m", "where to go, or what to look at", "N", (3,)),
         Field("distance", "m", "from there"),
         Field("collisions", "1", "in this try", type="int"),
-        Field("score", "1", "tasks done, less collisions; when all is done with what the time left is worth"),
+        Field("score", "1", "what is done, less collisions and wrong marks; when all is done with what the time left is worth"),
+        Field("part", "1", "of this task that is done, 0 to 1"),
+        Field("hint", "1", "what is missing; empty where the task says it all", type="str"),
+        Field("found", "1", "what of this task is inspected or marked, by name", type="str"),
+        Field("missing", "1", "how many of those are not", type="int"),
+        Field("marks", "1", "whether there are things to be marked with `mark` in this task", type="bool"),
+        Field("lost", "1", "points that wrong marks cost", type="float"),
+    )  # fmt: skip
+    arguments = (
+        Argument("running", "bool", "true begins anew, false ends it", required=False),
+        Argument("mark", "bool", "true marks what the camera shows", required=False),
     )
-    arguments = (Argument("running", "bool", "true begins anew, false ends it", required=False),)
     paces = True
     settings: TrainingSettings
     memory: TrainingMemory
 
-    def __init__(self, config: TrainingConfig) -> None:
-        self._config = config
-        self._tasks = tuple((task.text or name, task) for name, task in config.tasks.items())
+    def __init__(self, config: TrainingConfig, mount: Pose = Pose()) -> None:  # noqa: B008 - frozen
+        self._config, self._mount = config, mount
+        self._tasks: tuple[tuple[str, Task], ...] = tuple(
+            (task.text or name, task) for name, task in config.tasks.items()
+        )
+        self._worth = tuple(points for _, task in self._tasks for points in task.worth())
+        self._first = tuple(accumulate((len(task.worth()) for _, task in self._tasks), initial=0))
+        self._joint: Joint | None = None
+        self._outlines: Mapping[str, Outline] = {}
         super().__init__(TrainingSettings())
+
+    def hang(self, joint: Joint) -> None:
+        """Look from a mount that tilts."""
+        self._joint = joint
+
+    def survey(self, outlines: Mapping[str, Outline]) -> None:
+        """Get to know where the structures are, by name; before anything is read."""
+        self._outlines = outlines
 
     def turn_on(self) -> TrainingMemory:
         """Nothing is done yet."""
-        return TrainingMemory()
+        return TrainingMemory(done=(False,) * len(self._worth))
+
+    def properties(self) -> dict[str, Json]:
+        """As of `Sensor`; and whether a mark waits to be judged."""
+        return {**super().properties(), "mark": self.memory.mark}
 
     def change(self, args: Mapping[str, Json]) -> None:
-        """As of `Sensor`; to run means to begin anew."""
-        super().change(args)
+        """As of `Sensor`; to run means to begin anew, and a mark is judged at the next reading."""
+        super().change({name: value for name, value in args.items() if name != "mark"})
         if args.get("running"):
-            self.memory = TrainingMemory()
+            self.memory = self.turn_on()
+        if "mark" in args:
+            self.memory = structs.replace(self.memory, mark=bool(args["mark"]))
 
     def valid(self, record: Memory | Settings) -> None:
         """As of `Sensor`; of a memory also that there are so many tasks, and that it has ended when all are done."""
@@ -184,58 +190,116 @@ class Training(Sensor):
         if isinstance(record, TrainingMemory) and record.step == len(self._tasks) and record.ended_ns < 0:
             raise ValueError("all tasks are done, and it has not ended")
         super().valid(record)
+        if isinstance(record, TrainingMemory) and record.piece >= len(self._pieces(record)):
+            raise ValueError(f"piece {record.piece} is met, and its task has {len(self._pieces(record))}")
 
     def sense(self, scope: Scope) -> Measurement:
         """How it stands; always valid."""
+        verdict = self._verdict(scope)
         if self.settings.running:
-            self.memory = self._judged(scope)
-        return Measurement(self._told(scope), True)
+            step = self.memory.step
+            self.memory = self._judged(scope, verdict)
+            verdict = verdict if self.memory.step == step else self._verdict(scope)
+        return Measurement(self._told(scope, verdict), True)
 
-    def _judged(self, scope: Scope) -> TrainingMemory:
+    # -- the present task -----------------------------------------------------------------------------------------------------------
+
+    @property
+    def _task(self) -> tuple[str, Task]:
+        """Of the memory; the last one when all are over."""
+        return self._tasks[min(self.memory.step, len(self._tasks) - 1)]
+
+    def _pieces(self, memory: TrainingMemory) -> tuple[bool, ...]:
+        """Which pieces of a memory's task are done."""
+        step = min(memory.step, len(self._tasks) - 1)
+        return memory.done[self._first[step] : self._first[step + 1]]
+
+    def _moment(self, scope: Scope) -> Moment:
+        tilt = 0.0 if self._joint is None else float(self._joint.memory.tilt)
+        q = multiply(self._mount.q, quat_from_rpy(0.0, tilt, 0.0)) if tilt else self._mount.q
+        return Moment(
+            self.memory.before if self.memory.seen else scope.p_NB,
+            scope.p_NB,
+            looking(scope.position(self._mount.p), scope.attitude(q), self._config.view_deg),
+            math.hypot(*scope.v_NB_B),
+            math.hypot(*scope.w_NB_B),
+            scope.geometry,
+            self._outlines,
+        )
+
+    def _verdict(self, scope: Scope) -> Verdict:
+        return self._task[1].judge(self._moment(scope), self._pieces(self.memory), self.memory.piece)
+
+    def _judged(self, scope: Scope, verdict: Verdict) -> TrainingMemory:
         m, now, p = self.memory, scope.t_ns, scope.p_NB
-        place, begun, step, since, ended = m.place if m.seen else p, m.begun_ns, m.step, m.since_ns, m.ended_ns
-        collisions, touched = m.collisions, m.touched_ns
-        if ended < 0:
-            if begun < 0 and _is_steered(scope, place):
-                begun = now
-            if begun >= 0 and self._is_hit(scope):
-                collisions += touched < 0 or now - touched > _APART_NS
-                touched = now
-            if begun >= 0 and (now - begun) / NANOSECONDS > self._config.limit_s:
-                ended = now
-            elif begun >= 0:
-                step, since = self._advanced(m.before if m.seen else p, p, now)
-                ended = now if step == len(self._tasks) else -1
-        return TrainingMemory(place, p, True, begun, ended, step, since, collisions, touched)
+        new = structs.replace(m, place=m.place if m.seen else p, before=p, seen=True, mark=False)
+        if m.ended_ns >= 0:
+            return new
+        if m.begun_ns < 0:
+            if not _is_steered(scope, new.place):
+                return new
+            new.begun_ns = now
+        if self._is_hit(scope):
+            new.collisions += m.touched_ns < 0 or now - m.touched_ns > _APART_NS
+            new.touched_ns = now
+        if (now - new.begun_ns) / NANOSECONDS > self._config.limit_s:
+            new.ended_ns = now
+            return new
+        if m.mark:
+            self._mark(new, scope)
+        self._advance(new, verdict, now)
+        return new
 
-    def _advanced(self, before: Vec3, p: Vec3, now: int) -> tuple[int, int]:
-        """Tasks done, and since when the next has been met."""
-        step, since = self.memory.step, self.memory.since_ns
-        _, task = self._tasks[step]
-        if not task.is_met(before, p):
-            return step, -1
-        since = now if since < 0 else since
-        return (step + 1, -1) if (now - since) / NANOSECONDS >= task.for_s else (step, since)
+    def _mark(self, new: TrainingMemory, scope: Scope) -> None:
+        """What the pilot marked."""
+        _, task = self._task
+        piece = task.marked(self._moment(scope))
+        if piece >= 0:
+            self._finish(new, piece)
+        elif isinstance(task, Follow) and task.has_marks():
+            new.lost += task.wrong_mark_points
+
+    def _advance(self, new: TrainingMemory, verdict: Verdict, now: int) -> None:
+        """What was met long enough is done; the next task follows."""
+        _, task = self._task
+        if verdict.piece < 0:
+            new.piece, new.since_ns = -1, -1
+        else:
+            if verdict.piece != new.piece or new.since_ns < 0:
+                new.piece, new.since_ns = verdict.piece, now
+            if (now - new.since_ns) / NANOSECONDS >= task.for_s:
+                self._finish(new, verdict.piece)
+                new.piece, new.since_ns = -1, -1
+        if task.is_over(self._pieces(new)):
+            new.step += 1
+            new.ended_ns = now if new.step == len(self._tasks) else -1
+
+    def _finish(self, new: TrainingMemory, piece: int) -> None:
+        at = self._first[new.step] + piece
+        new.done = (*new.done[:at], True, *new.done[at + 1 :])
 
     def _is_hit(self, scope: Scope) -> bool:
         touches = [] if scope.wiring is None else scope.wiring.touches()
         return any(math.hypot(*touch.impulse) >= self._config.collision_Ns for touch in touches)
 
-    def _told(self, scope: Scope) -> list[Value]:
+    def _told(self, scope: Scope, verdict: Verdict) -> list[Value]:
         m, now, config = self.memory, scope.t_ns, self._config
         end = m.ended_ns if m.ended_ns >= 0 else now
         time = (end - m.begun_ns) / NANOSECONDS if m.begun_ns >= 0 else 0.0
         left = max(0.0, config.limit_s - time)
         is_done = m.step == len(self._tasks)
-        name, task = self._tasks[min(m.step, len(self._tasks) - 1)]
+        name, task = self._task
         state: State = "done" if is_done else "failed" if m.ended_ns >= 0 else "running" if m.begun_ns >= 0 else "ready"
-        score = sum(done.points for _, done in self._tasks[: m.step]) - config.collision_points * m.collisions
-        score += config.points_per_s_left * left if is_done else 0.0
+        score = math.fsum(points for points, done in zip(self._worth, m.done, strict=True) if done) - m.lost
+        score += config.points_per_s_left * left * is_done - config.collision_points * m.collisions
         held = (now - m.since_ns) / NANOSECONDS if m.since_ns >= 0 else 0.0
-        goal = task.goal(scope.p_NB)
+        pieces = self._pieces(m)
+        named = [(each, done) for each, done in zip(task.names(), pieces, strict=True) if each]
+        found = ", ".join(each for each, done in named if done)
         return [
             state if self.settings.running else "off", name, min(m.step + 1, len(self._tasks)), len(self._tasks), time, left, held, task.for_s,
-            goal, math.dist(scope.p_NB, goal), m.collisions, score,
+            verdict.goal, math.dist(scope.p_NB, verdict.goal), m.collisions, score,
+            task.part(pieces), verdict.hint if m.ended_ns < 0 else "", found, sum(not done for _, done in named), task.has_marks(), m.lost,
         ]  # fmt: skip
 
 

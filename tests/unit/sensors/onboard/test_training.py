@@ -9,7 +9,8 @@ import pytest
 
 import uwserver
 from uwserver.sensors import Pose, TrainingConfig
-from uwserver.sensors.onboard.training import Task, Training, TrainingMemory
+from uwserver.sensors.onboard.tasks import Gate, HoldDepth, Moment, Reach
+from uwserver.sensors.onboard.training import Training, TrainingMemory
 from uwserver.sensors.wiring import Touch
 from uwserver.world import snapshot
 
@@ -45,7 +46,7 @@ def judge(scope):
     return make
 
 
-GATE = Task(kind="gate", position_ned_m=(10.0, 0.0, 5.0), size_m=(1.0, 2.0, 1.0), heading_deg=90.0, points=40.0)
+GATE = Gate(position_ned_m=(10.0, 0.0, 5.0), size_m=(1.0, 2.0, 1.0), heading_deg=90.0, points=40.0)
 
 
 def test_time_begins_when_thrusters_push(scope):
@@ -63,7 +64,7 @@ def test_time_begins_when_thrusters_push(scope):
 
 
 def test_without_thrusters_time_begins_when_the_vehicle_moves(judge):
-    told = judge(reach=Task(kind="reach", position_ned_m=(5.0, 0.0, 0.0), text="There"))
+    told = judge(reach=Reach(position_ned_m=(5.0, 0.0, 0.0), text="There"))
     assert (told(3.0, (0.0, 0.0, 0.0))["state"], told(4.0, (0.2, 0.0, 0.0))["time"]) == ("ready", 0.0)
     begun = told(6.0, (0.4, 0.0, 0.0))
     assert (begun["state"], begun["time"], begun["task"]) == ("running", 0.0, "There")
@@ -72,7 +73,7 @@ def test_without_thrusters_time_begins_when_the_vehicle_moves(judge):
 
 
 def test_a_depth_is_kept_without_a_break(judge):
-    told = judge(hold=Task(kind="hold_depth", depth_m=5.0, tolerance_m=0.5, for_s=3.0))
+    told = judge(hold=HoldDepth(depth_m=5.0, tolerance_m=0.5, for_s=3.0))
     told(0.0, (0.0, 0.0, 0.0))
     assert told(1.0, (0.0, 0.0, 4.6))["held"] == 0.0
     assert told(3.0, (0.0, 0.0, 5.4))["held"] == 2.0
@@ -94,11 +95,11 @@ def test_a_depth_is_kept_without_a_break(judge):
     ],
 )
 def test_a_gate_is_passed_the_way_it_points_and_inside_the_opening(way, is_passed):
-    assert GATE.is_met(*way) is is_passed
+    assert GATE.judge(Moment(*way), (False,), -1).piece == (0 if is_passed else -1)
 
 
 def test_tasks_follow_one_another_and_time_left_counts(judge):
-    told = judge(gate=GATE, reach=Task(kind="reach", position_ned_m=(10.0, 3.0, 5.0), size_m=(1.0, 1.0, 1.0)))
+    told = judge(gate=GATE, reach=Reach(position_ned_m=(10.0, 3.0, 5.0), size_m=(1.0, 1.0, 1.0)))
     told(0.0, (10.0, -2.0, 5.0))
     assert told(1.0, (10.0, -1.0, 5.0))["number"] == 1
     passed = told(2.0, (10.0, 1.0, 5.0))
@@ -110,7 +111,7 @@ def test_tasks_follow_one_another_and_time_left_counts(judge):
 
 
 def test_collisions_are_counted_once_each_and_cost_points(judge):
-    told = judge(reach=Task(kind="reach", position_ned_m=(50.0, 0.0, 0.0)))
+    told = judge(reach=Reach(position_ned_m=(50.0, 0.0, 0.0)))
     told(0.0, (0.0, 0.0, 0.0))
     told(1.0, (1.0, 0.0, 0.0))
     assert told(1.1, (1.1, 0.0, 0.0), impulse=0.4)["collisions"] == 0  # too weak
@@ -119,7 +120,7 @@ def test_collisions_are_counted_once_each_and_cost_points(judge):
 
 
 def test_when_the_time_is_over_it_has_failed_and_may_be_begun_anew(judge):
-    told = judge(limit_s=10.0, reach=Task(kind="reach", position_ned_m=(50.0, 0.0, 0.0)))
+    told = judge(limit_s=10.0, reach=Reach(position_ned_m=(50.0, 0.0, 0.0)))
     told(0.0, (0.0, 0.0, 0.0))
     told(1.0, (1.0, 0.0, 0.0))
     over = told(11.5, (50.0, 0.0, 0.0))
@@ -133,18 +134,22 @@ def test_when_the_time_is_over_it_has_failed_and_may_be_begun_anew(judge):
 
 def test_a_memory_of_other_tasks_is_refused(judge):
     sensor = judge(gate=GATE).sensor
-    sensor.valid(TrainingMemory(step=1, begun_ns=0, ended_ns=1))
+    sensor.valid(TrainingMemory(step=1, begun_ns=0, ended_ns=1, done=(True,)))
     with pytest.raises(ValueError, match="all tasks are done, and it has not ended"):
         sensor.valid(TrainingMemory(step=1))
     with pytest.raises(ValueError, match="2 tasks are done, and there are 1"):
         sensor.valid(TrainingMemory(step=2))
+    with pytest.raises(ValueError, match='"done" has 2 numbers, here it needs 1'):
+        sensor.valid(TrainingMemory(done=(False, False)))
+    with pytest.raises(ValueError, match="piece 1 is met, and its task has 1"):
+        sensor.valid(TrainingMemory(done=(False,), piece=1))
 
 
 @pytest.mark.parametrize(
     ("make", "text"),
     [
         (lambda: TrainingConfig(rate_hz=1, tasks={}), "1 to 64 tasks, not 0"),
-        (lambda: Task(kind="hold_depth", depth_m=3.0), "needs for_s"),
+        (lambda: HoldDepth(depth_m=3.0), "needs for_s"),
     ],
 )
 def test_what_would_be_no_task_is_refused(make, text):

@@ -1,0 +1,61 @@
+"""What the judge of a pilot's training knows of its scenario: where the structures are that are looked at, and the mount that turns its camera."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from uwserver.actuators import CameraMount
+from uwserver.physics.geometry.shapes import Box, Capsule, ConvexHull, Cylinder, Placed, Solid, Sphere, TriangleMesh
+from uwserver.physics.kernel.arrays import FloatArray
+from uwserver.scenario.load.resolved import ResolvedVehicle
+from uwserver.sensors.onboard.tasks import Outline
+from uwserver.sensors.onboard.training import Training, looked_at
+from uwserver.world.members import Member
+
+
+def prepare_lessons(member: Member, vehicle: ResolvedVehicle, static: Mapping[str, Solid]) -> None:
+    """Tell the trainings of a vehicle that was made what they need to know; `static`: seabed and structures in N, by name."""
+    for slot in member.sensors:
+        if not isinstance(slot.sensor, Training):
+            continue
+        config = vehicle.vehicle.sensors[slot.port.path.removeprefix(f"{member.vehicle.name}/")]
+        slot.sensor.survey({name: outline_of(static[name]) for name in looked_at(config).values() if name in static})
+        for each in member.actuators:
+            if isinstance(each.actuator, CameraMount) and each.actuator.mount == config.mount:
+                slot.sensor.hang(each.actuator)
+
+
+def outline_of(solid: Solid) -> Outline:
+    """The box around a structure, along the axes of its first shape."""
+    first = solid.shapes[0]
+    corners = np.concatenate([_corners(placed) for placed in solid.shapes])
+    local = (corners - first.p) @ first.R
+    low, high = local.min(axis=0), local.max(axis=0)
+    middle = first.p + first.R @ (0.5 * (low + high))
+    x, y, z = middle.tolist()
+    a, b, c = (0.5 * (high - low)).tolist()
+    return Outline((x, y, z), first.q, (a, b, c))
+
+
+def _corners(placed: Placed) -> FloatArray:
+    """(n, 3) points of a shape, N, whose box is that of the shape."""
+    shape = placed.shape
+    if isinstance(shape, TriangleMesh):
+        points: FloatArray = np.asarray(shape.vertices, dtype=np.float64)
+    elif isinstance(shape, ConvexHull):
+        points = np.asarray(shape.points, dtype=np.float64)
+    else:
+        if isinstance(shape, Box):
+            half = np.array(shape.half)
+        elif isinstance(shape, Sphere):
+            half = np.full(3, shape.radius)
+        elif isinstance(shape, Cylinder | Capsule):
+            ends = shape.radius if isinstance(shape, Capsule) else 0.0
+            half = np.array([shape.half_length + ends, shape.radius, shape.radius])
+        else:
+            raise TypeError(f"a structure is no {type(shape).__name__}")
+        signs = np.array([[i, j, k] for i in (-1.0, 1.0) for j in (-1.0, 1.0) for k in (-1.0, 1.0)])
+        points = signs * half
+    return points @ placed.R.T + placed.p
