@@ -32,8 +32,9 @@ export class RecordButton {
   /** @param {App} app */
   constructor(app) {
     this.app = app;
-    this.text = h("span", {}, "REC");
-    this.element = h("button", { class: "rec live optional", "aria-pressed": "false", onclick: () => this.press() }, this.text);
+    this.name = h("span", { class: "name" });
+    this.size = h("span", {});
+    this.element = h("button", { class: "rec live optional", "aria-pressed": "false", onclick: () => this.press() }, "REC", this.name, this.size);
     this.waits = false;
   }
 
@@ -51,7 +52,9 @@ export class RecordButton {
     this.element.classList.toggle("on", on);
     this.element.classList.toggle("optional", !on); // on a narrow page it is there while the server records
     this.element.setAttribute("aria-pressed", String(on));
-    tell(this.text, on && recorder ? `REC ${recorder.name} ${size(recorder.bytes)}` : "REC");
+    tell(this.name, on && recorder ? ` ${recorder.name}` : "");
+    tell(this.size, on && recorder ? ` ${size(recorder.bytes)}` : "");
+    this.name.hidden = this.size.hidden = !on;
     this.element.title = on ? `${about(this.app)}. Push to end it.` : "Record what happens from now on";
   }
 }
