@@ -49,8 +49,8 @@ from uwserver.adapter import accepting, bounds, connection, conversation, peers,
 from uwserver.recording import reading, recorder
 from uwserver.scenario.files import documents, locate
 from uwserver.scenario.load import counts, scenario
-from uwserver.scenario.solids import archive, bathymetry, memory, mesh_checks
 from uwserver.scenario.load.tables import Server
+from uwserver.scenario.solids import archive, bathymetry, memory, mesh_checks
 from uwserver.server import http, life_cycle, profiling, recordings, state_files
 from uwserver.simulation import bus, intake, thread, turns
 from uwserver.units import NANOSECONDS
