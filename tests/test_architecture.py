@@ -534,7 +534,7 @@ TESTED_WITH = {
         "player_messages": "recording/test_player_track", "player_services": "recording/test_player",
         "player_world": "recording/test_player",
         "report.contents": "recording/report/test_summary", "report.drawing": "recording/report/test_writing",
-        "looker": "recording/test_states",
+        "looker": "recording/test_states", "output": "recording/test_recorder",
         "parts": "recording/test_recorder",
     },
     "logfiles": {

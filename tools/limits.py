@@ -49,8 +49,9 @@ from uwserver.adapter import accepting, bounds, connection, conversation, peers,
 from uwserver.recording import reading, recorder
 from uwserver.scenario.files import documents, locate
 from uwserver.scenario.load import counts, scenario
+from uwserver.scenario.load.tables import Server
 from uwserver.scenario.solids import archive, bathymetry, memory, mesh_checks
-from uwserver.server import http, life_cycle, profiling, state_files
+from uwserver.server import http, life_cycle, profiling, recordings, state_files
 from uwserver.simulation import bus, intake, thread, turns
 from uwserver.units import NANOSECONDS
 from uwserver.world import saving, services, snapshot
@@ -136,6 +137,9 @@ def _recordings() -> Iterator[Row]:
         f"{recorder.CLOSE_TIMEOUT_S:g} s",
         "the file has no end; told, exit status 1",
     )
+    yield "recordings in `recordings`", str(recordings.MAX_FILES), "`busy`"
+    yield "bytes of all of them", _setting(Server, "recordings_mb", " MB"), "`busy`; the one that goes on ends whole"
+    yield "free on their disk", _bytes(recordings.RESERVE_BYTES), "`busy`; the one that goes on ends whole"
     yield "a record, when it is replayed", _bytes(reading.MOST_RECORD_BYTES), "damaged"
     yield "a chunk, unpacked", _bytes(reading.MOST_CHUNK_BYTES), "damaged"
     yield "its seabed and structures, unpacked", _bytes(archive.LARGEST_BYTES), "not replayed"

@@ -210,8 +210,8 @@ def test_a_range_is_shown_and_kept(page: Page) -> None:
 
 
 def test_the_page_of_a_recording_offers_no_control(page: Page) -> None:
-    page.wait("!document.querySelector('.rec').hidden", "the badge")
-    assert page.ask("document.querySelector('.rec').textContent") == "plays run.mcap"
+    page.wait("!document.querySelector('#header .plays').hidden", "the badge")
+    assert page.ask("document.querySelector('#header .plays').textContent") == "plays run.mcap"
     page.wait("document.querySelector('.owner .who').textContent.startsWith('A recording plays')", "the pilot's panel")
     assert page.ask("document.querySelector('.owner button').disabled") is True
     assert "play, pause" in str(page.ask("document.querySelector('dl.keys').textContent"))

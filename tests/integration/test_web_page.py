@@ -17,6 +17,7 @@ import pytest
 from chromium_rig import chromium_or_skip
 
 from uwserver.cli.chromium import PATIENCE_S, Browser, Page, browsing
+from uwserver.recording.replay import replay
 
 PYTHON, PICTURES = "UWSERVER_PAGE_PYTHON", "UWSERVER_PAGE_PICTURES"
 """Variables: the Python whose installed server is tested, in place of this tree's; and the folder where a picture of each test's end is kept."""
@@ -370,6 +371,31 @@ def test_time_stands_still_steps_goes_on_and_begins_anew(opened: Page) -> None:
     opened.wait(
         f"uw.t < {before + 1} && uw.app.timeline.breaks > {breaks}", "the world begins anew, and trails with it"
     )
+
+
+def test_a_recording_is_begun_and_ended_by_the_button(opened: Page) -> None:
+    assert opened.ask("document.querySelector('#header .rec').textContent") == "REC"
+    opened.click("#header .rec")
+    opened.wait(
+        "uw.app.status.recording && /^REC .+mcap [0-9.]+ [kM]B$/.test(document.querySelector('#header .rec').textContent)",
+        "it tells name and size",
+    )
+    opened.wait("document.querySelector('#header .rec').getAttribute('aria-pressed') === 'true'")
+    opened.wait("uw.app.status.recorder.bytes > 30000", "it grows")
+    opened.click("#tab-world")
+    opened.wait("document.querySelector('.recorded')?.textContent.startsWith('Recording ')", "the card tells it, too")
+    opened.click("#header .rec")
+    opened.wait(
+        "!uw.app.status.recording && document.querySelector('#header .rec').textContent === 'REC'", "it has ended"
+    )
+    recorder = opened.ask("uw.app.status.recorder")
+    assert isinstance(recorder, dict)
+    assert recorder["error"] == ""
+    toast = f"[...document.querySelectorAll('.toast')].some((each) => each.textContent.endsWith({recorder['path']!r}))"
+    opened.wait(toast, "where it is")
+    opened.wait("document.querySelector('.recorded').textContent.startsWith('Recorded ')", "and the card")
+    found = replay(Path(recorder["path"]))
+    assert (found.truncated, found.difference) == (False, None)
 
 
 def test_two_pages_contend_for_a_vehicle(opened: Page, browser: Browser, address: str) -> None:

@@ -267,6 +267,7 @@ class Event(Struct, frozen=True):
         "shutdown",
         "adapter_failed",
         "autopilot",
+        "recording",
     ]
     tick: int
     t_ns: int

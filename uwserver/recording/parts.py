@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from uwserver.logfiles.part_files import FIRST_PART, PART, RUN, later_parts, part_of, part_path
 
 __all__ = [
-    "ESTIMATED", "FIRST_PART", "ONE_FILE", "PART", "RUN", "SERVED", "STATE", "Rotation", "later_parts", "part_of", "part_path",
+    "BEGINS", "ESTIMATED", "FIRST_PART", "ONE_FILE", "PART", "RUN", "SERVED", "STATE", "WITH_STATE", "Rotation", "begins_with_state",
+    "later_parts", "part_of", "part_path",
 ]  # fmt: skip
 
 STATE = "uwserver/state"
-"""The attachment with which each part but the first begins: the state of the world there, as `snapshot.to_bytes` gives it."""
+"""The attachment with which each part but the first begins, and a recording that began while the run went on: the state of the world there, as
+`snapshot.to_bytes` gives it."""
+BEGINS, WITH_STATE = "begins", "with_state"
+"""Key of the metadata record of a recording that began while the run went on, and its value."""
 SERVED = "served"
 """Key of the metadata record of what `uwserver record` took from a running server, with its address: no scenario stands beside it."""
 ESTIMATED = "estimate_of"
@@ -39,3 +44,8 @@ class Rotation:
 
 
 ONE_FILE = Rotation()
+
+
+def begins_with_state(record: Mapping[str, str]) -> bool:
+    """Whether the file of this metadata record begins with a state, as the run had begun before it."""
+    return part_of(record) > FIRST_PART or record.get(BEGINS) == WITH_STATE

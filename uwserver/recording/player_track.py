@@ -17,7 +17,7 @@ import msgspec
 
 from uwserver.ports import Cast, Port, Sample, SceneState
 from uwserver.recording.format import EVENTS, METADATA
-from uwserver.recording.parts import FIRST_PART, part_of
+from uwserver.recording.parts import begins_with_state
 from uwserver.recording.player_file import Message, NotPlayable, renamed
 from uwserver.recording.player_head import played_head
 from uwserver.recording.player_items import Item, Mark, Place, Run, Scene
@@ -69,7 +69,7 @@ class Track:
             self._casts: dict[int, Cast] = {}
             self._sensors: set[str] = set()
             # A later part alone begins with its own run 0, whatever was before it.
-            self._is_later = part_of(self._chunks.metadata[METADATA]) > FIRST_PART
+            self._is_later = begins_with_state(self._chunks.metadata[METADATA])
             self._jumps_before = 0
             self._seen_chunks = 0
             self._jump_places: list[tuple[Place, int]] = []

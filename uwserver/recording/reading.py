@@ -12,7 +12,7 @@ from typing import IO, Any
 import msgspec
 
 from uwserver.recording.format import HASHES, METADATA, REQUESTS, Request, StateHash
-from uwserver.recording.parts import FIRST_PART, PART, RUN, STATE, later_parts, part_of, part_path
+from uwserver.recording.parts import FIRST_PART, PART, RUN, STATE, begins_with_state, later_parts, part_of, part_path
 from uwserver.scenario.files.opening import opened
 
 _MAGIC = b"\x89MCAP0\r\n"
@@ -68,7 +68,8 @@ class Reading:
     Attributes:
         paths: of the parts.
         record: the first part's metadata record.
-        state: of the world where it begins, as `snapshot.to_bytes` gives it, if it is a later part; b"" otherwise.
+        state: of the world where it begins, as `snapshot.to_bytes` gives it, if it is a later part, or began while
+            the run went on; b"" otherwise.
         truncated: the last part ended without its end mark. Known after the last record.
     """
 
@@ -81,7 +82,7 @@ class Reading:
             self._files = [self._open(self.paths[0])]
             self.record = self._files[0].head
             self.state = b""
-            if part_of(self.record) > FIRST_PART:
+            if begins_with_state(self.record):
                 self.state = self._files[0].state()
         except BaseException:
             self._stack.close()
@@ -159,7 +160,7 @@ class _File:
         raise NoRecording(f"{self._path}: an MCAP file, but not written by `uwserver run --record FILE`")
 
     def state(self) -> bytes:
-        """The state with which a later part begins."""
+        """The state with which it begins."""
         from mcap.records import Attachment, Message
 
         before: list[Any] = []
@@ -170,7 +171,8 @@ class _File:
             if isinstance(record, Message):
                 break
             before.append(record)
-        raise NotReplayable(f"{self._path}: a later part of a recording, without the state it begins with")
+        text = "a recording from the midst of a run, without the state it begins with"
+        raise NotReplayable(f"{self._path}: {text}")
 
     def _checked(self) -> Iterator[Any]:
         from mcap.exceptions import McapError

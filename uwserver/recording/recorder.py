@@ -11,22 +11,17 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import secrets
 import threading
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
 
-from uwserver.ports import Call, Command, Event, Json, Port, Refused, Sample
-from uwserver.recording.format import Request, StateHash, metadata
-from uwserver.recording.foxglove import FoxgloveChannels
+from uwserver.ports import Call, Command, Event, Json, Refused, Sample
+from uwserver.recording.format import Request
 from uwserver.recording.looker import Looker
-from uwserver.recording.opening import new_file, there_already, unwritable
-from uwserver.recording.parts import FIRST_PART, ONE_FILE, PART, RUN, Rotation, later_parts, part_path
-from uwserver.recording.states import Presence, Seen
-from uwserver.recording.writer import RecordingWriter, TooManyChannels
+from uwserver.recording.output import NOTHING, Item, Output, Ports, State
+from uwserver.recording.parts import ONE_FILE, Rotation
+from uwserver.recording.writer import TooManyChannels
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import SystemTime, Timing
@@ -51,37 +46,19 @@ CHUNK_NS = NANOSECONDS // 2
 
 CLOSE_TIMEOUT_S = 5.0
 """Wall time in which the writer must proceed at the end, however much is left to write."""
-NOTHING: Mapping[str, str] = {}
 _DRAIN_S = 0.1
 _BACKPRESSURE_S = 0.002
-
-
-@dataclass(frozen=True)
-class _State:
-    """A state whose hash the writer computes: it is too slow for the tick."""
-
-    index: int
-    t_ns: int
-    snapshot: Snapshot
-    is_last: bool = False
-
-
-@dataclass(frozen=True)
-class _Ports:
-    """Ports that there are from here on. Those of samples that still wait may be gone from the world when they are written."""
-
-    ports: Mapping[str, Port]
-
-
-_Item = tuple[Sample, ...] | Request | _State | _Ports | Presence | Seen | Event
 
 
 class Recorder:
     """Writes one run to one file. A `Sink` on the loop, an `Observer` on the simulation thread.
 
+    Who records a run from its start takes `running`, or `stepped`. Who begins and ends while it goes on calls, in this order: `open`, `begin`,
+    `write_from`, `end`, `close`; from `begin` to `end` it is fed as an observer, and in the same time as a sink.
+
     Args:
         path: a file that does not exist yet.
-        world: as built, before its first tick.
+        world: as built, before its first tick; or later, for `begin`.
         resolved: what it was built from.
         rotation: when it goes on in another file.
         foxglove: whether channels for Foxglove, Lichtblick and rerun are written beside our own.
@@ -90,26 +67,21 @@ class Recorder:
     def __init__(
         self, path: Path, world: World, resolved: Resolved, rotation: Rotation = ONE_FILE, *, foxglove: bool = True
     ) -> None:
-        self._path, self._rotation = path, rotation
-        self._foxglove = FoxgloveChannels(world, resolved) if foxglove else None
-        self._world, self._resolved = world, resolved
+        self.path = path
+        self._output = Output(path, world, resolved, rotation, foxglove=foxglove)
+        self._world = world
         self._simulation: Simulation | None = None
-        self._queue: deque[_Item] = deque()
+        self._queue: deque[Item] = deque()
         self._open = self._finished = False
         self._ending = threading.Event()
         self._error = ""
         self._looker = Looker(world, resolved)
         self._second = max(1, round(world.rate_hz))
-        self._seen, self._known = world.ports, dict(world.ports)
-        # Each counter has one thread that writes it: loop, simulation, recorder.
+        self._seen = world.ports
+        # Each counter has one thread that writes it: loop, simulation.
         self._samples_put = self._dropped = 0
         self._index = self._requests_put = 0
-        self._samples_taken = self._requests_taken = self._samples = self._bytes = 0
-        # Of the recorder's thread alone.
-        self._head: dict[str, str] = {}
-        self._part, self._part_ns, self._finished_bytes = FIRST_PART, world.t_ns, 0
-        self._file: IO[bytes]
-        self._writer: RecordingWriter
+        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
 
     @contextlib.contextmanager
     def running(self, simulation: Simulation, bus: Bus) -> Iterator[None]:
@@ -118,25 +90,25 @@ class Recorder:
         Raises:
             OSError: the file exists already or cannot be written; the text names it and says what to do.
         """
-        self._start(simulation.timing)
-        thread = threading.Thread(target=self._run, name="recorder", daemon=True)
+        self._output.open(simulation.timing)
         self._simulation = simulation
         simulation.observe(self)
         detach = bus.attach(self)
         self._open = True
-        thread.start()
-        log.info("recording to %s", self._path)
+        self._thread.start()
+        log.info("recording to %s", self.path)
         try:
             yield
         except BaseException:
             # A server that could not even start leaves no file that its second try would refuse to overwrite.
             if self._index == 0 and self._samples_put == 0:
                 self._error = "nothing was recorded"
-                self._path.unlink(missing_ok=True)
+                self.path.unlink(missing_ok=True)
             raise
         finally:
             detach()
-            self._close(thread)
+            self.end()
+            self.close()
 
     @contextlib.contextmanager
     def stepped(self, timing: Timing, about: Mapping[str, str] = NOTHING) -> Iterator[None]:
@@ -149,25 +121,83 @@ class Recorder:
         Raises:
             OSError: as `running`; `drain`, too, when the file cannot be written any more.
         """
-        self._start(timing, about)
+        self._output.open(timing, about)
         self._open = True
-        with self._file:
+        try:
             yield
-            self._open = False
-            self._look()
-            self._queue.append(self._last_state())
+            self.end()
             self.drain()
-            self._writer.finish()
+            self._output.finish()
+        finally:
+            self._output.close()
         self._finished = True
 
     def drain(self) -> None:
         """Write what waits; of a world that is `stepped`."""
         while self._queue:
-            self._write_item(self._queue.popleft())
+            self._output.write(self._queue.popleft())
+
+    # -- of a run that goes on ------------------------------------------------------------------------------------------------------
+
+    def open(self, timing: Timing) -> None:
+        """Make the file. Any thread. Raises OSError as `running`."""
+        self._output.open(timing, is_midway=True)
+
+    def begin(self, simulation: Simulation) -> Snapshot:
+        """Follow a run from here on, and give the state with which the recording begins. Simulation thread, between two ticks."""
+        self._simulation = simulation
+        state = snapshot.take(self._world)
+        self._open = True
+        self._follow_ports()
+        self._look()
+        simulation.observe(self)
+        return state
+
+    def write_from(self, state: Snapshot) -> None:
+        """Write the state with which it begins, and from now on what was queued behind it. Any thread, which waits for the disk.
+
+        Raises:
+            OSError: the file cannot be written.
+            Refused: the state is too large to be loaded again.
+        """
+        self._output.begin_at(state)
+        self._thread.start()
+        log.info("recording to %s", self.path)
+
+    def end(self) -> None:
+        """Follow no more; the state is the last of the recording. Simulation thread between two ticks, or when that has ended."""
+        if not self._open:
+            return
+        self._open = False
+        if self._simulation is not None:
+            self._simulation.observe(None)
+        if not self._error:
+            self._look()
+            self._queue.append(State(self._next_index(), self._world.t_ns, snapshot.take(self._world), is_last=True))
+
+    def close(self) -> None:
+        """Write what waits, and the end of the file. After `end`; any thread, which waits for the disk."""
+        self._ending.set()
+        if self._thread.ident is None:  # it could not even begin
+            self._output.close()
+            return
+        written = -1
+        while self._thread.is_alive() and written != (written := self._output.samples + self._output.requests):
+            self._thread.join(CLOSE_TIMEOUT_S)
+        if self._thread.is_alive():
+            log.warning("%s is incomplete: the disk does not answer; it can be read up to its last chunk", self.path)
+        if self._dropped:
+            total = self._dropped + self._output.samples
+            log.warning(
+                "%d of %d samples are missing in %s: it was written too slowly; a replay is not affected",
+                self._dropped, total, self.path,
+            )  # fmt: skip
+
+    # -- how it stands --------------------------------------------------------------------------------------------------------------
 
     @property
     def is_complete(self) -> bool:
-        """Whether all was written that a replay needs, to the very end. Known after `running`."""
+        """Whether all was written that a replay needs, to the very end. Known after `running`, or `close`."""
         return self._finished
 
     def abandon(self, reason: str) -> None:
@@ -175,14 +205,16 @@ class Recorder:
         self._fail(reason)
 
     def status(self) -> dict[str, Json]:
-        """For ``world/status``: file, whether it is still written, what is in it, what is missing, and why it ended early."""
+        """For ``world/status``: file, whether it is still written, since when, what is in it, what is missing, and why it ended early."""
+        output = self._output
         return {
-            "path": str(self._path),
+            "path": str(self.path),
             "recording": self._open and not self._error,
-            "samples": self._samples,
-            "requests": self._requests_taken,
-            "bytes": self._bytes,
-            "parts": self._part,
+            "since_ns": output.since_ns,
+            "samples": output.samples,
+            "requests": output.requests,
+            "bytes": output.bytes,
+            "parts": output.part,
             "dropped": self._dropped,
             "error": self._error,
         }
@@ -210,7 +242,7 @@ class Recorder:
         """Queue a request."""
         if not self._open or self._error:
             return
-        if self._requests_put - self._requests_taken >= MAX_REQUESTS:
+        if self._requests_put - self._output.requests >= MAX_REQUESTS:
             self._fail(
                 f"{MAX_REQUESTS} commands and calls wait to be written: they come faster than the recorder can write"
             )
@@ -228,17 +260,14 @@ class Recorder:
         self._follow_ports()  # before the loop has any sample of this tick
         self._look()
         if world.tick % self._second == 0:
-            self._queue.append(_State(self._next_index(), world.t_ns, snapshot.take(world)))
+            self._queue.append(State(self._next_index(), world.t_ns, snapshot.take(world)))
         while self._may_wait() and self._full(MAX_SAMPLES // 2) and self._open and not self._error:
             self._ending.wait(_BACKPRESSURE_S)
 
     def _follow_ports(self) -> None:
         if self._world.ports is not self._seen:
             self._seen = self._world.ports
-            self._queue.append(_Ports(self._seen))
-
-    def _last_state(self) -> _State:
-        return _State(self._next_index(), self._world.t_ns, snapshot.take(self._world), is_last=True)
+            self._queue.append(Ports(self._seen))
 
     def _look(self) -> None:
         self._queue.extend(self._looker.look())
@@ -250,7 +279,7 @@ class Recorder:
     # -- any thread -----------------------------------------------------------------------------------------------------------------
 
     def _full(self, limit: int) -> bool:
-        return self._samples_put - self._samples_taken >= limit
+        return self._samples_put - self._output.samples >= limit
 
     def _may_wait(self) -> bool:
         """Whether ticks are not paced by the wall clock: another mode, or steps of a paused world."""
@@ -260,7 +289,7 @@ class Recorder:
     def _fail(self, text: str) -> None:
         if not self._error:
             self._error = text
-            log.error("recording to %s ended: %s; the world goes on without it", self._path, text)
+            log.error("recording to %s ended: %s; the world goes on without it", self.path, text)
 
     # -- the recorder's thread ------------------------------------------------------------------------------------------------------
 
@@ -276,9 +305,7 @@ class Recorder:
             log.exception("the recorder failed")
         finally:
             self._queue.clear()
-            # After a full disk the last flush fails once more.
-            with contextlib.suppress(OSError):
-                self._file.close()
+            self._output.close()
 
     def _write(self) -> None:
         time = SystemTime()
@@ -287,110 +314,16 @@ class Recorder:
             # Asked before draining: what was queued before the end is still written.
             ending = self._ending.is_set()
             while self._queue and not self._error:
-                self._write_item(self._queue.popleft())
+                self._output.write(self._queue.popleft())
                 now = time.now_ns()
                 if now - flushed >= CHUNK_NS:
-                    self._flush()
+                    self._output.flush()
                     flushed = now
             if ending:
-                self._writer.finish()
-                self._file.flush()
-                self._bytes = self._finished_bytes + self._file.tell()
-                self._file.close()  # which may tell only now that the disk is full
+                self._output.finish()
                 self._finished = not self._error
                 return
             if time.now_ns() - flushed >= CHUNK_NS:
-                self._flush()
+                self._output.flush()
                 flushed = time.now_ns()
             self._ending.wait(_DRAIN_S)
-
-    def _flush(self) -> None:
-        self._writer.flush()
-        self._bytes = self._finished_bytes + self._file.tell()
-
-    def _turn_over(self, state: _State) -> None:
-        """Go on in the next part, which begins with this state."""
-        path = part_path(self._path, self._part + 1)
-        data = snapshot.to_bytes(self._world, state.snapshot)
-        file = path.open("xb")
-        try:
-            writer = RecordingWriter(file, {**self._head, PART: str(self._part + 1)}, self._known, self._foxglove)
-            writer.begin_at(data)
-            writer.follow(self._writer, state.snapshot.tick, state.t_ns)
-            self._writer.finish()
-            self._finished_bytes += self._file.tell()
-            self._file.close()
-        except BaseException:
-            with contextlib.suppress(OSError):
-                file.close()
-            raise
-        self._file, self._writer = file, writer
-        self._part, self._part_ns = self._part + 1, state.t_ns
-        log.info("recording to %s", path)
-
-    def _write_item(self, item: _Item) -> None:
-        writer = self._writer
-        if isinstance(item, tuple):
-            for sample in item:
-                writer.sample(sample, self._known)
-            self._samples += len(item)
-            self._samples_taken += len(item)
-        elif isinstance(item, Request):
-            writer.request(item, self._world.ticks.time_of(item.tick), self._known)
-            self._requests_taken += 1
-        elif isinstance(item, _State):
-            writer.hash(StateHash(item.index, item.snapshot.tick, item.snapshot.hash()), item.t_ns)
-            if self._rotation and not item.is_last:
-                self._flush()
-                seconds = abs(item.t_ns - self._part_ns) / NANOSECONDS  # a reset sets the time back
-                if self._rotation.is_due(self._file.tell(), seconds):
-                    self._turn_over(item)
-        elif isinstance(item, _Ports):
-            writer.know(port for path, port in item.ports.items() if self._known.get(path) is not port)
-            self._known |= item.ports
-        elif isinstance(item, Presence):
-            writer.presence(item)
-        elif isinstance(item, Seen):
-            writer.state(item)
-        else:
-            writer.event(item)
-
-    # -- start and end ------------------------------------------------------------------------------------------------------------
-
-    def _start(self, timing: Timing, about: Mapping[str, str] = NOTHING) -> None:
-        """A new file with its head. An old recording is never overwritten: it may be the only one of its run."""
-        self._head = {**metadata(self._resolved, self._world.seed, timing), **about}
-        if self._rotation:
-            self._head |= {RUN: secrets.token_hex(8), PART: str(FIRST_PART)}
-            self._world.identity()  # now, as later it would cost the recorder's thread a moment
-            try:
-                for other in later_parts(self._path).values():
-                    raise there_already(other)
-            except FileNotFoundError as error:
-                raise unwritable(self._path, error) from error
-        file = new_file(self._path)
-        try:
-            self._file, self._writer = file, RecordingWriter(file, self._head, self._world.ports, self._foxglove)
-        except OSError as error:
-            with contextlib.suppress(OSError):
-                file.close()
-            self._path.unlink(missing_ok=True)
-            raise unwritable(self._path, error) from error
-
-    def _close(self, thread: threading.Thread) -> None:
-        self._open = False
-        if not self._error:
-            self._look()
-            self._queue.append(self._last_state())
-        self._ending.set()
-        written = -1
-        while thread.is_alive() and written != (written := self._samples_taken + self._requests_taken):
-            thread.join(CLOSE_TIMEOUT_S)
-        if thread.is_alive():
-            log.warning("%s is incomplete: the disk does not answer; it can be read up to its last chunk", self._path)
-        if self._dropped:
-            total = self._dropped + self._samples
-            log.warning(
-                "%d of %d samples are missing in %s: it was written too slowly; a replay is not affected",
-                self._dropped, total, self._path,
-            )  # fmt: skip

@@ -31,6 +31,8 @@ from uwserver.ports.checks import checked_args, checked_command, find
 from uwserver.ports.stops import is_stop
 from uwserver.scenario.scene.scenery import Scenery
 from uwserver.server.profiling import PROFILE, Profiling
+from uwserver.server.recordings import SERVICES as RECORDING_SERVICES
+from uwserver.server.recordings import Recordings
 from uwserver.server.state_files import StateFiles
 from uwserver.server.without_truth import DriverWithoutTruth, WithoutTruth
 from uwserver.simulation.bus import Bus, Mailbox, client_of
@@ -46,6 +48,7 @@ LOOP_SERVICES = (
     Service("world/status", "Time, real-time factor, lateness, adapters and their peers.", reads_only=True),
     Service("world/shutdown", "Shut the server down in an orderly way, with the recording intact."),
     PROFILE,
+    *RECORDING_SERVICES.values(),
 )
 
 
@@ -60,6 +63,7 @@ class Hub:
         scenery: what the world looks like.
         clock, objection: services that steer its time, and why a command to a port or a call cannot be (None: it can).
         playback: what a status says of the recording that is played; None for a world that runs.
+        recordings: that clients begin and end; None where there are none.
     """
 
     server: str
@@ -74,6 +78,7 @@ class Hub:
     clock: Mapping[str, Service] = field(default_factory=CLOCK.copy)
     objection: Callable[[str], Fault | None] = lambda path: None
     playback: Callable[[], dict[str, Json]] | None = None
+    recordings: Recordings | None = None
     stats: dict[str, AdapterStats] = field(default_factory=dict)
     _shown: dict[tuple[type, str], tuple[Port | Service, Json]] = field(default_factory=dict)
 
@@ -252,6 +257,11 @@ class Context:
             return _too_late
         if service == PROFILE.path and hub.profiling is not None:
             return hub.profiling.call(checked["seconds"], source, on_reply)  # type: ignore[arg-type]  # checked
+        if service in RECORDING_SERVICES:
+            if hub.recordings is None:
+                raise Refused("denied", "nothing can be recorded here", service)
+            hub.recordings.call(service, checked, source, on_reply)
+            return _too_late
         if service in hub.clock:
             return hub.simulation.call(service, checked, client, on_reply, source)
         if services[service].long_running:

@@ -28,8 +28,9 @@ from uwserver.server.context import Context, Hub
 from uwserver.server.http import serve_http
 from uwserver.server.playback import Playback
 from uwserver.server.profiling import Profiling
+from uwserver.server.recordings import recordings_of
 from uwserver.server.signals import signals_received
-from uwserver.server.state_files import StateFiles
+from uwserver.server.state_files import StateFiles, state_folder
 from uwserver.server.status import Metrics, Monitor
 from uwserver.simulation.bus import Bus, Mailbox
 from uwserver.simulation.clock import SystemTime, Timing, processor_ns
@@ -130,11 +131,12 @@ class Server:
             return
         world = build(resolved, options.seed)
         self._simulation = self.live = Simulation(world, options.timing or timing_of(resolved), time, bus, mailbox)
-        files = StateFiles(_state_folder(resolved), self.live, mailbox, self._call_soon)
+        files = StateFiles(state_folder(resolved), self.live, mailbox, self._call_soon)
         profiling = Profiling(self.live, time.now_ns, self._call_soon, self._loop.call_later)
         self._hub = Hub(name, self.live, bus, mailbox, *tell, files, profiling, Scenery(resolved, world))
         if options.record:
             self._recorder = Recorder(options.record, world, resolved, options.rotation, foxglove=options.foxglove)
+        self._hub.recordings = recordings_of(resolved, self.live, bus, self._recorder, foxglove=options.foxglove)
 
     @property
     def hub(self) -> Hub:
@@ -160,6 +162,8 @@ class Server:
         async with contextlib.AsyncExitStack() as stack:
             stack.enter_context(_switch_interval(SWITCH_INTERVAL_S))
             stack.enter_context(self._signals())
+            if self._hub.recordings is not None:
+                stack.push_async_callback(self._hub.recordings.finish)
             if self.live is not None:
                 self._prepare(self.live, stack)
             await self._start_http(stack)
@@ -186,6 +190,8 @@ class Server:
             self._hub.bus.drain()
             if self._hub.files is not None:
                 await self._hub.files.finish()
+            if self._hub.recordings is not None:
+                await self._hub.recordings.finish()
             for t_s, path in self._options.save_at:
                 if world.t_ns < t_s * NANOSECONDS - 1.0:
                     log.warning("%s was not written: the run ended before %g s", path, t_s)
@@ -214,6 +220,8 @@ class Server:
             log.error("%s: the simulation is cut off", text)
             if self._recorder is not None:
                 self._recorder.abandon(text)
+            if self._hub.recordings is not None:
+                self._hub.recordings.abandon(text)
 
     def _prepare(self, live: Simulation, stack: contextlib.ExitStack | contextlib.AsyncExitStack) -> None:
         """What is done with a world before its first tick."""
@@ -239,7 +247,7 @@ class Server:
 
     def _status(self) -> dict[str, Json]:
         status = self._monitor.status()
-        status["recorder"] = self._recorder.status() if self._recorder else None
+        status["recorder"] = self._hub.recordings.status() if self._hub.recordings else None
         return status
 
     async def _start_http(self, stack: contextlib.AsyncExitStack) -> None:
@@ -361,14 +369,6 @@ class Server:
             return
         with signals_received(self._loop, received):
             yield
-
-
-def _state_folder(resolved: Resolved) -> Path | None:
-    """Beside the scenario's file, unless it is absolute."""
-    name = resolved.scenario.server.state_folder
-    if not name:
-        return None
-    return (Path.cwd() if resolved.path is None else resolved.path.parent) / name
 
 
 def _told(answer: Reply | Progress) -> None:

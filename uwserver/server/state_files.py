@@ -14,6 +14,7 @@ from collections.abc import Callable, Coroutine, Mapping
 from pathlib import Path
 
 from uwserver.ports import Call, Json, OnReply, Refused, Reply
+from uwserver.scenario.load.resolved import Resolved
 from uwserver.simulation.bus import Mailbox
 from uwserver.simulation.thread import Simulation
 from uwserver.world import snapshot
@@ -33,6 +34,14 @@ MAX_FILES = 64
 """States in a folder: a GiB at most."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 _PART = re.compile(rf"{_NAME.pattern}\{SUFFIX}\.[a-z0-9_]{{8}}\.part")
+
+
+def state_folder(resolved: Resolved) -> Path | None:
+    """Where a scenario's states are: beside its file, unless that is absolute; None for nowhere."""
+    name = resolved.scenario.server.state_folder
+    if not name:
+        return None
+    return (Path.cwd() if resolved.path is None else resolved.path.parent) / name
 
 
 def read_state(path: Path) -> bytes:

@@ -81,8 +81,8 @@ class Simulation:
         self._stop.set()
         self.mailbox.wake.set()
 
-    def observe(self, observer: Observer) -> None:
-        """Let one observer follow the run. Before `run`."""
+    def observe(self, observer: Observer | None) -> None:
+        """Let one observer follow the run, or nobody. Before `run`; later, on its thread between two ticks."""
         self._intake.observer = observer
 
     def steer(self, action: Callable[[], None], source: str = "", *, always: bool = False) -> None:

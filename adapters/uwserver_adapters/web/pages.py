@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Sequence
+from pathlib import PurePath
 from typing import Protocol
 
 from uwserver.adapter import AdapterContext, Thinned
 from uwserver.ports import Event, Json, Progress, Refused, Reply, Sample, SceneState
+from uwserver.units import NANOSECONDS
 from uwserver_adapters.native.fanout import Fanout
 from uwserver_adapters.web.frames import HIDDEN, PAUSED, state_frame
 from uwserver_adapters.web.lease import Leases
@@ -151,7 +153,6 @@ class Pages:
         now = answer.result
         self._paused = bool(now.get("paused"))
         lateness = now.get("lateness")
-        recorder = now.get("recorder")
         status: dict[str, Json] = {
             "t_ns": answer.t_ns,
             "t": now.get("t_s"),
@@ -161,7 +162,7 @@ class Pages:
             "lateness_p99": lateness.get("p99_s") if isinstance(lateness, dict) else None,
             "mode": now.get("mode"),
             "paused": self._paused,
-            "recording": recorder is not None,
+            **_recording(now.get("recorder")),
             "failure": now.get("failure"),
             "playback": now.get("playback"),
             "pages": len(self.all),
@@ -206,3 +207,18 @@ class Pages:
             self._last = None
             self.pictures.forget()
         self._fanout.put_event(event)
+
+
+def _recording(recorder: Json) -> dict[str, Json]:
+    """What pages are told of the recording that goes on, or was the last."""
+    if not isinstance(recorder, dict):
+        return {"recording": False, "recorder": None}
+    path, since_ns = str(recorder.get("path", "")), recorder.get("since_ns")
+    told: dict[str, Json] = {
+        "name": PurePath(path).name,
+        "path": path,
+        "bytes": recorder.get("bytes"),
+        "since_s": since_ns / NANOSECONDS if isinstance(since_ns, int) else 0.0,
+        "error": recorder.get("error"),
+    }
+    return {"recording": recorder.get("recording") is True, "recorder": told}

@@ -1,5 +1,6 @@
 // The bars above and below: time and its controls, theme, and how well the server does.
 import { byId, h, symbol, tell, toast } from "./dom.js";
+import { RecordButton } from "./recording.js";
 /** @typedef {import("./app.js").App} App */
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 5, 10, 20];
@@ -18,7 +19,8 @@ export class Bars {
     this.app = app;
     this.title = h("span", { class: "title" });
     this.clock = h("span", { class: "clock", "aria-label": "Simulation time" }, "0:00.0");
-    this.recording = h("span", { class: "rec", hidden: true, title: "The server records" }, "REC");
+    this.plays = h("span", { class: "plays", hidden: true, title: "A recording plays" });
+    this.record = new RecordButton(app);
     this.pause = h("button", { class: "icon live", onclick: () => this.act(app.status.paused ? "world/resume" : "world/pause") });
     this.step = h("button", { class: "icon live", title: "One tick (while paused)", "aria-label": "One tick", onclick: () => this.act("world/step", { n: 1 }) }, symbol("step"));
     this.speed = h("select", { class: "live", "aria-label": "Speed of time", title: "Simulated seconds a second", onchange: () => this.act("world/set_speed", { speed: Number(this.speed.value) }) },
@@ -30,7 +32,7 @@ export class Bars {
     this.theme = h("button", { class: "icon", title: "Light or dark", "aria-label": "Light or dark", onclick: () => this.turnTheme() }, symbol("sun"));
     this.dock = h("button", { class: "icon", title: "Panels (P)", "aria-label": "Panels", onclick: () => this.turnDock() }, symbol("dock"));
     this.share = h("button", { class: "icon optional", title: "Copy a link to this view", "aria-label": "Copy a link to this view", onclick: () => this.copy() }, symbol("link"));
-    byId("header").append(h("div", { class: "brand" }, h("img", { src: "favicon.svg", alt: "" }), h("span", { class: "optional" }, "uwserver"), this.title), h("span", { class: "grow" }), this.recording, this.clock,
+    byId("header").append(h("div", { class: "brand" }, h("img", { src: "favicon.svg", alt: "" }), h("span", { class: "optional" }, "uwserver"), this.title), h("span", { class: "grow" }), this.plays, this.record.element, this.clock,
       h("div", { class: "group" }, this.pause, this.step, this.speed, this.reset, this.save, this.back), h("div", { class: "group" }, this.stop), h("div", { class: "group" }, this.share, this.theme, this.dock));
     this.parts = Object.fromEntries(["link", "factor", "late", "frames", "bytes", "pages", "quality"].map((name) => [name, h("b", {}, "–")]));
     const item = (/** @type {string} */ label, /** @type {string} */ name, optional = false) => h("span", { class: optional ? "optional" : "" }, `${label} `, this.parts[name]);
@@ -98,10 +100,9 @@ export class Bars {
     const barred = !app.connected || Boolean(app.world?.read_only);
     for (const control of [this.pause, this.speed, this.reset, this.save, this.back]) control.disabled = barred;
     this.step.disabled = barred || !paused;
-    this.recording.hidden = !status.recording && !status.playback;
-    tell(this.recording, status.playback ? `plays ${status.playback.file}` : "REC");
-    this.recording.classList.toggle("plays", Boolean(status.playback));
-    this.recording.title = status.playback ? "A recording plays" : "The server records";
+    this.plays.hidden = !status.playback;
+    tell(this.plays, status.playback ? `plays ${status.playback.file}` : "");
+    this.record.show(barred);
     if (document.activeElement !== this.speed && typeof status.speed === "number") {
       const speed = String(status.speed);
       if (![...this.speed.options].some((option) => option.value === speed)) this.speed.append(h("option", { value: speed }, `${speed} ×`));

@@ -1,6 +1,7 @@
 // The world: what is drawn, current, moments kept, faults, settings of sensors.
 import { h, tell } from "../core/dom.js";
 import { card } from "./dock.js";
+import { about } from "../core/recording.js";
 import { serviceForm } from "./form.js";
 import { LAYERS } from "../scene/layers.js";
 /** @typedef {import("../core/app.js").App} App */
@@ -44,7 +45,8 @@ export function worldTab(app, drawing) {
     };
     const hold = () => served.querySelectorAll("fieldset").forEach((forms) => held(app, forms));
     show();
-    const endings = [app.on("described", show), app.on("chosen", show), app.on("status", hold)];
+    const recorded = () => served.querySelectorAll(".recorded").forEach((place) => tell(place, about(app)));
+    const endings = [app.on("status", recorded), app.on("described", show), app.on("chosen", show), app.on("status", hold)];
     return () => endings.forEach((end) => end());
   };
 }
@@ -62,6 +64,9 @@ function services(app) {
   const keep = form("world/snapshot", { label: "Keep" });
   const back = form("world/restore", { label: "Go back" });
   if (keep && back) cards.push(card("Moments", [], changing(app, keep, back)));
+  const begin = form("recording/start", { label: "Record", doc: false });
+  const end = form("recording/stop", { label: "End", doc: false });
+  if (begin && end) cards.push(card("Recording", [], changing(app, h("p", { class: "doc recorded" }, about(app)), begin, end)));
   const faults = faultsCard(app);
   if (faults) cards.push(faults);
   const sensors = settings(app);

@@ -125,6 +125,7 @@ def test_samples_events_and_the_last_state_are_written(bench: Bench, path: Path)
     assert status == {
         "path": str(path),
         "recording": False,
+        "since_ns": 0,
         "samples": 1,
         "requests": 0,
         "bytes": path.stat().st_size,

@@ -80,7 +80,7 @@ def test_what_changes_something_is_denied_and_the_sender_told(played: Played) ->
     answers: list[Reply | Progress] = []
     for service, args in (
         ("world/reset", {}), ("world/snapshot", {"name": "a"}), ("rov/thrusters/get", {}), ("world/save", {"name": "a"}),
-        ("world/profile", {}), ("rov/thrusters/deactivate", {}),
+        ("world/profile", {}), ("recording/start", {}), ("recording/stop", {}), ("rov/thrusters/deactivate", {}),
     ):  # fmt: skip
         with pytest.raises(Refused) as refused:
             context.call(service, args, "me", answers.append)

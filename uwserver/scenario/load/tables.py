@@ -27,6 +27,9 @@ class Server(Table, kw_only=True, frozen=True):
         here (DNS rebinding) could read them otherwise.
     state_folder: where clients may save and load states of the world as files (``world/save``, ``world/load``), beside this file unless it
         is absolute; at most 64 of them; default: nowhere.
+    recordings: where clients may record to (``recording/start``): a folder, of the one in which the server is started unless it is absolute,
+        that is made when it is needed; at most 256 files; "" for nowhere.
+    recordings_mb: that all recordings in it may have together, MB.
     web: serve the web view in `uwserver run` (http://127.0.0.1:7680/, or the next free port), unless an adapter of kind `web` says where.
     uvloop: run the event loop of libuv, which answers faster under load; needs the extra `uvloop`.
     """
@@ -37,6 +40,8 @@ class Server(Table, kw_only=True, frozen=True):
     metrics_port: Annotated[int, Meta(ge=0, le=65535)] = 9600
     allowed_hosts: tuple[Name, ...] = ()
     state_folder: str = ""
+    recordings: str = "recordings"
+    recordings_mb: Annotated[int, Meta(ge=1, le=1_000_000)] = 10_000
     web: bool = True
     uvloop: bool = False
 

@@ -162,6 +162,23 @@ def test_events_reach_pages() -> None:
     play(scene)
 
 
+def test_the_status_tells_what_is_recorded() -> None:
+    recorder = {"path": "/data/dive.mcap", "recording": True, "since_ns": 2_500_000_000, "bytes": 70, "error": ""}
+
+    async def scene(stage: Stage) -> None:
+        for now, is_recording in ((recorder, True), ({**recorder, "recording": False}, False)):
+            stage.context.scripts["world/status"] = lambda args, now=now: {"recorder": now}
+            async with stage.page() as page:
+                while (told := json.loads(await asyncio.wait_for(page.recv(), 60.0))).get("method") != "status":
+                    pass
+            assert told["params"]["recording"] is is_recording
+            assert told["params"]["recorder"] == {
+                "name": "dive.mcap", "path": "/data/dive.mcap", "bytes": 70, "since_s": 2.5, "error": "",
+            }  # fmt: skip
+
+    play(scene)
+
+
 def test_a_page_that_subscribes_gets_samples_states_and_status() -> None:
     async def scene(stage: Stage) -> None:
         async with stage.page() as page:

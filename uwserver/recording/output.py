@@ -1,0 +1,194 @@
+"""The file of a recording, and the next when it is full: what a recorder has queued is written here, off the tick."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import secrets
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+from uwserver.ports import Event, Port, Sample
+from uwserver.recording.format import Request, StateHash, metadata
+from uwserver.recording.foxglove import FoxgloveChannels
+from uwserver.recording.opening import new_file, there_already, unwritable
+from uwserver.recording.parts import (
+    BEGINS,
+    FIRST_PART,
+    ONE_FILE,
+    PART,
+    RUN,
+    WITH_STATE,
+    Rotation,
+    later_parts,
+    part_path,
+)
+from uwserver.recording.states import Presence, Seen
+from uwserver.recording.writer import RecordingWriter
+from uwserver.scenario.load.resolved import Resolved
+from uwserver.simulation.clock import Timing
+from uwserver.units import NANOSECONDS
+from uwserver.world import snapshot
+from uwserver.world.snapshot import Snapshot
+from uwserver.world.world import World
+
+log = logging.getLogger(__name__)
+
+NOTHING: Mapping[str, str] = {}
+
+
+@dataclass(frozen=True)
+class State:
+    """A state whose hash is computed when it is written: it is too slow for the tick."""
+
+    index: int
+    t_ns: int
+    snapshot: Snapshot
+    is_last: bool = False
+
+
+@dataclass(frozen=True)
+class Ports:
+    """Ports that there are from here on. Those of samples that still wait may be gone from the world when they are written."""
+
+    ports: Mapping[str, Port]
+
+
+Item = tuple[Sample, ...] | Request | State | Ports | Presence | Seen | Event
+
+
+class Output:
+    """Writes the items of one run. Used by one thread at a time.
+
+    Args:
+        path: a file that does not exist yet.
+        world: what never changes of it is read, and who has a name when this is made.
+        resolved: what it was built from.
+        rotation: when it goes on in another file.
+        foxglove: whether channels for Foxglove, Lichtblick and rerun are written beside our own.
+
+    Attributes:
+        samples, requests: that were written.
+        bytes: that all parts have, as of the last chunk.
+        part: number of the present one.
+        since_ns: simulation time at which the recording begins.
+
+    What writes raises OSError when the file cannot be written, TooManyChannels when a port finds no number, Refused when a state is too large.
+    """
+
+    def __init__(
+        self, path: Path, world: World, resolved: Resolved, rotation: Rotation = ONE_FILE, *, foxglove: bool = True
+    ) -> None:
+        self._path, self._world, self._resolved, self._rotation = path, world, resolved, rotation
+        self._foxglove = FoxgloveChannels(world, resolved) if foxglove else None
+        self._known = dict(world.ports)
+        self._head: dict[str, str] = {}
+        self.samples = self.requests = self.bytes = 0
+        self.part, self.since_ns = FIRST_PART, world.t_ns
+        self._part_ns, self._finished_bytes = world.t_ns, 0
+        self._file: IO[bytes]
+        self._writer: RecordingWriter
+
+    def open(self, timing: Timing, about: Mapping[str, str] = NOTHING, *, is_midway: bool = False) -> None:
+        """A new file with its head. An old recording is never overwritten: it may be the only one of its run.
+
+        Args:
+            timing: what the head says of it.
+            about: further keys of the metadata record.
+            is_midway: `begin_at` follows, as the run has begun already.
+
+        Raises:
+            OSError: the file exists already or cannot be written; the text names it and says what to do.
+        """
+        self._head = {**metadata(self._resolved, self._world.seed, timing), **about}
+        if is_midway:
+            self._head[BEGINS] = WITH_STATE
+        if is_midway or self._rotation:
+            self._world.identity()  # now, as later it would cost the recorder's thread a moment
+        if self._rotation:
+            self._head |= {RUN: secrets.token_hex(8), PART: str(FIRST_PART)}
+            try:
+                for other in later_parts(self._path).values():
+                    raise there_already(other)
+            except FileNotFoundError as error:
+                raise unwritable(self._path, error) from error
+        file = new_file(self._path)
+        try:
+            self._file, self._writer = file, RecordingWriter(file, self._head, self._known, self._foxglove)
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                file.close()
+            self._path.unlink(missing_ok=True)
+            raise unwritable(self._path, error) from error
+
+    def begin_at(self, state: Snapshot) -> None:
+        """Say, before any item, with which state of the world the recording begins."""
+        self._part_ns = self.since_ns = self._world.ticks.time_of(state.tick)
+        self._writer.begin_at(snapshot.to_bytes(self._world, state))
+        self.flush()
+
+    def write(self, item: Item) -> None:
+        """Write one item."""
+        writer = self._writer
+        if isinstance(item, tuple):
+            for sample in item:
+                writer.sample(sample, self._known)
+            self.samples += len(item)
+        elif isinstance(item, Request):
+            writer.request(item, self._world.ticks.time_of(item.tick), self._known)
+            self.requests += 1
+        elif isinstance(item, State):
+            writer.hash(StateHash(item.index, item.snapshot.tick, item.snapshot.hash()), item.t_ns)
+            if self._rotation and not item.is_last:
+                self.flush()
+                seconds = abs(item.t_ns - self._part_ns) / NANOSECONDS  # a reset sets the time back
+                if self._rotation.is_due(self._file.tell(), seconds):
+                    self._turn_over(item)
+        elif isinstance(item, Ports):
+            writer.know(port for path, port in item.ports.items() if self._known.get(path) is not port)
+            self._known |= item.ports
+        elif isinstance(item, Presence):
+            writer.presence(item)
+        elif isinstance(item, Seen):
+            writer.state(item)
+        else:
+            writer.event(item)
+
+    def flush(self) -> None:
+        """End the chunk in progress and hand everything to the operating system."""
+        self._writer.flush()
+        self.bytes = self._finished_bytes + self._file.tell()
+
+    def finish(self) -> None:
+        """Write index and statistics, and close; nothing may follow."""
+        self._writer.finish()
+        self._file.flush()
+        self.bytes = self._finished_bytes + self._file.tell()
+        self._file.close()  # which may tell only now that the disk is full
+
+    def close(self) -> None:
+        """Close what is open, whatever was written; after `finish` nothing is done."""
+        with contextlib.suppress(OSError):  # after a full disk the last flush fails once more
+            self._file.close()
+
+    def _turn_over(self, state: State) -> None:
+        """Go on in the next part, which begins with this state."""
+        path = part_path(self._path, self.part + 1)
+        data = snapshot.to_bytes(self._world, state.snapshot)
+        file = path.open("xb")
+        try:
+            writer = RecordingWriter(file, {**self._head, PART: str(self.part + 1)}, self._known, self._foxglove)
+            writer.begin_at(data)
+            writer.follow(self._writer, state.snapshot.tick, state.t_ns)
+            self._writer.finish()
+            self._finished_bytes += self._file.tell()
+            self._file.close()
+        except BaseException:
+            with contextlib.suppress(OSError):
+                file.close()
+            raise
+        self._file, self._writer = file, writer
+        self.part, self._part_ns = self.part + 1, state.t_ns
+        log.info("recording to %s", path)
