@@ -136,7 +136,7 @@ def _ways(path: str, pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
     fly = "Fly a mission (items as for set_mission; default: the one that is there) from this item on; replies when its last item is done."
     leave = "End the fly_mission under way, and hold where the vehicle is."
     clear = "Remove the mission; a vehicle under way holds where it is."
-    yield Service(f"{path}/goto", go, (*_THERE, _HEADING, _SPEED, radius), long_running=True), goto
+    yield Service(f"{path}/goto", go, (_THERE[0], _HEADING, _SPEED, radius, *_THERE[1:]), long_running=True), goto
     yield Service(f"{path}/cancel_goto", "End the goto under way, and hold where the vehicle is."), cancel_goto
     yield Service(f"{path}/set_mission", put, (_ITEMS,)), set_mission
     yield Service(f"{path}/get_mission", show), get_mission
