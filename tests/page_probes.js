@@ -67,11 +67,20 @@ globalThis.probe = {
     return { half, late, jump, none, breaks: line.breaks - breaks, surge: push([1, 0, 0, 0, 0, 0]), heave: push([0, 0, 1, 0, 0, 0]), most };
   },
 
+  /** Put a value into the field with this label, as by hand. */
+  choose(label, value) {
+    const field = document.querySelector(`[aria-label="${label}"]`);
+    field.value = value;
+    field.dispatchEvent(new Event("change"));
+  },
+
   /** A mission written as a plan and read again, what its first place is on the Earth, and what is said of plans that are none. */
   async plans() {
-    const { written, parsed } = await import("/pilot/plan.js");
+    const { items, mission: readBack, written, parsed } = await import("/pilot/plan.js");
     const origin = { latitude: (63.43 * Math.PI) / 180, longitude: (10.4 * Math.PI) / 180 };
-    const mission = { speed: 0.7, waypoints: [{ north: 1000, east: 0, depth: 5, hold: 3 }, { north: -2, east: 500, depth: 0, hold: 0 }] };
+    const mission = { speed: 0.7, waypoints: [
+      { north: 1000, east: 0, height: "depth", metres: 5, hold: 3 }, { north: -2, east: 500, height: "depth", metres: 0, hold: 0 }, { north: 3, east: 4, height: "altitude", metres: 2.5, hold: 0 },
+    ] };
     const text = written(mission, origin);
     const place = JSON.parse(text).mission.items[1].params;
     const said = (changed) => {
@@ -86,11 +95,25 @@ globalThis.probe = {
       change(plan.mission.items);
       return said(JSON.stringify(plan));
     };
+    const framed = (frame, up) => {
+      const plan = JSON.parse(text);
+      Object.assign(plan.mission.items[1], { frame });
+      plan.mission.items[1].params[6] = up;
+      const { height, metres } = parsed(JSON.stringify(plan), origin).waypoints[0];
+      return [height, metres];
+    };
+    const modes = (kinds) => {
+      const plan = JSON.parse(written({ speed: null, waypoints: kinds.map((height) => ({ ...mission.waypoints[2], height })) }, origin)).mission;
+      return [plan.globalPlanAltitudeMode, ...plan.items.flatMap((item) => [item.frame, item.AltitudeMode, item.Altitude, item.params[6]])];
+    };
+    const asked = items(mission);
     return {
-      back: parsed(text, origin), latitude: place[4],
+      back: parsed(text, origin), latitude: place[4], asked, again: readBack(asked).waypoints,
+      ne: readBack([{ kind: "waypoint", position_ne_m: [1, 2], depth_m: 7 }]).waypoints[0],
+      frames: [0, 3, 5, 6, 10, 11].map((frame) => framed(frame, frame < 10 ? -4 : 4)), modes: [modes(["depth"]), modes(["altitude"]), modes(["depth", "altitude"])],
       faults: [
         said("{"), said('{"fileType": "Plan"}'), said("x".repeat(2 << 20)), other((items) => { items[1].params[4] = null; }),
-        other((items) => { items[2].params[5] = 14; }), other((items) => { items[1].frame = 0; }), other((items) => { items[2].command = 20; }),
+        other((items) => { items[2].params[5] = 14; }), other((items) => { items[1].frame = 8; }), other((items) => { items[3].params[6] = 0; }), other((items) => { items[2].command = 20; }),
         other((items) => { for (let k = 0; k < 700; k += 1) items.push(items[1]); }),
       ],
     };

@@ -519,7 +519,7 @@ TESTED_WITH = {
     "autopilot": {
         "craft": "autopilot/test_outputs", "entries": "autopilot/test_bank", "fins": "autopilot/test_allocation",
         "flight": "autopilot/test_bank", "gains": "autopilot/test_estimator",
-        "hover": "autopilot/test_hovering", "pilot": "autopilot/test_orders", "ports": "autopilot/test_orders",
+        "hover": "autopilot/test_hovering", "pilot": "autopilot/test_orders", "plausibility": "world/test_piloting", "ports": "autopilot/test_orders",
         "route": "autopilot/test_mission", "rows": "autopilot/test_bank", "services": "autopilot/test_orders",
         "sources": "autopilot/test_estimator", "state": "autopilot/test_orders", "status": "autopilot/test_orders",
         "sticks": "autopilot/test_hovering", "torpedo": "autopilot/test_torpedoes", "tracks": "autopilot/test_torpedoes",

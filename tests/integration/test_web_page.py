@@ -514,11 +514,48 @@ def test_a_mission_is_planned_flown_and_kept(opened: Page) -> None:
     assert "waypoint" in kept
 
 
+def test_a_waypoint_has_a_depth_or_an_altitude_in_table_map_and_mission(opened: Page) -> None:
+    """The bottom is 8 m deep, and the ROV begins at 2 m."""
+    opened.click("#tab-mission")
+    opened.ask("uw.planner.add(1, 0)")
+    opened.ask("probe.choose('depth of way-point 1', '2')")
+    opened.ask("uw.planner.add(2, 0)")
+    opened.ask("probe.choose('Depth or altitude of way-point 2', 'altitude')")
+    assert opened.ask("uw.planner.waypoints.map((w) => [w.height, w.metres])") == [["depth", 2], ["altitude", 3]]
+    opened.ask("probe.choose('altitude of way-point 2', '-1')")
+    assert opened.ask("uw.planner.waypoints[1].metres") == 3, "nothing is below the bottom"
+    opened.ask("probe.choose('altitude of way-point 2', '2.5')")
+    assert opened.ask("uw.chart.route.map((place) => [place.above, place.text])") == [[False, "2 m"], [True, "2.5 m up"]]
+    opened.ask("uw.planner.add(3, 1)")
+    assert opened.ask("uw.planner.waypoints[2].height") == "altitude", "as the one before"
+    opened.wait("uw.t > 3", "its AHRS has settled")
+    opened.ask("[...document.querySelectorAll('#page button')].find((b) => b.textContent === 'Send and start').click()")
+    opened.wait("uw.pilot.mode === 'mission'", "the mission has begun")
+    opened.wait("uw.vehicles.rov[2] > 5", "it dives to 2.5 m above the bottom")
+    opened.ask("uw.planner.set([], null)")
+    opened.ask("[...document.querySelectorAll('#page button')].find((b) => b.textContent === 'Get').click()")
+    opened.wait("uw.planner.waypoints.length === 3", "what was sent is shown again")
+    assert opened.ask("uw.planner.waypoints.map((w) => [w.height, w.metres])") == [
+        ["depth", 2], ["altitude", 2.5], ["altitude", 2.5],
+    ]  # fmt: skip
+
+
 def test_plans_of_qgroundcontrol(opened: Page) -> None:
     found = opened.ask("probe.plans()")
-    (first, second), back = found["back"]["waypoints"], found["back"]
-    assert (first["north"], first["east"], first["depth"], first["hold"]) == pytest.approx((1000, 0, 5, 3), abs=1e-6)
-    assert (second["north"], second["east"], second["depth"]) == pytest.approx((-2, 500, 0), abs=1e-6)
+    (first, second, third), back = found["back"]["waypoints"], found["back"]
+    assert (first["north"], first["east"], first["metres"], first["hold"]) == pytest.approx((1000, 0, 5, 3), abs=1e-6)
+    assert (second["north"], second["east"], second["metres"]) == pytest.approx((-2, 500, 0), abs=1e-6)
+    assert (third["north"], third["east"], third["metres"]) == pytest.approx((3, 4, 2.5), abs=1e-6)
+    assert [waypoint["height"] for waypoint in (first, second, third)] == ["depth", "depth", "altitude"]
+    assert found["asked"][1]["position_ned_m"] == [1000, 0, 5]
+    assert found["asked"][3] == {"kind": "waypoint", "position_ne_m": [3, 4], "altitude_m": 2.5}
+    assert [(w["height"], w["metres"]) for w in found["again"]] == [("depth", 5), ("depth", 0), ("altitude", 2.5)]
+    assert (found["ne"]["height"], found["ne"]["metres"]) == ("depth", 7)
+    # MAVLink's frames: above the sea and above home (the surface), which is a depth; above the ground.
+    assert found["frames"] == [["depth", 4]] * 4 + [["altitude", 4]] * 2
+    # QGroundControl's AltitudeMode: 1 relative, 4 terrain frame; 0 of a plan with both.
+    depth, above = [3, 1, -2.5, -2.5], [10, 4, 2.5, 2.5]
+    assert found["modes"] == [[1, *depth], [4, *above], [0, *depth, *above]]
     assert (back["speed"], back["left"]) == (0.7, 0)
     # At 63.43 N a minute of latitude is 1857.8 m (WGS84: radius of the meridian 6386.7 km).
     assert (found["latitude"] - 63.43) * 60 * 1857.8 == pytest.approx(1000, rel=1e-3)
@@ -528,9 +565,10 @@ def test_plans_of_qgroundcontrol(opened: Page) -> None:
         "a plan has at most 1 MiB",
         "item 1: latitude, longitude and altitude must be numbers",
         "item 2: it is 180 km from this world's origin",
-        "item 1: its altitude must be relative to home (frame 3), not of frame 0",
+        "item 1: its altitude must be relative to home, to the sea or to the ground (frame 3, 0 or 10), not of frame 8",
+        "item 3: 0 m is no altitude above the ground",
         1,
-        "a mission has at most 700 items, this one has 703",
+        "a mission has at most 700 items, this one has 704",
     ]
 
 

@@ -86,6 +86,16 @@ class Craft:
         """Distance at which a place counts as reached where nothing else is said, m."""
         return STOPS_M if not self.flies and 1 in self.allocation.axes else PASSES_M
 
+    @property
+    def sees_bottom(self) -> bool:
+        """Whether a sensor of it can measure the altitude."""
+        return not self.hearing.kinds.isdisjoint(("dvl", "altimeter"))
+
+    @property
+    def dives(self) -> bool:
+        """Whether it can choose its depth: by thrust, or under way by its pitch."""
+        return self.flies or 2 in self.allocation.axes
+
     def fill(self, craft: Any) -> None:
         """Write it into a CRAFT."""
         hearing, place = self.hearing, self.hearing.place

@@ -10,6 +10,7 @@ import math
 from typing import Any
 
 from uwserver.autopilot import sources, tracks
+from uwserver.autopilot.bottom import correct_bottom, fall
 from uwserver.autopilot.rows import (
     conjugate,
     four,
@@ -39,8 +40,6 @@ QUIET = 0.3
 """Part of gravity by which a specific force may differ and still show the vertical."""
 DRIFT_S, DRIFT_RADPS = 5.0, 0.05
 """Time constant with which the gyroscope's error is learnt where a device measures the attitude, and the largest that is believed."""
-BOTTOM_S = 0.5
-"""Time constant of the bottom's depth under the vehicle, s."""
 STUBBORN = 8
 """So many unlikely fixes in a row are right after all."""
 JUMP_MPS, FEW = 0.5, 3
@@ -91,7 +90,7 @@ def _take(p: Any, source: Any, beacons: Array, v: Array, t_ns: int, now_ns: int)
     elif kind == DVL:
         _dvl(e, source, v, t_ns, late)
     elif kind == ALTIMETER:
-        _correct_bottom(e, source, v[source.place[0]], t_ns, late)
+        correct_bottom(e, source, v[source.place[0]], t_ns, late)
     elif kind == GPS:
         _gps(e, c, source, v, t_ns, late)
     elif kind == MOTION_CAPTURE:
@@ -249,22 +248,7 @@ def _dvl(e: Any, source: Any, v: Array, t_ns: int, late: float) -> None:
     e.v[2] += m * dz
     e.bias[2] += n * dz
     e.velocity_ns = t_ns
-    _correct_bottom(e, source, v[source.place[1]], t_ns, late)
-
-
-@compiled
-def _correct_bottom(e: Any, source: Any, reach: float, t_ns: int, late: float) -> None:
-    if reach != reach:
-        return
-    x, y, z = rotate(four(source.q), (0.0, 0.0, reach))
-    below = rotate(four(e.q), (x + source.p[0], y + source.p[1], z + source.p[2]))[2]
-    bottom = e.p[2] - e.v[2] * late + below
-    dt = (t_ns - e.altitude_ns) / NANOSECONDS
-    if e.bottom != e.bottom or dt > 5.0:
-        e.bottom = bottom
-    else:
-        e.bottom += dt / (BOTTOM_S + dt) * (bottom - e.bottom)
-    e.altitude_ns = t_ns
+    correct_bottom(e, source, v[source.place[1]], t_ns, late)
 
 
 @compiled
@@ -376,6 +360,7 @@ def go_on(e: Any, c: Any, drifts: bool, sinks: bool) -> None:
         az = -e.v[2] / COASTING_S
         set_six(e.steep, (e.steep[0], 0.0, 0.0, 1.0, 0.0, 0.01))
     h = 0.5 * dt * dt
+    e.bottom += fall(e) * dt
     e.p[0] += e.v[0] * dt + ax * h
     e.p[1] += e.v[1] * dt + ay * h
     e.p[2] += e.v[2] * dt + az * h

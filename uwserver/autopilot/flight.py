@@ -26,7 +26,7 @@ from uwserver.autopilot.rows import (
     set_six,
 )
 from uwserver.autopilot.state import NAN, REASONS
-from uwserver.autopilot.sticks import heading_of, stay, within
+from uwserver.autopilot.sticks import goes_at_altitude, heading_of, stay, within
 from uwserver.autopilot.torpedo import speed_ahead, torpedo
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled, separate
@@ -101,7 +101,8 @@ def _is_in_trouble(e: Any, o: Any, now: Any) -> bool:
     reason = o.failsafe
     leaks = e.leak != 0 and reason != _LEAK
     runs_down = e.charge < o.gains.battery_low and reason not in (_LEAK, _BATTERY)
-    return bool(_lacks(o.mode, now) or leaks or runs_down)
+    loses_or_finds_bottom = goes_at_altitude(o) and now.altitude == (o.blind != 0)
+    return bool(_lacks(o.mode, now) or leaks or runs_down or loses_or_finds_bottom)
 
 
 @compiled
@@ -115,16 +116,18 @@ def _look_ahead(e: Any, o: Any, c: Any) -> int:
         return DONE if _is_done(e, o, c) else NOTHING
     if c.errand == 0:
         return NOTHING
-    if _distance(e, o) <= o.radius:
+    if _distance(e, o, c) <= o.radius:
         return ARRIVED
     c.silence += c.dt
     return PROGRESS if c.silence >= PROGRESS_S else NOTHING
 
 
 @compiled
-def _distance(e: Any, o: Any) -> float:
-    """To the place, m; depth counts."""
+def _distance(e: Any, o: Any, c: Any) -> float:
+    """To the place, m. Depth counts, but of a torpedo over a bottom that goes up and down under it."""
     x, y, z = o.place[0] - e.p[0], o.place[1] - e.p[1], o.place[2] - e.p[2]
+    if c.torpedo != 0 and goes_at_altitude(o):
+        z = 0.0
     return math.sqrt(x * x + y * y + z * z)
 
 
@@ -132,7 +135,7 @@ def _distance(e: Any, o: Any) -> float:
 def _is_done(e: Any, o: Any, c: Any) -> bool:
     """Whether the item under way is done."""
     if c.item == WAYPOINT:
-        if o.waited == 0.0 and _distance(e, o) > o.radius:
+        if o.waited == 0.0 and _distance(e, o, c) > o.radius:
             return False
         o.waited += c.dt
         o.settled = 1

@@ -38,6 +38,9 @@ class Gains(Table, kw_only=True, frozen=True, omit_defaults=False):
         max_speed_mps: horizontal speed, at most and at full stick.
         cruise_mps: speed on the way to a place, where nothing else is said.
         surface_mps: vertical speed on the way to the surface.
+        min_altitude_m: on a way at an altitude it keeps at least so far above the bottom.
+        max_depth_m: on a way at an altitude it goes no deeper.
+        max_rise_rad: steepest path of a torpedo, up from a bottom that rises.
         shaft_per_speed: a torpedo's shaft speed over its speed while it cannot measure the latter, rad/m.
         attitude_timeout_s: without a valid sample for so long the attitude is lost; likewise the others.
         depth_timeout_s: of the depth.
@@ -70,6 +73,9 @@ class Gains(Table, kw_only=True, frozen=True, omit_defaults=False):
     max_speed_mps: Positive = 0.6
     cruise_mps: Positive = 0.4
     surface_mps: Positive = 0.3
+    min_altitude_m: Positive = 0.5
+    max_depth_m: Positive = 12_000.0
+    max_rise_rad: Positive = 0.45
     shaft_per_speed: Gain = 80.0
     attitude_timeout_s: Positive = 0.5
     depth_timeout_s: Positive = 1.0

@@ -32,7 +32,17 @@ from uwserver.autopilot.rows import (
     three,
 )
 from uwserver.autopilot.state import NAN, Six
-from uwserver.autopilot.sticks import CENTRED, at_most, heading_of, move_depth, move_heading, move_place, within
+from uwserver.autopilot.sticks import (
+    CENTRED,
+    at_most,
+    clearance,
+    goes_at_altitude,
+    heading_of,
+    move_depth,
+    move_heading,
+    move_place,
+    within,
+)
 from uwserver.frames import Quat, Vec3
 from uwserver.physics.kernel.deferred import compiled, separate
 
@@ -45,6 +55,10 @@ _SIDEWAYS = 0.7
 """Part of its speed with which a vehicle goes back to its line at most; the rest is for the way along it."""
 _UNTURNED_RAD, _UNTURNED = 0.8, 0.3
 """A vehicle that looks where it goes goes with this part of its speed while it has farther to turn."""
+_FOLLOWING = 0.7
+"""Part of its climb with which a vehicle follows a rising bottom: where that is steeper it goes slower."""
+_NEAR, _TOO_NEAR, _WAITING = 0.75, 0.25, 0.05
+"""Nearer to the bottom than the first part of its altitude it slows down, at the second to a standstill but for the third of its speed, to rise."""
 _FORGET_S = 5.0
 """Time constant with which a learnt current is forgotten while nobody holds against it, s."""
 _SHORT_M = 0.5
@@ -142,25 +156,25 @@ def _wanted(e: Any, o: Any, c: Any, now: Any) -> Vec3:
     free = o.frame == NO_FRAME and o.attitude[0] != o.attitude[0]
     goes = (o.mode == GUIDED or o.mode == MISSION) and now.position and free
     if goes and max(abs(o.stick[0]), abs(o.stick[1]), abs(o.stick[2])) <= CENTRED:
-        a, b = o.origin, o.place
-        ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+        a, b, at_altitude = o.origin, o.place, goes_at_altitude(o)
+        ux, uy, uz = b[0] - a[0], b[1] - a[1], 0.0 if at_altitude else b[2] - a[2]
         length = math.sqrt(ux * ux + uy * uy + uz * uz)
         # There is no line where nothing began, or another depth was told on the way.
         if length > _SHORT_M and o.depth == b[2]:
-            vx, vy, vz = _follow(e, o, c, (ux / length, uy / length, uz / length))
-            return vx, vy, vz
+            vx, vy, vz = _follow(e, o, c, now, (ux / length, uy / length, uz / length))
+            return vx, vy, _climb(e, o, c, now) if at_altitude else vz
     vx, vy = _drive(e, o, c, now)
     return vx, vy, _climb(e, o, c, now)
 
 
 @compiled
-def _follow(e: Any, o: Any, c: Any, towards: Vec3) -> Vec3:
+def _follow(e: Any, o: Any, c: Any, now: Any, towards: Vec3) -> Vec3:
     """Along the line to the place, and back to it: straight to the place a current would carry it on an arc, and each corner would be cut."""
     g, (ux, uy, uz) = o.gains, towards
     dx, dy, dz = o.place[0] - e.p[0], o.place[1] - e.p[1], o.place[2] - e.p[2]
     left = dx * ux + dy * uy + dz * uz  # along the line; negative past the place
     bx, by, bz = dx - left * ux, dy - left * uy, dz - left * uz  # to its nearest point
-    speed = g.max_speed_mps if o.speed != o.speed else o.speed
+    speed = _unhurried(e, o, now, ux, uy)
     back = g.position_p * math.hypot(bx, by)
     share = g.position_p * (min(1.0, _SIDEWAYS * speed / back) if back > 0.0 else 1.0)
     back = min(back, _SIDEWAYS * speed)
@@ -174,6 +188,19 @@ def _follow(e: Any, o: Any, c: Any, towards: Vec3) -> Vec3:
     along = at_most(g.position_p * left, min(along, g.max_climb_mps / max(abs(uz), 1e-9)))
     climb = at_most(uz * along + g.depth_p * bz, g.max_climb_mps)
     return along * ux + share * bx, along * uy + share * by, climb
+
+
+@compiled
+def _unhurried(e: Any, o: Any, now: Any, ux: float, uy: float) -> float:
+    """Speed on the way in a direction (unit, N), m/s: as told, but no faster than the vehicle can climb with the bottom."""
+    g = o.gains
+    speed = g.max_speed_mps if o.speed != o.speed else o.speed
+    if not (goes_at_altitude(o) and now.altitude):
+        return float(speed)
+    part = ((e.bottom - e.p[2]) / clearance(o) - _TOO_NEAR) / (_NEAR - _TOO_NEAR)
+    slow = speed * max(_WAITING, min(1.0, part))
+    rise = -(e.grade[0] * ux + e.grade[1] * uy)
+    return float(min(slow, _FOLLOWING * g.max_climb_mps / max(rise, 1e-9)))
 
 
 @compiled
@@ -207,7 +234,7 @@ def _drive(e: Any, o: Any, c: Any, now: Any) -> tuple[float, float]:
     vx, vy = move_place(o, e, c.dt)
     dx, dy = o.place[0] - e.p[0], o.place[1] - e.p[1]
     distance = math.hypot(dx, dy)
-    speed = g.max_speed_mps if o.speed != o.speed else o.speed
+    speed = _unhurried(e, o, now, dx / max(distance, 1e-9), dy / max(distance, 1e-9))
     # Without a thruster to the side it gets to a place only bow first, whatever heading was asked for.
     if (o.looks != 0 or c.axes[1] == 0) and distance > 2.0 * o.radius:
         o.heading = math.atan2(dy, dx)

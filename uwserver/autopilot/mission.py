@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from typing import Annotated, cast, get_args
 
 import msgspec
@@ -17,6 +18,7 @@ Coordinate = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Seconds = Annotated[float, Meta(ge=0, le=1e6)]
 Speed = Annotated[float, Meta(gt=0, le=20)]
 Degrees = Annotated[float, Meta(ge=-1e4, le=1e4)]
+Altitude = Annotated[float, Meta(gt=0, le=12_000)]
 
 
 class _Item(Struct, tag_field="kind", frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -24,13 +26,43 @@ class _Item(Struct, tag_field="kind", frozen=True, forbid_unknown_fields=True, o
 
 
 class Waypoint(_Item, tag="waypoint", frozen=True):
-    """Go there, within `radius_m` (default: what the vehicle can do), then stay for `hold_s`. Without `heading_deg` it looks where it goes."""
+    """Go there, within `radius_m` (default: what the vehicle can do), then stay for `hold_s`. Without `heading_deg` it looks where it goes.
 
-    position_ned_m: tuple[Coordinate, Coordinate, Coordinate]
+    The place is `position_ned_m`, whose third number is its depth; or `position_ne_m` with exactly one of `depth_m` and `altitude_m` (above the
+    bottom, also on the way there).
+    """
+
+    position_ned_m: tuple[Coordinate, Coordinate, Coordinate] | None = None
+    position_ne_m: tuple[Coordinate, Coordinate] | None = None
+    depth_m: Coordinate | None = None
+    altitude_m: Altitude | None = None
     radius_m: Annotated[float, Meta(gt=0, le=1e4)] | None = None
     speed_mps: Speed | None = None
     heading_deg: Degrees | None = None
     hold_s: Seconds = 0.0
+
+    def __post_init__(self) -> None:
+        """ValueError where the keys of its place do not go together."""
+        if self.position_ned_m is not None:
+            for key in ("position_ne_m", "depth_m", "altitude_m"):
+                if getattr(self, key) is not None:
+                    raise ValueError(f"position_ned_m holds a depth already: write position_ne_m beside {_BESIDE[key]}")
+        elif self.position_ne_m is None:
+            raise ValueError("a place is missing: position_ned_m, or position_ne_m with depth_m or altitude_m")
+        elif (self.depth_m is None) == (self.altitude_m is None):
+            how = "neither is given" if self.depth_m is None else "not both"
+            raise ValueError(f"position_ne_m takes exactly one of depth_m and altitude_m: {how}")
+
+    @property
+    def place(self) -> tuple[float, float, float | None]:
+        """North, east and depth (m); None for the depth where `altitude_m` says it."""
+        if self.position_ned_m is not None:
+            return self.position_ned_m
+        assert self.position_ne_m is not None
+        return (*self.position_ne_m, self.depth_m)
+
+
+_BESIDE = {"position_ne_m": "depth_m or altitude_m", "depth_m": "depth_m", "altitude_m": "altitude_m"}
 
 
 class Hold(_Item, tag="hold", frozen=True):
@@ -102,6 +134,18 @@ def _read_item(k: int, raw: Json) -> Item:
     except (msgspec.ValidationError, RecursionError) as error:
         text = str(error).replace("Object", "it").replace("`", "")
         raise Refused("bad_argument", f"item {k}: {text}", f"items[{k}]") from None
+
+
+def read_place(given: Mapping[str, Json]) -> Waypoint:
+    """Where to go, as the arguments of a call say it: those of a waypoint that are not None.
+
+    Raises:
+        Refused: they do not go together; the text names the key.
+    """
+    try:
+        return msgspec.convert({"kind": "waypoint", **{k: v for k, v in given.items() if v is not None}}, Waypoint)
+    except msgspec.ValidationError as error:
+        raise Refused("bad_argument", str(error).replace("`", ""), "position_ned_m") from None
 
 
 def shown_items(items: tuple[Item, ...]) -> Json:

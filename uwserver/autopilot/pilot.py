@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-
-from msgspec import Struct, structs
+from collections.abc import Callable, Mapping, Sequence
 
 from uwserver.autopilot import route
 from uwserver.autopilot.bank import Seat
 from uwserver.autopilot.craft import Craft, Held
 from uwserver.autopilot.flight import ARRIVED, BEGIN, CONTROL, DONE, FAILSAFE, NOTHING, PROGRESS, READY, STEER, WATCH
-from uwserver.autopilot.mission import Item
+from uwserver.autopilot.mission import Item, Waypoint
 from uwserver.autopilot.modes import FOLLOWS, REMEDY, Known, known, missing, refuge
+from uwserver.autopilot.plausibility import refuse_impossible
 from uwserver.autopilot.state import NAN, Mode, Reason, Remembered
 from uwserver.autopilot.sticks import enter
 from uwserver.physics.kernel.arrays import IntArray
@@ -90,7 +89,7 @@ class Autopilot:
             self._watch(self.known)
             return STEER if o.armed else None  # a fail-safe may have ended a test
         if need == BEGIN:
-            route.begin(o, e, craft.arrival_m)
+            route.begin(o, e, craft.arrival_m, self.known.altitude)
             self._follow_item()
             return STEER
         if need == DONE:
@@ -118,11 +117,24 @@ class Autopilot:
         if lost:
             mode = refuge(o.mode, now)
             self._fail(_LOST[lost], mode, f"{REMEDY[lost]}: {o.mode} -> {mode}")
+        if "altitude" in o.given and o.mode in ("guided", "mission") and now.altitude == o.blind:
+            self._lose_or_find_bottom(now.altitude)
         if e.leak and o.failsafe != "leak":
             self._fail("leak", "surface" if craft.on_leak == "surface" else o.mode, "leak")
         if e.charge < o.gains.battery_low and o.failsafe not in ("leak", "battery"):
             mode = "surface" if craft.on_low_battery == "surface" else o.mode
             self._fail("battery", mode, f"battery at {100.0 * e.charge:.0f} %")
+
+    def _lose_or_find_bottom(self, sees: bool) -> None:
+        """On a way at an altitude. While the bottom is not seen the depth stays as it last was."""
+        o = self.orders
+        o.blind = not sees
+        if not sees:
+            self._fail("sensor altitude", o.mode, f"the bottom is not seen: it holds its depth of {o.depth:.1f} m")
+            return
+        if o.failsafe == "sensor altitude":
+            o.failsafe = ""
+        self._say(f'"{self.craft.path}" the bottom is seen again: it goes at an altitude of {o.altitude:g} m')
 
     def _fail(self, reason: Reason, mode: Mode, text: str) -> None:
         o = self.orders
@@ -255,7 +267,14 @@ class Autopilot:
             self.set_points["test"].refusal = "waits for the sensors of its mode" if self.orders.waits else text
 
     def set_mission(self, items: tuple[Item, ...]) -> None:
-        """Put a mission in; a vehicle on the old one holds where it is."""
+        """Put a mission in; a vehicle on the old one holds where it is.
+
+        Raises:
+            Refused: a waypoint's altitude cannot be flown. Nothing has changed then.
+        """
+        for k, item in enumerate(items):
+            if isinstance(item, Waypoint):
+                route.check_altitude(item, self.craft, self.orders.gains, f"item {k}: ", f"items[{k}]")
         o = self.orders
         o.items, o.index, o.reached = items, -1, 0
         o.entered, o.waited, o.pace, o.bound = False, 0.0, NAN, NAN
@@ -290,14 +309,13 @@ class Autopilot:
 
     # -- a call that waits ----------------------------------------------------------------------------------------------------------
 
-    def go(
-        self, place: tuple[float, float, float], heading: float | None, speed: float | None, radius: float | None
-    ) -> Later:
-        """Go to a place, in mode guided; the call is answered when it is reached.
+    def go(self, where: Waypoint, heading: float | None, speed: float | None, radius: float | None) -> Later:
+        """Go to the place of a waypoint, in mode guided; the call is answered when it is reached.
 
         Raises:
-            Refused: not armed, or the mode cannot work.
+            Refused: not armed, the mode cannot work, or the altitude cannot be flown.
         """
+        route.check_altitude(where, self.craft, self.orders.gains, "", "altitude_m")
         if not self.orders.armed:
             raise Refused("denied", f"the autopilot is not armed: call {self.craft.path}/arm first", "goto")
         if self.orders.mode == "guided":
@@ -305,7 +323,8 @@ class Autopilot:
         else:
             self.set_mode("guided")
         o, e = self.orders, self.estimate
-        route.set_course(o, e, place, heading, speed, self.craft.arrival_m if radius is None else radius)
+        near = self.craft.arrival_m if radius is None else radius
+        route.go(o, e, where, heading, speed, near, self.known.altitude)
         o.length = max(route.distance(o, e), 1e-9)
         self._errand, self._errand_name = Later(self._answers), "goto"
         self.seat.row["c"]["errand"], self.seat.row["c"]["silence"] = 1, 0.0
@@ -359,20 +378,8 @@ class Autopilot:
     # -- state ----------------------------------------------------------------------------------------------------------------------
 
     def check(self, kept: Remembered) -> None:
-        """Refuse what it was in another place or time, if it cannot have been this vehicle's.
-
-        Raises:
-            ValueError: attitudes without length, a mission that ends before its item, parts of other actuators, or numbers out of all range.
-        """
-        estimate, memory, orders = self.seat.records(kept)
-        for q in (estimate.q, orders.attitude or estimate.q):
-            if not abs(math.hypot(*q) - 1.0) < 1e-3:
-                raise ValueError(f'"{self.craft.path}" has an attitude that is no rotation')
-        if not -1 <= orders.index < len(orders.items) or not 0 <= orders.reached <= len(orders.items):
-            raise ValueError(f'"{self.craft.path}" is at an item that its mission does not have')
-        limited = structs.replace(orders, turn_limit=0.0 if orders.turn_limit == math.inf else orders.turn_limit)
-        if not all(_is_plausible(x) for part in (estimate, memory, limited) for x in _numbers(part)):
-            raise ValueError(f'"{self.craft.path}" holds a number out of all range')
+        """Refuse what it was in another place or time, if it cannot have been this vehicle's (ValueError, see `refuse_impossible`)."""
+        refuse_impossible(self.craft.path, *self.seat.records(kept))
 
     def load(self, kept: Remembered) -> None:
         """Go on from there; a call that waits ends."""
@@ -381,19 +388,3 @@ class Autopilot:
         self._follow_item()
         if is_other:
             self._take_hold()
-
-
-def _is_plausible(x: float) -> bool:
-    """Times (ns) and counts are whole numbers whose differences can still be counted."""
-    return abs(x) < 2**62 if isinstance(x, int) else math.isnan(x) or abs(x) < 1e12
-
-
-def _numbers(value: object) -> Iterator[float]:
-    """All numbers in a record, however deep."""
-    if isinstance(value, float | int):
-        yield value
-    elif isinstance(value, tuple):
-        for item in value:
-            yield from _numbers(item)
-    elif isinstance(value, Struct):
-        yield from _numbers(structs.astuple(value))

@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 
 from uwserver.autopilot import flight
+from uwserver.autopilot.craft import Craft
+from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.mission import Hold, Item, SetHeading, SetSpeed, Surface, Waypoint
 from uwserver.autopilot.state import Estimate, Orders
 from uwserver.autopilot.sticks import wrapped
 from uwserver.frames import Vec3
+from uwserver.ports import Refused
 from uwserver.units import rad
 
 _KINDS = {
@@ -20,6 +23,29 @@ def kind_of(item: Item) -> tuple[int, float]:
     """Code of an item's kind, and how long the vehicle stays there, s."""
     lasts = item.hold_s if isinstance(item, Waypoint) else item.time_s if isinstance(item, Hold) else 0.0
     return _KINDS[type(item)], lasts
+
+
+def check_altitude(where: Waypoint, craft: Craft, gains: Gains, at: str, key: str) -> None:
+    """Refuse an altitude that a vehicle cannot keep.
+
+    Args:
+        where: to go to.
+        craft, gains: of the vehicle.
+        at, key: for the text: which item, and what is refused.
+
+    Raises:
+        Refused: it sees no bottom, cannot dive, or shall not go so near.
+    """
+    if where.altitude_m is None:
+        return
+    if not craft.sees_bottom:
+        text = "altitude_m needs a sensor of kind altimeter or dvl in the vehicle: give depth_m instead"
+        raise Refused("denied", at + text, key)
+    if not craft.dives:
+        raise Refused("denied", f"{at}altitude_m is for vehicles that dive: give depth_m instead", key)
+    if where.altitude_m < gains.min_altitude_m:
+        text = f"altitude_m = {where.altitude_m:g} is below the gain min_altitude_m of this vehicle, {gains.min_altitude_m:g}"
+        raise Refused("out_of_range", at + text, key)
 
 
 def set_course(o: Orders, e: Estimate, place: Vec3, heading: float | None, speed: float | None, radius: float) -> None:
@@ -36,13 +62,55 @@ def set_course(o: Orders, e: Estimate, place: Vec3, heading: float | None, speed
     o.turn, o.turn_limit = math.nan, math.inf
 
 
+def set_altitude(o: Orders, e: Estimate, altitude: float, sees_bottom: bool) -> None:
+    """Go there at this altitude (m): at a depth that follows the bottom. While that is not seen, the depth is that of the place."""
+    o.altitude = altitude
+    o.given = tuple(sorted({*o.given, "altitude"}))
+    if sees_bottom:
+        depth = min(e.bottom - max(altitude, o.gains.min_altitude_m), o.gains.max_depth_m)
+        o.place, o.depth = (o.place[0], o.place[1], depth), depth
+
+
+def leave_bottom(o: Orders) -> None:
+    """The depth no longer follows the bottom."""
+    o.given = tuple([name for name in o.given if name != "altitude"])
+    o.blind = False
+    if o.failsafe == "sensor altitude":
+        o.failsafe = ""
+
+
+def go(
+    o: Orders,
+    e: Estimate,
+    where: Waypoint,
+    heading: float | None,
+    speed: float | None,
+    radius: float,
+    sees_bottom: bool,
+) -> None:
+    """Go to the place of a waypoint (`set_course`) at its depth or altitude. `sees_bottom`: the altitude is known."""
+    north, east, down = where.place
+    last = o.depth if "depth" in o.given else e.p[2]
+    if where.altitude_m is None:
+        leave_bottom(o)
+    set_course(o, e, (north, east, last if down is None else down), heading, speed, radius)
+    if where.altitude_m is not None:
+        set_altitude(o, e, where.altitude_m, sees_bottom)
+
+
 def distance(o: Orders, e: Estimate) -> float:
     """To the place, m; depth counts."""
     return math.dist(e.p, o.place)
 
 
-def begin(o: Orders, e: Estimate, arrival_m: float) -> None:
-    """Begin the item under way. `arrival_m`: distance at which a waypoint counts as reached that names no radius."""
+def begin(o: Orders, e: Estimate, arrival_m: float, sees_bottom: bool) -> None:
+    """Begin the item under way.
+
+    Args:
+        o, e: of the vehicle.
+        arrival_m: distance at which a waypoint counts as reached that names no radius.
+        sees_bottom: the altitude is known.
+    """
     item = o.items[o.index]
     o.entered, o.waited = True, 0.0
     if isinstance(item, Waypoint):
@@ -54,7 +122,7 @@ def begin(o: Orders, e: Estimate, arrival_m: float) -> None:
         if speed is None and o.pace == o.pace:
             speed = o.pace
         begun = o.place if o.reached or "place" in o.given else e.p
-        set_course(o, e, item.position_ned_m, heading, speed, radius)
+        go(o, e, item, heading, speed, radius, sees_bottom)
         # From the last place, not from where its circle was entered: the lines are those of the plan.
         o.origin = begun if math.dist(begun, e.p) < 5.0 * max(radius, 1.0) else e.p
     elif isinstance(item, SetSpeed):
@@ -63,6 +131,7 @@ def begin(o: Orders, e: Estimate, arrival_m: float) -> None:
         o.bound = o.heading = wrapped(rad(item.heading_deg))
         o.looks = False
     elif isinstance(item, Surface):
+        leave_bottom(o)
         o.depth = 0.0  # another than that of the place: the line there ends
 
 

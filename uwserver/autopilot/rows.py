@@ -38,12 +38,13 @@ ESTIMATE = np.dtype(
         ("acceleration", "f8", (3,)),
         ("count", "i8"),
         ("bottom", "f8"),
+        ("grade", "f8", (2,)),
         ("leak", "i8"),
         ("charge", "f8"),
         *(
             (name, "i8")
             for name in (
-                "refused", "doubted", "imu_ns", "attitude_ns", "heading_ns", "depth_ns", "velocity_ns", "fix_ns", "altitude_ns",
+                "refused", "doubted", "strange", "imu_ns", "attitude_ns", "heading_ns", "depth_ns", "velocity_ns", "fix_ns", "altitude_ns",
             )
         ),
     ]
@@ -88,6 +89,7 @@ ORDERS = np.dtype(
         ("speed", "f8"),
         ("radius", "f8"),
         ("looks", "i8"),
+        ("blind", "i8"),
         ("settled", "i8"),
         ("astray", "i8"),
         ("length", "f8"),
@@ -295,7 +297,7 @@ _FORMS: Mapping[str, Form] = {
     "failsafe": _choice(REASONS),
     "given": _several(GIVEN),
     "attitude": Form(_read_attitude, lambda q: (NAN,) * 4 if q is None else q),
-    **dict.fromkeys(("leak", "armed", "waits", "looks", "settled", "astray", "entered"), _TRUTH),
+    **dict.fromkeys(("leak", "armed", "waits", "looks", "blind", "settled", "astray", "entered"), _TRUTH),
 }
 
 R = TypeVar("R", Estimate, Memory, Orders)

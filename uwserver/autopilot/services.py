@@ -10,7 +10,7 @@ from msgspec import structs
 
 from uwserver.autopilot.estimator import place_at
 from uwserver.autopilot.gains import Gains
-from uwserver.autopilot.mission import read_items, shown_items
+from uwserver.autopilot.mission import read_items, read_place, shown_items
 from uwserver.autopilot.pilot import Autopilot
 from uwserver.autopilot.rows import MODES
 from uwserver.autopilot.state import Mode
@@ -26,6 +26,12 @@ Answer = Callable[[Asked], Json | Later]
 _FAR = 1e6
 _P_N = "place of the body origin in N"
 _PLACE = Argument("position_ned_m", "float", _P_N, "m", shape=(3,), minimum=-_FAR, maximum=_FAR)
+_THERE = (
+    Argument("position_ned_m", "float", f"{_P_N}, with its depth", "m", False, shape=(3,), minimum=-_FAR, maximum=_FAR),
+    Argument("position_ne_m", "float", "the same without: then give depth_m or altitude_m", "m", False, shape=(2,), minimum=-_FAR, maximum=_FAR),
+    Argument("depth_m", "float", "of position_ne_m", "m", False, minimum=-_FAR, maximum=_FAR),
+    Argument("altitude_m", "float", "of position_ne_m, above the bottom, also on the way", "m", False, minimum=0.01, maximum=12_000.0),
+)  # fmt: skip
 _ANYWAY = "arm even if a sensor is missing or there is water in the hull"
 _FORCE = Argument("force", "bool", _ANYWAY, required=False, default=False)
 _MODE = Argument("mode", "str", "what it holds", choices=MODES)
@@ -83,7 +89,7 @@ def _ways(path: str, pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
     def goto(args: Asked) -> Later:
         heading, speed, radius = args["heading_deg"], args["speed_mps"], args["radius_m"]
         return pilot.go(
-            _vector(args["position_ned_m"]),
+            read_place({argument.name: args[argument.name] for argument in _THERE}),
             None if heading is None else wrapped(rad(cast(float, heading))),
             None if speed is None else cast(float, speed),
             None if radius is None else cast(float, radius),
@@ -123,14 +129,14 @@ def _ways(path: str, pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
 
     near = f"distance at which it has arrived; default: {pilot.craft.arrival_m:g}"
     radius = Argument("radius_m", "float", near, "m", required=False, minimum=0.01, maximum=1e4)
-    go = "Go to a place in mode guided, and stay; replies when it is there."
+    go = "Go to a place, at a depth or at an altitude, in mode guided, and stay; replies when it is there."
     put = "Replace the mission; if anything is wrong with the new one, nothing changes."
     show = "The mission, the item under way (-1 for none) and how many are done."
     begin = "Begin mode mission with this item; the autopilot must be armed."
     fly = "Fly a mission (items as for set_mission; default: the one that is there) from this item on; replies when its last item is done."
     leave = "End the fly_mission under way, and hold where the vehicle is."
     clear = "Remove the mission; a vehicle under way holds where it is."
-    yield Service(f"{path}/goto", go, (_PLACE, _HEADING, _SPEED, radius), long_running=True), goto
+    yield Service(f"{path}/goto", go, (_THERE[0], _HEADING, _SPEED, radius, *_THERE[1:]), long_running=True), goto
     yield Service(f"{path}/cancel_goto", "End the goto under way, and hold where the vehicle is."), cancel_goto
     yield Service(f"{path}/set_mission", put, (_ITEMS,)), set_mission
     yield Service(f"{path}/get_mission", show), get_mission

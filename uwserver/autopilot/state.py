@@ -48,8 +48,9 @@ class Estimate(Struct):
         flat, steep: upper triangle of the covariance of (p, v, bias) of one axis: of both horizontal ones, and of the vertical one.
         acceleration: sum of those measured since the last step, m/s2 in N; count: how many.
         bottom: depth of the bottom, m; nan when unknown.
+        grade: how much deeper the bottom is a metre to the north, and to the east.
         leak, charge: as the probes say; the charge is nan while unknown.
-        refused, doubted: position fixes, and velocities, in a row that were too far off.
+        refused, doubted, strange: position fixes, velocities, and echoes of the bottom, in a row that were too far off.
         imu_ns ... altitude_ns: when each was last valid, ns.
     """
 
@@ -64,10 +65,12 @@ class Estimate(Struct):
     acceleration: Vec3 = STILL
     count: int = 0
     bottom: float = NAN
+    grade: tuple[float, float] = (0.0, 0.0)
     leak: bool = False
     charge: float = NAN
     refused: int = 0
     doubted: int = 0
+    strange: int = 0
     imu_ns: int = NEVER
     attitude_ns: int = NEVER
     heading_ns: int = NEVER
@@ -107,7 +110,8 @@ class Orders(Struct):
         waits: armed from the start, until the sensors have spoken that the mode needs.
         stick: of the pilot, -1..1 in B.
         pilot: whether somebody steers: "" nobody yet, "on", or "lost".
-        depth, altitude, heading, place: set points; nan for none. `place` is p_N of which only north and east count.
+        depth, altitude, heading, place: set points; nan for none. `place` is p_N of which only north and east count. On a way at an altitude
+            (`altitude` is given) `depth` follows the bottom, and so does that of the place.
         turn: commanded yaw rate, rad/s; nan for none. `turn_limit`: on the way to `heading`.
         given: names of the set points that a command has set since the mode began.
         attitude, heave: of an attitude command; None without.
@@ -115,6 +119,7 @@ class Orders(Struct):
         origin: where the way to `place` began: a torpedo keeps to the line from there.
         speed, radius: on the way to `place`, m/s and m.
         looks: the vehicle looks where it goes.
+        blind: on a way at an altitude the bottom is not seen, and the depth is held.
         settled, astray: a torpedo is there and circles the place; it has missed it and makes another run.
         length: of the way of a `goto`, m.
         pace, bound: speed and heading that a mission has set for what follows; nan for none.
@@ -147,6 +152,7 @@ class Orders(Struct):
     speed: float = NAN
     radius: float = 1.0
     looks: bool = False
+    blind: bool = False
     settled: bool = False
     astray: bool = False
     length: float = 0.0

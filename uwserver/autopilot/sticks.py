@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from uwserver.autopilot.rows import ALTITUDE_HOLD, SURFACE, four, set_three, three
+from uwserver.autopilot.bottom import fall
+from uwserver.autopilot.rows import ALTITUDE_HOLD, GUIDED, MISSION, SURFACE, four, set_three, three
 from uwserver.autopilot.rows import rpy_from_quat as rpy
 from uwserver.autopilot.state import GIVEN, NAN, NOWHERE, STILL, Memory, Mode, Orders
 from uwserver.physics.kernel.deferred import compiled
@@ -51,7 +52,7 @@ def enter(o: Orders, m: Memory, mode: Mode) -> None:
     o.attitude, o.frame, o.velocity, o.heave = None, "", STILL, 0.0
     o.turn, o.turn_limit = NAN, math.inf
     o.speed, o.looks, o.radius, o.origin = NAN, False, 1.0, NOWHERE
-    o.settled = o.astray = False
+    o.blind = o.settled = o.astray = False
     o.entered, o.waited = False, 0.0
     m.twist = STILL
 
@@ -102,14 +103,31 @@ def move_heading(o: Any, e: Any, dt: float) -> float:
 
 
 @compiled
+def goes_at_altitude(o: Any) -> bool:
+    """Whether the vehicle is on a way, or at a place, that is told by its altitude."""
+    return bool((o.mode == MISSION or o.mode == GUIDED) and o.given & _ALTITUDE != 0)
+
+
+@compiled
+def clearance(o: Any) -> float:
+    """Altitude to keep on a way at an altitude, m."""
+    return float(max(o.altitude, o.gains.min_altitude_m))
+
+
+@compiled
 def move_depth(o: Any, e: Any, sees_bottom: bool, dt: float) -> float:
     """Move the set point of depth or altitude by the heave stick; returns the vertical speed that is wanted anyhow, m/s down."""
-    climb = o.stick[2] * o.gains.max_climb_mps if abs(o.stick[2]) > CENTRED else 0.0
-    if o.mode == ALTITUDE_HOLD and sees_bottom:
+    climb, at_altitude = o.stick[2] * o.gains.max_climb_mps if abs(o.stick[2]) > CENTRED else 0.0, goes_at_altitude(o)
+    if (at_altitude or o.mode == ALTITUDE_HOLD) and sees_bottom:
         if climb != 0.0:
             above = e.bottom - e.p[2]
             o.altitude = above + at_most(o.altitude - climb * dt - above, _LEAD_M)
-        o.depth = e.bottom - o.altitude
+        if at_altitude:
+            o.place[2] = o.depth = min(e.bottom - clearance(o), o.gains.max_depth_m)
+        else:
+            o.depth = e.bottom - o.altitude
+        if o.depth < o.gains.max_depth_m:
+            climb += fall(e)  # it would be late by the slope otherwise
     elif climb != 0.0:
         o.depth = e.p[2] + at_most(o.depth + climb * dt - e.p[2], _LEAD_M)
     return float(climb)

@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from uwserver.autopilot.bottom import fall
 from uwserver.autopilot.fins import SLOW_MPS, Shaft, speed_for, thrust_at
 from uwserver.autopilot.rows import (
     ACRO,
@@ -31,7 +32,14 @@ from uwserver.autopilot.rows import (
     three,
 )
 from uwserver.autopilot.state import NAN, Six
-from uwserver.autopilot.sticks import at_most, heading_of, move_depth, move_heading, within
+from uwserver.autopilot.sticks import (
+    at_most,
+    goes_at_altitude,
+    heading_of,
+    move_depth,
+    move_heading,
+    within,
+)
 from uwserver.frames import Vec3
 from uwserver.physics.kernel.deferred import compiled, separate
 
@@ -188,7 +196,11 @@ def _pitch(e: Any, m: Any, o: Any, c: Any, u: float, now: Any) -> float:
         dive = o.velocity[2]
         o.depth = e.p[2] + at_most(o.depth + dive * c.dt - e.p[2], 1.0)
     slope = g.depth_p * (o.depth - e.p[2]) + dive / max(u, SLOW_MPS)
-    return float(at_most(m.sag - slope, g.max_tilt_rad))
+    up = g.max_tilt_rad
+    if now.altitude and goes_at_altitude(o):
+        # It must rise from a bottom that is steeper than its usual path.
+        up = max(up, min(g.max_rise_rad, up - fall(e) / max(u, SLOW_MPS)))
+    return float(max(-g.max_tilt_rad, min(up, m.sag - slope)))
 
 
 @compiled
@@ -208,6 +220,8 @@ def _towards(e: Any, o: Any) -> float:
     """Course over ground to the place, rad."""
     orbit, dx, dy, dz = o.gains.orbit_m, o.place[0] - e.p[0], o.place[1] - e.p[1], o.place[2] - e.p[2]
     away, bearing = math.hypot(dx, dy), math.atan2(dy, dx)
+    if goes_at_altitude(o):
+        dz = 0.0  # the bottom goes up and down under it
     if o.mode != MISSION and math.sqrt(dx * dx + dy * dy + dz * dz) <= o.radius:
         o.settled = 1
     if o.origin[0] != o.origin[0] or o.settled != 0:

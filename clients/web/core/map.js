@@ -31,7 +31,7 @@ export class Chart {
     this.goal = null;
     /** Where a training leads to. @type {number[] | null} */
     this.aim = null;
-    /** @type {number[][]} */
+    /** Places of a mission, and what is said beside them; those above the bottom look different. @type {{place: number[], above: boolean, text: string}[]} */
     this.route = [];
     /** @type {number[][]} */
     this.trails = [];
@@ -119,8 +119,7 @@ export class Chart {
     for (const beacon of world.beacons) if (!beacon.body) this.dot(pen, beacon.p, "#ffe27a", 3);
     this.history(timeline);
     this.trails.forEach((trail, k) => this.line(pen, trail, this.colours[k]));
-    this.line(pen, this.route.flat(), "#ffffff");
-    for (const place of this.route) this.dot(pen, place, "#ffffff", 3);
+    this.plan(pen);
     if (this.goal) this.cross(pen, this.goal);
     if (this.aim) this.ring(pen, this.aim);
     this.sounds(pen, timeline.t, world.water.sound_speed);
@@ -205,6 +204,24 @@ export class Chart {
     pen.beginPath();
     pen.arc(...this.at(p[0], p[1]), radius, 0, 7);
     pen.fill();
+  }
+
+  /** The mission: way-points above the bottom are squares, those at a depth dots. @param {CanvasRenderingContext2D} pen */
+  plan(pen) {
+    this.line(pen, this.route.flatMap(({ place }) => place), "#ffffff");
+    pen.font = "600 10px system-ui, sans-serif";
+    /** @type {[number, number] | null} */
+    let last = null;
+    for (const { place, above, text } of this.route) {
+      const [x, y] = this.at(place[0], place[1]);
+      pen.fillStyle = "#ffffff";
+      if (above) pen.fillRect(x - 3.5, y - 3.5, 7, 7);
+      else this.dot(pen, place, "#ffffff", 3);
+      // Texts over each other say nothing.
+      if (last && Math.abs(x - last[0]) < 40 && Math.abs(y - last[1]) < 12) continue;
+      pen.fillText(text, x + 6, y - 5);
+      last = [x, y];
+    }
   }
 
   /** @param {CanvasRenderingContext2D} pen @param {number} t s @param {number} speed of sound, m/s */

@@ -3,6 +3,9 @@ import { h, symbol, tell, toast } from "../core/dom.js";
 import { items, LARGEST_FILE, mission, parsed, written } from "../pilot/plan.js";
 /** @typedef {import("../core/app.js").App} App @typedef {import("../pilot/pilot.js").Pilot} Pilot @typedef {import("../core/map.js").Chart} Chart @typedef {import("../pilot/plan.js").Waypoint} Waypoint */
 
+/** What a new depth or altitude is, m. */
+const USUAL_M = { depth: 2, altitude: 3 };
+
 /** What is being planned; it outlives its tab. */
 export class Planner {
   /** @param {App} app @param {Chart} chart */
@@ -28,14 +31,21 @@ export class Planner {
 
   /** @param {number} north @param {number} east */
   add(north, east) {
-    const depth = this.waypoints.at(-1)?.depth ?? Math.max(0, this.app.timeline.poses[7 * this.app.chosen + 2] || 0);
     const cm = (/** @type {number} */ value) => Math.round(100 * value) / 100;
-    this.waypoints.push({ north: cm(north), east: cm(east), depth: cm(depth), hold: 0 });
+    const { height, metres } = this.waypoints.at(-1) ?? { height: /** @type {const} */ ("depth"), metres: cm(Math.max(0, this.app.timeline.poses[7 * this.app.chosen + 2] || 0)) };
+    this.waypoints.push({ north: cm(north), east: cm(east), height, metres, hold: 0 });
+    this.changed();
+  }
+
+  /** A way-point is told by its depth or altitude from now on: as another one before or after it, or as usual. @param {Waypoint} waypoint @param {Waypoint["height"]} height */
+  measure(waypoint, height) {
+    const like = this.waypoints.find((other) => other.height === height);
+    Object.assign(waypoint, { height, metres: like?.metres ?? USUAL_M[height] });
     this.changed();
   }
 
   changed() {
-    this.chart.route = this.waypoints.map(({ north, east }) => [north, east]);
+    this.chart.route = this.waypoints.map(({ north, east, height, metres }) => ({ place: [north, east], above: height === "altitude", text: height === "altitude" ? `${metres} m up` : `${metres} m` }));
     this.show();
   }
 }
@@ -49,10 +59,25 @@ export function missionTab(app, pilot, planner) {
     const number = (/** @type {number} */ value, /** @type {string} */ label, /** @type {(value: number) => void} */ change) => {
       const input = h("input", { type: "text", inputmode: "decimal", value, "aria-label": label, style: "width:100%;min-width:0;padding:3px 5px", onchange: () => {
         const given = Number(input.value.trim() === "" ? NaN : input.value);
-        if (Number.isFinite(given)) change(given);
+        try {
+          if (Number.isFinite(given)) change(given);
+        } catch (error) {
+          toast(/** @type {Error} */ (error).message, "bad");
+        }
         planner.changed();
       } });
       return input;
+    };
+    const field = (/** @type {Waypoint} */ waypoint, /** @type {"north" | "east" | "metres" | "hold"} */ key, /** @type {number} */ k) =>
+      h("td", {}, number(waypoint[key], `${key === "metres" ? waypoint.height : key} of way-point ${k + 1}`, (value) => {
+        if (key === "metres" && waypoint.height === "altitude" && value <= 0) throw new Error("an altitude is above the bottom, so more than 0 m");
+        waypoint[key] = key === "hold" ? Math.max(0, value) : value;
+      }));
+    const choice = (/** @type {Waypoint} */ waypoint, /** @type {number} */ k) => {
+      const select = h("select", { "aria-label": `Depth or altitude of way-point ${k + 1}`, title: "Below the surface, or above the bottom", style: "padding:3px 2px", onchange: () => planner.measure(waypoint, select.value === "altitude" ? "altitude" : "depth") },
+        h("option", { value: "depth" }, "depth"), h("option", { value: "altitude" }, "altitude"));
+      select.value = waypoint.height;
+      return select;
     };
     const speed = h("input", { type: "text", inputmode: "decimal", placeholder: "as it likes", "aria-label": "Speed in m/s", style: "width:110px", onchange: () => {
       const given = Number(speed.value);
@@ -108,11 +133,11 @@ export function missionTab(app, pilot, planner) {
       save: h("button", { onclick: save }, "Save .plan"),
     };
     place.append(h("div", { class: "stack" }, h("label", { class: "check" }, adding, "Clicks on the map add way-points"),
-      h("table", {}, h("thead", {}, h("tr", {}, ...["", "north m", "east m", "depth m", "hold s", ""].map((text) => h("th", {}, text)))), rows),
+      h("table", {}, h("thead", {}, h("tr", {}, ...["", "north m", "east m", "", "m", "hold s", ""].map((text) => h("th", { style: text === "m" ? "min-width:3.4em" : null }, text)))), rows),
       h("label", { class: "row" }, h("span", { class: "dim" }, "Speed m/s"), speed), h("div", { class: "row" }, buttons.start, buttons.send, buttons.fetch, buttons.clear), h("div", { class: "row" }, buttons.load, buttons.save, file), note));
     const show = () => {
       rows.replaceChildren(...planner.waypoints.map((waypoint, k) => h("tr", { "aria-current": pilot.mode === "mission" && pilot.state.mission_index === k + (planner.speed === null ? 0 : 1) ? "step" : null }, h("td", { class: "mono" }, k + 1),
-        ...(/** @type {const} */ (["north", "east", "depth", "hold"])).map((key) => h("td", {}, number(waypoint[key], `${key} of way-point ${k + 1}`, (value) => { waypoint[key] = key === "hold" ? Math.max(0, value) : value; }))),
+        field(waypoint, "north", k), field(waypoint, "east", k), h("td", {}, choice(waypoint, k)), field(waypoint, "metres", k), field(waypoint, "hold", k),
         h("td", {}, h("button", { class: "quiet icon", "aria-label": `Remove way-point ${k + 1}`, title: "Remove", onclick: () => { planner.waypoints.splice(k, 1); planner.changed(); } }, symbol("close"))))));
       if (document.activeElement !== speed) speed.value = planner.speed === null ? "" : String(planner.speed);
       const [flies, some, origin] = [app.service(`${app.prefix}autopilot/set_mission`) !== undefined, planner.waypoints.length > 0, Boolean(app.world?.origin)];

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -87,8 +88,9 @@ class Flight:
 def flight(model: str, *, start: tuple[float, float, float] = (0.0, 0.0, 3.0), yaw_deg: float = 0.0,
            current: tuple[float, float, float] = (0.0, 0.0, 0.0), speed: float = 0.0, bottom: float | None = 30.0,
            without: tuple[str, ...] = (), autopilot: dict[str, Any] | None = None, seed: int = 3,
-           origin: bool = False, override: dict[str, Any] | None = None) -> Flight:  # fmt: skip
-    """A vehicle with AHRS, depth sensor and, over a bottom, DVL; 0.5 s old, so that its sensors have spoken."""
+           origin: bool = False, terrain: Path | None = None, override: dict[str, Any] | None = None) -> Flight:  # fmt: skip
+    """A vehicle with AHRS, depth sensor and, over a bottom, DVL; 0.5 s old, so that its sensors have spoken. `terrain`: depths (m) instead of a
+    level bottom, 2 m apart, about the origin."""
     builder = ScenarioBuilder("flight", seed=seed, rate_hz=RATE, adapters={})
     if origin:
         builder.world(origin_lat_deg=63.0, origin_lon_deg=10.0)
@@ -99,7 +101,10 @@ def flight(model: str, *, start: tuple[float, float, float] = (0.0, 0.0, 3.0), y
     if "ahrs" not in without:
         builder.sensor("v", "ahrs", "attitude", rate_hz=40, noise_deg=0.05, tilt_sigma_deg=0.3, heading_sigma_deg=0.3)
     if bottom is not None:
-        builder.seabed("flat", depth_m=bottom)
+        if terrain is None:
+            builder.seabed("flat", depth_m=bottom)
+        else:
+            builder.seabed("grid", file=str(terrain), spacing_m=[2.0, 2.0])
         if "dvl" not in without:
             builder.sensor("v", "dvl", "dvl", rate_hz=8, processing_s=0.05)
         if "altimeter" not in without:

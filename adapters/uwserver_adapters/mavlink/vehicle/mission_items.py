@@ -8,6 +8,7 @@ from typing import Literal
 
 from msgspec import Struct
 
+from uwserver.frames import Vec3
 from uwserver.ports import Json
 from uwserver_adapters.mavlink.vehicle.home import Home
 from uwserver_adapters.mavlink.vehicle.setpoints import GLOBAL_FRAMES, LOCAL_NED
@@ -16,7 +17,7 @@ from uwserver_adapters.mavlink.wire.dialect import Entry, Message
 
 Result = Literal[
     "ACCEPTED", "ERROR", "DENIED", "UNSUPPORTED", "UNSUPPORTED_FRAME", "NO_SPACE", "OPERATION_CANCELLED", "INVALID", "INVALID_SEQUENCE",
-    "INVALID_PARAM1", "INVALID_PARAM2", "INVALID_PARAM5_X",
+    "INVALID_PARAM1", "INVALID_PARAM2", "INVALID_PARAM5_X", "INVALID_PARAM7",
 ]  # fmt: skip
 """Of MAV_MISSION_RESULT, without its prefix."""
 LARGEST = 700
@@ -30,6 +31,9 @@ _NO_HEADING_DEG = (0.0, 999.0)
 """What ground stations send for "none", beside NaN: zero, and Cockpit 999."""
 GLOBAL, NO_PLACE = "MAV_FRAME_GLOBAL", "MAV_FRAME_MISSION"
 """Frames: with the altitude above the sea, and of items without a place."""
+TERRAIN = "MAV_FRAME_GLOBAL_TERRAIN_ALT"
+_TERRAIN_FRAMES = (TERRAIN, "MAV_FRAME_GLOBAL_TERRAIN_ALT_INT")
+"""With the altitude above the bottom."""
 _FOREVER_S = 1e6
 """The longest hold that the autopilot takes: more than eleven days."""
 
@@ -98,7 +102,7 @@ def translate(item: Item, home: Home) -> Json:
     p1, p2, _, p4 = item.params
     command = item.command.name
     if command in (WAYPOINT, _LOITER, _LOITER_TIME):
-        waypoint: dict[str, Json] = {"kind": "waypoint", "position_ned_m": list(place_of(item, home))}
+        waypoint: dict[str, Json] = {"kind": "waypoint", **_where(item, home)}
         if command == WAYPOINT and p2 > 0.0:
             waypoint["radius_m"] = p2
         if math.isfinite(p4) and abs(p4) not in _NO_HEADING_DEG and command == WAYPOINT:
@@ -125,7 +129,17 @@ def translate(item: Item, home: Home) -> Json:
     raise BadItem("UNSUPPORTED", f"item {item.seq}: command {item.command.number} is not supported in a mission")
 
 
-def place_of(item: Item, home: Home) -> tuple[float, float, float]:
+def _where(item: Item, home: Home) -> dict[str, Json]:
+    """Keys of a waypoint for its place."""
+    if item.frame.name not in _TERRAIN_FRAMES:
+        return {"position_ned_m": list(place_of(item, home))}
+    if not item.z > 0.0:
+        raise BadItem("INVALID_PARAM7", f"item {item.seq}: {item.z:g} m is no altitude above the bottom")
+    north, east, _ = _point(item, home, is_relative=False)
+    return {"position_ne_m": [north, east], "altitude_m": item.z}
+
+
+def place_of(item: Item, home: Home) -> Vec3:
     """Where an item is, in N, m.
 
     Raises:
@@ -135,9 +149,13 @@ def place_of(item: Item, home: Home) -> tuple[float, float, float]:
         return item.x / 1e4, item.y / 1e4, item.z
     if item.frame.name not in GLOBAL_FRAMES:
         raise BadItem("UNSUPPORTED_FRAME", f"item {item.seq}: frame {item.frame.number} is not supported")
+    return _point(item, home, GLOBAL_FRAMES[item.frame.name])
+
+
+def _point(item: Item, home: Home, is_relative: bool) -> Vec3:
     if home.origin is None:
         raise BadItem("INVALID", f"item {item.seq}: the origin is not known, send SET_GPS_GLOBAL_ORIGIN")
-    point = home.point(item.x, item.y, item.z, GLOBAL_FRAMES[item.frame.name])
+    point = home.point(item.x, item.y, item.z, is_relative)
     if point is None:
         raise BadItem("INVALID_PARAM5_X", f"item {item.seq}: there is no such latitude or longitude")
     return point
@@ -184,11 +202,16 @@ def untranslated(seq: int, item: Mapping[str, Json], home: Home, entry: Callable
         return Item(seq, entry(NO_PLACE), entry(YAW), (number("heading_deg"), 0.0, 0.0, 0.0), 0, 0, 0.0)
     if kind == "surface":
         return Item(seq, entry(GLOBAL), entry(LAND), (0.0,) * 4, 0, 0, 0.0)
-    given = item.get("position_ned_m")
+    flat = item.get("position_ne_m")
+    given = [*flat, number("depth_m")] if isinstance(flat, list) else item.get("position_ned_m")
     north, east, down = vec3(given) or (0.0, 0.0, 0.0)
     params = (number("hold_s"), number("radius_m"), 0.0, number("heading_deg"))
     there = home.place((north, east, down))
+    over_bottom = "altitude_m" in item
     if there is None:
+        down = math.nan if over_bottom else down  # no local frame has altitudes
         return Item(seq, entry(LOCAL_NED), entry(WAYPOINT), params, round(north * 1e4), round(east * 1e4), down)
     x, y = round(degrees_e7(there.latitude)), round(degrees_e7(there.longitude))
+    if over_bottom:
+        return Item(seq, entry(TERRAIN), entry(WAYPOINT), params, x, y, number("altitude_m"))
     return Item(seq, entry(GLOBAL), entry(WAYPOINT), params, x, y, there.altitude)

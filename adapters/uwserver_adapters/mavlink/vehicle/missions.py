@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
+
 from msgspec import Struct
 
 from uwserver.ports import Json
@@ -28,6 +31,8 @@ from uwserver_adapters.mavlink.wire.dialect import Entry, Fields, Message
 ASK_AGAIN_S, GIVE_UP_S = 1.0, 8.0
 """Wall time after which an item that does not come is asked for again, and the upload is given up."""
 MISSION, FENCE, RALLY = "MAV_MISSION_TYPE_MISSION", "MAV_MISSION_TYPE_FENCE", "MAV_MISSION_TYPE_RALLY"
+_ITEM = re.compile(r"^item (\d+)")
+"""How the autopilot begins what is wrong with an item."""
 GO_THERE, GO_TO_HEIGHT = 2, 3
 """Values of `current` of items that belong to no mission."""
 
@@ -191,7 +196,7 @@ class Missions:
     def _complete(self, upload: Upload) -> None:
         def done(reason: str) -> None:
             if reason:
-                self._bridge.tell(WARNING, f"Mission refused: {reason}")
+                self._bridge.tell(WARNING, f"Mission refused: {_numbered(reason, upload.numbers)}")
             else:
                 if len(upload.made) < upload.count - 1:
                     self._bridge.tell(INFO, "Mission: the take-off is left out")
@@ -314,6 +319,11 @@ class Missions:
         """The channel is closed."""
         if self._upload is not None and self._upload.channel is channel:
             self._upload = None
+
+
+def _numbered(reason: str, numbers: Sequence[int]) -> str:
+    """A reason of the autopilot, whose items are those without home and take-offs, with the number that the ground station gave the item."""
+    return _ITEM.sub(lambda found: f"item {numbers[int(found[1])]}", reason, count=1)
 
 
 def _to(peer: tuple[int, int]) -> dict[str, int]:

@@ -100,6 +100,7 @@ class FakeRov(FakeContext):
         self.until_s = 0.0
         self.state_of: tuple[int, dict[str, Any]] | None = None
         self.items: list[Json] = []
+        self.refusal = ""
         ports = [
             Port(f"rov/{name}", "sensor", kind, _fields(values), "x", 10.0)
             for name, (kind, values) in INSTRUMENTS.items()
@@ -169,6 +170,8 @@ class FakeRov(FakeContext):
     def _set_mission(self, args: Mapping[str, Json]) -> Json:
         items = args["items"]
         assert isinstance(items, list)
+        if self.refusal:
+            raise Refused("denied", self.refusal)
         self.items = items
         self.state |= {"mission_count": len(items), "mission_index": -1, "reached": 0}
         return {"count": len(items)}

@@ -124,6 +124,52 @@ async def test_a_heading_of_no_compass_is_none(bench, nowhere):
     assert "heading_deg" not in bench.rov.items[0]
 
 
+@pytest.mark.parametrize("frame", [10, 11])
+async def test_in_a_frame_of_the_terrain_the_altitude_is_one_above_the_bottom(bench, frame):
+    station = bench.station()
+    x, y = place(bench, 20.0, 30.0)
+    items = [HOME, (frame, WAYPOINT, (5.0, 2.0, 0.0, math.nan), x, y, 4.5), (3, WAYPOINT, (0.0,) * 4, x, y, -8.0)]
+    assert await upload(bench, station, items) == ACCEPTED
+    first, second = bench.rov.items
+    assert first == {
+        "kind": "waypoint", "position_ne_m": pytest.approx([20.0, 30.0], abs=0.02), "altitude_m": 4.5, "radius_m": 2.0, "hold_s": 5.0,
+    }  # fmt: skip
+    assert second["position_ned_m"][2] == 8.0
+    bench.run(0.1)
+    station.send("MISSION_REQUEST_INT", 1, 1, 1, 0)
+    told = station.last("MISSION_ITEM_INT")
+    assert (told.frame, told.x, told.y, told.z) == (frame, x, y, 4.5)
+
+
+async def test_an_altitude_that_the_vehicle_cannot_keep_is_refused_with_the_number_of_the_station(bench):
+    """The autopilot's items are those without home and take-off."""
+    bench.rov.refusal = "item 1: altitude_m needs a sensor"
+    station = bench.station()
+    x, y = place(bench, 20.0, 30.0)
+    level, terrain = (3, WAYPOINT, (0.0,) * 4, x, y, -8.0), (10, WAYPOINT, (0.0,) * 4, x, y, 5.0)
+    assert await upload(bench, station, [HOME, (3, 22, (0.0,) * 4, x, y, 50.0), level, terrain]) == INVALID
+    assert "Mission refused: item 3: altitude_m needs a sensor" in station.texts()
+    assert not bench.rov.items
+
+
+@pytest.mark.parametrize("origin", [(63.44, 10.39), None])
+async def test_altitudes_and_depths_that_came_another_way_are_told(make_bench, origin):
+    bench = make_bench(origin_deg=origin)
+    bench.rov._set_mission({"items": [
+        {"kind": "waypoint", "position_ne_m": [5.0, 6.0], "altitude_m": 3.0}, {"kind": "waypoint", "position_ne_m": [5.0, 6.0], "depth_m": 7.0},
+    ]})  # fmt: skip
+    bench.run(0.1)
+    station = bench.station()
+    station.send("MISSION_REQUEST_LIST", 1, 1, 0)
+    await asyncio.sleep(0.01)
+    found = []
+    for seq in (1, 2):
+        station.send("MISSION_REQUEST_INT", 1, 1, seq, 0)
+        told = station.last("MISSION_ITEM_INT")
+        found += [told.frame, told.z]
+    assert found == ([10, 3.0, 0, -7.0] if origin else [1, pytest.approx(math.nan, nan_ok=True), 1, 7.0])
+
+
 async def test_the_download_tells_what_was_uploaded(bench):
     station, other = bench.station(), bench.station(254)
     x, y = place(bench, 20.0, 30.0)
@@ -148,7 +194,10 @@ async def test_the_download_tells_what_was_uploaded(bench):
     [
         ((3, SERVO, (9.0, 1500.0, 0.0, 0.0), 0, 0, 0.0), UNSUPPORTED),
         ((3, 24, (0.0,) * 4, 0, 0, 0.0), UNSUPPORTED),
-        ((11, WAYPOINT, (0.0,) * 4, 634_400_000, 103_900_000, -5.0), BAD_FRAME),
+        ((10, WAYPOINT, (0.0,) * 4, 634_400_000, 103_900_000, -5.0), 12),
+        ((11, WAYPOINT, (0.0,) * 4, 634_400_000, 103_900_000, 0.0), 12),
+        ((11, WAYPOINT, (0.0,) * 4, 950_000_000, 0, 5.0), 10),
+        ((7, WAYPOINT, (0.0,) * 4, 634_400_000, 103_900_000, -5.0), BAD_FRAME),
         ((8, WAYPOINT, (0.0,) * 4, 0, 0, -5.0), BAD_FRAME),
         ((3, WAYPOINT, (0.0,) * 4, 950_000_000, 0, -5.0), 10),
         ((3, WAYPOINT, (0.0,) * 4, 0, 0, math.nan), 10),

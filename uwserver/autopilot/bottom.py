@@ -1,0 +1,63 @@
+"""The bottom under a vehicle: how deep it is and how it slopes, by the echoes of altimeter and DVL, with the way made good between them.
+
+Compiled code. The slope is kept in N, so that a vehicle which turns round on it still knows where it rises.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from uwserver.autopilot.rows import four, rotate
+from uwserver.physics.kernel.deferred import compiled
+from uwserver.units import NANOSECONDS
+
+BOTTOM_S = 0.5
+"""Time constant of the bottom's depth under the vehicle, s; the filter of its slope follows from it (critically damped)."""
+CREEP_MPS, STEEPEST = 0.1, 3.0
+"""Slower than this a vehicle learns nothing of the bottom's slope; the largest that is believed."""
+LEAP_M, LEAP, FEW = 0.5, 0.1, 3
+"""An echo of the bottom that is farther off than this, and this part of its range, is a false one, unless more follow."""
+
+
+@compiled
+def correct_bottom(e: Any, source: Any, reach: float, t_ns: int, late: float) -> None:
+    """Correct the depth and the slope of the bottom by the echo of a beam.
+
+    Args:
+        e: ESTIMATE of the vehicle.
+        source: SOURCE, whose z points along the beam.
+        reach: of the beam, m; nan without an echo.
+        t_ns: time of the echo.
+        late: how long ago that was, s.
+    """
+    if reach != reach:
+        return
+    x, y, z = rotate(four(source.q), (0.0, 0.0, reach))
+    ahead, aside, below = rotate(four(e.q), (x + source.p[0], y + source.p[1], z + source.p[2]))
+    bottom = e.p[2] - e.v[2] * late + below
+    dt = (t_ns - e.altitude_ns) / NANOSECONDS
+    # A tilted beam meets a sloping bottom elsewhere than under the vehicle, and then it has moved on.
+    off = bottom - e.bottom - e.grade[0] * (ahead - e.v[0] * late) - e.grade[1] * (aside - e.v[1] * late)
+    is_strange = abs(off) > LEAP_M + LEAP * reach
+    if e.bottom != e.bottom or dt > 5.0 or (is_strange and e.strange >= FEW):
+        e.bottom, e.grade[0], e.grade[1] = bottom, 0.0, 0.0
+    elif is_strange:
+        e.strange += 1
+        return
+    elif dt > 0.0:
+        share = dt / (BOTTOM_S + dt)
+        e.bottom += share * off
+        speed = math.hypot(e.v[0], e.v[1])
+        if speed > CREEP_MPS:
+            k = (1.0 - math.sqrt(1.0 - share)) ** 2 * off / (dt * speed * speed)
+            e.grade[0] = max(-STEEPEST, min(STEEPEST, e.grade[0] + k * e.v[0]))
+            e.grade[1] = max(-STEEPEST, min(STEEPEST, e.grade[1] + k * e.v[1]))
+    e.strange = 0
+    e.altitude_ns = max(e.altitude_ns, t_ns)
+
+
+@compiled
+def fall(e: Any) -> float:
+    """How fast the bottom under the vehicle gets deeper, m/s."""
+    return float(e.grade[0] * e.v[0] + e.grade[1] * e.v[1])
