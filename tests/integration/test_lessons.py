@@ -16,6 +16,7 @@ from uwserver.ports import Sample
 from uwserver.scenario.load.scenario import load
 from uwserver.sensors import TrainingConfig
 from uwserver.sensors.onboard.inspection import Follow, Inspect
+from uwserver.world import snapshot
 
 TICKS = 24
 """Between two looks of the pilot: 0.1 s."""
@@ -117,6 +118,28 @@ def test_an_anode_behind_its_leg_is_not_inspected() -> None:
     assert pilot.told.found == ""
 
 
+def test_steel_that_is_touched_costs_points() -> None:
+    pilot = Pilot("inspect_the_anodes")
+    for _ in range(300):
+        pilot.steer((8.0, -2.5, 5.0), 0.0)  # inside a leg
+        if pilot.told.collisions:
+            break
+    assert pilot.told.collisions == 1
+    assert pilot.told.score == -25.0
+
+
+def test_a_saved_state_goes_on_in_the_middle_of_a_look() -> None:
+    pilot, stand = Pilot("inspect_the_anodes"), (6.2, -2.5, 7.0)
+    pilot.fly(stand, 0.0, lambda away: pilot.told.held > 1.0)
+    kept, ends = snapshot.take(pilot.world), []
+    for _ in range(2):
+        pilot.fly(stand, 0.0, lambda away: pilot.looks("anode_1"), 10.0)
+        ends.append(pilot.told)
+        snapshot.restore(pilot.world, kept)
+    assert ends[0] == ends[1]
+    assert ends[0].found == "anode_1"
+
+
 def test_the_pipe_can_be_followed_and_its_findings_are_marked() -> None:
     pilot, task = Pilot("follow_the_pipe"), task_of("follow_the_pipe", "pipe")
     assert isinstance(task, Follow)
@@ -136,7 +159,7 @@ def test_the_pipe_can_be_followed_and_its_findings_are_marked() -> None:
     end = pilot.told
     assert (end.state, end.part, end.missing, end.collisions, end.lost) == ("done", 1.0, 0, 0, 0.0)
     assert set(end.found.split(", ")) == set(task.findings)
-    assert end.score == pytest.approx(600.0 + 150.0 + end.left)
+    assert end.score == pytest.approx(600.0 + 150.0 + 0.5 * end.left)
     assert end.left > 200.0
 
 

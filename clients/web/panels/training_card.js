@@ -48,9 +48,9 @@ export function trainingCard(app, training) {
     mark.hidden = !state.marks;
     mark.disabled = state.state !== "running" || Boolean(rerun);
     for (const name of ["time", "left"]) tell(cells[name], `${tenth(state[name])} s`);
-    for (const name of ["score", "collisions"]) tell(cells[name], figure(state[name], 0));
-    tell(cells.best, best ? `${figure(best.score, 0)} in ${tenth(best.time)} s` : "–");
-    tell(cells.last, ended ? ended.state === "broken off" ? "broken off" : `${figure(ended.score, 0)} in ${tenth(ended.time)} s` : "–");
+    for (const name of ["score", "collisions"]) tell(cells[name], typeof state[name] === "number" ? String(Math.round(state[name])) : "–");
+    tell(cells.best, best ? `${Math.round(best.score)} in ${tenth(best.time)} s` : "–");
+    tell(cells.last, ended ? ended.state === "broken off" ? "broken off" : `${Math.round(ended.score)} in ${tenth(ended.time)} s` : "–");
     tell(said, rerun ? "This is your last try. The world goes on meanwhile." : (SAID[state.state] ?? ""));
     again.disabled = Boolean(app.status.playback) || Boolean(app.world?.read_only);
     watch.disabled = !ended;

@@ -18,7 +18,7 @@ const READINGS = {
 
 /** Task, time and score of a pilot's training. @param {string} state @param {Record<string, any>} all */
 function trained(state, all) {
-  const [time, score] = [`${figure(all.time, 1)} s`, `${figure(all.score, 0)} points`];
+  const [time, score] = [`${figure(all.time, 1)} s`, `${Math.round(all.score)} points`];
   if (state === "off") return "off";
   if (state === "done" || state === "failed") return `${state === "done" ? "done" : "time is over"} · ${time} · ${score}`;
   const held = all.hold > 0 && all.held > 0 ? ` (${figure(all.held, 0)} of ${figure(all.hold, 0)} s)` : "";
