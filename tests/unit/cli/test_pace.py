@@ -113,13 +113,13 @@ range_m = 1
 def test_sonars_that_look_down_cost_something_too(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, processing_s: float
 ) -> None:
-    """3.2 ms of a swath and 0.6 ms of both sides do not fit into the 1.3 ms of a metre; a profiler reads within the tick and waits for nobody."""
+    """4.4 ms of a swath and 0.6 ms of both sides do not fit into the 1.3 ms of a metre; a profiler reads within the tick and waits for nobody."""
     monkeypatch.setattr(commands, "installed_adapters", dict)
     path = tmp_path / "down.toml"
     path.write_text(LOOKING_DOWN.format(processing_s=processing_s), encoding="utf-8")
     lines = late(load(path, adapters={}))
     told = CliRunner().invoke(commands.check, [str(path)]).stderr
-    assert "of a core while somebody reads all of them (rov/swath 3 %, rov/port_and_starboard 1 %)" in told
+    assert "of a core while somebody reads all of them (rov/swath 4 %, rov/port_and_starboard 1 %)" in told
     if processing_s:
         assert lines == []
         return

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from msgspec import Meta
@@ -11,12 +11,12 @@ from uwserver.modifiers.base import Measurement
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Buffer, Field, Value
 from uwserver.ports.buffer import Layout
-from uwserver.sensors.acoustic.imaging.array import Taper
+from uwserver.sensors.acoustic.imaging.array import Taper, difference, elements, pattern
 from uwserver.sensors.acoustic.imaging.soundings import HEARD, bands
-from uwserver.sensors.acoustic.imaging.swath import Swath, check_size, columns_of, cost
+from uwserver.sensors.acoustic.imaging.swath import Plane, Swath, check_size, columns_of, cost
 from uwserver.sensors.acoustic.pinging import Instant, Lighting, PingingSonar, PingSettings, PingTable, fade_of
 from uwserver.sensors.acoustic.receiver import Echoes
-from uwserver.sensors.acoustic.sounding import Array, Soundings, blanked, listen, sound_out
+from uwserver.sensors.acoustic.sounding import Array, Soundings, blanked, listen, listen_apart, sound_out
 from uwserver.sensors.base import Pose, Scope
 from uwserver.sensors.job import Job
 from uwserver.table import Positive
@@ -40,6 +40,8 @@ class BathymetryConfig(PingTable, tag="bathymetry", kw_only=True, frozen=True):
         taper: of the receiving array.
         rays_along: of each column of rays.
         threshold_db: above the noise, for an echo to count.
+        detection: of a range: the middle of the echo; or, where that is surer, where the phase between both halves of the array is zero, as in outer
+            beams. An `ideal` one has no phases.
     """
 
     frequency_hz: Positive = 400e3
@@ -54,6 +56,7 @@ class BathymetryConfig(PingTable, tag="bathymetry", kw_only=True, frozen=True):
     taper: Taper = "hamming"
     rays_along: Annotated[int, Meta(ge=4, le=256)] = 12
     threshold_db: Annotated[float, Meta(ge=0, le=60)] = 14.0
+    detection: Literal["amplitude", "phase"] = "phase"
 
     def __post_init__(self) -> None:
         """ValueError where keys do not go together."""
@@ -65,7 +68,8 @@ class BathymetryConfig(PingTable, tag="bathymetry", kw_only=True, frozen=True):
     def computing_s(self) -> float:
         """About the processor time of a ping, s."""
         columns = columns_of(rad(self.field_deg), rad(self.beam_width_across_deg))
-        return cost(columns, self.rays_along, self.beams, self.bins, HEARD)
+        formed = self.beams * (1 if self.detection == "amplitude" or self.ideal else 2)
+        return cost(columns, self.rays_along, formed, self.bins, HEARD)
 
     def build(self, mount: Pose) -> Bathymetry:
         return Bathymetry(mount, self)
@@ -91,7 +95,7 @@ class _Swath(Job):
         self._instant, self._recording = instant, recording
 
     def run(self) -> tuple[Value, ...]:
-        """Angles, ranges, qualities, hits and levels of the beams."""
+        """Angles, ranges, qualities, hits, levels and methods of the beams."""
         config, reach = self._recording.config, self._recording.reach
         found = self._found()
         ranges = (found.place * (reach / config.bins)).astype(np.float32)
@@ -102,16 +106,21 @@ class _Swath(Job):
             Buffer.of(found.quality.astype(np.float32)),
             Buffer.of(np.minimum(found.hits, 0xFFFF).astype(np.uint16)),
             Buffer.of(np.where(found.hits > 0, level, np.nan).astype(np.float32)),
+            Buffer.of(found.method),
         )
 
     def _found(self) -> Soundings:
         instant, recording = self._instant, self._recording
         energy = instant.energy(recording.echoes)
-        sound = listen(energy, instant.ranges, instant.noise, recording.directivity, recording.array)
+        divided, noise, directivity, array = instant.ranges, instant.noise, recording.directivity, recording.array
+        if noise is None:
+            sound, apart = listen(energy, divided, None, directivity, array), None
+        else:
+            sound, apart = listen_apart(energy, divided, noise, directivity, array)
         config, alpha = recording.config, instant.water.alpha
         blanked(sound, config.min_range_m, recording.reach / config.bins)
         threshold = config.threshold_db - recording.gain
-        return sound_out(sound, config.bins, instant.ranges, recording.directivity, alpha, threshold)
+        return sound_out(sound, config.bins, instant.ranges, recording.directivity, alpha, threshold, apart=apart)
 
 
 class Bathymetry(PingingSonar):
@@ -125,7 +134,8 @@ class Bathymetry(PingingSonar):
         width, along = rad(config.beam_width_across_deg), rad(config.beam_width_along_deg)
         swath = Swath(rad(config.field_deg), width, _ONE_WAY * along, config.beams, config.rays_along, config.taper)
         self._echoes = Echoes(swath, config.bins)
-        self._array = Array(swath.pattern, swath.power, bands(swath.pattern))
+        apart = _apart(config, swath) if config.detection == "phase" else None
+        self._array = Array(swath.pattern, swath.power, bands(swath.pattern), apart)
         self._directivity = max(4.0 * np.pi / (width * rad(config.receiver_height_deg)), 1.0)
         self._angle = Buffer.of(swath.azimuth.astype(np.float32))
         one = Layout("float32", (config.beams,))
@@ -139,6 +149,13 @@ class Bathymetry(PingingSonar):
             Field("quality", "1", "of each range: 1 for an echo without noise, 0 for none", type="buffer", buffer=one),
             Field("hits", "1", "bins of each echo", type="buffer", buffer=Layout("uint16", (config.beams,))),
             Field("level", "dB", "of each echo, re 1 uPa; NaN without one", type="buffer", buffer=one),
+            Field(
+                "method",
+                "1",
+                "by which each range was found: 0 none, 1 amplitude, 2 phase",
+                type="buffer",
+                buffer=Layout("uint8", (config.beams,)),
+            ),
         )
         super().__init__(
             mount,
@@ -149,9 +166,15 @@ class Bathymetry(PingingSonar):
 
     def sense(self, scope: Scope) -> Measurement | None:
         """A ping; None while the last one is not over."""
-        return self.ping(scope, 5, self._swath)
+        return self.ping(scope, 6, self._swath)
 
     def _swath(self, instant: Instant) -> Job:
         reach, gain = self.settings.range, self.settings.gain
         recording = _Recording(self._config, self._echoes, self._array, self._directivity, self._angle, reach, gain)
         return _Swath(instant, recording)
+
+
+def _apart(config: BathymetryConfig, swath: Swath) -> Plane:
+    """(beams, columns) of the difference of both halves of its array."""
+    count = elements(config.taper, rad(config.beam_width_across_deg))
+    return pattern(config.taper, count, swath.azimuth, swath.grid.azimuth, difference)

@@ -6,6 +6,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.sensors.acoustic.cross_talk import add_bursts
@@ -13,7 +14,12 @@ from uwserver.sensors.acoustic.imaging import columns, soundings, speckle
 from uwserver.sensors.acoustic.imaging.swath import Plane
 from uwserver.sensors.acoustic.receiver import Noise, Ranges
 
+_OTHER = 1 << 63
+"""Beside the numbers that are drawn for pings."""
 _DECIBEL = 0.1 * math.log(10.0)
+
+
+Methods = npt.NDArray[np.uint8]
 
 
 class Soundings(NamedTuple):
@@ -24,12 +30,14 @@ class Soundings(NamedTuple):
         level: mean intensity in the echo, uPa^2.
         hits: gates in it that are above the threshold.
         quality: part of the echo that is no noise, 0 to 1.
+        method: uint8, of `soundings`: how the place was found.
     """
 
     place: FloatArray
     level: FloatArray
     hits: IntArray
     quality: FloatArray
+    method: Methods
 
 
 class Array(NamedTuple):
@@ -38,11 +46,13 @@ class Array(NamedTuple):
     Attributes:
         pattern, power: (beams, columns) amplitude and power.
         bands: of `soundings.bands`.
+        apart: (beams, columns) of `array.difference`; None of one that does not compare its halves.
     """
 
     pattern: Plane
     power: Plane
     bands: IntArray
+    apart: Plane | None = None
 
 
 def listen(energy: FloatArray, ranges: Ranges, noise: Noise | None, directivity: float, array: Array | None) -> Plane:
@@ -59,25 +69,56 @@ def listen(energy: FloatArray, ranges: Ranges, noise: Noise | None, directivity:
         (2, beams, gates) real and imaginary part, uPa; without noise (1, beams, gates) intensity, uPa^2.
     """
     if noise is None:
-        heard = energy.astype(np.float32)[None]
-    else:
-        heard = np.empty((2, *energy.shape), np.float32)
-        columns.scatter(energy, np.uint64(noise.key), noise.faded, noise.share, speckle.PHASORS, heard)
-    if array is not None:
-        sound = np.empty((len(heard), len(array.bands), energy.shape[1]), np.float32)
-        for plane, wave in enumerate(heard):
-            soundings.form_bands(array.power if noise is None else array.pattern, array.bands, wave, sound[plane])
-        heard = sound
+        mean: Plane = energy.astype(np.float32)[None]
+        heard = mean if array is None else _beams(mean, array.power, array.bands)
+        _received(heard, ranges, None, directivity)
+        return heard
+    waves = _waves(energy, noise)
+    heard = waves if array is None else _beams(waves, array.pattern, array.bands)
+    _received(heard, ranges, noise, directivity)
+    return heard
+
+
+def listen_apart(
+    energy: FloatArray, ranges: Ranges, noise: Noise, directivity: float, array: Array
+) -> tuple[Plane, Plane | None]:
+    """What narrow beams hear as of `listen`, and the difference of both halves of the array, where it compares them."""
+    waves = _waves(energy, noise)
+    together = _beams(waves, array.pattern, array.bands)
+    _received(together, ranges, noise, directivity)
+    if array.apart is None:
+        return together, None
+    apart = _beams(waves, array.apart, array.bands)
+    # The noise of the halves is independent, and so is that of their sum and of their difference.
+    _received(apart, ranges, noise._replace(number=noise.number | _OTHER), directivity)
+    return together, apart
+
+
+def _waves(energy: FloatArray, noise: Noise) -> Plane:
+    """(2, columns, gates) of each column with its speckle."""
+    waves = np.empty((2, *energy.shape), np.float32)
+    columns.scatter(energy, np.uint64(noise.key), noise.faded, noise.share, speckle.PHASORS, waves)
+    return waves
+
+
+def _beams(waves: Plane, pattern: Plane, bands: IntArray) -> Plane:
+    sound = np.empty((len(waves), len(bands), waves.shape[2]), np.float32)
+    for plane, wave in enumerate(waves):
+        soundings.form_bands(pattern, bands, wave, sound[plane])
+    return sound
+
+
+def _received(sound: Plane, ranges: Ranges, noise: Noise | None, directivity: float) -> None:
+    """Add the noise, and let the pulse be as long as it is."""
+    window = ranges.gates.window
     if noise is not None:
         inside = ranges.noise / directivity
-        columns.add_noise(np.uint64(noise.key), np.uint64(noise.number), inside, speckle.PHASORS, heard)
-        add_bursts(noise.bursts, noise.key, noise.number, ranges.gates.window, heard)
-    window = ranges.gates.window
+        columns.add_noise(np.uint64(noise.key), np.uint64(noise.number), inside, speckle.PHASORS, sound)
+        add_bursts(noise.bursts, noise.key, noise.number, window, sound)
     if window > 1.0:
         rest = 0.5 * (window - int(window))
-        work = np.empty(energy.shape[1], np.float32)
-        columns.lengthen(heard, int(window), rest if noise is None else math.sqrt(rest), work)
-    return heard
+        work = np.empty(sound.shape[2], np.float32)
+        columns.lengthen(sound, int(window), rest if noise is None else math.sqrt(rest), work)
 
 
 def blanked(sound: Plane, least: float, gate: float) -> None:
@@ -86,7 +127,8 @@ def blanked(sound: Plane, least: float, gate: float) -> None:
 
 
 def sound_out(
-    sound: Plane, bins: int, ranges: Ranges, directivity: float, alpha: float, threshold_db: float, first: bool = False
+    sound: Plane, bins: int, ranges: Ranges, directivity: float, alpha: float, threshold_db: float, first: bool = False,
+    apart: Plane | None = None,
 ) -> Soundings:  # fmt: skip
     """Find the echo of each beam.
 
@@ -97,11 +139,15 @@ def sound_out(
         alpha: absorption, dB/m, for which weights make up: far parts of an echo are not less.
         threshold_db: above the mean noise, for a gate to count.
         first: whether the first echo counts, not the strongest.
+        apart: of `listen_apart`; without it phases tell nothing.
     """
     beams = sound.shape[1]
     around = max(ranges.noise * ranges.gates.window / directivity, 1e-300)
-    place, level, hits = np.empty(beams), np.empty(beams), np.empty(beams, np.int64)
+    place, level, hits, half = np.empty(beams), np.empty(beams), np.empty(beams, np.int64), np.empty(beams)
     least, loss = around * 10.0 ** (0.1 * threshold_db), 2.0 * _DECIBEL * alpha / ranges.gates.per_metre
-    soundings.find(sound, bins, least, loss, first, place, level, hits)
+    soundings.find(sound, bins, least, loss, first, place, level, hits, half)
+    method = np.where(hits > 0, soundings.BY_AMPLITUDE, soundings.NOTHING_FOUND).astype(np.uint8)
+    if apart is not None:
+        soundings.cross(sound, apart, bins, least, half, place, method)
     quality: FloatArray = np.where(hits > 0, level / (level + around), 0.0)
-    return Soundings(place, level, hits, quality)
+    return Soundings(place, level, hits, quality, method)

@@ -7,7 +7,7 @@ import pytest
 
 from uwserver.sensors.acoustic.imaging import speckle
 from uwserver.sensors.acoustic.receiver import Noise, Pulse, ranges
-from uwserver.sensors.acoustic.sounding import Array, blanked, listen, sound_out
+from uwserver.sensors.acoustic.sounding import Array, blanked, listen, listen_apart, sound_out
 
 PULSE = Pulse(200.0, 1e-4, 3e4, 40.0)
 RANGES = ranges(50.0, 500, 1500.0, 1.0, PULSE)
@@ -52,3 +52,22 @@ def test_what_is_nearer_is_silenced_and_nothing_else() -> None:
     assert sound[:, :, 10:].all()
     blanked(sound, 1e9, 0.1)
     assert not sound.any()
+
+
+def test_sum_and_difference_have_the_same_noise_apart_and_the_same_echo() -> None:
+    """The noise of both is as loud and independent; an echo off the axis stands in both with its pattern and its speckle."""
+    pattern, apart, bands = (np.ones((40, 1), np.float32), np.full((40, 1), -0.5, np.float32), np.array([[0, 1]] * 40))
+    energy = np.zeros((1, GATES))
+    energy[0, 100:103] = 1e6 * RANGES.noise
+    array = Array(pattern, pattern**2, bands, apart)
+    both, other = listen_apart(energy, RANGES, noise(), 10.0, array)
+    assert other is not None
+    assert np.array_equal(both, listen(energy, RANGES, noise(), 10.0, array))
+    quiet = slice(200, GATES - 20)
+    powers = [np.mean(sound[0, :, quiet] ** 2 + sound[1, :, quiet] ** 2) for sound in (both, other)]
+    assert powers == pytest.approx([1e4 * 7.5e3 / 10.0] * 2, rel=0.06)
+    assert abs(np.mean(both[:, :, quiet] * other[:, :, quiet])) < 0.03 * powers[0]
+    assert other[:, :, 101] == pytest.approx(
+        -0.5 * both[:, :, 101], rel=0.05, abs=0.02 * float(np.abs(both[:, :, 101]).max())
+    )
+    assert listen_apart(energy, RANGES, noise(), 10.0, array._replace(apart=None))[1] is None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cache
 from typing import Literal
 
@@ -34,10 +35,40 @@ def response(taper: Taper, elements: int, off: FloatArray) -> FloatArray:
     result: FloatArray = np.zeros(off.shape)
     for shift, amplitude in _WEIGHTS[taper]:
         result += amplitude * _untapered(elements, off + shift / elements)
-    at_axis = sum(
-        amplitude * _untapered(elements, np.array([shift / elements]))[0] for shift, amplitude in _WEIGHTS[taper]
+    result /= _at_axis(taper, elements)
+    return result
+
+
+def difference(taper: Taper, elements: int, off: FloatArray) -> FloatArray:
+    """What the right half of the array hears less what the left half does, a quarter of a period late and on the scale of `response`: 0 on the axis,
+    and positive for sound from the right. `response` and this are the parts of one half alone, whose phases are opposite.
+
+    Args:
+        taper, elements: of the array.
+        off: as of `response`.
+    """
+    result: FloatArray = np.zeros(off.shape)
+    for shift, amplitude in _WEIGHTS[taper]:
+        result += amplitude * _odd(elements, off + shift / elements)
+    result /= _at_axis(taper, elements)
+    return result
+
+
+def _at_axis(taper: Taper, elements: int) -> float:
+    return float(sum(a * _untapered(elements, np.array([shift / elements]))[0] for shift, a in _WEIGHTS[taper]))
+
+
+def _odd(elements: int, off: FloatArray) -> FloatArray:
+    """Sum over the elements of sin(pi |place| off), their places as of `_untapered` (the conjugate of Dirichlet's kernel)."""
+    half = 0.5 * math.pi * off
+    below = np.sin(half)
+    near = np.abs(below) < _ON_AXIS
+    below[near] = 1.0
+    first, second = (
+        (0.5 * elements, 0.5 * elements) if elements % 2 == 0 else (0.5 * elements - 0.5, 0.5 * elements + 0.5)
     )
-    result /= at_axis
+    result: FloatArray = 2.0 * np.sin(first * half) * np.sin(second * half) / below
+    result[near] = 0.0
     return result
 
 
@@ -69,12 +100,14 @@ def elements(taper: Taper, width: float) -> int:
     return min(max(2, round(_spread(taper) / (2.0 * math.sin(0.5 * width)))), MOST_ELEMENTS)
 
 
-def pattern(taper: Taper, elements: int, beams: FloatArray, columns: FloatArray) -> npt.NDArray[np.float32]:
-    """(beams, columns) float32 amplitude that each beam hears of each column; angles in rad."""
+def pattern(
+    taper: Taper, elements: int, beams: FloatArray, columns: FloatArray, of: Callable[[Taper, int, FloatArray], FloatArray] = response
+) -> npt.NDArray[np.float32]:  # fmt: skip
+    """(beams, columns) float32 amplitude that each beam hears of each column, or its `difference`; angles in rad."""
     of_columns, of_beams = np.sin(columns), np.sin(beams)
     result = np.empty((len(beams), len(columns)), np.float32)
     rows = max(_BLOCK // len(columns), 1)
     for first in range(0, len(beams), rows):  # a few MB of double precision at a time
         part = slice(first, first + rows)
-        result[part] = response(taper, elements, of_columns[None, :] - of_beams[part, None])
+        result[part] = of(taper, elements, of_columns[None, :] - of_beams[part, None])
     return result

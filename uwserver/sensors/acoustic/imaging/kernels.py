@@ -15,6 +15,7 @@ KERNELS = (
     silhouettes.find_thin, silhouettes.cut, echoes.deposit, echoes.energies, speckle.scatter, speckle.detect,
     speckle.detect_mean, speckle.compress, echoes.deposit_columns, columns.energies, columns.volume, columns.scatter, columns.form_beams,
     columns.add_noise, columns.lengthen, columns.intensities, columns.counts, soundings.form_bands, soundings.find,
+    soundings.cross,
 )  # fmt: skip
 """What Python calls."""
 
@@ -66,7 +67,9 @@ def _load_columns(fan: Fan, hits: Hits) -> None:
     columns.form_beams(np.ones((4, 4), np.float32), sound[0].copy(), sound[0])
     columns.form_beams(np.ones((4, 4), np.float32), energy.astype(np.float32), sound[1])
     soundings.form_bands(np.ones((4, 4), np.float32), np.array([[0, 4]] * 4), sound[0].copy(), sound[1])
-    soundings.find(sound, 10, 0.0, 0.0, False, np.empty(4), np.empty(4), np.empty(4, np.int64))
+    place, half = np.empty(4), np.empty(4)
+    soundings.find(sound, 10, 0.0, 0.0, False, place, np.empty(4), np.empty(4, np.int64), half)
+    soundings.cross(sound, sound, 10, 0.0, half, place, np.empty(4, np.uint8))
     columns.add_noise(np.uint64(0), np.uint64(0), 1.0, speckle.PHASORS, sound)
     columns.lengthen(sound, 2, 0.5, np.zeros(10, np.float32))
     columns.intensities(sound, np.ones(4, np.float32), image)

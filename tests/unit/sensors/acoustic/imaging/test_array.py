@@ -90,3 +90,20 @@ def test_a_pattern_costs_the_same_however_long_the_array(monkeypatch: pytest.Mon
 def test_absurd_widths_are_bounded() -> None:
     assert array.elements("none", 3.0) == 2
     assert array.elements("hamming", 1e-9) == array.MOST_ELEMENTS
+
+
+@pytest.mark.parametrize("taper", ["none", "cosine", "hamming"])
+@pytest.mark.parametrize("elements", [2, 3, 20, 21, 100])
+def test_the_difference_of_both_halves_is_the_sum_over_the_elements(taper: Taper, elements: int) -> None:
+    """Between grating lobes; with the response it gives the phase of each half."""
+    place = np.arange(elements) - 0.5 * (elements - 1)
+    x = np.pi * place / elements
+    weight = {"none": np.ones(elements), "cosine": np.cos(x), "hamming": 0.54 + 0.46 * np.cos(2.0 * x)}[taper]
+    off = np.linspace(-1.7, 1.7, 35)
+    right, left = place > 0.0, place < 0.0
+    waves = weight * np.exp(1j * np.pi * np.outer(off, place))
+    middle = waves[:, place == 0.0].sum(axis=1) / 2.0
+    both = np.stack([waves[:, half].sum(axis=1) + middle for half in (right, left)]) / weight.sum()
+    assert array.response(taper, elements, off) == pytest.approx((both[0] + both[1]).real, abs=1e-9)
+    assert array.difference(taper, elements, off) == pytest.approx((both[0] - both[1]).imag, abs=1e-9)
+    assert array.difference(taper, elements, np.zeros(1))[0] == pytest.approx(0.0, abs=1e-12)

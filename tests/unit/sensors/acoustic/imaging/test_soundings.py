@@ -12,8 +12,9 @@ RNG = np.random.default_rng(1)
 
 def found(line: np.ndarray, least: float = 0.5, loss: float = 0.0, first: bool = False) -> tuple[float, float, int]:
     sound = np.asarray(line, np.float32)[None, None]
-    place, level, hits = np.empty(1), np.empty(1), np.empty(1, np.int64)
-    soundings.find(sound, len(line), least, loss, first, place, level, hits)
+    place, level, hits, half = np.empty(1), np.empty(1), np.empty(1, np.int64), np.empty(1)
+    soundings.find(sound, len(line), least, loss, first, place, level, hits, half)
+    assert (half[0] > 0.0) == (hits[0] > 0)
     return float(place[0]), float(level[0]), int(hits[0])
 
 
@@ -63,3 +64,45 @@ def test_nothing_above_the_noise_is_nothing() -> None:
     place, level, hits = found(np.full(50, 0.4))
     assert np.isnan(place)
     assert (level, hits) == (0.0, 0)
+
+
+def crossed(
+    zero: float, slope: float, place: float, half: float, seed: int | None = 0, noise: float = 0.0
+) -> tuple[float, int]:
+    """Place and method of an echo of gates 60 to 140, whose phase is 0 at a place and grows by a slope (rad) a gate."""
+    gate = np.arange(200) + 0.5
+    rng = np.random.default_rng(seed)
+    bright = np.ones(200) if seed is None else np.abs(rng.standard_normal(200))
+    in_the_beam = (np.abs(gate - 100.0) < 40.0) & (np.abs(slope * (gate - zero)) < 3.0)
+    echo = np.where(in_the_beam, bright, 0.0)
+    turn = 0.5 * slope * (gate - zero) + noise * rng.standard_normal(200)
+    any_phase = np.exp(1j * rng.uniform(-3.0, 3.0, 200))
+    sound, apart = (
+        np.stack([w.real, w.imag])[:, None].astype(np.float32)
+        for w in (echo * np.cos(turn) * any_phase, echo * np.sin(turn) * any_phase)
+    )
+    places, method = np.array([place]), np.zeros(1, np.uint8)
+    soundings.cross(sound, apart, 200, 1e-6, np.array([half]), places, method)
+    return float(places[0]), int(method[0])
+
+
+@pytest.mark.parametrize("slope", [0.05, -0.05, 0.15])
+@pytest.mark.parametrize("zero", [92.3, 104.8])
+def test_the_zero_of_the_phase_is_found_from_any_part_of_the_echo(slope: float, zero: float) -> None:
+    """However speckled it is, and though the window is of one bright part of it."""
+    for phase, half in ((0.5, 40.0), (-1.0, 6.0), (1.0, 2.0)):
+        place = zero + phase / abs(slope)
+        assert crossed(zero, slope, place, half) == (pytest.approx(zero, abs=1e-3), soundings.BY_PHASE)
+
+
+def test_phases_that_tell_nothing_leave_the_place() -> None:
+    """Phases by chance; too few gates; no echo at all."""
+    assert crossed(100.0, 0.05, 99.0, 10.0, noise=3.0) == (99.0, soundings.BY_AMPLITUDE)
+    assert crossed(100.0, 0.0, 99.0, 10.0) == (99.0, soundings.BY_AMPLITUDE)
+    place, method = crossed(100.0, 0.05, float("nan"), 0.0)
+    assert np.isnan(place)
+    assert method == soundings.NOTHING_FOUND
+
+
+def test_a_zero_beside_the_echo_does_not_count() -> None:
+    assert crossed(155.0, 0.05, 100.0, 2.0)[0] == 100.0
