@@ -11,7 +11,7 @@ a reading that is not ready when it is due, or that would begin while the one be
 those that are not), and only if somebody reads the port or the sensor `learns`. A long job comes in pieces, between which others run that are due
 before it, so that no ping is lost behind a picture. A job that raises makes its reading invalid. A table
 with a property `cores` (the part of one core that its readings take in real time, about) has `uwserver check` tell it; with `computing_s` (processor
-time of a reading) and `given_s` (from its begin to its delivery) also whether a reading may be late.
+time of a reading), `given_s` (from its begin to its delivery) and, where it has pieces, `piece_s` also whether a reading may be late.
 """
 
 from __future__ import annotations
