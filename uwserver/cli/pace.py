@@ -18,34 +18,47 @@ class _Computed(NamedTuple):
         path: of its port.
         cost: of a reading, s of processor time.
         given: from its begin to its delivery, s.
+        piece: of a reading that is computed in pieces the longest, s; otherwise its cost.
         keys: what makes the latter longer, and the former shorter.
     """
 
     path: str
     cost: float
     given: float
+    piece: float
     keys: str
+
+    def keeps(self, other: _Computed) -> float:
+        """How long another may have to wait for it, s: for all of it, but where this is due later for a piece, and for what it cannot have done
+        so long after its begin."""
+        later = self.given - other.given
+        return self.cost if later <= 0.0 else max(self.piece, self.cost - later)
 
 
 def late(resolved: Resolved) -> list[str]:
     """A line for each sensor whose readings may be dropped in real time: they are computed one at a time, that which is due first before others,
-    but one that is in work is not left."""
+    but a piece that is in work is not left."""
     each = [
         _Computed(
-            f"{vehicle}/{name}", sensor.computing_s, sensor.given_s, _SONAR if isinstance(sensor, PingTable) else _CAMERA
+            f"{vehicle}/{name}", sensor.computing_s, sensor.given_s, getattr(sensor, "piece_s", sensor.computing_s),
+            _SONAR if isinstance(sensor, PingTable) else _CAMERA,
         )
         for vehicle, v in resolved.vehicles.items()
         for name, sensor in v.vehicle.sensors.items()
         if sensor.enabled and hasattr(sensor, "computing_s") and hasattr(sensor, "given_s") and sensor.computing_s > 0.0
     ]  # fmt: skip
-    longest = sorted(each, key=lambda one: -one.cost)[:2]
+    alike: dict[tuple[float, ...], list[_Computed]] = {}
+    for one in each:
+        alike.setdefault((one.cost, one.given, one.piece), []).append(one)
+    others = [one for few in alike.values() for one in few[:2]]
     lines = []
     for one in each:
-        before = next((other for other in longest if other is not one), None)
-        need = one.cost + (0.0 if before is None else before.cost)
+        before = max((other for other in others if other is not one), key=lambda other: other.keeps(one), default=None)
+        wait = 0.0 if before is None else before.keeps(one)
+        need = one.cost + wait
         if need <= one.given:
             continue
-        waits = "" if before is None else f" and {_ms(before.cost)} of {before.path}, which may be in work before it"
+        waits = "" if before is None else f" and {_ms(wait)} of {before.path}, which may be in work before it"
         lines.append(
             f"in time: {one.path} has {_ms(one.given)} from the begin of a reading to its delivery, and may need {_ms(need)}: "
             f"{_ms(one.cost)} of its own{waits}. In real time such readings are dropped: {one.keys}"

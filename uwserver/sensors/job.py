@@ -7,28 +7,57 @@ result are those values that are no numbers (buffers, texts: `Columns.loose`), i
 
 Who waits: in free-run, lock-step and in-process the tick in which the reading is due; so the bits are the same in all modes. In real time nobody:
 a reading that is not ready when it is due, or that would begin while the one before is still computed, is dropped whole; the drop is a call of
-``world/drop_reading``, so that a recording repeats it. Jobs of a world run one at a time, in the order in which they began (one that is needed now
-before those that are not), and only if somebody reads the port or the sensor `learns`. A job that raises makes its reading invalid. A table
+``world/drop_reading``, so that a recording repeats it. Jobs of a world run one at a time, first what is due first (one that is needed now before
+those that are not), and only if somebody reads the port or the sensor `learns`. A long job comes in pieces, between which others run that are due
+before it, so that no ping is lost behind a picture. A job that raises makes its reading invalid. A table
 with a property `cores` (the part of one core that its readings take in real time, about) has `uwserver check` tell it; with `computing_s` (processor
-time of a reading) and `given_s` (from its begin to its delivery) also whether a reading may be late.
+time of a reading), `given_s` (from its begin to its delivery) and, where it has pieces, `piece_s` also whether a reading may be late.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, field, replace
+from typing import TypeVar, cast
 
 from uwserver.modifiers import Measurement
 from uwserver.modifiers.columns import columns_of
 from uwserver.ports import Field, Value
 
+T = TypeVar("T")
+Pieces = Generator[None, None, T]
+"""Work that can wait wherever it yields, and what it gives in the end."""
+
+
+def whole(pieces: Pieces[T], between: Callable[[], None] | None = None) -> T:
+    """Do all pieces, one after the other, and something `between` them."""
+    while True:
+        try:
+            next(pieces)
+        except StopIteration as end:
+            return cast("T", end.value)
+        if between is not None:
+            between()
+
 
 class Job(ABC):
-    """What is left to do of a reading. It may use arrays that all jobs of a sensor share: no two jobs of a world run at once."""
+    """What is left to do of a reading. It may use arrays that all jobs of a sensor share: no two jobs of a sensor are under way at once.
+
+    Attributes:
+        shared: who has these arrays; None where no job but this one uses its own. Jobs in pieces must tell.
+    """
+
+    shared: object = None
 
     @abstractmethod
     def run(self) -> tuple[Value, ...]:
         """The values of those fields that are no numbers, in their order. In another thread, at most once; a pure function of the job."""
+
+    def pieces(self) -> Pieces[tuple[Value, ...]]:
+        """As `run`, in pieces of some milliseconds; one for a job that does not say."""
+        yield from ()
+        return self.run()
 
 
 class _Nothing(Job):

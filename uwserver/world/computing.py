@@ -9,13 +9,14 @@ from __future__ import annotations
 import logging
 import threading
 import weakref
+from collections.abc import Callable
 from contextlib import suppress
 from heapq import heappop, heappush
 from itertools import count
 from queue import Empty, SimpleQueue
 
 from uwserver.ports import Argument, Call, Service, Value
-from uwserver.sensors.job import Job
+from uwserver.sensors.job import Job, whole
 
 log = logging.getLogger(__name__)
 
@@ -44,8 +45,8 @@ class Work:
 
     __slots__ = ("_blank", "_is_running", "_job", "_values", "error", "is_begun", "is_cancelled", "is_told")
 
-    def __init__(self, job: Job, blank: tuple[Value, ...], is_running: threading.Lock) -> None:
-        """A job; `blank`: its values where it fails; `is_running`: held by the one that runs, of all of a world."""
+    def __init__(self, job: Job, blank: tuple[Value, ...], is_running: threading.RLock) -> None:
+        """A job; `blank`: its values where it fails; `is_running`: held by the thread that runs one, of all of a world."""
         self._job: Job | None = job
         self._blank, self._is_running = blank, is_running
         self._values: tuple[Value, ...] | None = None
@@ -64,13 +65,18 @@ class Work:
         assert self._values is not None
         return self._values
 
-    def run(self) -> None:
-        """Run the job, if nobody has."""
+    @property
+    def shared(self) -> object:
+        """Of its job, see there; None once it is done."""
+        return None if self._job is None else self._job.shared
+
+    def run(self, between: Callable[[], None] | None = None) -> None:
+        """Run the job, if nobody has; `between` its pieces, do what cannot wait."""
         with self._is_running:
             if self._job is None:
                 return
             try:
-                values = tuple(self._job.run())
+                values = tuple(whole(self._job.pieces(), between))
                 if len(values) != len(self._blank):
                     raise ValueError(f"its job gave {len(values)} values, not {len(self._blank)}")
             except Exception as error:  # a fault of one sensor must not end the simulation
@@ -99,7 +105,7 @@ class Computing:
     def __init__(self) -> None:
         self.dropped: dict[str, int] = {}
         self.failed: dict[str, int] = {}
-        self._is_running = threading.Lock()
+        self._is_running = threading.RLock()
         self._numbers = count()
         # Those that wait, by when they are due, and a token for each in the queue: one that keeps an order of its own could not be put into by a
         # collector of garbage, which may come while this thread holds its lock.
@@ -114,7 +120,7 @@ class Computing:
         return Work(job, blank, self._is_running)
 
     def begin(self, work: Work, due_ns: int) -> None:
-        """Compute it, after the one that is in work and those that are due before."""
+        """Compute it, after those that are due before, and the piece that is in work of one that is not."""
         if self._thread is None:
             self._thread = threading.Thread(
                 target=_compute, args=(self._queue, self._waiting), name="uwserver-computing", daemon=True
@@ -156,11 +162,23 @@ class Computing:
 
 def _compute(queue: SimpleQueue[bool], waiting: list[tuple[int, int, Work]]) -> None:
     while queue.get():
-        with suppress(IndexError):  # the world has ended meanwhile
-            _, _, work = heappop(waiting)
-            if not work.is_cancelled:
-                work.run()
-            del work  # a picture is not kept until the next one
+        with suppress(IndexError):  # it ran between the pieces of another, or the world has ended meanwhile
+            _run_first(waiting, ())
+
+
+def _run_first(waiting: list[tuple[int, int, Work]], under_way: tuple[object, ...]) -> None:
+    """Run the job that is due first, and between its pieces those that are due before it; not what shares arrays with one that is `under_way`."""
+    due_ns, _, work = heappop(waiting)
+    if work.is_cancelled:
+        return
+    shared = (*under_way, work.shared)
+
+    def between() -> None:
+        with suppress(IndexError):
+            while waiting[0][0] < due_ns and not (waiting[0][2].shared is not None and waiting[0][2].shared in shared):
+                _run_first(waiting, shared)
+
+    work.run(between)
 
 
 def drop_call(port: str, number: int) -> Call:

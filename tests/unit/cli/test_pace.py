@@ -52,15 +52,15 @@ def test_what_has_time_is_not_told(loaded: Resolved) -> None:
 
 
 def test_a_camera_that_must_wait_for_a_sonar_may_be_late(tmp_path: Path) -> None:
-    """0.5 x 10 ms and 20 ms and 90 ms are enough for the 101 ms of its own, but not for those of the sonar too."""
-    resolved = both(tmp_path, latency_s=0.09)
+    """0.5 x 10 ms and 20 ms and 55 ms are enough for the 71 ms of its own, but not for those of the sonar too."""
+    resolved = both(tmp_path, latency_s=0.055, range_m=3, processing_s=0.07)
     sensors = resolved.vehicles["rov"].vehicle.sensors
     camera, sonar = sensors["front"].computing_s, sensors["sonar"].computing_s
-    assert camera == pytest.approx(0.101, abs=1e-3)
-    assert camera < 0.115 < camera + sonar
-    (line,) = late(resolved)
+    assert camera == pytest.approx(0.0707, abs=1e-3)
+    assert camera < 0.080 < camera + sonar
+    line = late(resolved)[0]
     assert line.startswith(
-        f"in time: rov/front has 115 ms from the begin of a reading to its delivery, and may need {1e3 * (camera + sonar):.3g} ms: "
+        f"in time: rov/front has 80 ms from the begin of a reading to its delivery, and may need {1e3 * (camera + sonar):.3g} ms: "
     )
     assert (
         f"{1e3 * camera:.3g} ms of its own and {1e3 * sonar:.3g} ms of rov/sonar, which may be in work before it"
@@ -70,23 +70,36 @@ def test_a_camera_that_must_wait_for_a_sonar_may_be_late(tmp_path: Path) -> None
         assert key in line
 
 
-def test_a_sonar_of_short_range_may_be_late_by_a_camera(tmp_path: Path) -> None:
+def test_a_sonar_waits_for_a_piece_of_a_picture_that_is_due_later_but_for_all_of_one_that_is_due_before(
+    tmp_path: Path,
+) -> None:
     """3 m take 4 ms, and with processing_s = 0.06 that is less than the camera's picture alone."""
-    (line,) = late(both(tmp_path, range_m=3, processing_s=0.06))
+    given = {"range_m": 3, "processing_s": 0.06}
+    assert late(both(tmp_path, **given)) == []
+    front, line = late(both(tmp_path, **given, read_out_s=0.0, latency_s=0.05))
+    assert front.startswith("in time: rov/front has 55 ms ")
     assert line.startswith("in time: rov/sonar has 64 ms ")
-    assert "ms of rov/front, which may be in work before it" in line
+    assert "and 70.7 ms of rov/front, which may be in work before it" in line
     for key in ("processing_s", "latency_s", "beams", "rate_hz"):
         assert key in line
 
 
+def test_of_a_picture_that_is_due_a_little_later_some_may_be_left(tmp_path: Path) -> None:
+    """It has 80 ms and the ping 64: 16 of its 70.7 ms are done when a ping begins that is due before it."""
+    resolved = both(tmp_path, range_m=3, processing_s=0.06, latency_s=0.055)
+    line = late(resolved)[-1]
+    assert line.startswith("in time: rov/sonar has 64 ms ")
+    assert "and 54.7 ms of rov/front" in line
+
+
 def test_alone_it_need_not_wait(tmp_path: Path) -> None:
     path = tmp_path / "alone.toml"
-    text = BOTH.format(**{**ENOUGH, "latency_s": 0.09})
+    text = BOTH.format(**{**ENOUGH, "latency_s": 0.055})
     path.write_text(text[: text.index("[vehicles.rov.sensors.sonar]")], encoding="utf-8")
     assert late(load(path, adapters={})) == []
-    path.write_text(path.read_text(encoding="utf-8").replace("0.09", "0.05"), encoding="utf-8")
+    path.write_text(path.read_text(encoding="utf-8").replace("0.055", "0.035"), encoding="utf-8")
     (line,) = late(load(path, adapters={}))
-    assert "may need 101 ms: 101 ms of its own. In real time" in line
+    assert "may need 70.7 ms: 70.7 ms of its own. In real time" in line
 
 
 LOOKING_DOWN = """schema = 1
@@ -149,8 +162,8 @@ def test_many_are_not_all_named(tmp_path: Path) -> None:
 
 def test_check_prints_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(commands, "installed_adapters", dict)
-    both(tmp_path, rate_hz=60, range_m=100, latency_s=0.09)
+    both(tmp_path, rate_hz=60, range_m=100, latency_s=0.055)
     result = CliRunner().invoke(commands.check, [str(tmp_path / "both.toml")])
     assert result.exit_code == 0
-    assert "\nin time: rov/front has 115 ms " in result.stderr
+    assert "\nin time: rov/front has 80 ms " in result.stderr
     assert "\nrate: rov/sonar cannot ping rate_hz = 60 " in result.stderr

@@ -6,7 +6,7 @@ import pytest
 
 from uwserver.modifiers import Measurement
 from uwserver.ports import Field, Value
-from uwserver.sensors.job import Begun, Job, finished
+from uwserver.sensors.job import Begun, Job, Pieces, finished, whole
 
 FIELDS = (Field("name", "1", "", type="str"), Field("x", "m", ""), Field("image", "1", "", type="buffer"))
 
@@ -24,6 +24,20 @@ def test_values_go_where_they_belong_and_the_job_is_gone() -> None:
     assert (reading.values, reading.valid, reading.delay_ns) == (["a", 2.0, "b"], True, 7)
     assert isinstance(reading, Begun)
     assert reading.job.run() == ()
+
+
+def test_pieces_are_done_in_their_order_with_something_between_them() -> None:
+    notes: list[str] = []
+
+    def pieces() -> Pieces[str]:
+        for name in "ab":
+            notes.append(name)
+            yield
+        return "c"
+
+    assert whole(pieces(), lambda: notes.append("-")) == "c"
+    assert notes == ["a", "-", "b", "-"]
+    assert whole(Gives(1.0).pieces()) == (1.0,)
 
 
 def test_a_reading_without_a_job_is_finished() -> None:

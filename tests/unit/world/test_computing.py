@@ -5,10 +5,11 @@ from __future__ import annotations
 import gc
 import threading
 import time
+from collections.abc import Callable
 
 from uwserver.ports import Value
-from uwserver.sensors.job import Job
-from uwserver.world.computing import Computing, settled
+from uwserver.sensors.job import Job, Pieces, whole
+from uwserver.world.computing import Computing, Work, settled
 
 PATIENCE_S = 30.0
 
@@ -115,4 +116,83 @@ def test_processor_time_of_a_wait_is_none() -> None:
     before = time.thread_time()
     assert work.result() == ("a",)
     assert time.thread_time() - before < 0.1
+    computing.end()
+
+
+class InPieces(Job):
+    """Three pieces; tells which it does, and lets a test act in the middle of one."""
+
+    def __init__(
+        self, notes: list[str], name: str, shared: object = None, during: Callable[[int], None] | None = None
+    ) -> None:
+        self.notes, self.name, self.during, self.shared = notes, name, during, shared
+
+    def run(self) -> tuple[Value, ...]:
+        return whole(self.pieces())
+
+    def pieces(self) -> Pieces[tuple[Value, ...]]:
+        for k in range(3):
+            self.notes.append(f"{self.name}{k}")
+            if self.during is not None:
+                self.during(k)
+            yield
+        return (self.name,)
+
+
+def order_of(begun: dict[str, tuple[int, object]], cancelled: str = "") -> list[str]:
+    """What is done when, where a picture that is due at 100 is at its second piece when others begin: by name, their times, and what they share."""
+    computing, notes, works = Computing(), list[str](), dict[str, Work]()
+
+    def during(piece: int) -> None:
+        if piece == 1:
+            for name, (due, shared) in begun.items():
+                works[name] = computing.work(InPieces(notes, name, shared), (None,))
+                works[name].is_cancelled = name == cancelled
+                computing.begin(works[name], due)
+
+    picture = computing.work(InPieces(notes, "picture", "camera", during), (None,))
+    computing.begin(picture, 100)
+    deadline = time.monotonic() + PATIENCE_S
+    while time.monotonic() < deadline and not (
+        picture.is_done and all(work.is_done or work.is_cancelled for work in works.values())
+    ):
+        time.sleep(0.001)
+    computing.end()
+    assert picture.result() == ("picture",)
+    return [note for note in notes if note[-1] == "0" or note.startswith("picture")]
+
+
+def test_a_ping_that_is_due_before_a_picture_runs_between_its_pieces() -> None:
+    order = order_of({"late": (101, None), "soon": (73, None), "sooner": (72, None)})
+    assert order == ["picture0", "picture1", "sooner0", "soon0", "picture2", "late0"]
+
+
+def test_no_two_jobs_that_share_arrays_are_under_way_at_once() -> None:
+    assert order_of({"again": (50, "camera")}) == ["picture0", "picture1", "picture2", "again0"]
+
+
+def test_what_is_cancelled_is_left_out_between_pieces_too() -> None:
+    assert order_of({"lost": (50, None), "ping": (60, None)}, "lost") == ["picture0", "picture1", "ping0", "picture2"]
+
+
+def test_a_failure_between_the_pieces_of_another_is_its_own() -> None:
+    class Torn(Job):
+        def run(self) -> tuple[Value, ...]:
+            notes.append("torn")
+            raise IndexError("torn")
+
+    computing, works, notes = Computing(), list[Work](), list[str]()
+
+    def during(piece: int) -> None:
+        if piece == 0:
+            works.append(computing.work(Torn(), (None,)))
+            computing.begin(works[0], 1)
+
+    picture = computing.work(InPieces(notes, "picture", None, during), (None,))
+    computing.begin(picture, 100)
+    deadline = time.monotonic() + PATIENCE_S
+    while not picture.is_done and time.monotonic() < deadline:
+        time.sleep(0.001)
+    assert notes == ["picture0", "torn", "picture1", "picture2"]
+    assert (works[0].result(), works[0].error, picture.result()) == ((None,), "IndexError: torn", ("picture",))
     computing.end()

@@ -12,7 +12,7 @@ from uwserver.frames import Vec3, multiply, quat_from_rpy, rotate
 from uwserver.modifiers.base import NEVER, Measurement, Memory, Number, Time
 from uwserver.ports import Argument, Buffer, Field, Layout, Value
 from uwserver.sensors.base import Pose, Scope, Sensor, Settings, blank, earlier
-from uwserver.sensors.job import Begun, Job
+from uwserver.sensors.job import Begun, Job, Pieces, whole
 from uwserver.sensors.optical.camera import electronics
 from uwserver.sensors.optical.camera.config import CameraTable, gain_of
 from uwserver.sensors.optical.camera.view import Pose as Place
@@ -102,16 +102,20 @@ class Shot(Job):
 
     def __init__(self, film: Film, view: View, exposure: float, gain: float, seed: int) -> None:
         self.view, self.exposure, self.gain, self.seed = view, exposure, gain, seed
-        self._film = film
+        self._film, self.shared = film, film.optics
 
     def run(self) -> tuple[Value, ...]:
         """The picture; of a segmentation also which objects it shows, and how much of them."""
+        return whole(self.pieces())
+
+    def pieces(self) -> Pieces[tuple[Value, ...]]:
+        """The same."""
         config, optics, chip = self._film
         if config.mode == "depth":
-            return (Buffer.of(optics.depth_mm(self.view)),)
+            return (Buffer.of((yield from optics.depths(self.view))),)
         if config.mode == "segmentation":
-            return _segmented(optics, self.view)
-        radiance = optics.form(self.view, config.lamp_shadows)
+            return (yield from _segmented(optics, self.view))
+        radiance = yield from optics.light(self.view, config.lamp_shadows)
         channels = 3 if config.mode == "rgb" else 1
         n = config.width * config.height
         counts: Any = np.empty((n, channels), np.uint16)
@@ -265,8 +269,8 @@ def _at(scope: Scope, mount: Pose, ago: float) -> Place:
     return Place((p_NB[0] + dx, p_NB[1] + dy, p_NB[2] + dz), multiply(q_NB, mount.q))
 
 
-def _segmented(optics: Optics, view: View) -> tuple[Value, ...]:
-    ids, counts = optics.ids(view)
+def _segmented(optics: Optics, view: View) -> Pieces[tuple[Value, ...]]:
+    ids, counts = yield from optics.owners(view)
     share = np.divide(counts[:, 0], counts[:, 1], out=np.zeros(len(counts)), where=counts[:, 1] > 0.0)
     there = np.flatnonzero(counts[:, 1])
     names = ",".join(f"{k}:{view.look.made().names[k]}" for k in there.tolist())

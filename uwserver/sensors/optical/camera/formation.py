@@ -94,7 +94,7 @@ def sea_row(
 @entry
 def form(
     sea: Array, origin: Array, direction: Array, distance: Array, met: Array, faces: Array, things: Array, shift: Array,
-    texels: Array, levels: Array, lamps: Array, lit: Array, veil: Array, ranges: Array, width: int,
+    texels: Array, levels: Array, lamps: Array, lit: Array, veil: Array, ranges: Array, width: int, first: int,
     radiance: Array,
 ) -> None:  # fmt: skip
     """Radiance of each pixel.
@@ -108,6 +108,7 @@ def form(
         lamps, lit: LAMP (m), and (m, cells) whether each reaches what is seen, see `lamps.light_rays`.
         veil, ranges: of lamps, see `lamps.fill_veil`.
         width: of the picture.
+        first: row of the picture, of which these are the pixels of the first.
         radiance: (n, 3) float32 receives it.
     """
     s, wet = sea[0], sea[0].wet != 0
@@ -133,7 +134,7 @@ def form(
             if facing > _TURNED_AWAY:
                 lux = _daylight(s, x, normal)
                 for m in range(len(lamps)):
-                    if lit[m, k // width // SHADOW * cells + k % width // SHADOW] != 0:
+                    if lit[m, (first + k // width) // SHADOW * cells + k % width // SHADOW] != 0:
                         lux = _lamplight(s, wet, lamps[m], x, normal, lux)
                 moved = shift[face.thing, 0], shift[face.thing, 1], shift[face.thing, 2]
                 colour = _painted(face.pattern, place, moved, pixel, facing, normal, colour)
@@ -148,7 +149,7 @@ def form(
         for i in range(3):
             radiance[k, i] = seen[i] * through[i] + (_between(s, i, d[2], r) if wet else 0.0)
         if veil.shape[0] > 0 and wet:
-            _add_veil(veil, ranges, steps, (k // width, k % width), r, radiance[k])
+            _add_veil(veil, ranges, steps, (first + k // width, k % width), r, radiance[k])
 
 
 @inlined

@@ -10,12 +10,22 @@ import numpy as np
 from uwserver.environment.light import AIR, WaterLight
 from uwserver.frames import Quat, Vec3, matrix, multiply, rotate
 from uwserver.physics.kernel.arrays import FloatArray
+from uwserver.sensors.job import Pieces, whole
 from uwserver.sensors.optical.camera import formation, rays, snow
 from uwserver.sensors.optical.camera.cone import Balls, Cone, cone_of
-from uwserver.sensors.optical.camera.lamps import LAMP, RANGES, SHADOW, candelas, exponent_of, light_rays, veil_of
+from uwserver.sensors.optical.camera.lamps import (
+    COARSE,
+    LAMP,
+    RANGES,
+    SHADOW,
+    candelas,
+    exponent_of,
+    light_rays,
+    veil_of,
+)
 from uwserver.sensors.optical.camera.lens import Lens
 from uwserver.sensors.optical.camera.view import View
-from uwserver.sensors.optical.camera.visible import Visible
+from uwserver.sensors.optical.camera.visible import Plane, Visible
 from uwserver.sensors.optical.camera.window import WATER_INDEX, FlatPort, Window, outside
 
 _LEAST_LUX = 0.02
@@ -23,6 +33,8 @@ _LEAST_LUX = 0.02
 _SHADOWED = 0.03
 """Nor where it brings less than this part of the daylight."""
 _SNOW_REACH_M = 2.0
+_PIECE = 1 << 15
+"""Pixels, about, of a band of rows, which is cast and lit at once: a few milliseconds."""
 
 
 class Optics:
@@ -38,7 +50,16 @@ class Optics:
         self._bundles: dict[bool, tuple[Any, Any, Cone]] = {}
         self._directions = lens.table()
         self._bundle(True)
-        self.buffers = rays.Buffers(lens.width * lens.height)
+        rows = max(_PIECE // lens.width // COARSE, 1) * COARSE
+        self.buffers = rays.Buffers(lens.width * lens.height, rows * lens.width)
+        self._bands = [
+            (
+                slice(row, row + rows),
+                place := slice(row * lens.width, (row + rows) * lens.width),
+                self.buffers.part(place),
+            )
+            for row in range(0, lens.height, rows)
+        ]
         self.radiance: Any = np.zeros((lens.width * lens.height, 3), np.float32)
         self._flakes = snow.flakes(snow_density)
         self._known: tuple[Visible, list[rays.Placed]] | None = None
@@ -55,31 +76,25 @@ class Optics:
             )
         return self._bundles[wet]
 
-    def cast(self, view: View) -> tuple[FloatArray, Any]:
-        """Find what each pixel sees; returns the base of the picture (3, N), and THING."""
-        lens, buffers = self.lens, self.buffers
+    def cast(self, view: View) -> Pieces[tuple[FloatArray, Any, Cone]]:
+        """Find what each pixel sees; gives the base of the picture (3, N), THING, and the cone of all rays."""
+        width, visible = self.lens.width, view.look.made()
         base = np.array(view.first.p)
         table, start, cone = self._bundle(view.depth > 0.0)
-        R, p = _rows(view, lens.height, base)
-        rays.turn(table, start, lens.width, R, p, buffers.origin, buffers.direction)
-        things = view.look.made().placed(view.state, base)
-        cone = _seen_from(cone, view)
-        buffers.clear()
-        for plane in view.look.made().planes:
-            rays.meet_floor(
-                buffers.origin,
-                buffers.direction,
-                plane.p - base,
-                plane.normal,
-                plane.face,
-                buffers.distance,
-                buffers.face,
-            )
-        for placed in self._scenes(view):
-            if cone.meets(_balls(placed, things)):
-                buffers.cast(placed, things, view.look.made().faces)
-        rays.bury(buffers.direction, view.look.made().faces, things, buffers.distance, buffers.face)
-        return base, things
+        R, p = _rows(view, self.lens.height, base)
+        things, cone = visible.placed(view.state, base), _seen_from(cone, view)
+        scenes = [placed for placed in self._scenes(view) if cone.meets(_balls(placed, things))]
+        for rows, pixels, part in self._bands:
+            begin = start if len(start) == 1 else start[pixels]
+            rays.turn(table[pixels], begin, width, R[rows], p[rows], part.origin, part.direction)
+            part.clear()
+            for plane in visible.planes:
+                _meet(part, plane, base)
+            for placed in scenes:
+                part.cast(placed, things, visible.faces)
+            yield
+        rays.bury(self.buffers.direction, visible.faces, things, self.buffers.distance, self.buffers.face)
+        return base, things, cone
 
     def _scenes(self, view: View) -> list[rays.Placed]:
         """All that rays are cast at. Of the camera's own vehicle those faces that look towards the camera: it sits inside the others."""
@@ -96,7 +111,11 @@ class Optics:
 
     def form(self, view: View, shadows: bool = True) -> Any:
         """Radiance (n, 3) of a picture, lux/sr; overwritten by the next one."""
-        base, things = self.cast(view)
+        return whole(self.light(view, shadows))
+
+    def light(self, view: View, shadows: bool) -> Pieces[Any]:
+        """As `form`."""
+        base, things, _ = yield from self.cast(view)
         lens, buffers, visible = self.lens, self.buffers, view.look.made()
         north, east, down = base.tolist()
         water = view.water if view.depth > 0.0 else AIR
@@ -105,12 +124,14 @@ class Optics:
         cells = -(-lens.width // SHADOW) * -(-lens.height // SHADOW)
         lit: Any = np.ones((len(lamps), cells), np.uint8)
         if shadows:
-            self._shadows(view, things, lamps, lit, water)
+            yield from self._shadows(view, things, lamps, lit, water)
         veil = veil_of(lamps[:0] if water is AIR else lamps, (buffers.origin, buffers.direction), lens.width, water)
-        formation.form(
-            sea, buffers.origin, buffers.direction, buffers.distance, buffers.face, visible.faces, things, visible.shifts(),
-            visible.atlas.texels, visible.atlas.levels, lamps, lit, veil, RANGES, lens.width, self.radiance,
-        )  # fmt: skip
+        for rows, pixels, part in self._bands:
+            formation.form(
+                sea, part.origin, part.direction, part.distance, part.face, visible.faces, things, visible.shifts(),
+                visible.atlas.texels, visible.atlas.levels, lamps, lit, veil, RANGES, lens.width, rows.start, self.radiance[pixels],
+            )  # fmt: skip
+            yield
         if len(self._flakes) and view.depth > 0.0:
             wide = lens.fx * (WATER_INDEX if isinstance(self._window, FlatPort) else 1.0)
             snow.add_flakes(
@@ -120,7 +141,7 @@ class Optics:
             )  # fmt: skip
         return self.radiance
 
-    def _shadows(self, view: View, things: Any, lamps: Any, lit: Any, water: WaterLight) -> None:
+    def _shadows(self, view: View, things: Any, lamps: Any, lit: Any, water: WaterLight) -> Pieces[None]:
         """Mark in `lit` what lamps do not reach. A vehicle's own shapes keep none of its own lamps from anything."""
         buffers = self.buffers
         if not len(lamps):
@@ -138,11 +159,18 @@ class Optics:
             for placed in view.look.made().scenes:
                 row = things["row"][placed.thing]
                 if row < 0 or row != lamps["row"][k]:
-                    buffers.shade(placed, things, points, towards, reach, lit[k])
+                    for first in range(0, cells, buffers.piece):
+                        some = slice(first, first + buffers.piece)
+                        buffers.shade(placed, things, points[some], towards[some], reach[some], lit[k, some])
+            yield
 
     def depth_mm(self, view: View) -> Any:
         """(h, w) uint16: distance along the optical axis from the pupil, mm; 0 where nothing is nearer than 65.5 m."""
-        self.cast(view)
+        return whole(self.depths(view))
+
+    def depths(self, view: View) -> Pieces[Any]:
+        """As `depth_mm`."""
+        yield from self.cast(view)
         out: Any = np.empty(self.buffers.n, np.uint16)
         table, start, _ = self._bundle(view.depth > 0.0)
         rays.depths(table, start, self.buffers.distance, out)
@@ -150,38 +178,39 @@ class Optics:
 
     def ids(self, view: View) -> tuple[Any, FloatArray]:
         """(h, w) uint16 ids of the objects, 0 for none; and (objects, 2) pixels of each that are seen, and that would be if it were alone."""
-        _, things = self.cast(view)
+        return whole(self.owners(view))
+
+    def owners(self, view: View) -> Pieces[tuple[Any, FloatArray]]:
+        """As `ids`."""
+        base, things, cone = yield from self.cast(view)
         buffers, visible = self.buffers, view.look.made()
         out: Any = np.empty(buffers.n, np.uint16)
         rays.owners(buffers.face, visible.faces, things, out)
         counts: FloatArray = np.zeros((len(visible.names), 2))
         counts[:, 0] = np.bincount(out, minlength=len(visible.names))
-        sees = (
-            np.where(buffers.face >= 0, visible.faces["thing"][buffers.face], -1)
-            if len(visible.faces)
-            else buffers.face
-        )
-        base = np.array(view.first.p)
+        sees = np.full(buffers.n, rays.NOTHING)
+        sees[buffers.face >= 0] = visible.faces["thing"][buffers.face[buffers.face >= 0]]
         for plane in visible.planes:
             buffers.clear()
-            rays.meet_floor(
-                buffers.origin,
-                buffers.direction,
-                plane.p - base,
-                plane.normal,
-                plane.face,
-                buffers.distance,
-                buffers.face,
-            )
+            _meet(buffers, plane, base)
             counts[visible.ids[plane.thing], 1] += np.count_nonzero(buffers.face >= 0)
-        cone = _seen_from(self._bundle(view.depth > 0.0)[2], view)
         for number, thing, scene in visible.alone():
             placed, there = rays.Placed(scene, thing, visible.first_of(thing)), sees == thing
             counts[number, 1] += np.count_nonzero(there)
             # Nothing stands between a camera and what it is mounted on.
-            if not visible.rows[thing] == view.own >= 0 and cone.meets(_balls(placed, things)):
-                counts[number, 1] += buffers.count(placed, things, visible.faces, there)
+            if visible.rows[thing] == view.own >= 0 or not cone.meets(_balls(placed, things)):
+                continue
+            for _, pixels, part in self._bands:
+                counts[number, 1] += part.count(placed, things, visible.faces, there[pixels])
+                yield
         return out.reshape(self.lens.height, self.lens.width), counts
+
+
+def _meet(part: rays.Buffers, plane: Plane, base: FloatArray) -> None:
+    """Meet a half-space."""
+    rays.meet_floor(
+        part.origin, part.direction, plane.p - base, plane.normal, plane.face, part.distance, part.face
+    )  # fmt: skip
 
 
 def _seen_from(cone: Cone, view: View) -> Cone:

@@ -7,6 +7,7 @@ instances: what moves has a scene in its own frame, shared by what is alike, and
 from __future__ import annotations
 
 import math
+from copy import copy
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -85,18 +86,32 @@ class Buffers:
         origin, direction: (n, 3) float32 of the rays, about the base, N.
         distance: (n) m, inf where nothing is met; 0 of a ray that begins in a solid.
         face: (n) row of FACE that is met, -1 for none.
+        piece: rays that may be cast at once.
     """
 
-    def __init__(self, n: int) -> None:
-        single, self.n = np.float32, n
+    def __init__(self, n: int, piece: int) -> None:
+        """For n rays, of which at most so many are cast at once."""
+        single, self.n, self.piece = np.float32, n, piece
         self.origin: Any = np.zeros((n, 3), single)
         self.direction: Any = np.zeros((n, 3), single)
         self.distance: FloatArray = np.empty(n)
         self.face: Any = np.empty(n, np.int32)
-        self._start: Any = np.empty((n, 3), single)
-        self._towards: Any = np.empty((n, 3), single)
-        self._limit: Any = np.empty(n, single)
-        self._index: Any = np.empty(n, np.int32)
+        self._start: Any = np.empty((piece, 3), single)
+        self._towards: Any = np.empty((piece, 3), single)
+        self._limit: Any = np.empty(piece, single)
+        self._index: Any = np.empty(piece, np.int32)
+
+    def part(self, place: slice) -> Buffers:
+        """Some of the rays, in these arrays."""
+        part = copy(self)
+        part.origin, part.direction, part.distance, part.face = (
+            self.origin[place],
+            self.direction[place],
+            self.distance[place],
+            self.face[place],
+        )
+        part.n = len(part.face)
+        return part
 
     def clear(self) -> None:
         """Forget what was met."""

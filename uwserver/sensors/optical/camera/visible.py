@@ -39,7 +39,7 @@ class Seen(NamedTuple):
     R: FloatArray | None = None
 
 
-class _Plane(NamedTuple):
+class Plane(NamedTuple):
     """A half-space: a point of it and its normal, N; its face."""
 
     p: FloatArray
@@ -158,7 +158,7 @@ class Visible:
         self._pictures: list[Picture] = []
         self._places: list[tuple[int, FloatArray, int]] = []
         self.scenes: list[Placed] = []
-        self.planes: list[_Plane] = []
+        self.planes: list[Plane] = []
         self._alone: list[tuple[int, int, PickScene]] | None = None
         still: dict[tuple[float, ...], list[Any]] = {}
         for seen in things:
@@ -236,7 +236,7 @@ class Visible:
             face["corners"][0, 1], face["corners"][0, 2] = across, np.cross(floor.normal, across)
             face["normals"][0], face["colour"], face["pattern"] = floor.normal, floor.colour, floor.pattern
             face["thing"] = thing
-            self.planes.append(_Plane(floor.p, floor.normal, self._add(face), thing))
+            self.planes.append(Plane(floor.p, floor.normal, self._add(face), thing))
 
     def alone(self) -> list[tuple[int, int, PickScene]]:
         """Each meshed part of an object by itself: id, row of THING, and its scene; made when somebody asks first."""

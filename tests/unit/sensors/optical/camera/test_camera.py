@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from uwserver.ports import Buffer
 from uwserver.scenario.build.world import build
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.scenario import load
+from uwserver.sensors.job import whole
 from uwserver.world import World, snapshot
 
 SCENARIO = """schema = 1
@@ -74,6 +76,23 @@ def test_exposure_follows_the_light(tmp_path: Path, lux: float) -> None:
     assert levels[-1] == pytest.approx(217, abs=12)
     assert levels[0] > 40
     assert samples[-1].value[1] < 0.09 or lux < 1000.0
+
+
+@pytest.mark.parametrize("mode", ["rgb", "mono", "depth", "segmentation"])
+def test_a_picture_is_the_same_bits_where_another_camera_works_between_its_pieces(tmp_path: Path, mode: str) -> None:
+    world = make(tmp_path, f'mode = "{mode}"\nwidth = 640\nheight = 160\nsnow_pm3 = 50.0\nbaseline_m = 0.2')
+    world.command("rov/lights", levels=(1.0, 1.0))
+    world.step(2)
+    left, right = (
+        world.sensors[path].sensor.sense(world.instruments.scopes(world.t_ns, False)(world.vehicles["rov"].row, None))
+        for path in ("rov/cam", "rov/cam/right")
+    )
+    assert left.job.shared is not right.job.shared
+    alone = [part.array().tobytes() for part in left.job.run() if isinstance(part, Buffer)]
+    pauses: list[object] = []
+    split = whole(left.job.pieces(), lambda: pauses.append(right.job.run()))
+    assert [part.array().tobytes() for part in split if isinstance(part, Buffer)] == alone
+    assert len(pauses) >= 4
 
 
 def test_settings_stop_the_automatic(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from uwserver.sensors.optical.camera.faces import Paint
 from uwserver.sensors.optical.camera.lamps import LampAt
 from uwserver.sensors.optical.camera.lens import lens_of
 from uwserver.sensors.optical.camera.picture import Optics
+from uwserver.sensors.optical.camera.rays import Buffers, Placed
 from uwserver.sensors.optical.camera.view import Pose
 from uwserver.sensors.optical.camera.window import FlatPort
 
@@ -155,16 +156,16 @@ def test_the_own_vehicle_hides_neither_view_nor_lamps_but_shows_what_is_ahead() 
     assert abs(int(other[24, 32]) - 1500) <= 1
 
 
-def casts(optics: Optics, monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Rays of each scene that is looked at, as it comes."""
+def casts(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Triangles of each scene that is looked at, as it comes."""
     found: list[int] = []
-    cast = optics.buffers.cast
+    cast = Buffers.cast
 
-    def noted(*args: Any) -> None:
-        found.append(args[0].scene.triangles)
-        cast(*args)
+    def noted(buffers: Buffers, placed: Placed, *rest: Any) -> None:
+        found.append(placed.scene.triangles)
+        cast(buffers, placed, *rest)
 
-    monkeypatch.setattr(optics.buffers, "cast", noted)
+    monkeypatch.setattr(Buffers, "cast", noted)
     return found
 
 
@@ -175,7 +176,7 @@ def test_what_lies_behind_a_camera_costs_no_rays(monkeypatch: pytest.MonkeyPatch
         seen("other", Box((0.2, 0.2, 0.2)), (0.0, 0.0, 0.0), row=1),
     )
     optics = Optics(LENS, None)
-    looked = casts(optics, monkeypatch)
+    looked = casts(monkeypatch)
     bodies = [(0.0, 0.0, 10.0, 1.0), (1.0, 3.0, 10.0, 1.0)]
     optics.depth_mm(view(wall(3.0), hull, other, bodies=bodies, own=0))
     assert len(looked) == 1  # the wall
