@@ -1,4 +1,6 @@
-"""The pictures of docs/tutorial/sonar-and-camera.md: its scenario as the page of the web view shows it, and what its camera and its sonar see.
+"""The pictures of docs/tutorial/sonar-and-camera.md: its scenario and the dock as the page of the web view shows them, and what camera and sonar see.
+
+The dive into the dock is drawn by examples/dock_tags.py.
 
 Needs Chromium, and Pillow and matplotlib (extras pictures and plot).
 """
@@ -7,6 +9,7 @@ from __future__ import annotations
 
 import io
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -22,15 +25,17 @@ import uwserver
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 
-DOCS = Path(__file__).parents[1] / "docs"
+ROOT = Path(__file__).parents[1]
+DOCS, DOCK = ROOT / "docs", ROOT / "examples/dock_tags.toml"
 PAGE, IMAGES = DOCS / "tutorial/sonar-and-camera.md", DOCS / "images"
 PANELS = "tab=data&panels=picture:rov/camera,picture:rov/sonar&theme=dark"
 HEIGHT = 360
 """Of one picture in the row, pixels."""
+BEFORE_DOCK = "position_ned_m = [4.22, 1.09, 8.0]\nattitude_rpy_deg = [0.0, 0.0, 32.0]"
 
 
 def main() -> None:
-    """Write both."""
+    """Write all."""
     (scenario,) = re.findall(r"^`look.toml`:\n```toml\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.S | re.M)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "look.toml"
@@ -39,6 +44,25 @@ def main() -> None:
         shown = IMAGES / "tutorial_look.webp"
         command = [sys.executable, "-m", "uwserver", "shot", str(file), str(shown), "--at", "4", "--link", PANELS]
         subprocess.run(command, check=True)
+        dock(Path(folder)).save(IMAGES / "tutorial_dock.webp", quality=80)
+
+
+def dock(folder: Path) -> Image.Image:
+    """The vehicle before the dock, from behind it."""
+    shutil.copy(DOCK.with_suffix(".glb"), folder)
+    file, shown = folder / DOCK.name, folder / "dock.png"
+    text = re.sub(
+        r"(?<=^\[vehicles.rov\]\nmodel = \"bluerov2_heavy\"\n).*\n.*$",
+        BEFORE_DOCK,
+        DOCK.read_text(encoding="utf-8"),
+        count=1,
+        flags=re.M,
+    )
+    file.write_text(text, encoding="utf-8")
+    command = [sys.executable, "-m", "uwserver", "shot", str(file), str(shown), "--at", "0.1", "--view", "follow"]
+    subprocess.run(command, check=True)
+    with Image.open(shown) as whole:
+        return whole.convert("RGB").crop((170, 110, 690, 600))
 
 
 def row(file: Path) -> Image.Image:

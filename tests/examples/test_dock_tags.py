@@ -116,7 +116,7 @@ def rotated(q: tuple[float, ...], v: np.ndarray) -> np.ndarray:
 
 def test_it_docks_from_before_the_dock(tmp_path: Path, detector: None) -> None:
     pytest.importorskip("matplotlib")
-    _, tries = docks(scenario(tmp_path, (-3.0, 0.3, -0.2, 8.0)), "--out", str(tmp_path / "picture.png"))
+    _, tries = docks(scenario(tmp_path, (-2.7, 0.15, -0.1, 5.0)), "--out", str(tmp_path / "picture.png"))
     assert tries == 1
     assert (tmp_path / "picture.png").read_bytes().startswith(b"\x89PNG")
 
