@@ -426,7 +426,10 @@ def test_a_waypoint_has_a_depth_or_an_altitude_in_table_map_and_mission(opened: 
     opened.ask("probe.choose('altitude of way-point 2', '-1')")
     assert opened.ask("uw.planner.waypoints[1].metres") == 3, "nothing is below the bottom"
     opened.ask("probe.choose('altitude of way-point 2', '2.5')")
-    assert opened.ask("uw.chart.route.map((place) => [place.above, place.text])") == [[False, "2 m"], [True, "2.5 m up"]]
+    assert opened.ask("uw.chart.route.map((place) => [place.above, place.text])") == [
+        [False, "2 m"],
+        [True, "2.5 m up"],
+    ]
     opened.ask("uw.planner.add(3, 1)")
     assert opened.ask("uw.planner.waypoints[2].height") == "altitude", "as the one before"
     opened.wait("uw.t > 3", "its AHRS has settled")
