@@ -13,7 +13,7 @@ from uwserver.physics.kernel.deferred import compiled
 from uwserver.units import NANOSECONDS
 
 BOTTOM_S = 0.5
-"""Time constant of the bottom's depth under the vehicle, s; the filter of its slope follows from it (critically damped)."""
+"""Time constant of the bottom's depth under the vehicle, s; that of its slope follows from it (Benedict and Bordner 1962)."""
 CREEP_MPS, STEEPEST = 0.1, 3.0
 """Slower than this a vehicle learns nothing of the bottom's slope; the largest that is believed."""
 LEAP_M, LEAP, FEW = 0.5, 0.1, 3
@@ -31,14 +31,15 @@ def correct_bottom(e: Any, source: Any, reach: float, t_ns: int, late: float) ->
         t_ns: time of the echo.
         late: how long ago that was, s.
     """
-    if reach != reach:
+    if not 0.0 <= reach < 1e9:
         return
     x, y, z = rotate(four(source.q), (0.0, 0.0, reach))
     ahead, aside, below = rotate(four(e.q), (x + source.p[0], y + source.p[1], z + source.p[2]))
     bottom = e.p[2] - e.v[2] * late + below
     dt = (t_ns - e.altitude_ns) / NANOSECONDS
     # A tilted beam meets a sloping bottom elsewhere than under the vehicle, and then it has moved on.
-    off = bottom - e.bottom - e.grade[0] * (ahead - e.v[0] * late) - e.grade[1] * (aside - e.v[1] * late)
+    north, east = ahead - e.v[0] * late, aside - e.v[1] * late
+    off = bottom - e.bottom - e.grade[0] * north - e.grade[1] * east
     is_strange = abs(off) > LEAP_M + LEAP * reach
     if e.bottom != e.bottom or dt > 5.0 or (is_strange and e.strange >= FEW):
         e.bottom, e.grade[0], e.grade[1] = bottom, 0.0, 0.0
@@ -50,9 +51,12 @@ def correct_bottom(e: Any, source: Any, reach: float, t_ns: int, late: float) ->
         e.bottom += share * off
         speed = math.hypot(e.v[0], e.v[1])
         if speed > CREEP_MPS:
-            k = (1.0 - math.sqrt(1.0 - share)) ** 2 * off / (dt * speed * speed)
-            e.grade[0] = max(-STEEPEST, min(STEEPEST, e.grade[0] + k * e.v[0]))
-            e.grade[1] = max(-STEEPEST, min(STEEPEST, e.grade[1] + k * e.v[1]))
+            k = share * share / (2.0 - share) * off / (dt * speed * speed)
+            x = max(-STEEPEST, min(STEEPEST, e.grade[0] + k * e.v[0]))
+            y = max(-STEEPEST, min(STEEPEST, e.grade[1] + k * e.v[1]))
+            # The slope turns about the place of the echo: about the vehicle, one that looks back would make it swing.
+            e.bottom -= (x - e.grade[0]) * north + (y - e.grade[1]) * east
+            e.grade[0], e.grade[1] = x, y
     e.strange = 0
     e.altitude_ns = max(e.altitude_ns, t_ns)
 

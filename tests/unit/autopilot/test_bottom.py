@@ -54,6 +54,20 @@ def test_a_tilted_beam_over_a_slope_tells_the_depth_under_the_vehicle():
     assert rig.e.bottom == pytest.approx(18.0 - math.tan(angle) * rig.e.p[0], abs=0.05)
 
 
+def test_an_echo_from_behind_does_not_make_the_slope_swing():
+    """Nose down on a slope that falls: were the slope turned about the vehicle, each echo would make its error larger."""
+    slope, pitch = math.tan(math.radians(10.0)), math.radians(-14.0)
+    rig = Rig(v=(1.0, 0.0, 0.0), pitch=pitch)
+    for _ in range(300):
+        rig.e.v[2] = 0.0
+        north = rig.e.p[0] + 0.1
+        rig.e.p[2] = slope * north
+        # Where the beam, which looks back by 14 degrees, meets a bottom that is 12 m below the vehicle.
+        rig.hear(12.0 / (math.cos(pitch) - slope * math.sin(pitch)))
+    assert falls(rig.e) == pytest.approx(slope, abs=0.005)
+    assert rig.e.bottom - rig.e.p[2] == pytest.approx(12.0, abs=0.05)
+
+
 def test_a_false_echo_is_not_believed_and_a_cliff_is():
     rig = Rig()
     for _ in range(20):
@@ -76,7 +90,8 @@ def test_a_vehicle_that_rests_learns_no_slope_from_noise():
     assert rig.e.grade == [0.0, 0.0]
 
 
-def test_nothing_heard_tells_nothing():
+@pytest.mark.parametrize("reach", [math.nan, math.inf, -1.0])
+def test_nothing_heard_tells_nothing(reach):
     rig = Rig()
-    rig.hear(math.nan)
+    rig.hear(reach)
     assert (rig.e.altitude_ns, math.isnan(rig.e.bottom)) == (NEVER, True)
