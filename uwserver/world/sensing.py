@@ -269,6 +269,8 @@ class Sensing(Part):
             scope_of = self._instruments.scopes(t_ns, due.needs_rates)
             for slot, read in due.in_python:
                 read(scope_of(slot.row, slot.wiring))
+        for write in due.written:
+            write()
         for disturb in due.ready_made:
             disturb(t_ns)
         told = self._deliver(due.heads, t_ns, begins, due.most)

@@ -1,0 +1,16 @@
+"""Calls of entries without a search for the version that fits the arguments: an entry has one. The search costs as much as a small kernel does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+
+def straight(kernel: Any) -> Callable[..., Any]:
+    """What an entry that is loaded runs, for arrays of the types for which it was, which nobody checks then; the entry itself where it is not loaded,
+    or for several."""
+    if len(kernel.overloads) != 1:
+        return kernel  # type: ignore[no-any-return]  # numba has no types
+    (only,) = kernel.overloads.values()
+    run: Callable[..., Any] = only.entry_point
+    return run
