@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 
@@ -11,6 +12,12 @@ def straight(kernel: Any) -> Callable[..., Any]:
     or for several."""
     if len(kernel.overloads) != 1:
         return kernel  # type: ignore[no-any-return]  # numba has no types
+    return _run_of(kernel)
+
+
+@cache
+def _run_of(kernel: Any) -> Callable[..., Any]:
+    """Found once: to hash the types of a version takes 10 us."""
     (only,) = kernel.overloads.values()
     run: Callable[..., Any] = only.entry_point
     return run
