@@ -529,6 +529,7 @@ TESTED_WITH = {
     "modifiers": dict.fromkeys(
         ("base", "bias", "delivery", "drift", "misalignment", "noise", "quantise"), "modifiers/test_contract"
     ),
+    "physics": {"entries": "physics/test_bodies"},
     "recording": {
         "player_deck": "recording/test_player", "player_items": "recording/test_player_track",
         "player_messages": "recording/test_player_track", "player_services": "recording/test_player",

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import tempfile
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from pathlib import Path
 from statistics import median
 from threading import Event
@@ -21,6 +22,7 @@ from uwserver_bench.rows import Row
 from uwserver_bench.server import STATUS
 from uwserver_bench.swarm_client import PORTS, RATE_HZ
 from uwserver_bench.swarm_scenario import SERVED, has_threads, scenario
+from uwserver_bench.swarm_threads import bench_threads
 
 BARS = {1: 400.0, 10: 60.0, 100: 6.0}
 """By number of vehicles: simulated over processor time."""
@@ -59,6 +61,7 @@ def bench_swarm(quick: bool, say: _Say) -> list[Row]:
         *_fleets(effort, say),
         *_with_a_client(QUICK_SERVERS if quick else tuple(BARS), 1 if quick else 3, 0.5 if quick else 4.0, say),
         *_alone(effort, say),
+        *bench_threads(quick, say),
         *_samples(effort, say),
         *_growth(QUICK_COUNTS if quick else COUNTS, effort, say),
         *_copies(QUICK_COPIES if quick else COPIES, effort, say),
@@ -180,14 +183,15 @@ def _samples(effort: dict[str, Any], say: _Say) -> list[Row]:
 
 def _growth(counts: Sequence[int], effort: dict[str, Any], say: _Say) -> list[Row]:
     """Vehicles with IMU and depth in one world: how cost grows with their number, and what the largest takes."""
-    tick_s = []
+    tick_s, resident = [], []
     for count in counts:
         say(f"swarm: {_vehicles(count)} with IMU and depth")
         found = _world("fly", kind="simple", vehicles=count, one_core=True, **effort)
         tick_s.append(1.0 / median(found["of_processor_time"]))
+        resident.append(found["resident_mb"])
     exponent = math.log(tick_s[-1] / tick_s[0]) / math.log(counts[-1] / counts[0])
     title = f"exponent of cost from {counts[0]} to {counts[-1]} vehicles"
-    rows = [Row("swarm", title, "", (exponent,), at_most=EXPONENT_BAR)]
+    rows = [Row("swarm", title, "", (exponent,), at_most=EXPONENT_BAR), *_memory_growth(counts, resident)]
     if counts[-1] == LARGE:
         if has_threads():
             found = _world("fly", kind="simple", vehicles=LARGE, one_core=False, **effort)
@@ -199,6 +203,28 @@ def _growth(counts: Sequence[int], effort: dict[str, Any], say: _Say) -> list[Ro
             Row("swarm", f"{title}: load", "s", (found["load_s"],), at_most=LARGE_LOAD_BAR_S),
         ]
     return rows
+
+
+def _memory_growth(counts: Sequence[int], resident: Sequence[float | None]) -> list[Row]:
+    """The same of memory, of what a vehicle adds: what is there without any does not count."""
+    known = [mb for mb in resident if mb is not None]
+    if len(known) < len(COUNTS):
+        return []
+    few, many = [(b - a) / (n - m) for (m, a), (n, b) in pairwise(zip(counts, known, strict=True))]
+    title = f"exponent of memory from {counts[0]} to {counts[-1]} vehicles"
+    if few <= 0.0 or many <= 0.0:
+        return [
+            Row(
+                "swarm",
+                title,
+                "",
+                (),
+                at_most=EXPONENT_BAR,
+                note="the first vehicles took no memory that the process had not",
+            )
+        ]
+    exponent = 1.0 + math.log(many / few) / math.log(counts[-1] / counts[-2])
+    return [Row("swarm", title, "", (exponent,), at_most=EXPONENT_BAR)]
 
 
 def _copies(copies: int, effort: dict[str, Any], say: _Say) -> list[Row]:

@@ -18,6 +18,7 @@ from uwserver.autopilot.rows import DEVICE, FORMS, ORDERS, PILOT, REMEMBERED, SO
 from uwserver.autopilot.state import Estimate, Memory, Orders, Remembered
 from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
+from uwserver.physics.kernel.straight import straight
 
 
 def _bytes_of(first: str, end: str) -> slice:
@@ -160,6 +161,10 @@ class Seat:
         self.bank.entries.show_one(self.bank.table, self.k, t_ns, self._shown)
         return self._shown.tolist(), tuple(self.devices["part"].tolist())
 
+    def tell(self, t_ns: int, items: int, row: FloatArray) -> int:
+        """Write what its port `state` tells into the row of numbers of a reading; returns which texts belong to it (`entries.tell_one`)."""
+        return int(self.bank.entries.tell_one(self.bank.table, self.k, t_ns, items, row))
+
     def go_on(self, world: IntArray, t_ns: int, stage: int) -> int:
         """Go on with a step from a stage; returns what it needs of Python. `world`: the table of the bodies' arrays."""
         return int(self.bank.entries.step_on(self.bank.table, world, self.k, t_ns, stage))
@@ -242,7 +247,7 @@ class Bank:
 
     def listener(self) -> Callable[[Any, FloatArray, int, int], None]:
         """`entries.hear_all` for those that lie here now."""
-        return partial(self.entries.hear_all, self.table)
+        return partial(straight(self.entries.hear_all), self.table)
 
 
 def _records(form: np.dtype[Any], parts: Sequence[Any]) -> Any:

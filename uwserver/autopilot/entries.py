@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from uwserver.autopilot import estimator, flight, sticks
-from uwserver.autopilot.flight import NOTHING, START
+from uwserver.autopilot.flight import NOTHING, SHOWN, START
 from uwserver.autopilot.rows import FORMS, THRUSTER, WRENCH
+from uwserver.autopilot.state import REASONS
 from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, entry
@@ -114,7 +115,27 @@ def show_one(table: Array, k: int, t_ns: int, out: Array) -> None:
     _show(_pilots(table)[k], t_ns, out)
 
 
-ENTRIES: tuple[Any, ...] = (step_all, step_on, hear_all, hear_one, stay_one, show_one)
+@entry
+def tell_one(table: Array, k: int, t_ns: int, items: int, out: Array) -> int:
+    """Write the row of numbers of a port `state` (`status`), with the number of items of its mission.
+
+    Returns:
+        Which texts belong to it: its mode, and that times REASONS the reason of its fail-safe.
+    """
+    p = _pilots(table)[k]
+    c, shown, whole = p.c, np.empty(SHOWN), out.view(np.int64)
+    _show(p, t_ns, shown)
+    out[0], out[1:4], out[4], out[5:8] = shown[27], shown[0:3], shown[28], shown[3:6]
+    out[8], out[9:13], out[13:16], out[16:18] = shown[29], shown[6:10], shown[10:13], shown[13:15]
+    out[18:21], out[21:23], out[26:32] = shown[15:18], shown[18:20], shown[20:26]
+    whole[23], whole[24], whole[25] = int(shown[30]), items, int(shown[31])
+    devices = _devices(table)
+    for n in range(c.device_count):
+        out[32 + n] = devices[c.device_first + n].part
+    return int(shown[26]) * len(REASONS) + int(shown[32])
+
+
+ENTRIES: tuple[Any, ...] = (step_all, step_on, hear_all, hear_one, stay_one, show_one, tell_one)
 """All of them."""
 
 
@@ -127,7 +148,7 @@ def load(told: Array) -> None:
     table, number, values = np.zeros((0, 2), np.int64), 0, np.empty(0)
     given = (
         (table, table, number, number), (table, table, number, number, number), (table, told, np.empty((0, 0)), number, number),
-        (table, number, values, number, number), (table, number), (table, number, number, values),
+        (table, number, values, number, number), (table, number), (table, number, number, values), (table, number, number, number, values),
     )  # fmt: skip
     for kernel, like in zip(ENTRIES, given, strict=True):
         kernel.load(*like)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from uwserver.autopilot.pilot import Autopilot
 from uwserver.autopilot.rows import MODES
 from uwserver.autopilot.state import REASONS
+from uwserver.modifiers.columns import columns_of
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Field, Value
 from uwserver.sensors.base import IdealSensor, Scope
 
@@ -29,11 +33,14 @@ _STATE = (
     Field("failsafe", "1", "why it does not do what it was told; empty when it does", type="str"),
 )
 
+_TEXTS: tuple[tuple[Value, ...], ...] = tuple([(mode, reason) for mode in MODES for reason in REASONS])
+
 
 class StateSensor(IdealSensor):
     """What the autopilot believes and wants, as a sensor's port."""
 
     doc = "What the autopilot believes, from its sensors, and what it wants."
+    writes = True
 
     def __init__(self, pilot: Autopilot) -> None:
         self._pilot = pilot
@@ -46,10 +53,11 @@ class StateSensor(IdealSensor):
 
     def measure(self, scope: Scope | None) -> tuple[bool, list[Value]]:
         """Always valid: each part tells by itself whether it is."""
+        columns = columns_of(self.fields)
+        row = np.zeros(columns.width)
+        return True, list(columns.unpack(row, self.write(row)))
+
+    def write(self, row: FloatArray) -> tuple[Value, ...]:
+        """See `Sensor.writes`."""
         pilot = self._pilot
-        x, outputs = pilot.seat.show(pilot.t_ns)
-        mode, armed, position, velocity, index, reached, failsafe = map(int, x[26:])
-        return True, [
-            MODES[mode], armed != 0, tuple(x[0:3]), position != 0, tuple(x[3:6]), velocity != 0, tuple(x[6:10]), tuple(x[10:13]), x[13], x[14],
-            tuple(x[15:18]), x[18], x[19], index, len(pilot.orders.items), reached, tuple(x[20:26]), REASONS[failsafe], outputs,
-        ]  # fmt: skip
+        return _TEXTS[pilot.seat.tell(pilot.t_ns, len(pilot.orders.items), row)]

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache, partial
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 
+from uwserver.physics import entries
 from uwserver.physics.collision.contacts import NO_CONTACTS, NO_IMPULSES, Collider, Contacts, Impulses
 from uwserver.physics.dynamics.body_rows import appended, rows_of, table_numbers
 from uwserver.physics.dynamics.lag import Lag
@@ -18,31 +18,6 @@ from uwserver.physics.kernel.arrays import FloatArray, IntArray, Records
 from uwserver.physics.kernel.records import joined
 from uwserver.physics.kernel.team import ALONE
 from uwserver.physics.saved_rows import check_rows
-
-
-@cache
-def _kernel() -> ModuleType:
-    """The compiled functions, loaded at the first step: they cost half a second, and `import uwserver` must stay quick."""
-    from uwserver.physics.dynamics import integrator
-
-    return integrator
-
-
-@cache
-def _contact_kernel() -> ModuleType:
-    """Likewise, at the first contact: most worlds have none."""
-    from uwserver.physics.contact import step
-
-    return step
-
-
-@cache
-def _sea_kernel() -> ModuleType:
-    """As `_kernel`, for a sea."""
-    from uwserver.physics.dynamics import flow
-
-    return flow
-
 
 _RUNNING = ("state", "bodies", "thrusters", "wrenches", "servos", "contact_nu_dot")
 """Arrays that change in a run."""
@@ -326,12 +301,11 @@ class Hydrodynamics:
         return int(self._move(t))
 
     def _advance_free(self, t: float) -> int:
-        kernel = _kernel()
-        return int((kernel.advance_fitted if self._fitted else kernel.advance)(self.table, t, self.dt))
+        return int(entries.advance(self._fitted)(self.table, t, self.dt))
 
     def _advance_touching(self, contacts: Contacts, t: float) -> int:
         """The stages are those of `contact.step`."""
-        kernel, old = _contact_kernel(), self.touched
+        kernel, old = entries.contact(), self.touched
         strike = kernel.strike_fitted if self._fitted else kernel.strike
         struck = strike(self.table, contacts, old.contacts.key, old.contacts.point, old.hold, t, self.dt)
         diverged = int(self._move(t))
@@ -354,8 +328,7 @@ class Hydrodynamics:
         """`rates_of_change` into arrays (n, 6)."""
         if self.sea is not None:
             self.fill_flows(t)
-        kernel = _kernel()
-        (kernel.rates_of_change_fitted if self._fitted else kernel.rates_of_change)(self.table, t, nu_dot, tau)
+        entries.rates_of_change(self._fitted)(self.table, t, nu_dot, tau)
         if self.touched is not NO_IMPULSES:
             nu_dot += self.contact_nu_dot
 
@@ -383,7 +356,7 @@ class Hydrodynamics:
     def fill_flows(self, t: float, ahead: float = 0.0) -> None:
         """Find the water at each body, `ahead` s after t on its way, where there is a sea."""
         if self._sea is not None:
-            _sea_kernel().fill_flows(self.table, self._sea, t, ahead)
+            entries.sea().fill_flows(self.table, self._sea, t, ahead)
 
     def kinetic_energy(self) -> FloatArray:
         """(n) kinetic energy of bodies and water, J: (nu^T M_RB nu + nu_r^T M_A nu_r) / 2, fully submerged."""

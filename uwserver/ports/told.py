@@ -80,6 +80,15 @@ class Told(Sequence[Sample]):
             yield Told(self.origins, self.log, first, min(first + most, self._end), self.ticks)
 
     @property
+    def first(self) -> int:
+        """Place of the first one in the log."""
+        return self._first
+
+    def at(self, place: int) -> Told:
+        """The one in a place of the log."""
+        return Told(self.origins, self.log, place, place + 1, self.ticks)
+
+    @property
     def streams(self) -> list[int]:
         """Numbers of the streams, of each sample."""
         return self.log.table[self._first : self._end, 2].tolist()  # type: ignore[no-any-return]  # numpy's

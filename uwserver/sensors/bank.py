@@ -29,6 +29,7 @@ from uwserver.physics.kernel.arrays import Array, FloatArray, IntArray
 from uwserver.physics.kernel.deferred import Deferred, Elsewhere, compiled, entry, inlined
 from uwserver.physics.kernel.pool import Pool
 from uwserver.physics.kernel.random import draw_normals
+from uwserver.physics.kernel.straight import straight
 from uwserver.physics.rays.raycast import Geometry, Hits, no_hits
 from uwserver.ports import Json
 from uwserver.sensors.base import Pose, Scope, Sensor, Settings
@@ -193,7 +194,7 @@ def reader(
         solids: what rays can hit; those of the body that carries a sensor are not seen by it.
     """
     if not bank.aims:
-        return partial(_made(bank), heads, rows, numbers, due, now)
+        return partial(straight(_made(bank)), heads, rows, numbers, due, now)
     origin, direction = np.empty((2, int(heads["rays"][due].sum()), 3))
     first, nothing = np.zeros(len(due) + 1, np.int64), no_hits(0)
     aims, run = [aim.made() for aim in bank.aims], bank.run.made()

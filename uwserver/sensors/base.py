@@ -273,6 +273,7 @@ class Sensor(ABC):
         repeats: it repeats what other sensors have just read, and so reads after them.
         takes_time: its readings are begun and computed later (`uwserver.sensors.job`).
         learns: `learn` hears what was computed.
+        writes: it has no errors, timing and memory of its own, and sees nothing of the world: `write` is its short way.
     """
 
     fields: tuple[Field, ...]
@@ -290,6 +291,7 @@ class Sensor(ABC):
     repeats = False
     takes_time = False
     learns = False
+    writes = False
 
     def __init__(self, settings: Settings | None = None) -> None:
         """Switched on with random numbers of no path, for one who reads it alone."""
@@ -320,6 +322,10 @@ class Sensor(ABC):
     @abstractmethod
     def sense(self, scope: Scope) -> Measurement | None:
         """The next reading, with the delay of sound and processing; None when the sensor is not ready for one."""
+
+    def write(self, row: FloatArray) -> tuple[Value, ...]:
+        """Of one that writes: the numbers of a valid reading of this instant into a row (`modifiers.columns`); returns the values that are none."""
+        raise NotImplementedError
 
     @property
     def wake(self) -> float | None:

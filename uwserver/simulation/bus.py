@@ -37,8 +37,8 @@ AHEAD_NS = NANOSECONDS // 100
 SLICE_NS = NANOSECONDS // 200
 """Wall time after which the loop looks at its sockets before it delivers on."""
 
-TOGETHER = 128
-"""Samples of some ticks that are delivered as one: about a millisecond of work for the loop."""
+TOGETHER = 512
+"""Samples of some ticks that are delivered as one: one or two milliseconds of work for the loop."""
 
 _OF_OBJECTS = 4
 """Bytes that the objects of a decoded value take for each of its text."""

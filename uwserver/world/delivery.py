@@ -53,19 +53,30 @@ def _rise(pending: Array, k: int) -> None:
 
 
 @compiled
+def _move(pending: Array, a: int, b: int) -> None:
+    """Put a copy of entry b in place a."""
+    x, y = pending[a], pending[b]
+    x.t_sent_ns, x.order, x.stream, x.seq = y.t_sent_ns, y.order, y.stream, y.seq
+    x.t_ns, x.valid, x.slot = y.t_ns, y.valid, y.slot
+
+
+@compiled
 def _sink(pending: Array, count: int) -> None:
-    """Put the first entry of a heap of `count` in its place."""
+    """Fill the first place of a heap of `count` with the entry that stands behind it, and put that where it belongs: others move into the gap, as
+    to swap entries would write twice as much."""
     k = 0
     while True:
         child = 2 * k + 1
         if child >= count:
-            return
+            break
         if child + 1 < count and _earlier(pending, child + 1, child):
             child += 1
-        if not _earlier(pending, child, k):
-            return
-        _swap(pending, k, child)
+        if not _earlier(pending, child, count):
+            break
+        _move(pending, k, child)
         k = child
+    if count > 0:
+        _move(pending, k, count)
 
 
 @compiled
@@ -136,7 +147,6 @@ def _arrive(table: Array, values: Array, told_values: Array, t_ns: int) -> None:
             slot * values.shape[1],
         )  # fmt: skip
         counts.pending -= 1
-        _swap(pending, 0, counts.pending)
         _sink(pending, counts.pending)
         free[counts.pending] = slot
 

@@ -15,6 +15,7 @@ from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.pool import Pool
+from uwserver.physics.kernel.straight import straight
 from uwserver.physics.rays.raycast import Geometry, OpenWater
 from uwserver.ports.thinning import Thinning
 from uwserver.ports.told import Log
@@ -72,8 +73,8 @@ class Instruments:
         """Of a world with these bodies and this water; `around` tells what else there is."""
         from uwserver.world import delivery
 
-        self._deliver = delivery.deliver
         delivery.load()
+        self._deliver = straight(delivery.deliver)
         self._hydro, self._water, self._around, self.computing = hydro, water, around, Computing()
         self.heads, self.streams, self.operations, self.numbers = (
             Pool(HEAD), Pool(STREAM), Pool(OPERATION), Pool(np.float64),

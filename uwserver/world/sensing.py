@@ -16,7 +16,7 @@ from uwserver.ports.thinning import WHOLE, Thinned
 from uwserver.ports.told import Origin, Told
 from uwserver.world.components import Count, SensorStream, computed
 from uwserver.world.computing import DROP, settled
-from uwserver.world.due import Due, due_of
+from uwserver.world.due import Due, due_of, once
 from uwserver.world.instruments import Instruments
 from uwserver.world.part import Part, Stage, State
 from uwserver.world.profile import Timer, untimed
@@ -93,6 +93,7 @@ class Sensing(Part):
         self._groups: list[tuple[int, list[SensorSlot]]] = []
         self._repeating: list[Due] = []
         self._plans: dict[int, Due] = {}
+        self._reader = once(instruments.reader)
         self._masks: tuple[int, ...] = ()
         self._listening: list[SensorSlot] = []
         self._there: dict[SensorSlot, None] = {}
@@ -205,7 +206,7 @@ class Sensing(Part):
         inorder = sorted(groups.items(), key=lambda group: group[0])
         self._groups = [(divisor, slots) for (repeats, divisor), slots in inorder if not repeats]
         self._repeating = [self._due(slots, divisor) for (repeats, divisor), slots in inorder if repeats]
-        self._plans = {0: self._due(())}
+        self._plans, self._reader = {0: self._due(())}, once(self._instruments.reader)
         period = math.lcm(*(divisor for divisor, _ in self._groups))
         self._masks = tuple(map(self._mask_of, range(period))) if period <= _PERIOD else ()
 
@@ -256,7 +257,7 @@ class Sensing(Part):
         plan = self._plans.get(mask)
         if plan is None:
             slots = [slot for k, (_, slots) in enumerate(self._groups) if mask >> k & 1 for slot in slots]
-            plan = self._plans[mask] = self._due(slots)
+            plan = self._plans[mask] = due_of(slots, 1, self._reader, self._timed)
         return plan
 
     def _measure(self, due: Due, now: float, t_ns: int, begins: bool) -> int:
@@ -269,6 +270,8 @@ class Sensing(Part):
             scope_of = self._instruments.scopes(t_ns, due.needs_rates)
             for slot, read in due.in_python:
                 read(scope_of(slot.row, slot.wiring))
+        for write in due.written:
+            write()
         for disturb in due.ready_made:
             disturb(t_ns)
         told = self._deliver(due.heads, t_ns, begins, due.most)

@@ -23,8 +23,8 @@ CACHED_PATTERNS = 64
 COVERED = 2048
 """Ports that all subscriptions of a client may cover together, each counted for each subscription, but where there are many ports twice as
 many: each sample is compared with all subscriptions that cover its port."""
-TOGETHER = 128
-"""Samples that are encoded in one go: it keeps the simulation waiting, for less than 0.2 ms."""
+TOGETHER = 512
+"""Samples that are encoded in one go. Those that compiled code writes keep nobody waiting, others the simulation, for less than a millisecond."""
 SETTLING = 16
 """Ticks with samples after which the world is told what is enough, so that it is told of many subscriptions at once."""
 

@@ -72,17 +72,18 @@ class Selection:
     Attributes:
         encoding: of them.
         port: of the samples.
+        fields: that they take; None for all.
         routes: by client.
         is_jpeg: they take its pictures, as JPEG.
     """
 
-    __slots__ = ("_fields", "_form", "encoding", "is_jpeg", "port", "routes")
+    __slots__ = ("_form", "encoding", "fields", "is_jpeg", "port", "routes")
 
     def __init__(self, encoding: Encoding, port: Port, fields: tuple[str, ...] | None, is_jpeg: bool) -> None:
         self.encoding = encoding
         self.routes: dict[Subscriber, Route] = {}
         self.port = port
-        self._fields = fields
+        self.fields = fields
         place = picture_place(port) if is_jpeg else None
         self.is_jpeg = place is not None and (fields is None or port.fields[place].name in fields)
         self._form: SampleForm | None = None
@@ -91,7 +92,7 @@ class Selection:
     def form(self) -> SampleForm:
         """How its samples become a map; made with the first, as who subscribes to everything would wait for hundreds of them."""
         if self._form is None:
-            self._form = SampleForm(self.port, self._fields)
+            self._form = SampleForm(self.port, self.fields)
         return self._form
 
     def encoded(self, sample: Sample) -> bytes:

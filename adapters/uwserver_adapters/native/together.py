@@ -1,17 +1,19 @@
 """Samples of some ticks to a client that has time for all of them: made from rows of numbers and encoded in one go.
 
-Where each port has one taker, as nearly always, nothing has to be kept for others, replaced or dropped.
+Where each port has one taker, as nearly always, nothing has to be kept for others, replaced or dropped. Where all of them read JSON line by line,
+and take numbers and short texts alone, compiled code writes the lines: while it does, the world goes on.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from itertools import count
 from typing import Any, NamedTuple
 
 from msgspec import Struct
 
-from uwserver.adapter import AdapterStats, Origin, Told
+from uwserver.adapter import AdapterStats, LineWriter, Origin, Told
 from uwserver_adapters.native.codec import Codec
 from uwserver_adapters.native.encoding import sample_notice
 from uwserver_adapters.native.outbox import Outbox
@@ -21,14 +23,25 @@ from uwserver_adapters.native.shares import Share
 log = logging.getLogger(__name__)
 
 
+class _Gathered(NamedTuple):
+    """What gathers for one client: messages for its encoder; or places in a log, and the forms of the lines that are written of them."""
+
+    codec: Codec
+    messages: list[Struct]
+    places: list[int]
+    forms: list[int]
+
+
 class _Line(NamedTuple):
-    """From a stream to its only taker: how much it takes, what makes its values an object for the encoder, and where its messages gather."""
+    """From a stream to its only taker: how much it takes, what makes its values an object for the encoder, the form of its lines (None where compiled
+    code cannot write them), and where they gather."""
 
     path: str
     share: Share
     record: Callable[..., object]
+    form: int | None
     outbox: Outbox
-    messages: list[Struct]
+    gathered: _Gathered
 
 
 class Together:
@@ -44,12 +57,14 @@ class Together:
         self._stats = stats
         self._origins: Mapping[int, Origin] = {}
         self._lines: dict[int, _Line | None] = {}
-        self._gathered: dict[Outbox, tuple[Codec, list[Struct]]] = {}
+        self._gathered: dict[Outbox, _Gathered] = {}
+        self._writer: LineWriter | None = None
 
     def forget(self) -> None:
         """Somebody takes another port, or more or less of one."""
         self._lines.clear()
         self._gathered.clear()
+        self._writer = None
 
     def send(self, told: Told) -> list[Outbox] | None:
         """Give all of them to their takers, who have to `flush` then. None where that cannot be, and nothing was done: a port has no taker, or
@@ -64,13 +79,22 @@ class Together:
         busy = [outbox for outbox in self._gathered if not outbox.has_time]
         if busy and any(line.outbox in busy for line in lines if line is not None):
             return None
+        if self._writer is None or any(line.form is None for line in lines if line is not None):
+            self._make(told, entries, lines)
+            return [outbox for outbox, gathered in self._gathered.items() if self._give(outbox, gathered)]
+        for place, entry, line in zip(count(told.first), entries, lines, strict=False):
+            if line.share.passes(entry[4]):  # type: ignore[union-attr]  # none is None
+                line.gathered.places.append(place)  # type: ignore[union-attr]
+                line.gathered.forms.append(line.form)  # type: ignore[union-attr, arg-type]
+        return [outbox for outbox, gathered in self._gathered.items() if self._write(outbox, gathered, told)]
+
+    def _make(self, told: Told, entries: Sequence[Sequence[int]], lines: Sequence[_Line | None]) -> None:
         for (t_sent_ns, _, _, seq, t_ns, valid, _), line, values in zip(
             entries, lines, told.values(entries), strict=True
         ):
-            path, share, record, _, messages = line  # type: ignore[misc]  # none is None
+            path, share, record, _, _, gathered = line  # type: ignore[misc]  # none is None
             if share.passes(t_ns):
-                messages.append(sample_notice(path, seq, t_ns, t_sent_ns, valid != 0, record(*values)))
-        return [outbox for outbox, (codec, messages) in self._gathered.items() if self._give(outbox, codec, messages)]
+                gathered.messages.append(sample_notice(path, seq, t_ns, t_sent_ns, valid != 0, record(*values)))
 
     def _line(self, stream: int) -> _Line | None:
         try:
@@ -90,21 +114,53 @@ class Together:
         form, share, outbox = selection.form, route.only, route.outbox
         if share is None or form.record is None or form.is_long or not isinstance(outbox, Outbox):
             return None
-        messages = self._gathered.setdefault(outbox, (route.codec, []))[1]
-        return _Line(path, share, form.record, outbox, messages)
+        gathered = self._gathered.setdefault(outbox, _Gathered(route.codec, [], [], []))
+        pieces = route.codec.pieces(selection.port, selection.fields)
+        if pieces is not None and self._writer is None:
+            self._writer = LineWriter()
+        number = None if pieces is None or self._writer is None else self._writer.add(pieces)
+        return _Line(path, share, form.record, number, outbox, gathered)
 
-    def _give(self, outbox: Outbox, codec: Codec, messages: list[Struct]) -> bool:
+    def _write(self, outbox: Outbox, gathered: _Gathered, told: Told) -> bool:
+        """Let compiled code write what has gathered for one."""
+        _, _, places, forms = gathered
+        if not places:
+            return False
+        assert self._writer is not None
+        try:
+            encoded = self._writer.write(told, places, forms)
+        except ValueError:  # a text of one of them; the others are sent
+            lines = [self._lines[stream] for stream in told.streams]
+            for place, line in ((place, lines[place - told.first]) for place in places):
+                assert line is not None
+                (sample,) = told.at(place)
+                value = line.record(*sample.value)
+                notice = sample_notice(line.path, sample.seq, sample.t_ns, sample.t_sent_ns, sample.valid, value)
+                gathered.messages.append(notice)
+            places.clear()
+            forms.clear()
+            return self._give(outbox, gathered)
+        self._sent(outbox, encoded, len(places))
+        places.clear()
+        forms.clear()
+        return True
+
+    def _give(self, outbox: Outbox, gathered: _Gathered) -> bool:
+        codec, messages, _, _ = gathered
         if not messages:
             return False
         try:
-            encoded, count = codec.together(messages), len(messages)
+            encoded, number = codec.together(messages), len(messages)
         except (TypeError, ValueError, OverflowError):  # one of them; the others are sent
             parts = [part for message in messages if (part := self._alone(codec, message))]
-            encoded, count = b"".join(parts), len(parts)
+            encoded, number = b"".join(parts), len(parts)
         messages.clear()
-        self._stats.encoded += count
-        outbox.put_at_once(encoded, count)
+        self._sent(outbox, encoded, number)
         return True
+
+    def _sent(self, outbox: Outbox, encoded: bytes, number: int) -> None:
+        self._stats.encoded += number
+        outbox.put_at_once(encoded, number)
 
     def _alone(self, codec: Codec, message: Struct) -> bytes:
         try:

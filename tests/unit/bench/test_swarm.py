@@ -126,7 +126,7 @@ def by_name(rows: list[Row]) -> dict[str, Row]:
 
 def test_the_exponent_tells_how_cost_grows(monkeypatch: pytest.MonkeyPatch) -> None:
     worlds = {
-        ("simple", n): {"of_processor_time": [2.0 * r, r, r / 2], "of_wall_time": [r], "resident_mb": 500.0, "load_s": 6.0}
+        ("simple", n): {"of_processor_time": [2.0 * r, r, r / 2], "of_wall_time": [r], "resident_mb": 100.0 + 2.0 * n**1.3, "load_s": 6.0}
         for n, r in ((10, 1000.0), (100, 30.0), (1000, 1.0))
     }  # fmt: skip
     monkeypatch.setattr(swarm, "_world", fake(worlds))
@@ -135,7 +135,10 @@ def test_the_exponent_tells_how_cost_grows(monkeypatch: pytest.MonkeyPatch) -> N
     assert rows["exponent of cost from 10 to 1000 vehicles"].value == pytest.approx(1.5)
     assert rows["exponent of cost from 10 to 1000 vehicles"].verdict == "miss"
     assert rows["1000 vehicles with IMU and depth, wall time"].verdict == "ok"
-    assert rows["1000 vehicles with IMU and depth: memory"].values == (500.0,)
+    assert rows["exponent of memory from 10 to 1000 vehicles"].value == pytest.approx(1.3), (
+        "what is there without any does not count"
+    )
+    assert rows["1000 vehicles with IMU and depth: memory"].verdict == "miss"
     quick = by_name(swarm._growth((10, 100), EFFORT, lambda line: None))
     assert list(quick) == ["exponent of cost from 10 to 100 vehicles"]
 

@@ -11,6 +11,7 @@ from sensing_rig import Adds, Counter, Listener, Repeater, Rig, Shouts, Speaker,
 
 from uwserver.ports import Buffer, Field, Sample, told
 from uwserver.sensors import Sensor
+from uwserver.world.due import once
 from uwserver.world.sensing import _WAY, OnTheirWay
 from uwserver.world.sensor_slot import SensorSlot
 
@@ -23,6 +24,22 @@ def slot(path: str, divisor: int = 1, late: int = 0, kind: type[Counter] = Count
 def test_each_is_due_every_divisor_ticks() -> None:
     rig = Rig(slot("a", 2), slot("b", 3))
     assert [[port for port, _ in rig.tick(n)] for n in (1, 2, 3, 6)] == [[], ["a"], ["b"], ["a", "b"]]
+
+
+def test_what_lets_the_same_sensors_read_is_made_once() -> None:
+    made: list[list[int]] = []
+
+    def reader(bank: Any, due: Any) -> Any:
+        made.append(due.tolist())
+        return lambda t: None
+
+    one, other = ("a bank",), ("another",)
+    find = once(reader)  # type: ignore[arg-type]  # whose kinds do not matter
+    first = find(one, np.array([1, 2]))  # type: ignore[arg-type]
+    assert find(one, np.array([1, 2])) is first  # type: ignore[arg-type]
+    assert find(one, np.array([2])) is not first  # type: ignore[arg-type]
+    assert find(other, np.array([1, 2])) is not first  # type: ignore[arg-type]
+    assert made == [[1, 2], [2], [1, 2]]
 
 
 def test_one_that_repeats_others_reads_after_them() -> None:

@@ -7,6 +7,7 @@ on a face (`faces`).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from types import ModuleType, TracebackType
@@ -28,6 +29,7 @@ from uwserver.physics.geometry.rows import Part, Stock
 from uwserver.physics.geometry.shapes import BadSolid, HalfSpace, Placed, Solid, TriangleMesh
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.layout import addresses
+from uwserver.physics.kernel.straight import straight
 
 MARGIN = 0.005
 """m; contacts are reported from this gap on, and from farther for what moves fast."""
@@ -40,6 +42,14 @@ def _kernels() -> tuple[ModuleType, ModuleType, ModuleType]:
     from uwserver.physics.collision import broad_phase, directions, narrow_phase
 
     return broad_phase, directions, narrow_phase
+
+
+@cache
+def _finds_pairs() -> Callable[..., Any]:
+    kernel: Any = _kernels()[0].find_pairs
+    pairs: IntArray = np.zeros((0, 2), np.int64)
+    kernel.load(pairs, np.zeros((0, 13)), 0.0, 0.0, True, pairs)
+    return straight(kernel)
 
 
 @dataclass(eq=False)
@@ -215,9 +225,9 @@ class Solids:
 
     def _find_pairs(self, state: FloatArray, dt: float) -> int:
         """How many shapes may touch; they stand in `_pairs`."""
-        broad_phase, _, _ = _kernels()
+        find_pairs = _finds_pairs()
         while True:
-            count = int(broad_phase.find_pairs(self._table, state, dt, MARGIN, self._gate, self._pairs))
+            count = int(find_pairs(self._table, state, dt, MARGIN, self._gate, self._pairs))
             if count <= len(self._pairs):
                 return count
             self._pairs = np.zeros((2 * count, 2), np.int64)

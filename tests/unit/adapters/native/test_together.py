@@ -12,6 +12,7 @@ import pytest
 from uwserver_adapters.native import fanout
 from uwserver_adapters.native.codec import Codec, JsonCodec
 
+from uwserver.adapter import LineWriter
 from uwserver.modifiers.columns import columns_of
 from uwserver.ports import Event, Field, Port
 from uwserver.ports.told import Log, Origin, Told
@@ -65,6 +66,10 @@ def encoded(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         monkeypatch.setattr(
             kind, "together", lambda self, messages, real=kind.together: (counts.append(len(messages)), real(self, messages))[1]
         )  # fmt: skip
+    real = LineWriter.write
+    monkeypatch.setattr(
+        LineWriter, "write", lambda self, told, places, forms: (real(self, told, places, forms), counts.append(len(places)))[0]
+    )  # fmt: skip
     return counts
 
 
@@ -106,6 +111,19 @@ def test_a_client_gets_the_same_as_one_by_one(
     assert heard[0] == heard[1]
     assert len(heard[0]) > 3000
     assert (sum(encoded), len(encoded)) == (32, 5)
+
+
+def test_lines_are_written_without_an_object_for_each(
+    stage: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def scene(theatre: Any, routes: fanout.Fanout) -> None:
+        talker = theatre.talker()
+        await talker.result("subscribe", {"pattern": "**"})
+        monkeypatch.setattr(Told, "values", lambda self, entries: pytest.fail("values were made objects"))
+        put(routes, told(3))
+        assert [sample["seq"] for sample in talker.samples()] == [0, 0, 0, 1, 1, 1, 2, 2, 2]
+
+    played(stage, scene)
 
 
 def test_what_waits_goes_before(stage: Callable[..., Any], encoded: list[int]) -> None:

@@ -1,0 +1,51 @@
+"""The compiled functions that carry bodies on, loaded when one is needed first: they cost half a second, and `import uwserver` must stay quick."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from uwserver.physics.kernel.arrays import IntArray
+from uwserver.physics.kernel.straight import straight
+
+_NO_TABLE: IntArray = np.zeros((0, 2), np.int64)
+
+
+@cache
+def advance(fitted: bool) -> Callable[..., Any]:
+    """`integrator.advance`, of a world with or without appendages."""
+    from uwserver.physics.dynamics import integrator
+
+    kernel: Any = integrator.advance_fitted if fitted else integrator.advance
+    kernel.load(_NO_TABLE, 0.0, 0.0)
+    return straight(kernel)
+
+
+@cache
+def rates_of_change(fitted: bool) -> Callable[..., Any]:
+    """`integrator.rates_of_change`, likewise."""
+    from uwserver.physics.dynamics import integrator
+
+    kernel: Any = integrator.rates_of_change_fitted if fitted else integrator.rates_of_change
+    kernel.load(_NO_TABLE, 0.0, np.empty((0, 6)), np.empty((0, 6)))
+    return straight(kernel)
+
+
+@cache
+def contact() -> ModuleType:
+    """Of contacts: most worlds have none."""
+    from uwserver.physics.contact import step
+
+    return step
+
+
+@cache
+def sea() -> ModuleType:
+    """Of a sea."""
+    from uwserver.physics.dynamics import flow
+
+    return flow

@@ -1,0 +1,23 @@
+"""Calls of entries without a search for the version that fits the arguments: an entry has one. The search costs as much as a small kernel does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+
+def straight(kernel: Any) -> Callable[..., Any]:
+    """What an entry that is loaded runs, for arrays of the types for which it was, which nobody checks then; the entry itself where it is not loaded,
+    or for several."""
+    if len(kernel.overloads) != 1:
+        return kernel  # type: ignore[no-any-return]  # numba has no types
+    return _run_of(kernel)
+
+
+@cache
+def _run_of(kernel: Any) -> Callable[..., Any]:
+    """Found once: to hash the types of a version takes 10 us."""
+    (only,) = kernel.overloads.values()
+    run: Callable[..., Any] = only.entry_point
+    return run
