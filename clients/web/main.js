@@ -55,19 +55,26 @@ const store = {
 /** Until the world is asked for again. */
 const AGAIN_MS = 1000;
 let loading = -1;
+let asked = 0;
 /** Get the world again; frames of another revision ask for it. @param {number} revision */
 async function load(revision) {
   if (loading === revision) return;
   loading = revision;
+  asked += 1;
+  const turn = asked;
+  const again = () => setTimeout(() => { if (turn === asked) loading = -1; }, AGAIN_MS);
   try {
     const world = /** @type {import("./types").World} */ (await (await fetched("world.json")).json());
+    // It has changed again meanwhile: what was asked for later is newer, whatever comes first.
+    if (turn !== asked) return;
+    if (world.revision < revision) again();
     const name = app.bodies[app.chosen]?.name ?? address.get("vehicle");
     app.world = world;
     app.chosen = Math.max(0, app.bodies.findIndex((body) => body.name === name));
     app.emit("world");
     app.emit("chosen");
   } catch (error) {
-    setTimeout(() => { loading = -1; }, AGAIN_MS);
+    again();
     if (app.connected) toast(/** @type {Error} */ (error).message, "bad");
   }
 }
@@ -260,6 +267,7 @@ addEventListener("keydown", (event) => {
   else if (event.code === "KeyN" && app.bodies.length) app.choose((app.chosen + 1) % app.bodies.length);
   else if (event.code === "KeyL") {
     if (!app.layers.delete("lamps")) app.layers.add("lamps");
+    pilot.shine(app.layers.has("lamps"));
     app.emit("layers");
   }
 });

@@ -5,23 +5,20 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-import signal
 import socket
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 from chromium_rig import chromium_or_skip
+from page_rig import PROBES, ready, served
 
-from uwserver.cli.chromium import PATIENCE_S, Browser, Page, browsing
+from uwserver.cli.chromium import Browser, Page, browsing
 from uwserver.recording.replay import replay
 
-PYTHON, PICTURES = "UWSERVER_PAGE_PYTHON", "UWSERVER_PAGE_PICTURES"
-"""Variables: the Python whose installed server is tested, in place of this tree's; and the folder where a picture of each test's end is kept."""
-PROBES = Path(__file__).parents[1] / "page_probes.js"
+PICTURES = "UWSERVER_PAGE_PICTURES"
+"""Variable: the folder where a picture of each test's end is kept."""
 TITLE = '<img src=x onerror=\\"uw.errors.push(1)\\"> & <b>pool</b>'
 SCENARIO = f"""
 schema = 1
@@ -120,23 +117,8 @@ def server(folder: Path, port: int = 0, scenario: str = SCENARIO) -> Iterator[st
     """A server of a scenario; gives the address of its page."""
     file = folder / "dive.toml"
     file.write_text(scenario.replace("PORT", str(port)))
-    python = os.environ.get(PYTHON, sys.executable)
-    there = {
-        key: value for key, value in os.environ.items() if PYTHON not in os.environ or not key.startswith("PYTHON")
-    }
-    command = [python, "-m", "uwserver", "run", str(file)]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, cwd=folder, env=there
-    ) as process:
-        try:
-            assert process.stdout is not None
-            found = next((f for line in process.stdout if (f := re.search(r"http://127\.0\.0\.1:\d+/", line))), None)
-            assert found is not None, "the server ended without a web view"
-            yield found[0]
-            process.send_signal(signal.SIGTERM)
-            process.wait(PATIENCE_S)
-        finally:
-            process.kill()
+    with served(file, folder) as (address, _):
+        yield address
 
 
 @pytest.fixture(scope="module")
@@ -169,12 +151,6 @@ def opened(browser: Browser, address: str, request: pytest.FixtureRequest) -> It
     assert page.faults == []
     assert page.ask("uw.errors") == []
     page.close()
-
-
-def ready(page: Page) -> Page:
-    """Once it shows and knows everything."""
-    page.wait("window.uw && uw.frames > 2 && uw.app.description && uw.app.status.mode", "the page shows a world")
-    return page
 
 
 def test_each_vehicle_is_drawn_where_it_is(opened: Page) -> None:

@@ -248,7 +248,8 @@ def browsing(program: str, folder: Path, before: str = "") -> Iterator[Browser]:
     environment = {**os.environ, "TMPDIR": str(folder)}
     with told.open("wb") as file, child(command, stdout=subprocess.DEVNULL, stderr=file, env=environment) as process:
         try:
-            socket = connect(_address(told, process), max_size=None, open_timeout=PATIENCE_S)
+            # Without pings: on a machine that does much else Chromium is silent for longer than these would wait.
+            socket = connect(_address(told, process), max_size=None, open_timeout=PATIENCE_S, ping_interval=None)
         except (OSError, WebSocketException) as error:
             raise ChromiumFailed(f"{program} cannot be reached: {error}") from error
         with socket:

@@ -90,7 +90,7 @@ class Rights:
             self._context.call("world/status", {}, source, lambda now: on_reply(structs.replace(now, result=result)))
             return _too_late
         known = self._context.services.get(service)
-        if known is not None and not known.reads_only:
+        if known is not None and not known.reads_only and not _asks(service):
             page = self._writing(source)
             vehicle = service.partition("/")[0]
             if not is_stop(service) and any(vehicle == each.name for each in self._context.world.vehicles):
@@ -281,3 +281,9 @@ def _too_late() -> bool:
 
 def _unheard(answer: Reply | Progress) -> None:
     """Nobody waits for it."""
+
+
+def _asks(service: str) -> bool:
+    """Whether it changes nothing: properties of a part, gains and mission of an autopilot."""
+    name = service.rpartition("/")[2]
+    return name == "get" or name.startswith("get_")

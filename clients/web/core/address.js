@@ -1,4 +1,5 @@
 // What stands in the page's address: a link shows a friend the same view. The token is taken out at once and kept for this tab alone.
+import { kept } from "./kept.js";
 
 const KEPT = "uwserver.token";
 
@@ -9,7 +10,7 @@ export class Address {
     this.query = new URLSearchParams(location.search);
     const token = this.values.get("token");
     if (token !== null) {
-      sessionStorage.setItem(KEPT, token);
+      kept.here.set(KEPT, token);
       this.values.delete("token");
       this.write();
     }
@@ -17,12 +18,12 @@ export class Address {
 
   /** @returns {string | null} */
   get token() {
-    return sessionStorage.getItem(KEPT);
+    return kept.here.get(KEPT);
   }
 
   /** @param {string} token */
   keep(token) {
-    sessionStorage.setItem(KEPT, token);
+    kept.here.set(KEPT, token);
   }
 
   /** @param {string} name @returns {string | null} */

@@ -20,6 +20,8 @@ export class Drawing {
     this.scene = null;
     /** @type {View} */
     this.view = "orbit";
+    /** Name of the body about which the camera is. @type {string | null} */
+    this.followed = null;
     this.lost = false;
     app.on("world", () => this.build());
     if (app.world) this.build();
@@ -44,14 +46,15 @@ export class Drawing {
     this.scene = new WorldScene(this.app.world, this.stage, this.views, this.app.link, this.store);
     this.scene.clear = this.clear;
     this.choose();
-    this.setView(this.view);
   }
 
+  /** The camera stays where one has put it while the same body is followed, whatever else changes. */
   choose() {
     if (!this.scene) return;
-    const other = this.scene.chosen !== this.app.chosen;
     this.scene.choose(this.app.chosen, this.app.layers);
-    if (other) this.setView(this.view);
+    const name = this.app.bodies[this.app.chosen]?.name ?? "";
+    if (name !== this.followed) this.setView(this.view);
+    this.followed = name;
   }
 
   /** @param {View} view */

@@ -1,6 +1,7 @@
 // The bars above and below: time and its controls, theme, and how well the server does.
 import { byId, h, symbol, tell, toast } from "./dom.js";
 import { RecordButton } from "./recording.js";
+import { kept } from "./kept.js";
 /** @typedef {import("./app.js").App} App */
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 5, 10, 20];
@@ -42,8 +43,8 @@ export class Bars {
     app.on("status", () => this.show());
     app.on("world", () => this.show());
     app.on("link", () => this.show());
-    const kept = app.address.get("theme") ?? localStorage.getItem("uwserver.theme") ?? (matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark");
-    document.documentElement.dataset.theme = kept === "light" ? "light" : "dark";
+    const theme = app.address.get("theme") ?? kept.always.get("uwserver.theme") ?? (matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark");
+    document.documentElement.dataset.theme = theme === "light" ? "light" : "dark";
     if (app.address.get("dock") === "off" || (innerWidth <= 900 && app.address.get("dock") === null)) byId("main").classList.add("wide");
     this.frames = 0;
     this.measured = { at: performance.now(), frames: 0, bytes: 0 };
@@ -64,7 +65,7 @@ export class Bars {
   turnTheme() {
     const theme = document.documentElement.dataset.theme === "light" ? "dark" : "light";
     document.documentElement.dataset.theme = theme;
-    localStorage.setItem("uwserver.theme", theme);
+    kept.always.set("uwserver.theme", theme);
     if (this.app.address.get("theme") !== null) this.app.address.set("theme", theme);
     this.app.emit("theme");
   }

@@ -27,6 +27,9 @@ export class Refusal extends Error {
 
 const FIRST_WAIT_MS = 250;
 const LONGEST_WAIT_MS = 3000;
+/** The server tells its status twice a second: a connection of which nothing is heard in so many turns has gone, whatever the browser knows of it. */
+const TURN_MS = 1000;
+const SILENT_TURNS = 8;
 
 /** One WebSocket to `/live`. */
 export class Link {
@@ -56,6 +59,19 @@ export class Link {
     this.pictures = new Map();
     /** Number of our session, by which leases name their owner. */
     this.session = -1;
+    /** Turns since something was heard. Turns, not time: who has slept, or was busy, listens before it judges. */
+    this.silence = 0;
+    setInterval(() => this.watch(), TURN_MS);
+  }
+
+  /** A network that has gone, or a server that hangs, closes nothing: try again. */
+  watch() {
+    const { socket } = this;
+    if (!socket) return;
+    this.silence += 1;
+    if (this.silence < SILENT_TURNS) return;
+    this.end(socket, "the server says nothing");
+    socket.close();
   }
 
   connect() {
@@ -65,8 +81,9 @@ export class Link {
     const socket = new WebSocket(`${scheme}://${location.host}/live`);
     socket.binaryType = "arraybuffer";
     this.socket = socket;
-    socket.onopen = () => void this.begin(socket);
-    socket.onmessage = (event) => this.take(event.data);
+    this.silence = 0;
+    socket.onopen = () => socket === this.socket && void this.begin(socket);
+    socket.onmessage = (event) => socket === this.socket && this.take(event.data);
     socket.onclose = (event) => this.end(socket, event.reason);
   }
 
@@ -95,6 +112,7 @@ export class Link {
   /** @param {WebSocket} socket @param {string} reason */
   end(socket, reason) {
     if (socket !== this.socket) return;
+    this.socket = null;
     const was = this.open;
     this.open = false;
     this.subscribed.clear();
@@ -109,6 +127,7 @@ export class Link {
 
   /** @param {string | ArrayBuffer} data */
   take(data) {
+    this.silence = 0;
     if (typeof data !== "string") {
       this.bytes += data.byteLength;
       this.listeners.binary(data);

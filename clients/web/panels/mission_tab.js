@@ -19,7 +19,12 @@ export class Planner {
     /** Whether clicks on the map are way-points. */
     this.adding = false;
     this.show = () => {};
-    app.on("chosen", () => this.set([], null));
+    // Told again when the world changes about the same vehicle.
+    let vehicle = "";
+    app.on("chosen", () => {
+      if (app.vehicle !== vehicle) this.set([], null);
+      vehicle = app.vehicle;
+    });
   }
 
   /** @param {Waypoint[]} waypoints @param {number | null} speed */

@@ -1,5 +1,6 @@
 // The pilot's panel: who steers, modes, sticks, keys, gamepad.
 import { h, tell } from "../core/dom.js";
+import { kept } from "../core/kept.js";
 import { trainingCard } from "./training_card.js";
 import { AXES } from "../pilot/sticks.js";
 import { DIRECT } from "../pilot/pilot.js";
@@ -31,7 +32,7 @@ export function pilotTab(app, pilot, training) {
     const bars = SHOWN.map(() => ({ fill: h("i"), number: h("b", {}, "0") }));
     const gain = h("input", { type: "range", min: 0.1, max: 1, step: 0.05, "aria-label": "Gain", style: "flex:1;accent-color:var(--accent)", oninput: () => {
       pilot.gain = Number(gain.value);
-      localStorage.setItem("uwserver.gain", gain.value);
+      kept.always.set("uwserver.gain", gain.value);
       tell(gainText, `${Math.round(100 * pilot.gain)} %`);
     } });
     gain.value = String(pilot.gain);

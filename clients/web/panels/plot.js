@@ -6,6 +6,11 @@ const WINDOW_S = 60;
 const MOST = 1800;
 const MOST_SERIES = 6;
 const REDRAW_MS = 200;
+/** Width of a figure on the vertical axis, and what stands beside it; px. */
+const [FIGURE, BESIDE, LEAST] = [6.7, 18, 44];
+
+/** Room for the longest number of the vertical axis. @param {uPlot} _ @param {string[] | null} values */
+const room = (_, values) => Math.max(LEAST, ...(values ?? []).map((text) => BESIDE + FIGURE * String(text).length));
 
 /** Names of all numbers in a field: itself, or its elements. @param {import("../types").Field} field */
 export function numbersOf(field) {
@@ -35,7 +40,7 @@ export function plotPanel(port, fieldName, app, place) {
   let dirty = false;
   const build = () => {
     plot?.destroy();
-    const axis = { stroke: app.colour("dim"), grid: { stroke: app.colour("line"), width: 1 }, ticks: { stroke: app.colour("line"), width: 1 }, font: "11px system-ui", size: 44 };
+    const axis = { stroke: app.colour("dim"), grid: { stroke: app.colour("line"), width: 1 }, ticks: { stroke: app.colour("line"), width: 1 }, font: "11px system-ui", size: room };
     plot = new uPlot({
       width: Math.max(200, place.clientWidth), height: 150, cursor: { y: false }, legend: { show: true, live: true },
       scales: { x: { time: false } },

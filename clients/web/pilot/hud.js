@@ -66,7 +66,7 @@ export class Hud {
         seen = performance.now();
         const raw = sample.value[reading.field];
         const number = typeof raw === "number" ? figure(raw * (reading.factor ?? 1), reading.digits) : "–";
-        tell(value, reading.text ? reading.text(raw, sample.value) : `${typeof raw === "number" ? (raw * (reading.factor ?? 1)).toFixed(reading.digits) : number} ${reading.unit}`);
+        tell(value, raw === null || raw === undefined ? "–" : reading.text ? reading.text(raw, sample.value) : `${typeof raw === "number" ? (raw * (reading.factor ?? 1)).toFixed(reading.digits) : number} ${reading.unit}`);
         const mood = sample.valid && raw !== null ? (reading.mood?.(raw) ?? "") : "";
         box.className = `reading ${mood}`;
       }));

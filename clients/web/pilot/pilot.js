@@ -1,5 +1,6 @@
 // Steering: who has the lease, what the sticks say, and where it is sent twenty times a second.
 import { toast } from "../core/dom.js";
+import { kept } from "../core/kept.js";
 import { ignore } from "../core/link.js";
 import { commands } from "./allocation.js";
 import { AXES, Keyboard, Pad } from "./sticks.js";
@@ -21,7 +22,7 @@ export class Pilot {
   constructor(app) {
     this.app = app;
     this.sticks = /** @type {Sticks} */ ([0, 0, 0, 0, 0, 0]);
-    this.gain = Number(localStorage.getItem("uwserver.gain") ?? 0.8) || 0.8;
+    this.gain = Number(kept.always.get("uwserver.gain") ?? 0.8) || 0.8;
     this.tilt = 0;
     /** What the vehicle's mount was told last. */
     this.turned = 0;
@@ -199,7 +200,12 @@ export class Pilot {
     return true;
   }
 
-  /** Tilt the camera on board. @param {number} angle rad, up */
+  /** An actuator of the chosen vehicle beside its propulsion. @param {string} kind */
+  fitting(kind) {
+    return this.app.description?.ports.find((port) => port.direction === "actuator" && port.kind === kind && port.path.startsWith(this.app.prefix));
+  }
+
+  /** Tilt the camera on board; of a vehicle that is steered from here the mount, too. @param {number} angle rad, up */
   tiltBy(angle) {
     this.tilt = this.tiltable(this.tilt + angle);
     this.turnMount();
@@ -213,7 +219,7 @@ export class Pilot {
 
   /** The port that tilts the camera of the chosen vehicle, where it has one. */
   get mount() {
-    return this.app.description?.ports.find((port) => port.kind === "camera_mount" && port.path.startsWith(this.app.prefix));
+    return this.fitting("camera_mount");
   }
 
   /** The vehicle's own camera looks where the page does. */
@@ -223,6 +229,12 @@ export class Pilot {
     this.tilt = this.tiltable(this.tilt);
     this.app.link.notify("command", { port: mount.path, value: { tilt: this.tilt } });
     this.turned = this.tilt;
+  }
+
+  /** Lamps of the vehicle that is steered from here, on or off. @param {boolean} on */
+  shine(on) {
+    const lamps = this.fitting("lamps");
+    if (lamps && this.owns) this.app.link.notify("command", { port: lamps.path, value: { levels: Array(lamps.fields[0].shape[0]).fill(on ? 1 : 0) } });
   }
 
   /** A button of the gamepad. @param {string} action */

@@ -1,4 +1,5 @@
 // What the pilot's hands do: keys that are held, and a gamepad's sticks. Nothing is held once the page loses the focus.
+import { kept } from "../core/kept.js";
 /** @typedef {import("./allocation.js").Sticks} Sticks */
 
 export const AXES = /** @type {const} */ (["surge", "sway", "heave", "roll", "pitch", "yaw"]);
@@ -116,7 +117,7 @@ export class Pad {
     const id = pad?.id ?? "";
     if (id !== this.id) {
       this.id = id;
-      this.mapping = kept(id) ?? usual();
+      this.mapping = remembered(id) ?? usual();
       this.pressed.clear();
       this.onChange();
     }
@@ -149,21 +150,21 @@ export class Pad {
     if (axis < 0) return;
     this.mapping.axes[this.learning] = [axis, Math.sign(pad.axes[axis] - (this.rest[axis] ?? 0)) || 1];
     this.learning = -1;
-    localStorage.setItem(KEPT + this.id, JSON.stringify(this.mapping));
+    kept.always.set(KEPT + this.id, JSON.stringify(this.mapping));
     this.onChange();
   }
 
   forget() {
-    localStorage.removeItem(KEPT + this.id);
+    kept.always.forget(KEPT + this.id);
     this.mapping = usual();
     this.onChange();
   }
 }
 
 /** @param {string} id @returns {Mapping | null} */
-function kept(id) {
+function remembered(id) {
   try {
-    const found = JSON.parse(localStorage.getItem(KEPT + id) ?? "null");
+    const found = JSON.parse(kept.always.get(KEPT + id) ?? "null");
     return found && Array.isArray(found.axes) && found.axes.length === 6 && found.buttons ? found : null;
   } catch {
     return null;

@@ -1,6 +1,7 @@
 // A pilot's training: how the try goes, where it leads to, the best one so far; and the last try, kept frame by frame to be watched again.
 import { figure, toast } from "../core/dom.js";
 import { Timeline } from "../core/frames.js";
+import { kept } from "../core/kept.js";
 import { ignore } from "../core/link.js";
 import { spoken } from "./words.js";
 /** @typedef {import("../core/app.js").App} App @typedef {import("../types").Frame} Frame */
@@ -90,7 +91,7 @@ export class Training {
   /** The best try of this browser. @returns {Result | null} */
   get best() {
     try {
-      const found = JSON.parse(localStorage.getItem(this.key) ?? "null");
+      const found = JSON.parse(kept.always.get(this.key) ?? "null");
       return typeof found?.score === "number" && typeof found?.time === "number" ? found : null;
     } catch {
       return null;
@@ -136,7 +137,7 @@ export class Training {
   end(result, cut) {
     this.ended = { ...result, frames: this.frames };
     const { best } = this;
-    if (!cut && (best === null || result.score > best.score) && !this.app.status.playback) localStorage.setItem(this.key, JSON.stringify(result));
+    if (!cut && (best === null || result.score > best.score) && !this.app.status.playback) kept.always.set(this.key, JSON.stringify(result));
   }
 
   /** Keep a frame of the present. @param {Frame} frame */

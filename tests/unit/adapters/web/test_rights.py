@@ -117,6 +117,23 @@ def test_a_stop_of_one_component_needs_no_lease() -> None:
     play(scene, with_autopilot())
 
 
+def test_what_changes_nothing_needs_no_lease() -> None:
+    """The page shows how sensors are set before anybody steers, and to who may only watch."""
+
+    async def scene(stage: Stage) -> None:
+        async with stage.page() as page:
+            assert code_of(await call(page, "rov/thrusters/get")) == ""
+            assert code_of(await call(page, "rov/autopilot/get_mission")) == ""
+            assert code_of(await call(page, "rov/thrusters/set", timeout_s=2.0)) == "denied"
+
+    for options in ({}, {"read_only": True}):
+        context = with_autopilot()
+        for path in ("rov/thrusters/get", "rov/autopilot/get_mission", "rov/thrusters/set"):
+            context.services = {**context.services, path: Service(path, "Properties.")}
+            context.scripts[path] = lambda args: {}
+        assert called(play(scene, context, **options)) == ["rov/thrusters/get", "rov/autopilot/get_mission"]
+
+
 async def does_nothing(page: Any) -> None:
     """All that would change anything is refused."""
     assert code_of(await ask(page, "command", **U)) == "denied"
