@@ -60,6 +60,10 @@ class FoxgloveChannels:
             log.exception(_FAULT)
             return None
 
+    def shows(self, port: Port) -> bool:
+        """Whether samples of a port may have messages."""
+        return not self._ended and self._channels.shows(port)
+
     def _newest_water(self) -> WaterView:
         assert self._water is not None, "the first presence tells the water"
         return self._water

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import IO
 
 from uwserver.ports import Event, Port, Sample
+from uwserver.ports.told import Told
 from uwserver.recording.format import Request, StateHash, metadata
 from uwserver.recording.foxglove import FoxgloveChannels
 from uwserver.recording.opening import new_file, there_already, unwritable
@@ -56,7 +57,7 @@ class Ports:
     ports: Mapping[str, Port]
 
 
-Item = tuple[Sample, ...] | Request | State | Ports | Presence | Seen | Event
+Item = Told | tuple[Sample, ...] | Request | State | Ports | Presence | Seen | Event
 
 
 class Output:
@@ -132,7 +133,10 @@ class Output:
     def write(self, item: Item) -> None:
         """Write one item."""
         writer = self._writer
-        if isinstance(item, tuple):
+        if isinstance(item, Told):
+            writer.rows(item, self._known)
+            self.samples += len(item)
+        elif isinstance(item, tuple):
             for sample in item:
                 writer.sample(sample, self._known)
             self.samples += len(item)

@@ -17,6 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from uwserver.ports import Call, Command, Event, Json, Refused, Sample
+from uwserver.ports.told import Told
 from uwserver.recording.format import Request
 from uwserver.recording.looker import Looker
 from uwserver.recording.output import NOTHING, Item, Output, Ports, State
@@ -223,13 +224,23 @@ class Recorder:
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """Queue the samples of one tick."""
+        if self._has_room(len(samples)):
+            self._queue.append(tuple(samples))
+
+    def put_told(self, told: Told) -> None:
+        """Queue those of some ticks, as rows: nobody makes them before they are written."""
+        if self._has_room(len(told)):
+            self._queue.append(told)
+
+    def _has_room(self, count: int) -> bool:
+        """Whether so many samples can wait; they are counted."""
         if self._error:
-            return
+            return False
         if self._full(MAX_SAMPLES) and not self._may_wait():
-            self._dropped += len(samples)
-            return
-        self._samples_put += len(samples)
-        self._queue.append(tuple(samples))
+            self._dropped += count
+            return False
+        self._samples_put += count
+        return True
 
     def put_event(self, event: Event) -> None:
         """Queue an event."""
@@ -307,6 +318,17 @@ class Recorder:
             self._queue.clear()
             self._output.close()
 
+    def _next(self) -> Item:
+        """What waits longest; rows of samples with those that follow them, which are written in one go."""
+        item = self._queue.popleft()
+        while isinstance(item, Told) and self._queue and isinstance(later := self._queue[0], Told):
+            together = item.followed_by(later)
+            if together is None:
+                break
+            self._queue.popleft()
+            item = together
+        return item
+
     def _write(self) -> None:
         time = SystemTime()
         flushed = time.now_ns()
@@ -314,7 +336,7 @@ class Recorder:
             # Asked before draining: what was queued before the end is still written.
             ending = self._ending.is_set()
             while self._queue and not self._error:
-                self._output.write(self._queue.popleft())
+                self._output.write(self._next())
                 now = time.now_ns()
                 if now - flushed >= CHUNK_NS:
                     self._output.flush()

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import keyword
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import IO, Any
 
@@ -12,6 +13,8 @@ from msgspec import structs
 from uwserver import __version__
 from uwserver.adapter.foxglove import SCHEMAS, Foreign
 from uwserver.ports import Event, Port, Sample, SceneState
+from uwserver.ports.told import Origin, Told
+from uwserver.recording.chunked_file import ChunkedFile
 from uwserver.recording.format import EVENTS, HASHES, METADATA, REQUESTS, Request, StateHash
 from uwserver.recording.foxglove import FoxgloveChannels
 from uwserver.recording.parts import STATE
@@ -20,6 +23,9 @@ from uwserver.recording.states import CASTS, ENCODING, JUMPS, LAYOUT, STATES, Pr
 
 MAX_CHANNELS = 65_535
 """Of an MCAP file, which has 16 bits for their numbers."""
+TOGETHER = 512
+"""Samples that are encoded in one go."""
+_PLAIN = frozenset(("float", "int", "bool"))
 CHUNK_BYTES = 256 * 1024
 """A chunk is written at the latest when it has grown to this."""
 
@@ -34,6 +40,20 @@ class _Kind:
 
     port: Port
     channel: int = 0
+
+
+class _Message(msgspec.Struct, frozen=True, gc=False):
+    """A sample as JSON has it; `value` is a struct of the fields of its port, which is encoded sooner than a dictionary."""
+
+    seq: int
+    t_ns: int
+    t_sent_ns: int
+    valid: bool
+    value: Any
+
+
+_Row = tuple[int, int, Callable[..., msgspec.Struct]]
+"""How samples of a stream are encoded: channel of its port, number of its fields, and what makes the value of a message of theirs."""
 
 
 class RecordingWriter:
@@ -51,14 +71,11 @@ class RecordingWriter:
     def __init__(
         self, file: IO[bytes], head: dict[str, str], ports: Mapping[str, Port], foxglove: FoxgloveChannels | None = None
     ) -> None:
-        # Imported here: it costs more than the rest of the start-up, and most runs record nothing.
-        from mcap.writer import Writer
-
-        self._encode = msgspec.json.Encoder().encode
+        encoder = msgspec.json.Encoder()
+        self._encode, self._encode_lines = encoder.encode, encoder.encode_lines
         self._of_name: dict[str, list[_Kind]] = {}
         self._count = 1  # the states
-        self._writer: Any = Writer(file, chunk_size=CHUNK_BYTES)  # half of its methods are untyped
-        self._writer.start("", f"uwserver {__version__}")
+        self._writer = ChunkedFile(file, f"uwserver {__version__}", CHUNK_BYTES)
         self._writer.add_metadata(METADATA, head)
         self._events = self._channel(EVENTS, "uwserver.Event", schema_of(Event))
         self._hashes = self._channel(HASHES, "uwserver.StateHash", schema_of(StateHash))
@@ -66,7 +83,9 @@ class RecordingWriter:
         self._jumps = self._channel(JUMPS, "uwserver.Event", schema_of(Event))
         self._casts = self._channel(CASTS, "uwserver.CastRecord", {"title": CASTS, "type": "object"})
         layout = self._writer.register_schema("uwserver.State", "text", LAYOUT.encode())
-        self._states = int(self._writer.register_channel(STATES, ENCODING, layout, {}))
+        self._states = self._writer.register_channel(STATES, ENCODING, layout, {})
+        self._row_of: dict[int, _Row | None] = {}
+        self._origins: Mapping[int, Origin] = {}
         self.told: Presence | None = None
         self.jumps_told = 0
         self._foxglove = foxglove
@@ -95,6 +114,48 @@ class RecordingWriter:
             shown = self._foxglove.of_sample(sample, ports[sample.port])
             if shown is not None:
                 self._add_foreign(shown)
+
+    def rows(self, told: Told, ports: Mapping[str, Port]) -> None:
+        """Samples as rows, each on the channel of its port: those of numbers alone are encoded in one go."""
+        if told.origins is not self._origins:
+            self._origins, self._row_of = told.origins, {}
+        for part in told.parts(TOGETHER):
+            self._encode_rows(part, ports)
+
+    def _encode_rows(self, told: Told, ports: Mapping[str, Port]) -> None:
+        entries, rows = told.entries(), self._row_of
+        heads: list[tuple[int, int, int, int]] = []
+        messages: list[_Message] = []
+        for (t_sent_ns, _, stream, seq, t_ns, valid, _), values in zip(entries, told.values(entries), strict=True):
+            row = rows[stream] if stream in rows else self._row(stream, ports)
+            if row is not None and len(values) == row[1]:
+                # MCAP has 32 bits for the sequence; the message itself holds the whole number.
+                heads.append((row[0], seq & 0xFFFFFFFF, t_sent_ns, t_ns))
+                messages.append(_Message(seq, t_ns, t_sent_ns, valid != 0, row[2](*values)))
+            else:
+                self._add_rows(heads, messages)
+                heads, messages = [], []
+                self.sample(Sample(told.origins[stream].path, seq, t_ns, t_sent_ns, valid != 0, values), ports)
+        self._add_rows(heads, messages)
+
+    def _add_rows(self, heads: list[tuple[int, int, int, int]], messages: list[_Message]) -> None:
+        if heads:
+            # A text holds no line's end as it is: JSON writes it in another way.
+            self._writer.add_messages(heads, self._encode_lines(messages).split(b"\n"))
+
+    def _row(self, stream: int, ports: Mapping[str, Port]) -> _Row | None:
+        """How a stream's samples are encoded in one go; None for one by one: pictures would be too much at once, and of some others see them, too."""
+        port = ports[self._origins[stream].path]
+        kind = self._kinds(port)[-1]
+        names = [field.name for field in port.fields]
+        is_plain = all(field.type in _PLAIN for field in port.fields) and all(map(_is_name, names))
+        is_shown = self._foxglove is not None and self._foxglove.shows(port)
+        row = None
+        if port.direction == "sensor" and is_plain and not is_shown:
+            value = msgspec.defstruct(f"Value_{len(names)}", [(name, Any) for name in names])
+            row = (self._number(kind), len(names), value)
+        self._row_of[stream] = row
+        return row
 
     def request(self, request: Request, t_ns: int, ports: Mapping[str, Port]) -> None:
         """One request, carried out at t_ns; a command also on the channel of its port, to be plotted."""
@@ -134,7 +195,7 @@ class RecordingWriter:
     def state(self, seen: Seen) -> None:
         """Where all bodies are; of a cast that was told by `presence`."""
         t_ns = seen.state.t_ns
-        self._writer.add_message(self._states, t_ns, state_message(seen), t_ns)
+        self._writer.add_message((self._states, 0, t_ns, t_ns), state_message(seen))
         self._show(seen.state)
 
     def _show(self, item: Presence | SceneState | Event) -> None:
@@ -153,11 +214,11 @@ class RecordingWriter:
                 self._foreign_schemas[message.schema] = self._writer.register_schema(message.schema, "protobuf", data)
             number = self._foreign_schemas[message.schema]
             channel = self._foreign[key] = self._numbered(message.topic, "protobuf", number, {})
-        self._writer.add_message(channel, message.t_ns, message.data, message.t_ns)
+        self._writer.add_message((channel, 0, message.t_ns, message.t_ns), message.data)
 
     def begin_at(self, state: bytes) -> None:
         """Say, before any message, with which state of the world a later part begins."""
-        self._writer.add_attachment(0, 0, STATE, "application/msgpack", state)
+        self._writer.add_attachment(STATE, "application/msgpack", state)
 
     def follow(self, before: RecordingWriter, tick: int, t_ns: int) -> None:
         """Go on where another writer ends, so that this file can be read alone: with its ports, whose late samples may still come, and with all who
@@ -176,10 +237,11 @@ class RecordingWriter:
         self._writer.finish()
 
     def _add(self, channel: int, log_time: int, message: object, publish_time: int, sequence: int = 0) -> None:
-        self._writer.add_message(channel, log_time, self._encode(message), publish_time, sequence)
+        self._writer.add_message((channel, sequence, log_time, publish_time), self._encode(message))
 
     def know(self, ports: Iterable[Port]) -> None:
         """Ports as they are from here on; samples of those before may still come."""
+        self._row_of = {}
         for port in ports:
             self._kinds(port)
 
@@ -215,4 +277,9 @@ class RecordingWriter:
             text = f"{self._count} ports of bodies that came and went have their channels, and MCAP knows no more"
             raise TooManyChannels(f"{text}: give bodies names that were used before")
         self._count += 1
-        return int(self._writer.register_channel(topic, encoding, schema, about))
+        return self._writer.register_channel(topic, encoding, schema, about)
+
+
+def _is_name(text: str) -> bool:
+    """Whether a field can be one of a struct."""
+    return text.isidentifier() and not keyword.iskeyword(text) and not text.startswith("__")

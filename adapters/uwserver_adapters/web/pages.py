@@ -9,7 +9,6 @@ from typing import Protocol
 
 from uwserver.adapter import AdapterContext, Thinned
 from uwserver.ports import Event, Json, Progress, Refused, Reply, Sample, SceneState
-from uwserver.units import NANOSECONDS
 from uwserver_adapters.native.fanout import Fanout
 from uwserver_adapters.web.frames import HIDDEN, PAUSED, state_frame
 from uwserver_adapters.web.lease import Leases
@@ -213,12 +212,12 @@ def _recording(recorder: Json) -> dict[str, Json]:
     """What pages are told of the recording that goes on, or was the last."""
     if not isinstance(recorder, dict):
         return {"recording": False, "recorder": None}
-    path, since_ns = str(recorder.get("path", "")), recorder.get("since_ns")
+    path = str(recorder.get("path", ""))
     told: dict[str, Json] = {
         "name": PurePath(path).name,
         "path": path,
         "bytes": recorder.get("bytes"),
-        "since_s": since_ns / NANOSECONDS if isinstance(since_ns, int) else 0.0,
+        "since_ns": recorder.get("since_ns"),
         "error": recorder.get("error"),
     }
     return {"recording": recorder.get("recording") is True, "recorder": told}

@@ -11,7 +11,7 @@ export function size(bytes) {
 export function about(app) {
   const { recorder, recording } = app.status;
   if (!recorder) return "Nothing was recorded yet.";
-  const since = `from ${recorder.since_s.toFixed(1)} s`;
+  const since = `from ${(recorder.since_ns / 1e9).toFixed(1)} s`;
   if (recording) return `Recording ${recorder.name}, ${size(recorder.bytes)} ${since}, to ${recorder.path}`;
   return recorder.error ? `${recorder.path} ended early: ${recorder.error}` : `Recorded ${recorder.name}, ${size(recorder.bytes)} ${since}: ${recorder.path}`;
 }

@@ -17,6 +17,7 @@ from mcap.records import Message
 
 from uwserver.adapter import AdapterTable
 from uwserver.ports import Call, Command, Event, Field, Port, Sample
+from uwserver.recording import output as output_module
 from uwserver.recording import recorder as recorder_module
 from uwserver.recording import writer as writer_module
 from uwserver.recording.format import EVENTS, HASHES, METADATA, REQUESTS, head_of, metadata
@@ -467,7 +468,7 @@ def test_a_disk_that_is_full_at_the_next_part_ends_the_recording(
     def full(*_: object) -> Path:
         return path.parent / "gone" / "run.0002.mcap"
 
-    monkeypatch.setattr(recorder_module, "part_path", full)
+    monkeypatch.setattr(output_module, "part_path", full)
     with pytest.raises(AssertionError):
         in_parts(path, resolved, Rotation(most_s=1.0), 2)
     done = replay(path)

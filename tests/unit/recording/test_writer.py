@@ -9,9 +9,15 @@ import pytest
 from mcap.reader import make_reader
 from playback_rig import Dive, pool
 
+from uwserver.adapter import installed_adapters
+from uwserver.ports import Call
 from uwserver.recording.parts import Rotation
 from uwserver.recording.player_track import Track
+from uwserver.recording.recorder import Recorder
 from uwserver.recording.states import CASTS, CastRecord
+from uwserver.scenario.build.world import build
+from uwserver.scenario.load.scenario import load
+from uwserver.simulation.clock import Timing
 
 
 @pytest.fixture(scope="module")
@@ -67,3 +73,79 @@ def test_a_later_part_alone_opens_in_foxglove(parts: list[Path]) -> None:
     assert scenes[0][0] == 2_000_000_000
     assert {entity.id for entity in scenes[0][1].entities} >= {"rov", "guest"}
     assert any(topic == "/tf" for topic, _, _ in found)
+
+
+SENSORS = """
+schema = 1
+seed = 2
+[world]
+origin_lat_deg = 54.0
+origin_lon_deg = 10.0
+[seabed]
+kind = "flat"
+depth_m = 6
+[vehicles.rov]
+model = "bluerov2_heavy"
+position_ned_m = [0.0, 0.0, 0.05]
+[vehicles.rov.sensors.gps]
+kind = "gps"
+profile = "m8_gps"
+rate_hz = 10
+[vehicles.rov.sensors.sonar]
+kind = "scanning_sonar"
+profile = "ping360"
+rate_hz = 20
+[vehicles.rov.sensors.altimeter]
+kind = "altimeter"
+profile = "ping1d"
+rate_hz = 10
+[vehicles.rov.sensors.training]
+kind = "training"
+rate_hz = 20
+collision_points = 0
+[vehicles.rov.sensors.training.tasks.away]
+kind = "reach"
+position_ned_m = [1.4, 0.0, 2.0]
+size_m = [2.0, 20.0, 20.0]
+"""
+
+
+def test_samples_that_are_encoded_in_one_go_are_those_that_are_encoded_one_by_one(tmp_path: Path) -> None:
+    (tmp_path / "dive.toml").write_text(SENSORS)
+    resolved = load(str(tmp_path / "dive.toml"), adapters=installed_adapters())
+    world = build(resolved)
+    world.want(None)
+    one, other = (Recorder(tmp_path / f"{name}.mcap", world, resolved) for name in ("one", "other"))
+    rows = 0
+    with one.stepped(Timing("freerun")), other.stepped(Timing("freerun")):
+        for tick in range(500):
+            if tick == 240:  # whose ports get their channels later
+                where = {"p_NB": [4.0, 0.0, 2.0], "q_NB": [1.0, 0.0, 0.0, 0.0]}
+                world.submit(Call("world/spawn", {"name": "second", "like": "rov", **where}, "me"))
+            output = world.advance()
+            told = output.told
+            for recorder in (one, other):
+                recorder.ticked(world)
+            if told is not None and not output.made:
+                rows += len(told)
+                one.put_told(told)
+                other.put_samples(list(told))
+            else:
+                for recorder in (one, other):
+                    recorder.put_samples(output.samples)
+            for recorder in (one, other):
+                recorder.drain()
+    found = [contents(tmp_path / f"{name}.mcap") for name in ("one", "other")]
+    assert found[0] == found[1]
+    topics = {message[0] for message in found[0]}
+    assert {"rov/imu", "rov/training", "rov/sonar", "/rov/sonar", "rov/gps", "second/imu"} <= topics
+    assert rows > 500
+
+
+def contents(path: Path) -> list[tuple[str, int, int, int, bytes]]:
+    """All messages in the order in which they were written."""
+    with path.open("rb") as file:
+        return [
+            (channel.topic, m.sequence, m.log_time, m.publish_time, m.data)
+            for _, channel, m in make_reader(file).iter_messages(log_time_order=False)
+        ]

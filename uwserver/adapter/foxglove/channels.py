@@ -93,13 +93,21 @@ class SceneChannels:
         work = self.work(port, sample)
         return None if work is None else work()
 
+    def shows(self, port: Port) -> bool:
+        """Whether samples of a port have messages, when they show something."""
+        return self._known(port) is not None
+
     def work(self, port: Port, sample: Sample) -> Callable[[], Foreign | None] | None:
         """What makes the message of a sample, on any thread; None where there is none."""
+        encode = self._known(port)
+        return partial(encode, sample) if encode is not None and sample.valid else None
+
+    def _known(self, port: Port) -> _Encode | None:
+        """What encodes samples of a port."""
         known = self._encoders.get(port.path)
         if known is None or known[0] is not port:
             known = self._encoders[port.path] = (port, self._encoder(port))
-        encode = known[1]
-        return partial(encode, sample) if encode is not None and sample.valid else None
+        return known[1]
 
     def event(self, event: Event) -> Foreign:
         """What every client is told."""

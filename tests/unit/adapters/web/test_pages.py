@@ -173,7 +173,7 @@ def test_the_status_tells_what_is_recorded() -> None:
                     pass
             assert told["params"]["recording"] is is_recording
             assert told["params"]["recorder"] == {
-                "name": "dive.mcap", "path": "/data/dive.mcap", "bytes": 70, "since_s": 2.5, "error": "",
+                "name": "dive.mcap", "path": "/data/dive.mcap", "bytes": 70, "since_ns": 2_500_000_000, "error": "",
             }  # fmt: skip
 
     play(scene)
