@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from uwserver.adapter import installed_adapters
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.warm import solid_kernels
 from uwserver.scenario.build.members import build_scene, mount_of, physics_rate, stream_of
@@ -215,5 +216,5 @@ def test_a_world_of_solids_says_once_that_its_rays_are_slow(
     monkeypatch.setattr("uwserver.physics.rays.casting.has_embree", lambda: there)
     caplog.set_level("INFO")
     world = built()
-    build_scene(world, load("slope", adapters={}))
+    build_scene(world, load("slope", adapters=installed_adapters()))
     assert sum("slower tree" in record.message for record in caplog.records) == lines
