@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,8 @@ _DECIBEL = 0.1 * math.log(10.0)
 
 
 Methods = npt.NDArray[np.uint8]
+Apart = Callable[[IntArray], tuple[Plane, int]]
+"""The difference of both halves of an array, (2, beams, some gates), in `spans` of gates of each beam, (beams, 2); and the first of its gates."""
 
 
 class Soundings(NamedTuple):
@@ -81,16 +84,30 @@ def listen(energy: FloatArray, ranges: Ranges, noise: Noise | None, directivity:
 
 def listen_apart(
     energy: FloatArray, ranges: Ranges, noise: Noise, directivity: float, array: Array
-) -> tuple[Plane, Plane | None]:
-    """What narrow beams hear as of `listen`, and the difference of both halves of the array, where it compares them."""
+) -> tuple[Plane, Apart | None]:
+    """What narrow beams hear as of `listen`, and what makes the difference of both halves of the array, where it compares them."""
     waves = _waves(energy, noise)
     together = _beams(waves, array.pattern, array.bands)
     _received(together, ranges, noise, directivity)
     if array.apart is None:
         return together, None
-    apart = _beams(waves, array.apart, array.bands)
-    # The noise of the halves is independent, and so is that of their sum and of their difference.
-    _received(apart, ranges, noise._replace(number=noise.number | _OTHER), directivity)
+    pattern = array.apart
+
+    def apart(spans: IntArray) -> tuple[Plane, int]:
+        # A gate hears those about it, as long as the pulse is.
+        more, seen = math.ceil(ranges.gates.window) + 1, spans[:, 1] > spans[:, 0]
+        around = np.where(seen[:, None], np.clip(spans + np.array((-more, more)), 0, energy.shape[1]), 0)
+        start, end = (int(around[seen, 0].min()), int(around[:, 1].max())) if seen.any() else (0, 0)
+        heard = np.empty((2, len(spans), end - start), np.float32)
+        for plane, wave in enumerate(waves):
+            soundings.form_bands(pattern, array.bands, wave, around, start, heard[plane])
+        # The noise of the halves is independent, and so is that of their sum and of their difference.
+        bursts = tuple(
+            burst._replace(first=max(burst.first - start, 0), end=max(burst.end - start, 0)) for burst in noise.bursts
+        )
+        _received(heard, ranges, noise._replace(number=noise.number | _OTHER, bursts=bursts), directivity)
+        return heard, start
+
     return together, apart
 
 
@@ -103,8 +120,9 @@ def _waves(energy: FloatArray, noise: Noise) -> Plane:
 
 def _beams(waves: Plane, pattern: Plane, bands: IntArray) -> Plane:
     sound = np.empty((len(waves), len(bands), waves.shape[2]), np.float32)
+    whole = np.array(((0, waves.shape[2]),) * len(bands))
     for plane, wave in enumerate(waves):
-        soundings.form_bands(pattern, bands, wave, sound[plane])
+        soundings.form_bands(pattern, bands, wave, whole, 0, sound[plane])
     return sound
 
 
@@ -128,7 +146,7 @@ def blanked(sound: Plane, least: float, gate: float) -> None:
 
 def sound_out(
     sound: Plane, bins: int, ranges: Ranges, directivity: float, alpha: float, threshold_db: float, first: bool = False,
-    apart: Plane | None = None,
+    apart: Apart | None = None,
 ) -> Soundings:  # fmt: skip
     """Find the echo of each beam.
 
@@ -148,6 +166,8 @@ def sound_out(
     soundings.find(sound, bins, least, loss, first, place, level, hits, half)
     method = np.where(hits > 0, soundings.BY_AMPLITUDE, soundings.NOTHING_FOUND).astype(np.uint8)
     if apart is not None:
-        soundings.cross(sound, apart, bins, least, half, place, method)
+        spans = soundings.looks(place, half, bins)
+        difference, start = apart(spans)
+        soundings.cross(sound, difference, spans, start, least, half, place, method)
     quality: FloatArray = np.where(hits > 0, level / (level + around), 0.0)
     return Soundings(place, level, hits, quality, method)

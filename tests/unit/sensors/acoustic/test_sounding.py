@@ -60,8 +60,10 @@ def test_sum_and_difference_have_the_same_noise_apart_and_the_same_echo() -> Non
     energy = np.zeros((1, GATES))
     energy[0, 100:103] = 1e6 * RANGES.noise
     array = Array(pattern, pattern**2, bands, apart)
-    both, other = listen_apart(energy, RANGES, noise(), 10.0, array)
-    assert other is not None
+    both, difference = listen_apart(energy, RANGES, noise(), 10.0, array)
+    assert difference is not None
+    other, start = difference(np.array([[0, GATES]] * 40))
+    assert (start, other.shape) == (0, both.shape)
     assert np.array_equal(both, listen(energy, RANGES, noise(), 10.0, array))
     quiet = slice(200, GATES - 20)
     powers = [np.mean(sound[0, :, quiet] ** 2 + sound[1, :, quiet] ** 2) for sound in (both, other)]
@@ -71,3 +73,8 @@ def test_sum_and_difference_have_the_same_noise_apart_and_the_same_echo() -> Non
         -0.5 * both[:, :, 101], rel=0.05, abs=0.02 * float(np.abs(both[:, :, 101]).max())
     )
     assert listen_apart(energy, RANGES, noise(), 10.0, array._replace(apart=None))[1] is None
+    some, start = difference(np.array([[0, 0]] + [[90, 110]] * 39))
+    assert start < 90 < 110 < start + some.shape[2] < start + 30
+    echo = slice(101 - start, 102 - start)
+    assert some[:, 1:, echo] == pytest.approx(other[:, 1:, 101:102], abs=0.02 * float(np.abs(both[:, :, 101]).max()))
+    assert difference(np.zeros((40, 2), np.int64))[0].shape == (2, 40, 0)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from uwserver.physics.kernel.arrays import Array, IntArray
+from uwserver.physics.kernel.arrays import Array, FloatArray, IntArray
 from uwserver.physics.kernel.deferred import compiled, entry
 from uwserver.sensors.acoustic.imaging.swath import Plane
 
@@ -47,15 +47,31 @@ def bands(pattern: Plane) -> IntArray:
     return result
 
 
+def looks(place: FloatArray, half: FloatArray, bins: int) -> IntArray:
+    """(beams, 2) first gate in which phases of an echo are looked at, and the one after the last: none where there is no echo.
+
+    Args:
+        place, half: (beams) of `find`.
+        bins: gates that count.
+    """
+    about, width = np.nan_to_num(place), _FARTHEST * np.maximum(half, _LEAST_LOOK)
+    low, high = np.maximum(np.floor(about - width), 0.0), np.minimum(np.ceil(about + width), bins)
+    result: IntArray = np.stack((low, high), axis=1).astype(np.int64)
+    result[np.isnan(place)] = 0
+    return result
+
+
 @entry
-def form_bands(pattern: Array, bands: Array, columns: Array, beams: Array) -> None:
+def form_bands(pattern: Array, bands: Array, columns: Array, spans: Array, start: int, beams: Array) -> None:
     """What the beams hear of their columns.
 
     Args:
         pattern: (b, c) float32.
         bands: (b, 2) of `bands`.
-        columns: (c, n) float32 of each column; most gates of a bottom's echo are silent, and are passed over.
-        beams: (b, n) float32 receives the sums.
+        columns: (c, g) float32 of each column; most gates of a bottom's echo are silent, and are passed over.
+        spans: (b, 2) first gate that counts of each beam, and the one after the last.
+        start: the first gate of the result.
+        beams: (b, n) float32 receives the sums, 0 of gates that do not count.
     """
     count, n = columns.shape
     extent = np.empty((count, 2), np.int64)
@@ -68,12 +84,13 @@ def form_bands(pattern: Array, bands: Array, columns: Array, beams: Array) -> No
         extent[m, 0], extent[m, 1] = low, high
     for b in range(len(beams)):
         out = beams[b]
-        for k in range(n):
+        for k in range(len(out)):
             out[k] = np.float32(0.0)
         for m in range(bands[b, 0], bands[b, 1]):
             factor, line = pattern[b, m], columns[m]
-            for k in range(extent[m, 0], extent[m, 1]):
-                out[k] += factor * line[k]
+            first, end = max(extent[m, 0], spans[b, 0]), min(extent[m, 1], spans[b, 1])
+            for k in range(end - first):
+                out[first - start + k] += factor * line[first + k]
 
 
 @entry
@@ -179,29 +196,32 @@ def _ramp(
 
 
 @entry
-def cross(sound: Array, apart: Array, bins: int, least: float, half: Array, place: Array, method: Array) -> None:
+def cross(
+    sound: Array, apart: Array, spans: Array, start: int, least: float, half: Array, place: Array, method: Array
+) -> None:
     """Where the phase between both halves of the array is zero: there the echo comes from the axis of the beam. In outer beams, whose echoes are
     long, that is told far better than the middle of the echo; it counts where what is left of the phases says so.
 
     Args:
         sound: (2, beams, gates) float32 of both halves together, real and imaginary part.
-        apart: (2, beams, gates) of their difference (`array.difference`).
-        bins, least: of `find`.
+        apart: (2, beams, some gates) of their difference (`array.difference`), from the gate `start` on.
+        spans: (beams, 2) of `looks`.
+        least: of `find`.
         half, place: (beams) as `find` leaves them; places where the phase counts are changed.
         method: (beams) uint8 receives NOTHING_FOUND, BY_AMPLITUDE or BY_PHASE.
     """
-    power, phase = np.empty(bins), np.empty(bins)
+    power, phase = np.empty(sound.shape[2]), np.empty(sound.shape[2])
     for b in range(len(place)):
         method[b] = NOTHING_FOUND
         if math.isnan(place[b]):
             continue
         method[b] = BY_AMPLITUDE
         about, width = place[b], max(half[b], _LEAST_LOOK)
-        low, high = max(int(about - _FARTHEST * width), 0), min(math.ceil(about + _FARTHEST * width), bins)
+        low, high = spans[b, 0], spans[b, 1]
         total = amplitudes = 0.0
         for k in range(low, high):
             real, imaginary = float(sound[0, b, k]), float(sound[1, b, k])
-            other, further = float(apart[0, b, k]), float(apart[1, b, k])
+            other, further = float(apart[0, b, k - start]), float(apart[1, b, k - start])
             both = real * real + imaginary * imaginary
             power[k - low] = both if both >= least else 0.0
             if power[k - low] == 0.0:

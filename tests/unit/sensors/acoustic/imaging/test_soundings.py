@@ -26,9 +26,13 @@ def test_beams_of_their_columns_are_those_of_all_but_for_what_they_hardly_hear()
     exact, fast = np.empty((12, 64), np.float32), np.empty((12, 64), np.float32)
     columns.form_beams(pattern, sound, exact)
     bands = soundings.bands(pattern)
-    soundings.form_bands(pattern, bands, sound, fast)
+    soundings.form_bands(pattern, bands, sound, np.array([[0, 64]] * 12), 0, fast)
     assert (bands[:, 1] - bands[:, 0]).max() < 12
     assert np.abs(fast - exact).max() < 0.03 * np.abs(exact).max()
+    spans, some = np.array([[k + 2, 3 * k + 5] for k in range(12)]), np.empty((12, 60), np.float32)
+    soundings.form_bands(pattern, bands, sound, spans, 2, some)
+    gates = np.arange(2, 62)
+    assert np.array_equal(some, np.where((gates >= spans[:, :1]) & (gates < spans[:, 1:]), fast[:, 2:62], 0.0))
 
 
 def test_bands_begin_and_end_where_a_beam_hears_something() -> None:
@@ -82,7 +86,9 @@ def crossed(
         for w in (echo * np.cos(turn) * any_phase, echo * np.sin(turn) * any_phase)
     )
     places, method = np.array([place]), np.zeros(1, np.uint8)
-    soundings.cross(sound, apart, 200, 1e-6, np.array([half]), places, method)
+    spans = soundings.looks(places, np.array([half]), 200)
+    start = int(spans[0, 0])
+    soundings.cross(sound, apart[:, :, start:].copy(), spans, start, 1e-6, np.array([half]), places, method)
     return float(places[0]), int(method[0])
 
 
