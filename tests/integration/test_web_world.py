@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -201,26 +200,18 @@ def test_who_steers_switches_the_lamps_and_tilts_the_camera_of_the_vehicle(page:
     page.wait(f"!{lights}")
     page.ask("document.getElementById('scene').focus()")
 
-    def steering(code: str, times: int = 1) -> None:
+    def steering(port: str, code: str, times: int = 1) -> object:
+        """In one breath, as a lease is lost while a busy machine does something else."""
         keys = f"for (let k = 0; k < {times}; k += 1) dispatchEvent(new KeyboardEvent('keydown', {{ code: '{code}' }}))"
-        page.ask(f"uw.pilot.take().then(() => {{ {keys} }})")
+        told = f"uw.app.link.call('{port}/get').then((told) => told.value)"
+        return page.ask(f"uw.pilot.take().then(() => {{ {keys}; return {told}; }})")
 
-    def comes(port: str, value: dict[str, object]) -> None:
-        asking = f"uw.app.link.call('{port}/get').then((told) => {{ got = told.value; }})"
-        page.ask(f"void (globalThis.got = null, globalThis.asks = setInterval(() => {asking}, 100))")
-        page.wait(f"JSON.stringify(got) === JSON.stringify({json.dumps(value)})", f"{port} is {value}")
-        page.ask("clearInterval(asks)")
-
-    comes("rov/lights", {})
-    steering("KeyL")
-    comes("rov/lights", {"levels": [1, 1]})
+    assert steering("rov/lights", "KeyL") == {"levels": [1, 1]}
     page.wait(lights)
     limit = page.ask("uw.app.port('rov/camera_tilt').fields[0].maximum")
-    steering("ArrowUp", 12)
-    comes("rov/camera_tilt", {"tilt": [limit]})
+    assert steering("rov/camera_tilt", "ArrowUp", 12) == {"tilt": [limit]}
     assert page.ask("uw.pilot.tilt") == limit
-    steering("KeyL")
-    comes("rov/lights", {"levels": [0, 0]})
+    assert steering("rov/lights", "KeyL") == {"levels": [0, 0]}
 
 
 def test_settings_are_shown_before_anybody_steers(page: Page) -> None:
@@ -397,12 +388,12 @@ def test_a_telephone_shows_all_that_one_watches(
             page.ask("document.querySelector('#header button[aria-label=Panels]').click()")
         assert page.ask("document.querySelector('#dock').checkVisibility()") is panels
         assert page.ask("document.documentElement.scrollWidth") <= width, "nothing is beside the screen"
-        for part in ("#header .stop", "#header button[aria-label=Pause]", "#tools", "#map", "#footer"):
+        for part in ("#header .stop", "#header .group button", "#tools", "#map", "#footer"):
             left, top, right, bottom = page.ask(box.format(part))
             assert 0 <= left < right <= width, part
             assert 0 <= top < bottom <= height, part
         left, top, right, bottom = page.ask(box.format("#view"))
-        assert bottom - top >= 0.4 * height
+        assert bottom - top >= 240, "of a vehicle one sees enough, on its side too"
         assert right - left >= 0.5 * width
     page.picture(tmp_path / "telephone.png")
     assert page.faults == []
