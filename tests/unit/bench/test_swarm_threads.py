@@ -36,6 +36,6 @@ def test_what_two_threads_add_to_lateness_is_measured_in_turns(monkeypatch: pyte
     monkeypatch.setattr(swarm_threads, "serving", serving)
     monkeypatch.setattr(swarm_threads, "lateness_p99_ms", lambda _: 0.2 if "threads = 1" in texts[-1] else 0.6)
     rows = swarm_threads._lateness(2, 1.0, lambda line: None)
-    assert [(row.value, row.verdict) for row in rows] == [(0.2, "ok"), (0.6, "ok"), (pytest.approx(0.4), "miss")]
+    assert [(row.value, row.verdict) for row in rows] == [(0.2, "info"), (0.6, "info"), (pytest.approx(0.4), "miss")]
     assert ["threads = 2" in text for text in texts] == [False, True, False, True]
     assert all(request["active"] + request["silent"] == 20 for request in asked)
