@@ -35,6 +35,7 @@ from uwserver.sensors import (
     UsblConfig,
 )
 from uwserver.sensors.acoustic.interrogation import Beacon
+from uwserver.world.streams import ENTRY
 
 RATE = 50.0
 GAINS = Gains()
@@ -314,7 +315,12 @@ def test_everything_is_lost_after_its_time_out():
         assert not getattr(known(bench.e, GAINS, since + round(timeout * 1e9) + 1), name)
 
 
-TOLD = np.dtype([("stream", "i8"), ("t_ns", "i8"), ("valid", "i8")])
+def told_of(*samples):
+    """Records of a world, of (stream, t_ns, valid)."""
+    told = np.zeros(len(samples), ENTRY)
+    for name, column in zip(("stream", "t_ns", "valid"), zip(*samples, strict=True), strict=True):
+        told[name] = column
+    return told
 
 
 def test_each_sample_goes_to_who_hears_it_and_an_invalid_one_tells_nothing():
@@ -324,7 +330,7 @@ def test_each_sample_goes_to_who_hears_it_and_an_invalid_one_tells_nothing():
     bank = Bank()
     bank.gather([first, second], {"rov/depth": 3, "other/depth": 1}, 4)
     assert second.estimate.p == (0.0, 0.0, 4.0)
-    told = np.array([(3, 5, 1), (1, 6, 0), (0, 7, 1)], TOLD)
+    told = told_of((3, 5, 1), (1, 6, 0), (0, 7, 1))
     bank.listener()(told, np.array([[2.0, 8.0], [9.0, 8.0], [9.0, 8.0]]), 3, 10)
     assert first.estimate.p[2] == pytest.approx(2.0, abs=1e-3)
     assert (first.estimate.depth_ns, second.estimate.p, second.estimate.depth_ns) == (5, (0.0, 0.0, 4.0), NEVER)
@@ -337,10 +343,10 @@ def test_several_may_hear_one_stream():
     seats = [seat(Surroundings(start=(0.0, 0.0, z)), depth=source("pressure")) for z in (0.0, 4.0, 8.0)]
     bank = Bank()
     bank.gather(seats, {"rov/depth": 1}, 2)
-    bank.listener()(np.array([(1, 5, 1)], TOLD), np.array([[2.0, 8.0]]), 1, 10)
+    bank.listener()(told_of((1, 5, 1)), np.array([[2.0, 8.0]]), 1, 10)
     assert [each.estimate.depth_ns for each in seats] == [5, 5, 5]
     bank.gather(seats[1:], {"rov/depth": 0}, 2)
-    bank.listener()(np.array([(0, 6, 1)], TOLD), np.array([[2.0, 8.0]]), 1, 10)
+    bank.listener()(told_of((0, 6, 1)), np.array([[2.0, 8.0]]), 1, 10)
     assert [each.estimate.depth_ns for each in seats] == [5, 6, 6]
 
 
