@@ -148,7 +148,7 @@ def test_a_metre_counts_in_the_corridor_alone(seen, piece, hint):
 
 
 def test_the_next_place_is_ahead_in_the_middle_of_the_corridor():
-    assert PIPE.judge(moment((-5.0, 0.0, 8.0)), NONE, -1) == (-1, (0.0, 0.0, 8.5), "go to its begin")
+    assert PIPE.judge(moment((-5.0, 0.0, 8.0)), NONE, -1) == (-1, (0.0, 0.0, 8.5), "go to where it begins")
     assert PIPE.judge(moment((1.0, 0.0, 8.5)), NONE, -1).goal == pytest.approx((4.0, 0.0, 8.5))
     assert PIPE.judge(moment((2.0, 3.0, 8.5)), (True, *NONE[1:]), -1).goal == pytest.approx((2.0, 0.0, 8.5))
 
