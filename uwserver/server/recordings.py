@@ -226,20 +226,26 @@ class Recordings:
             end_heed()
         try:
             await _beside(partial(recorder.write_from, state))
-        except (OSError, Refused) as error:
-            text = str(error) if isinstance(error, Refused) else error.strerror or str(error)
+        except Exception as error:
+            text = (error.strerror if isinstance(error, OSError) else None) or str(error)
             recorder.abandon(text)
-            await self._end(recorder)
+            await self._end(recorder)  # there, as the simulation thread tells it of each tick
+            if not isinstance(error, OSError | Refused):
+                raise
             raise Refused("denied", f"nothing can be recorded: {text}") from error
 
     async def _watch(self, recorder: Recorder, most: int) -> None:
         """End a recording that may not, or cannot, go on."""
         while True:
             await asyncio.sleep(LOOK_S)
-            status, free = recorder.status(), await _beside(partial(_free_beside, recorder.path))
-            written = recorder.status()["bytes"]
-            if status["error"]:
-                reason = str(status["error"])
+            try:
+                free, fault = await _beside(partial(_free_beside, recorder.path)), ""
+            except OSError as error:
+                free, fault = 0, f"{recorder.path.parent}: {error.strerror or error}"
+            status = recorder.status()
+            written = status["bytes"]
+            if status["error"] or fault:
+                reason = str(status["error"] or fault)
             elif isinstance(written, int) and written >= most:
                 reason = f"recordings have {self._most_bytes / 1e6:.0f} MB together, which is all they may"
             elif free < RESERVE_BYTES:
