@@ -401,6 +401,37 @@ def test_a_file_that_cannot_be_written_any_more_is_told_and_another_can_begin(
     assert replay(folder / "next.mcap").difference is None
 
 
+@pytest.mark.parametrize("is_watched", [True, False], ids=["while_it_goes_on", "at_its_end"])
+def test_a_file_that_somebody_took_away_ends_the_recording_and_is_told(
+    resolved: Resolved, folder: Path, monkeypatch: pytest.MonkeyPatch, is_watched: bool
+) -> None:
+    monkeypatch.setattr(module, "LOOK_S", 0.01 if is_watched else 3600.0)
+
+    async def script(client: Client) -> None:
+        await client.ask("recording/start", name="run")
+        (folder / "run.mcap").unlink()
+        folder.rmdir()
+        if not is_watched:
+            assert "deleted" in (await client.ask("recording/stop"))["error"]
+        await until(lambda: len(client.told()) == 2)
+        assert "somebody has moved or deleted the file" in client.told()[1]
+        status = (await client.ask("world/status"))["recorder"]
+        assert status["recording"] is False and "deleted" in status["error"]
+        await client.ask("recording/start", name="next")
+        await client.reach(client.server.hub.simulation.world.tick + 10)
+
+    assert serve(resolved, script)[0] == 0
+    assert replay(folder / "next.mcap").difference is None
+
+
+def test_a_file_that_goes_while_the_folder_is_read_is_left_out(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder.mkdir()
+    (folder / "there.mcap").write_bytes(b"123")
+    (folder / "gone.mcap").symlink_to(folder / "nowhere")
+    monkeypatch.setattr(Path, "is_file", lambda path: True)  # as it was when it was asked
+    assert module.sizes_in(folder) == {"there.mcap": 3}
+
+
 def _full(_: object) -> None:
     raise OSError(28, "No space left on device")
 
