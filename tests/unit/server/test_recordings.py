@@ -416,7 +416,8 @@ def test_a_file_that_somebody_took_away_ends_the_recording_and_is_told(
         await until(lambda: len(client.told()) == 2)
         assert "somebody has moved or deleted the file" in client.told()[1]
         status = (await client.ask("world/status"))["recorder"]
-        assert status["recording"] is False and "deleted" in status["error"]
+        assert status["recording"] is False
+        assert "deleted" in status["error"]
         await client.ask("recording/start", name="next")
         await client.reach(client.server.hub.simulation.world.tick + 10)
 
