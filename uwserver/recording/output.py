@@ -118,11 +118,13 @@ class Output:
         file = new_file(self._path)
         try:
             self._file, self._writer = file, RecordingWriter(file, self._head, self._known, self._foxglove)
-        except OSError as error:
+        except BaseException as error:
             with contextlib.suppress(OSError):
                 file.close()
             self._path.unlink(missing_ok=True)
-            raise unwritable(self._path, error) from error
+            if isinstance(error, OSError):
+                raise unwritable(self._path, error) from error
+            raise
 
     def begin_at(self, state: Snapshot) -> None:
         """Say, before any item, with which state of the world the recording begins."""

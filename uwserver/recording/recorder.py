@@ -69,6 +69,7 @@ class Recorder:
         self, path: Path, world: World, resolved: Resolved, rotation: Rotation = ONE_FILE, *, foxglove: bool = True
     ) -> None:
         self.path = path
+        self._seen = world.ports  # before the file knows them: of those that come meanwhile it is told
         self._output = Output(path, world, resolved, rotation, foxglove=foxglove)
         self._world = world
         self._simulation: Simulation | None = None
@@ -78,7 +79,6 @@ class Recorder:
         self._error = ""
         self._looker = Looker(world, resolved)
         self._second = max(1, round(world.rate_hz))
-        self._seen = world.ports
         # Each counter has one thread that writes it: loop, simulation.
         self._samples_put = self._dropped = 0
         self._index = self._requests_put = 0

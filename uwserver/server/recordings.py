@@ -7,9 +7,11 @@ so that a replay needs nothing from before. Files are made, written and closed b
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import re
 import shutil
+import stat
 from collections.abc import Callable, Coroutine, Mapping
 from functools import partial
 from pathlib import Path
@@ -52,6 +54,7 @@ LOOK_S = 0.5
 """Wall time between two looks at how much was written; so much more than the limit there can be."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 _TRIES = 100
+_LOST = "somebody has moved or deleted the file"
 
 
 class Recordings:
@@ -148,7 +151,10 @@ class Recordings:
     async def _state(self) -> Json:
         folder, sizes = self._folder, dict[str, int]()
         if folder is not None:
-            sizes = await _beside(partial(sizes_in, folder))
+            try:
+                sizes = await _beside(partial(sizes_in, folder))
+            except OSError as error:
+                raise Refused("denied", f"{folder} cannot be read: {error.strerror or error}") from error
         return {
             "recorder": self.status(),
             "folder": None if folder is None else str(folder),
@@ -226,19 +232,25 @@ class Recordings:
             end_heed()
         try:
             await _beside(partial(recorder.write_from, state))
-        except (OSError, Refused) as error:
-            text = str(error) if isinstance(error, Refused) else error.strerror or str(error)
+        except Exception as error:
+            text = (error.strerror if isinstance(error, OSError) else None) or str(error)
             recorder.abandon(text)
-            await self._end(recorder)
+            await self._end(recorder)  # there, as the simulation thread tells it of each tick
+            if not isinstance(error, OSError | Refused):
+                raise
             raise Refused("denied", f"nothing can be recorded: {text}") from error
 
     async def _watch(self, recorder: Recorder, most: int) -> None:
         """End a recording that may not, or cannot, go on."""
         while True:
             await asyncio.sleep(LOOK_S)
-            status, free = recorder.status(), await _beside(partial(_free_beside, recorder.path))
-            written = recorder.status()["bytes"]
-            if status["error"]:
+            free = await _beside(partial(_free_beside, recorder.path))
+            status = recorder.status()
+            written = status["bytes"]
+            if free is None:
+                recorder.abandon(_LOST)
+                reason = _LOST
+            elif status["error"]:
                 reason = str(status["error"])
             elif isinstance(written, int) and written >= most:
                 reason = f"recordings have {self._most_bytes / 1e6:.0f} MB together, which is all they may"
@@ -265,6 +277,8 @@ class Recordings:
                 self._watcher = None
             await self._end(recorder)
             await _beside(recorder.close)
+            if await _beside(partial(_free_beside, recorder.path)) is None:
+                recorder.abandon(_LOST)
             self._now = None
         status = recorder.status()
         self._say(f"the recording to {recorder.path} has ended: {status['error'] or reason}")
@@ -330,7 +344,12 @@ def sizes_in(folder: Path) -> dict[str, int]:
     """Bytes of each recording in a folder, by name; none where there is no folder. Raises OSError."""
     if not folder.is_dir():
         return {}
-    return {path.name: path.stat().st_size for path in folder.glob(f"*{SUFFIX}") if path.is_file()}
+    sizes = {}
+    for path in folder.glob(f"*{SUFFIX}"):
+        with contextlib.suppress(FileNotFoundError):  # somebody tidies up meanwhile
+            if stat.S_ISREG((status := path.stat()).st_mode):
+                sizes[path.name] = status.st_size
+    return sizes
 
 
 def _discard(recorder: Recorder) -> None:
@@ -341,8 +360,13 @@ def _discard(recorder: Recorder) -> None:
     recorder.path.unlink(missing_ok=True)
 
 
-def _free_beside(path: Path) -> int:
-    return shutil.disk_usage(path.parent).free
+def _free_beside(path: Path) -> int | None:
+    """Bytes that are free on the disk of a file; None where that file is no more."""
+    try:
+        path.lstat()
+        return shutil.disk_usage(path.parent).free
+    except OSError:
+        return None
 
 
 async def _beside(work: Callable[[], T]) -> T:

@@ -94,6 +94,10 @@ def settled(loose: Loose) -> tuple[Value, ...]:
     return loose.result() if isinstance(loose, Work) else loose
 
 
+Waiting = tuple[int, int, Work]
+"""When it is due (ns), its number, and itself."""
+
+
 class Computing:
     """The thread of a world that computes readings.
 
@@ -109,7 +113,7 @@ class Computing:
         self._numbers = count()
         # Those that wait, by when they are due, and a token for each in the queue: one that keeps an order of its own could not be put into by a
         # collector of garbage, which may come while this thread holds its lock.
-        self._waiting: list[tuple[int, int, Work]] = []
+        self._waiting: list[Waiting] = []
         self._queue: SimpleQueue[bool] = SimpleQueue()
         self._thread: threading.Thread | None = None
         # A world that nobody ends lets its thread go too.
@@ -140,6 +144,7 @@ class Computing:
         self._waiting.clear()
         self._queue.put(False)
         self._thread.join()
+        self._waiting.clear()  # it may have put one back
         self._thread = None
 
     def count_drop(self, port: str, number: int) -> None:
@@ -160,23 +165,28 @@ class Computing:
             log.error('"%s": reading %d could not be computed, and is invalid: %s', port, number, error)
 
 
-def _compute(queue: SimpleQueue[bool], waiting: list[tuple[int, int, Work]]) -> None:
+def _compute(queue: SimpleQueue[bool], waiting: list[Waiting]) -> None:
     while queue.get():
         with suppress(IndexError):  # it ran between the pieces of another, or the world has ended meanwhile
-            _run_first(waiting, ())
+            _run(heappop(waiting), waiting, ())
 
 
-def _run_first(waiting: list[tuple[int, int, Work]], under_way: tuple[object, ...]) -> None:
-    """Run the job that is due first, and between its pieces those that are due before it; not what shares arrays with one that is `under_way`."""
-    due_ns, _, work = heappop(waiting)
+def _run(first: Waiting, waiting: list[Waiting], under_way: tuple[object, ...]) -> None:
+    """Run a job, and between its pieces those that wait and are due before it; not what shares arrays with one that is `under_way`."""
+    due_ns, _, work = first
     if work.is_cancelled:
         return
     shared = (*under_way, work.shared)
 
     def between() -> None:
         with suppress(IndexError):
-            while waiting[0][0] < due_ns and not (waiting[0][2].shared is not None and waiting[0][2].shared in shared):
-                _run_first(waiting, shared)
+            while waiting[0][0] < due_ns:
+                # Taken before it is looked at: meanwhile another can come to the front.
+                other = heappop(waiting)
+                if other[0] >= due_ns or (other[2].shared is not None and other[2].shared in shared):
+                    heappush(waiting, other)
+                    return
+                _run(other, waiting, shared)
 
     work.run(between)
 

@@ -502,3 +502,26 @@ def test_a_world_that_is_stepped_is_recorded_without_a_thread(path: Path, resolv
     assert len(bodies(path, "rov/imu")) == 120
     assert head_record(path)["replay_of"] == "x.mcap"
     assert replay(path).difference is None
+
+
+def test_ports_that_come_while_it_is_made_have_their_samples_written(
+    resolved: Resolved, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Who records in the midst of a run makes it beside the simulation thread, which goes on."""
+    world = build(resolved)
+
+    class Slow(output_module.Output):
+        def __init__(self, *args: Any, **more: Any) -> None:
+            super().__init__(*args, **more)
+            world.call("world/spawn", name="second", like="rov", p_NB=[3.0, 0.0, 2.0])
+
+    monkeypatch.setattr(recorder_module, "Output", Slow)
+    recorder = Recorder(tmp_path / "run.mcap", world, resolved)
+    simulation = Simulation(world, Timing("freerun"), SystemTime(), Bus(lambda call: None), Mailbox())
+    recorder.open(simulation.timing)
+    state = recorder.begin(simulation)
+    recorder.write_from(state)
+    recorder.put_samples((Sample("second/depth", 7, 10, 20, True, SAMPLE.value),))
+    recorder.end()
+    recorder.close()
+    assert (recorder.status()["error"], recorder.status()["samples"]) == ("", 1)

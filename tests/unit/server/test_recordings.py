@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import shutil
 import threading
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
@@ -401,6 +402,38 @@ def test_a_file_that_cannot_be_written_any_more_is_told_and_another_can_begin(
     assert replay(folder / "next.mcap").difference is None
 
 
+@pytest.mark.parametrize("is_watched", [True, False], ids=["while_it_goes_on", "at_its_end"])
+def test_a_file_that_somebody_took_away_ends_the_recording_and_is_told(
+    resolved: Resolved, folder: Path, monkeypatch: pytest.MonkeyPatch, is_watched: bool
+) -> None:
+    monkeypatch.setattr(module, "LOOK_S", 0.01 if is_watched else 3600.0)
+
+    async def script(client: Client) -> None:
+        await client.ask("recording/start", name="run")
+        (folder / "run.mcap").unlink()
+        folder.rmdir()
+        if not is_watched:
+            assert "deleted" in (await client.ask("recording/stop"))["error"]
+        await until(lambda: len(client.told()) == 2)
+        assert "somebody has moved or deleted the file" in client.told()[1]
+        status = (await client.ask("world/status"))["recorder"]
+        assert status["recording"] is False
+        assert "deleted" in status["error"]
+        await client.ask("recording/start", name="next")
+        await client.reach(client.server.hub.simulation.world.tick + 10)
+
+    assert serve(resolved, script)[0] == 0
+    assert replay(folder / "next.mcap").difference is None
+
+
+def test_a_file_that_goes_while_the_folder_is_read_is_left_out(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder.mkdir()
+    (folder / "there.mcap").write_bytes(b"123")
+    (folder / "gone.mcap").symlink_to(folder / "nowhere")
+    monkeypatch.setattr(Path, "is_file", lambda path: True)  # as it was when it was asked
+    assert module.sizes_in(folder) == {"there.mcap": 3}
+
+
 def _full(_: object) -> None:
     raise OSError(28, "No space left on device")
 
@@ -449,3 +482,49 @@ def test_a_fault_of_ours_is_answered(resolved: Resolved, monkeypatch: pytest.Mon
             await client.ask("recording/start")
 
     serve(resolved, script, STILL)
+
+
+def test_a_fault_of_ours_as_it_begins_leaves_no_file_and_nobody_who_follows(
+    resolved: Resolved, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The observer leaves on the simulation thread: another one could take it away in the midst of a tick."""
+    threads: list[str] = []
+    end = Recorder.end
+
+    def ended(recorder: Recorder) -> None:
+        if recorder._open:
+            threads.append(threading.current_thread().name)
+        end(recorder)
+
+    def fails(*_: object) -> bytes:
+        raise ZeroDivisionError("oh")
+
+    monkeypatch.setattr(Recorder, "end", ended)
+
+    async def script(client: Client) -> None:
+        with monkeypatch.context() as patch:
+            patch.setattr("uwserver.world.snapshot.to_bytes", fails)
+            with pytest.raises(Refused, match="internal fault: oh"):
+                await client.ask("recording/start", name="run")
+        assert list(folder.iterdir()) == []
+        assert threads == ["simulation"]
+        await client.reach(client.server.hub.simulation.world.tick + 10)
+
+    assert serve(resolved, script)[0] == 0
+
+
+def test_a_recording_whose_folder_has_gone_ends(
+    resolved: Resolved, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nobody could say any more how full the disk is."""
+    monkeypatch.setattr(module, "LOOK_S", 0.01)
+
+    async def script(client: Client) -> None:
+        await client.ask("recording/start", name="run")
+        shutil.rmtree(folder)
+        await until(lambda: len(client.told()) == 2)
+        assert f"{folder}: No such file or directory" in client.told()[1]
+        await client.ask("recording/start", name="run")
+
+    assert serve(resolved, script)[0] == 0
+    assert replay(folder / "run.mcap").difference is None

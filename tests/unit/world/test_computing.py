@@ -171,6 +171,41 @@ def test_no_two_jobs_that_share_arrays_are_under_way_at_once() -> None:
     assert order_of({"again": (50, "camera")}) == ["picture0", "picture1", "picture2", "again0"]
 
 
+def test_one_that_comes_to_the_front_as_another_is_looked_at_waits_too_for_arrays_that_it_shares() -> None:
+    """After a reset a camera's next picture may be due long before the one under way."""
+    computing, notes = Computing(), list[str]()
+
+    class Watched(InPieces):
+        """The simulation thread begins the camera's next job just when this one is asked what it shares."""
+
+        @property
+        def shared(self) -> object:
+            if not again.is_begun:
+                computing.begin(again, 10)
+            return None
+
+        @shared.setter
+        def shared(self, _: object) -> None:
+            pass
+
+    again = computing.work(InPieces(notes, "again", "camera"), (None,))
+    ping = computing.work(Watched(notes, "ping"), (None,))
+
+    def during(piece: int) -> None:
+        if piece == 0:
+            computing.begin(ping, 50)
+
+    picture = computing.work(InPieces(notes, "picture", "camera", during), (None,))
+    computing.begin(picture, 100)
+    deadline = time.monotonic() + PATIENCE_S
+    while not (picture.is_done and ping.is_done and again.is_done) and time.monotonic() < deadline:
+        time.sleep(0.001)
+    computing.end()
+    assert [note for note in notes if note[-1] in "02"] == [
+        "picture0", "ping0", "ping2", "picture2", "again0", "again2",
+    ]  # fmt: skip
+
+
 def test_what_is_cancelled_is_left_out_between_pieces_too() -> None:
     assert order_of({"lost": (50, None), "ping": (60, None)}, "lost") == ["picture0", "picture1", "ping0", "picture2"]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from itertools import pairwise
 from typing import Annotated, NamedTuple
 
@@ -11,11 +12,13 @@ import numpy as np
 from msgspec import Meta, field
 
 from uwserver.frames import Vec3, conjugate, rotate
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.rays.raycast import Geometry
-from uwserver.sensors.onboard.tasks import Extent, Eye, Moment, Outline, Task, Verdict
+from uwserver.sensors.onboard.tasks import Extent, Eye, Moment, Outline, Points, Task, Verdict
 from uwserver.table import Name, NonNegative, Positive, Table, Vector3
 from uwserver.units import rad
 
+Metres = Annotated[float, Meta(ge=-1e6, le=1e6)]
 _MOST_METRES = 2000
 _SKIN_M = 0.03
 """A ray that ends so near to the box around a structure has met it."""
@@ -126,7 +129,7 @@ class Finding(Table, kw_only=True, frozen=True):
 
     position_ned_m: Vector3
     within_m: Extent = 4.0
-    points: NonNegative = 50.0
+    points: Points = 50.0
 
 
 class Along(NamedTuple):
@@ -143,7 +146,27 @@ class Along(NamedTuple):
     aside: float
 
 
-class Follow(Task, tag="follow", kw_only=True, frozen=True):
+class Legs(NamedTuple):
+    """The straight pieces of a way that lead on, as seen from above.
+
+    Attributes:
+        start, along: (n, 3) where each begins, and the way to its end, m in N.
+        square: (n,) of its length as seen from above, m^2.
+        before: (n + 1,) such lengths of all before it together, and of all, m.
+    """
+
+    start: FloatArray
+    along: FloatArray
+    square: FloatArray
+    before: FloatArray
+
+    def place(self, k: int, part: float) -> Vec3:
+        """On the k-th of them, this part of the way along it."""
+        north, east, down = (self.start[k] + part * self.along[k]).tolist()
+        return north, east, down
+
+
+class Follow(Task, tag="follow", kw_only=True, frozen=True, dict=True):
     """Follow a pipe or a cable in a corridor about it with the camera on it: each metre is worth its part of the points; and mark findings.
 
     Attributes:
@@ -156,12 +179,12 @@ class Follow(Task, tag="follow", kw_only=True, frozen=True):
         wrong_mark_points: what a mark costs where nothing is.
     """
 
-    path_ned_m: Annotated[tuple[Vector3, ...], Meta(min_length=2, max_length=1000)]
+    path_ned_m: Annotated[tuple[tuple[Metres, Metres, Metres], ...], Meta(min_length=2, max_length=1000)]
     aside_m: Extent = 1.0
-    height_m: tuple[float, float] = (0.4, 2.5)
+    height_m: tuple[Metres, Metres] = (0.4, 2.5)
     max_speed_mps: Positive = 1.0
     findings: dict[str, Finding] = field(default_factory=dict)
-    wrong_mark_points: NonNegative = 20.0
+    wrong_mark_points: Points = 20.0
 
     def __post_init__(self) -> None:
         """ValueError where there is no way, or none that can be followed."""
@@ -172,10 +195,19 @@ class Follow(Task, tag="follow", kw_only=True, frozen=True):
         if not 1.0 <= self.length <= _MOST_METRES:
             raise ValueError(f"path_ned_m: {self.length:.1f} m long, from above; 1 to {_MOST_METRES} m can be followed")
 
-    @property
+    @cached_property
     def length(self) -> float:
         """Of the way as seen from above, m."""
         return math.fsum(math.dist(a[:2], b[:2]) for a, b in pairwise(self.path_ned_m))
+
+    @cached_property
+    def _legs(self) -> Legs:
+        """Of the way, worked out once: a task is judged many times a second."""
+        path = np.array(self.path_ned_m, dtype=np.float64)
+        along = np.diff(path, axis=0)
+        square = np.sum(along[:, :2] ** 2, axis=1)
+        on = square > 0.0  # straight down there is no way, as seen from above
+        return Legs(path[:-1][on], along[on], square[on], np.concatenate([[0.0], np.cumsum(np.sqrt(square[on]))]))
 
     @property
     def metres(self) -> int:
@@ -236,29 +268,19 @@ class Follow(Task, tag="follow", kw_only=True, frozen=True):
 
     def nearest(self, p: Sequence[float]) -> Along:
         """The place of the way nearest to a point of N, seen from above."""
-        best, before = Along(0.0, self.path_ned_m[0], math.inf), 0.0
-        for a, b in pairwise(self.path_ned_m):
-            along = (b[0] - a[0], b[1] - a[1])
-            square = along[0] ** 2 + along[1] ** 2
-            part = ((p[0] - a[0]) * along[0] + (p[1] - a[1]) * along[1]) / square if square > 0.0 else 0.0
-            part = min(max(part, 0.0), 1.0)
-            place = (a[0] + part * along[0], a[1] + part * along[1], a[2] + part * (b[2] - a[2]))
-            aside = math.dist(place[:2], p[:2])
-            if aside < best.aside:
-                best = Along(before + part * math.sqrt(square), place, aside)
-            before += math.sqrt(square)
-        return best
+        legs = self._legs
+        off = np.array(p[:2]) - legs.start[:, :2]
+        part = np.clip(np.sum(off * legs.along[:, :2], axis=1) / legs.square, 0.0, 1.0)
+        aside = np.hypot(*(off - part[:, None] * legs.along[:, :2]).T)
+        k = int(np.argmin(aside))
+        s = legs.before[k] + part[k] * math.sqrt(legs.square[k])
+        return Along(float(s), legs.place(k, float(part[k])), float(aside[k]))
 
     def at(self, s: float) -> Vec3:
         """The place so far along the way; beyond its end straight on."""
-        before, legs = 0.0, [(a, b) for a, b in pairwise(self.path_ned_m) if a[:2] != b[:2]]
-        for k, (a, b) in enumerate(legs):
-            step = math.dist(a[:2], b[:2])
-            if s <= before + step or k == len(legs) - 1:
-                part = (s - before) / step
-                return (a[0] + part * (b[0] - a[0]), a[1] + part * (b[1] - a[1]), a[2] + part * (b[2] - a[2]))
-            before += step
-        raise AssertionError("a way has legs")
+        legs = self._legs
+        k = min(max(int(np.searchsorted(legs.before, s)) - 1, 0), len(legs.square) - 1)
+        return legs.place(k, float((s - legs.before[k]) / math.sqrt(legs.square[k])))
 
     def _begin(self) -> Vec3:
         north, east, down = self.path_ned_m[0]

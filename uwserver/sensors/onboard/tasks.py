@@ -15,6 +15,8 @@ from uwserver.units import rad
 
 Extent = Annotated[float, Meta(gt=0.0, le=1e4)]
 """Of something, m."""
+Points = Annotated[float, Meta(ge=0, le=1e6)]
+"""That something is worth or costs: bounded, so that sums of them are numbers."""
 
 
 class Eye(NamedTuple):
@@ -96,7 +98,7 @@ class Task(Table, tag_field="kind", kw_only=True, frozen=True):
         text: what the pilot is told; default: the task's name.
     """
 
-    points: NonNegative = 100.0
+    points: Points = 100.0
     for_s: NonNegative = 0.0
     text: Annotated[str, Meta(max_length=200)] = ""
 

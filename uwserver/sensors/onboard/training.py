@@ -15,8 +15,8 @@ from uwserver.modifiers.base import Memory
 from uwserver.ports import Argument, Field, Json, Value
 from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, Settings
 from uwserver.sensors.onboard.inspection import Follow, Inspect, looking
-from uwserver.sensors.onboard.tasks import Gate, HoldDepth, Moment, Outline, Reach, Task, Verdict
-from uwserver.table import NonNegative, Positive
+from uwserver.sensors.onboard.tasks import Gate, HoldDepth, Moment, Outline, Points, Reach, Task, Verdict
+from uwserver.table import NonNegative
 from uwserver.units import NANOSECONDS
 
 State = Literal["ready", "running", "done", "failed", "off"]
@@ -26,6 +26,7 @@ _APART_NS = NANOSECONDS
 """A touch so soon after another one is the same collision."""
 _MOST_TASKS = 64
 _MOST_PIECES = 4096
+_MOST_LOST = 1e12
 
 
 class TrainingConfig(SensorTable, tag="training", kw_only=True, frozen=True):
@@ -41,10 +42,10 @@ class TrainingConfig(SensorTable, tag="training", kw_only=True, frozen=True):
     """
 
     tasks: dict[str, Reach | HoldDepth | Gate | Inspect | Follow]
-    limit_s: Positive = 600.0
-    collision_points: NonNegative = 10.0
+    limit_s: Annotated[float, Meta(gt=0, le=1e6)] = 600.0
+    collision_points: Points = 10.0
     collision_Ns: NonNegative = 0.5
-    points_per_s_left: NonNegative = 1.0
+    points_per_s_left: Points = 1.0
     view_deg: Annotated[float, Meta(ge=1, le=170)] = 60.0
 
     def __post_init__(self) -> None:
@@ -110,7 +111,7 @@ class TrainingMemory(Memory):
     collisions: Annotated[int, Meta(ge=0, le=2**31)] = 0
     touched_ns: Annotated[int, Meta(ge=-1, le=2**62)] = -1
     mark: bool = False
-    lost: Annotated[float, Meta(ge=0, le=1e12)] = 0.0
+    lost: Annotated[float, Meta(ge=0, le=_MOST_LOST)] = 0.0
 
 
 class Training(Sensor):
@@ -257,7 +258,7 @@ class Training(Sensor):
         if piece >= 0:
             self._finish(new, piece)
         elif isinstance(task, Follow) and task.has_marks():
-            new.lost += task.wrong_mark_points
+            new.lost = min(new.lost + task.wrong_mark_points, _MOST_LOST)
 
     def _advance(self, new: TrainingMemory, verdict: Verdict, now: int) -> None:
         """What was met long enough is done; the next task follows."""

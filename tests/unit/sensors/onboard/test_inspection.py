@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import replace
 from typing import ClassVar
 
+import msgspec
 import pytest
+from msgspec import structs
 
 from uwserver.frames import quat_from_rpy
 from uwserver.sensors import Pose, TrainingConfig
@@ -281,3 +284,51 @@ def test_it_looks_from_its_mount_as_that_is_tilted(scope):
     assert sensor.sense(at).values[hint] == "turn the camera to it"
     Servo.memory.tilt = -0.7
     assert sensor.sense(at).values[hint] == "keep looking"
+
+
+@pytest.mark.parametrize(
+    "task",
+    [
+        {"kind": "follow", "path_ned_m": [[0, 0, 0], [1e308, 0, 0], [0, 0, 0]]},
+        {"kind": "follow", "path_ned_m": [[0, 0, 0], [9, 0, 0]], "height_m": [-1e308, 1e308]},
+        {"kind": "follow", "path_ned_m": [[0, 0, 0], [9, 0, 0]], "wrong_mark_points": 1e308},
+        {"kind": "reach", "points": 1.7e308},
+    ],
+)
+def test_numbers_whose_sums_are_none_are_refused_by_their_keys(task):
+    table = {"kind": "training", "rate_hz": 60, "tasks": {"a": task}}
+    with pytest.raises(msgspec.ValidationError, match=rf"1000000.0 - at .*{list(task)[-1]}"):
+        msgspec.convert(table, TrainingConfig)
+
+
+def test_all_that_may_be_scored_and_lost_can_be_told_and_saved(scope):
+    """Whoever marks at the highest price for hours, gets no state that cannot be loaded again."""
+    pipe = Follow(
+        path_ned_m=((0, 0, 5), (10, 0, 5)), wrong_mark_points=1e6, findings={"crack": Finding(position_ned_m=(9, 9, 9))}
+    )
+    told = Judge(scope, pipe=pipe)
+    told.sensor.memory = structs.replace(told.sensor.memory, lost=1e12 - 1.0)
+    told.sensor.change({"mark": True})
+    last = told(1.0, (0.2, 0.0, 8.8))
+    assert (last["lost"], last["score"]) == (1e12, -1e12)
+    memory = told.sensor.memory
+    assert msgspec.convert(msgspec.to_builtins(memory), type(memory)) == memory
+
+
+def test_a_long_way_is_worked_out_once():
+    """A judge that reads 60 times a second and more must not go through a thousand points in Python each time."""
+    way = Follow(path_ned_m=tuple((1.9 * k, 0.1 * (k % 2), 5.0) for k in range(1000)))
+    seen = moment((1000.0, 0.0, 4.0), yaw=180.0, pitch=-90.0)
+    way.judge(seen, (False,) * len(way.worth()), -1)
+    calls = 0
+
+    def count(frame, event, argument):
+        nonlocal calls
+        calls += 1
+
+    sys.setprofile(count)
+    try:
+        way.judge(seen, (False,) * way.metres, -1)
+    finally:
+        sys.setprofile(None)
+    assert calls < 1000
