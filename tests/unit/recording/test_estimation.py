@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -14,7 +15,7 @@ from recording_rig import recorded
 
 from uwserver.cli.replay import replay as command
 from uwserver.ports import Call, Command
-from uwserver.recording.changes import BadChange, setting
+from uwserver.recording.changes import BadChange, Changes, setting
 from uwserver.recording.compare import compare
 from uwserver.recording.estimation import estimate
 from uwserver.recording.reading import NotReplayable
@@ -110,6 +111,15 @@ def test_in_the_midst_of_a_run_it_begins_with_what_was_believed_there(midst: Pat
     changed = bodies(tmp_path / "changed.mcap", done.port)
     assert math.dist(changed[0]["value"]["p_N"], old[0]["value"]["p_N"]) < 0.1, "without a sensor, too"
     assert changed[-1]["value"]["v_N"] != old[-1]["value"]["v_N"]
+
+
+def test_the_world_of_a_run_that_had_begun_is_not_changed_at_its_start(midst: Path, tmp_path: Path):
+    """Its state is one of the world as it was: that was told as a state of another scenario."""
+    current = Changes((setting("environment.current.velocity_ned_mps=[0.3,0,0]"),))
+    with pytest.raises(BadChange, match="--from a time after"):
+        replay(midst, changes=current, record=tmp_path / "new.mcap")
+    assert not (tmp_path / "new.mcap").exists()
+    assert replay(midst, changes=replace(current, from_s=4.0)).changed_ns == 4 * 10**9
 
 
 def test_with_another_dvl_the_estimate_is_another_and_measured_by_the_truth(dive: Path):
