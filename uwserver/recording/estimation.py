@@ -30,6 +30,7 @@ from uwserver.scenario.build.world import build
 from uwserver.scenario.files.convert import More
 from uwserver.scenario.files.errors import suggestion
 from uwserver.units import NANOSECONDS
+from uwserver.world import snapshot
 from uwserver.world.piloting import Piloting
 from uwserver.world.world import World
 
@@ -102,17 +103,23 @@ def estimate(
         except (ValueError, KeyError) as error:
             raise NotReplayable(f"{path}: {error}") from error
         world = build(head.resolved, head.seed)
-        part = world.parts.get(f"{vehicle}/autopilot")
-        if not isinstance(part, Piloting):
-            there = [each.pilot.craft.path.split("/")[0] for each in world.parts.values() if isinstance(each, Piloting)]
-            text = f'"{vehicle}" has no built-in autopilot{suggestion(vehicle, there, "; there are: ")}'
-            raise BadChange(text)
-        hearing = _Hearing(world, part, vehicle)
+        hearing = _Hearing(world, _piloting(world, vehicle), vehicle)
+        if reading.state:
+            before = head_of(reading.record, more or {})
+            hearing.begin(path, build(before.resolved, before.seed), reading.state, vehicle)
         if record is not None:
             listed = "; ".join(f"{each}={each.value}" for each in settings)
             stack.enter_context(_written(record, hearing, {ESTIMATED: path.name, "changes": listed}))
         hearing.run(reading)
         return hearing.result()
+
+
+def _piloting(world: World, vehicle: str) -> Piloting:
+    part = world.parts.get(f"{vehicle}/autopilot")
+    if not isinstance(part, Piloting):
+        there = [each.pilot.craft.path.split("/")[0] for each in world.parts.values() if isinstance(each, Piloting)]
+        raise BadChange(f'"{vehicle}" has no built-in autopilot{suggestion(vehicle, there, "; there are: ")}')
+    return part
 
 
 @contextlib.contextmanager
@@ -169,6 +176,19 @@ class _Hearing:
         self._remarks: list[str] = []
         self._asked: deque[Request] = deque()
         self._truth: dict[int, dict[str, Any]] = {}
+
+    def begin(self, path: Path, world: World, state: bytes, vehicle: str) -> None:
+        """Believe what was believed where the recording begins, in the midst of a run: `state` of `world`, which is as it was recorded."""
+        seat = _piloting(world, vehicle).pilot.seat
+        has_other_gains = self._seat.orders.gains != seat.orders.gains
+        try:
+            snapshot.from_bytes(world, state)
+        except Refused as refused:
+            raise NotReplayable(f"{path}: the state it begins with cannot be loaded: {refused}") from refused
+        self._seat.row["e"] = seat.row["e"]
+        if not has_other_gains:  # some may have been set before
+            self._seat.orders.gains = seat.orders.gains
+        self._world.tick = self._tick = world.tick
 
     def run(self, reading: Reading) -> None:
         """Hear all of it, up to a reset: what the estimator was then is not in a recording."""

@@ -236,6 +236,8 @@ class _Run:
         if self.recorder is not None:
             self.world.want(None)
         if state:
+            if self._changes.settings and self._from == 0:
+                raise BadChange(f"{self._path}: its run had begun before: change it --from a time after its own begin")
             self._next_index = None
             self._carry([Call("world/load", in_one_piece(state), "begin")], self._must_load)
         if self._pending and self._from == 0:

@@ -123,9 +123,12 @@ class Together:
 
     def _write(self, outbox: Outbox, gathered: _Gathered, told: Told) -> bool:
         """Let compiled code write what has gathered for one."""
-        _, _, places, forms = gathered
+        places, forms = [*gathered.places], [*gathered.forms]
         if not places:
             return False
+        # Before anything can fail: in another log they would be places of other samples, or of none.
+        gathered.places.clear()
+        gathered.forms.clear()
         assert self._writer is not None
         try:
             encoded = self._writer.write(told, places, forms)
@@ -137,12 +140,8 @@ class Together:
                 value = line.record(*sample.value)
                 notice = sample_notice(line.path, sample.seq, sample.t_ns, sample.t_sent_ns, sample.valid, value)
                 gathered.messages.append(notice)
-            places.clear()
-            forms.clear()
             return self._give(outbox, gathered)
         self._sent(outbox, encoded, len(places))
-        places.clear()
-        forms.clear()
         return True
 
     def _give(self, outbox: Outbox, gathered: _Gathered) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -14,13 +15,18 @@ from recording_rig import recorded
 
 from uwserver.cli.replay import replay as command
 from uwserver.ports import Call, Command
-from uwserver.recording.changes import BadChange, setting
+from uwserver.recording.changes import BadChange, Changes, setting
 from uwserver.recording.compare import compare
 from uwserver.recording.estimation import estimate
 from uwserver.recording.reading import NotReplayable
+from uwserver.recording.recorder import Recorder
 from uwserver.recording.replay import replay
+from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
+from uwserver.simulation.bus import Bus, Mailbox
+from uwserver.simulation.clock import SystemTime
+from uwserver.simulation.thread import Simulation, Timing
 
 SECOND = 240
 AHEAD = Command("rov/autopilot/pilot", ((0.6, 0.1, 0.0, 0.0, 0.0, 0.3),), "me")
@@ -65,6 +71,55 @@ def test_without_a_change_it_gives_what_it_gave_bit_for_bit(dive: Path, tmp_path
     assert bodies(tmp_path / "e.mcap", "rov/truth/pose") == bodies(dive, "rov/truth/pose")
     for name, before in done.before.items():
         assert before.rms == done.after[name].rms
+
+
+@pytest.fixture(scope="module")
+def midst(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The last four of seven seconds, as a client records them; a gain was set and a place was told before."""
+    path = tmp_path_factory.mktemp("midst") / "midst.mcap"
+    resolved = tank()
+    world = build(resolved, 5)
+    simulation = Simulation(world, Timing("freerun"), SystemTime(), Bus(lambda call: None), Mailbox())
+    world.submit(HERE)
+    world.submit(Call("rov/autopilot/set_gain", {"name": "velocity_timeout_s", "value": 0.06}, "me"))
+    for _ in range(12):
+        world.submit(AHEAD)
+        world.step(60)
+    recorder = Recorder(path, world, resolved)
+    recorder.open(simulation.timing)
+    recorder.write_from(recorder.begin(simulation))
+    for tick in range(4 * SECOND):
+        if tick % 60 == 0:
+            recorder.requested(AHEAD, world.tick, tick)
+            world.submit(AHEAD)
+        output = world.advance()
+        recorder.ticked(world)
+        recorder.put_samples(output.samples)
+    recorder.end()
+    recorder.close()
+    return path
+
+
+def test_in_the_midst_of_a_run_it_begins_with_what_was_believed_there(midst: Path, tmp_path: Path):
+    assert replay(midst).difference is None
+    done = estimate(midst, "rov", record=tmp_path / "e.mcap")
+    old, new = bodies(midst, "rov/autopilot/state"), bodies(tmp_path / "e.mcap", done.port)
+    assert len(old) == len(new) == 40
+    for one, other in zip(old, new, strict=True):
+        assert {name: one["value"][name] for name in other["value"]} == other["value"], one["t_ns"]
+    estimate(midst, "rov", [setting("vehicles.rov.sensors.dvl.enabled=false")], record=tmp_path / "changed.mcap")
+    changed = bodies(tmp_path / "changed.mcap", done.port)
+    assert math.dist(changed[0]["value"]["p_N"], old[0]["value"]["p_N"]) < 0.1, "without a sensor, too"
+    assert changed[-1]["value"]["v_N"] != old[-1]["value"]["v_N"]
+
+
+def test_the_world_of_a_run_that_had_begun_is_not_changed_at_its_start(midst: Path, tmp_path: Path):
+    """Its state is one of the world as it was: that was told as a state of another scenario."""
+    current = Changes((setting("environment.current.velocity_ned_mps=[0.3,0,0]"),))
+    with pytest.raises(BadChange, match="--from a time after"):
+        replay(midst, changes=current, record=tmp_path / "new.mcap")
+    assert not (tmp_path / "new.mcap").exists()
+    assert replay(midst, changes=replace(current, from_s=4.0)).changed_ns == 4 * 10**9
 
 
 def test_with_another_dvl_the_estimate_is_another_and_measured_by_the_truth(dive: Path):

@@ -126,6 +126,33 @@ def test_lines_are_written_without_an_object_for_each(
     played(stage, scene)
 
 
+def test_after_a_fault_of_ours_no_place_in_an_old_log_is_looked_up(
+    stage: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Compiled code would read whatever is there."""
+    seen: list[list[int]] = []
+    write = LineWriter.write
+
+    def fails_once(self: LineWriter, told: Told, places: list[int], forms: list[int]) -> bytes:
+        seen.append([*places])
+        if len(seen) == 1:
+            raise TypeError("oh")
+        return write(self, told, places, forms)
+
+    async def scene(theatre: Any, routes: fanout.Fanout) -> None:
+        talker = theatre.talker()
+        await talker.result("subscribe", {"pattern": "**"})
+        monkeypatch.setattr(LineWriter, "write", fails_once)
+        many, few = told(20), told(1)
+        with pytest.raises(TypeError, match="oh"):
+            routes.put_told(many)
+        put(routes, Told(many.origins, few.log, 1, 4))
+        assert [sample["port"] for sample in talker.samples()] == [port.path for port in PORTS]
+        assert seen == [[*range(1, 61)], [1, 2, 3]]
+
+    played(stage, scene)
+
+
 def test_what_waits_goes_before(stage: Callable[..., Any], encoded: list[int]) -> None:
     async def scene(theatre: Any, routes: fanout.Fanout) -> None:
         talker = theatre.talker()
