@@ -138,6 +138,7 @@ def _recordings() -> Iterator[Row]:
         "the file has no end; told, exit status 1",
     )
     yield "recordings in `recordings`", str(recordings.MAX_FILES), "`busy`"
+    yield "requests about recordings that wait", str(recordings.MAX_WAITING), "`busy`"
     yield "bytes of all of them", _setting(Server, "recordings_mb", " MB"), "`busy`; the one that goes on ends whole"
     yield "free on their disk", _bytes(recordings.RESERVE_BYTES), "`busy`; the one that goes on ends whole"
     yield "a record, when it is replayed", _bytes(reading.MOST_RECORD_BYTES), "damaged"

@@ -50,6 +50,8 @@ MAX_FILES = 256
 """Recordings in the folder."""
 RESERVE_BYTES = 200_000_000
 """That a recording leaves free on its disk."""
+MAX_WAITING = 64
+"""Requests that may wait for the disk: who begins and ends all the time keeps nobody else from ending for long."""
 LOOK_S = 0.5
 """Wall time between two looks at how much was written; so much more than the limit there can be."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
@@ -95,8 +97,11 @@ class Recordings:
         """Begin to answer one of `SERVICES`, with checked arguments.
 
         Raises:
-            Refused: no file can have that name, or this server records nothing for clients.
+            Refused: no file can have that name, this server records nothing for clients, or too much is asked at once.
         """
+        if len(self._tasks) >= MAX_WAITING:
+            text = f"{MAX_WAITING} requests about recordings wait to be answered already: ask again when they are"
+            raise Refused("busy", text)
         if service == STATE.path:
             self._spawn(self._answered(self._state(), on_reply))
         elif service == STOP.path:
@@ -184,6 +189,8 @@ class Recordings:
         return {"name": recorder.path.name, "path": str(recorder.path), "t_ns": began["since_ns"]}
 
     def _check_idle(self) -> None:
+        if self._is_over:
+            raise _shutdown()
         for recorder, end in ((self._given, "with the server"), (self._now, f"by {STOP.path}")):
             if recorder is not None and recorder.status()["recording"]:
                 raise Refused("busy", f"{recorder.path} is being recorded already: that ends {end}")

@@ -262,6 +262,39 @@ def test_one_at_a_time_and_there_must_be_one_to_stop(resolved: Resolved) -> None
     serve(resolved, script, STILL)
 
 
+def test_who_begins_and_ends_all_the_time_is_bounded(resolved: Resolved, folder: Path) -> None:
+    async def script(client: Client) -> None:
+        asked = [client.ask(f"recording/{'stop' if k % 2 else 'start'}") for k in range(3 * module.MAX_WAITING)]
+        answers = await asyncio.gather(*asked, return_exceptions=True)
+        refused = [each for each in answers if isinstance(each, Refused) and "wait to be answered" in each.fault.text]
+        assert len(refused) == 2 * module.MAX_WAITING
+        assert {each.fault.code for each in refused} == {"busy"}
+        assert (await client.ask("recording/state"))["recorder"]["recording"] is False
+
+    assert serve(resolved, script)[0] == 0
+    assert len(list(folder.iterdir())) == module.MAX_WAITING // 2
+
+
+def test_what_still_waits_at_the_end_makes_no_files(resolved: Resolved, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[bool] = []
+    plain = Recorder.open
+
+    async def script(client: Client) -> None:
+        recordings = client.server.hub.recordings
+        assert recordings is not None
+
+        def counted(recorder: Recorder, timing: Timing) -> None:
+            opened.append(recordings._is_over)
+            plain(recorder, timing)
+
+        monkeypatch.setattr(Recorder, "open", counted)
+        for k in range(40):
+            client.context.call(f"recording/{'stop' if k % 2 else 'start'}", {}, "me", lambda answer: None)
+
+    assert serve(resolved, script)[0] == 0
+    assert True not in opened
+
+
 def test_what_the_command_line_asked_for_is_not_ended_by_a_client(resolved: Resolved, tmp_path: Path) -> None:
     async def script(client: Client) -> None:
         with pytest.raises(Refused, match="ends with the server"):
