@@ -239,7 +239,9 @@ class Follow(Task, tag="follow", kw_only=True, frozen=True, dict=True):
         if here.aside > self.aside_m:
             back = (here.p[0], here.p[1], here.p[2] - 0.5 * sum(self.height_m))
             return Verdict(
-                -1, back if any(done) else self._begin(), "too far to the side" if any(done) else "go to where it begins"
+                -1,
+                back if any(done) else self._begin(),
+                "too far to the side" if any(done) else "go to where it begins",
             )
         if height > self.height_m[1]:
             return Verdict(-1, fly, "too high above it")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from itertools import accumulate
 from typing import Annotated, Any, Literal, Protocol
@@ -24,6 +25,7 @@ MOVED_M, STEERED_W = 0.3, 1.0
 """Time begins when the thrusters draw so much; of a vehicle without such ones when it is so far from where it stood."""
 _APART_NS = NANOSECONDS
 """A touch so soon after another one is the same collision."""
+_NAME = re.compile(r"[\w -]{1,60}")
 _MOST_TASKS = 64
 _MOST_PIECES = 4096
 _MOST_LOST = 1e12
@@ -49,12 +51,18 @@ class TrainingConfig(SensorTable, tag="training", kw_only=True, frozen=True):
     view_deg: Annotated[float, Meta(ge=1, le=170)] = 60.0
 
     def __post_init__(self) -> None:
-        """ValueError without a task, or with too many."""
+        """ValueError without a task, with too many, or with a name that pages cannot show in a list."""
         if not 0 < len(self.tasks) <= _MOST_TASKS:
             raise ValueError(f"a training has 1 to {_MOST_TASKS} tasks, not {len(self.tasks)}")
         pieces = sum(len(task.worth()) for task in self.tasks.values())
         if pieces > _MOST_PIECES:
             raise ValueError(f"the tasks have {pieces} metres, structures and findings in all: at most {_MOST_PIECES}")
+        findings = [name for task in self.tasks.values() if isinstance(task, Follow) for name in task.findings]
+        for name in (*self.tasks, *findings):
+            if not _NAME.fullmatch(name):
+                raise ValueError(
+                    f'"{name[:60]}" cannot name a task or a finding: letters, digits, _, - and spaces, at most 60'
+                )
 
     def build(self, mount: Pose) -> Training:
         """The judge, with the pilot's camera on this mount."""

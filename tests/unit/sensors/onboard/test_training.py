@@ -149,6 +149,8 @@ def test_a_memory_of_other_tasks_is_refused(judge):
     ("make", "text"),
     [
         (lambda: TrainingConfig(rate_hz=1, tasks={}), "1 to 64 tasks, not 0"),
+        (lambda: TrainingConfig(rate_hz=1, tasks={"a, b": GATE}), '"a, b" cannot name a task'),
+        (lambda: TrainingConfig(rate_hz=1, tasks={"x" * 61: GATE}), "cannot name a task"),
         (lambda: HoldDepth(depth_m=3.0), "needs for_s"),
     ],
 )
