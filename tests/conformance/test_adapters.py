@@ -597,7 +597,7 @@ FAULTS = {
     "leaves a task": ("            ready.set()\n", "            ready.set(); asyncio.create_task(asyncio.sleep(30))\n", "leaves behind: task"),
     "leaves a thread": (
         "            ready.set()\n",
-        "            ready.set(); import threading; threading.Thread(target=threading.Event().wait, args=(3,)).start()\n",
+        "            ready.set(); import threading; threading.Thread(target=threading.Event().wait, args=(9,)).start()\n",
         "leaves behind: thread",
     ),
     "dies of an event": ("        pass\n", "        raise RuntimeError(event.event)\n", "paused"),

@@ -251,6 +251,11 @@ def test_a_pilot_inspects_and_marks_with_the_camera(browser: Browser, tmp_path: 
         mark = f"[...{card}.querySelectorAll('button')].find((b) => b.textContent === 'Mark')"
         assert page.ask(f"{mark}.hidden")
         page.ask("uw.pilot.setMode('depth_hold')")
+        page.ask("void (uw.pilot.gain = 0.2)")
+        page.ask("document.getElementById('scene').focus()")
+        page.key("KeyW", True)
+        page.wait("uw.training.state.state !== 'ready'", "time begins with the push")
+        page.key("KeyW", False)
         page.wait("uw.training.state.number === 2", "it is looked at for 3 s")
         page.wait("uw.said.includes('Done: look')", "which is told")
         page.wait(f"!{mark}.hidden && !{mark}.disabled", "the next task has marks")
