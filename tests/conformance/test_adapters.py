@@ -627,16 +627,26 @@ def test_installed_adapters(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
         _warm_zenoh()
     if kind == "mavlink":
         pytest.importorskip("pymavlink", reason="pymavlink is not installed")
-    outcomes = run(
-        lambda: check_adapter(
-            adapter,
-            adapter.Config(**table),
-            connect=connect,
-            greeting=greeting,
-            make_context=CONTEXTS.get(kind, FakeContext),
-            requests=REQUESTS[kind],
+
+    def checked() -> dict[str, str]:
+        return run(  # type: ignore[no-any-return]
+            lambda: check_adapter(
+                adapter,
+                adapter.Config(**table),
+                connect=connect,
+                greeting=greeting,
+                make_context=CONTEXTS.get(kind, FakeContext),
+                requests=REQUESTS[kind],
+            )
         )
-    )
+
+    try:
+        outcomes = checked()
+    except AssertionError as error:
+        # Threads of zenoh accept and close sockets when a busy machine lets them. What an adapter of ours leaves behind it leaves each time.
+        if kind not in ("ros2", "zenoh") or "leaves behind: file" not in str(error):
+            raise
+        outcomes = checked()
     unsaid = UNSAID.get(kind, set())
     assert {name for name, outcome in outcomes.items() if outcome.startswith("does not apply: the protocol ")} == unsaid
     assert {name for name, outcome in outcomes.items() if outcome == PASSED} == set(CHECKS) - unsaid
