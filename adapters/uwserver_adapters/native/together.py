@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from itertools import count
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 from msgspec import Struct
 
@@ -73,26 +73,27 @@ class Together:
             self.forget()
             self._origins = told.origins
         entries = told.entries()
-        lines = [self._line(entry[2]) for entry in entries]
-        if None in lines:
+        found = [self._line(entry[2]) for entry in entries]
+        if None in found:
             return None
+        lines = cast("list[_Line]", found)
         busy = [outbox for outbox in self._gathered if not outbox.has_time]
-        if busy and any(line.outbox in busy for line in lines if line is not None):
+        if busy and any(line.outbox in busy for line in lines):
             return None
-        if self._writer is None or any(line.form is None for line in lines if line is not None):
+        if self._writer is None or any(line.form is None for line in lines):
             self._make(told, entries, lines)
             return [outbox for outbox, gathered in self._gathered.items() if self._give(outbox, gathered)]
         for place, entry, line in zip(count(told.first), entries, lines, strict=False):
-            if line.share.passes(entry[4]):  # type: ignore[union-attr]  # none is None
-                line.gathered.places.append(place)  # type: ignore[union-attr]
-                line.gathered.forms.append(line.form)  # type: ignore[union-attr, arg-type]
+            if line.share.passes(entry[4]):
+                line.gathered.places.append(place)
+                line.gathered.forms.append(line.form)  # type: ignore[arg-type]  # none is None
         return [outbox for outbox, gathered in self._gathered.items() if self._write(outbox, gathered, told)]
 
-    def _make(self, told: Told, entries: Sequence[Sequence[int]], lines: Sequence[_Line | None]) -> None:
+    def _make(self, told: Told, entries: Sequence[Sequence[int]], lines: Sequence[_Line]) -> None:
         for (t_sent_ns, _, _, seq, t_ns, valid, _), line, values in zip(
             entries, lines, told.values(entries), strict=True
         ):
-            path, share, record, _, _, gathered = line  # type: ignore[misc]  # none is None
+            path, share, record, _, _, gathered = line
             if share.passes(t_ns):
                 gathered.messages.append(sample_notice(path, seq, t_ns, t_sent_ns, valid != 0, record(*values)))
 
