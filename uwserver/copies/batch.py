@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from uwserver.copies.clocks import carry_on, clocks_of, start
 from uwserver.copies.commands import Commands
 from uwserver.copies.copy import Copy
 from uwserver.copies.description import described
 from uwserver.copies.parameters import Parameters
 from uwserver.copies.ranges import Ranges
 from uwserver.copies.readings import Readings
-from uwserver.copies.rounds import Clocks, Rounds, is_fitted
+from uwserver.copies.rounds import Rounds, is_fitted
 from uwserver.copies.tables import Tables
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.layout import STATE_SIZE
@@ -92,7 +93,7 @@ class Batch:
         self._rate, self.dt = world.rate_hz, world.hydro.dt
         self._advance = kernels.advance_fitted if is_fitted(world.hydro) else kernels.advance
         self._has_sea = world.hydro.sea is not None
-        self._clocks = Clocks(np.zeros(self.n, np.int64), np.zeros(self.n), np.zeros(self.n, np.int64))
+        self._clocks = clocks_of(self.n)
         self._lost = np.full(self.n, -1, np.int64)
         self._waiting = np.zeros(self.n, np.int64)
         self._next_faults, self._next_chores = np.empty((2, self.n), np.int64)
@@ -141,16 +142,22 @@ class Batch:
             raise Refused("out_of_range", f"step takes 1 tick or more, not {ticks}", "ticks")
         now = self._clocks.ticks
         goal = now + ticks
-        while len(which := np.flatnonzero(going := (self._lost < 0) & (now < goal))):
+        while (going := (self._lost < 0) & (now < goal)).any():
+            # Those that had no room lag: they catch up first, so that things happen in the order of single ticks.
+            left = goal - now
+            behind = int(left[going].max())
+            others = left[going & (left < behind)]
+            going &= left == behind
+            which = np.flatnonzero(going)
             self._before(which, going)
-            count = min(self._quiet(which, going), int((goal - now)[which].min()))
+            count = min(self._quiet(which, going), behind - int(others.max(initial=0)))
             self._rounds.make_room(which)
             self._ranges.run(which, partial(self._carry, count=count))
         return self.diverged
 
     def _before(self, which: IntArray, going: NDArray[np.bool_]) -> None:
         """All that acts before the bodies move, in the order of `World.advance`."""
-        (ticks, _, t_ns), commands = self._clocks, self._commands
+        (ticks, _, t_ns, _), commands = self._clocks, self._commands
         if (self._next_faults <= ticks).any():
             for i in which[self._next_faults[which] <= ticks[which]].tolist():
                 self._copies[i].acts(self._copies[i].faults, int(ticks[i]))
@@ -197,7 +204,7 @@ class Batch:
         if self._has_sea:
             kernels.fill_flows(which, tables.worlds, tables.nows, clocks.ts, 0.5 * self.dt)
         lost = self._advance(which, tables.worlds, clocks.ts, self.dt, self._lost, me)
-        kernels.tick(which, clocks, self._rate.numerator, self._rate.denominator)
+        carry_on(which, clocks, self._rate)
         if lost:
             which = which[self._lost[which] < 0]
         if self._has_sea:
@@ -341,8 +348,7 @@ class Batch:
                 self._copies[i] = Copy(self._build(given[k]))
                 self._tables.lay(i, self._copies[i])
             self._begin(i, bool(parameters) or given is not None)
-        for clock in self._clocks:
-            clock[which] = 0
+        start(which, self._clocks, self._rate)
         self._lost[which] = -1
         self._rounds.forget(which)
         self._commands.forget(which)
@@ -364,6 +370,8 @@ class Batch:
         if copies is None:
             return np.arange(self.n)
         given = np.atleast_1d(np.asarray(copies))
+        if not given.size:
+            return np.zeros(0, np.int64)
         if given.dtype == np.bool_ and given.shape == (self.n,):
             return np.flatnonzero(given)
         if given.ndim != 1 or given.dtype.kind not in "iu":

@@ -44,11 +44,16 @@ _ends = array_at(ENDS, "ends")
 
 @entry
 def tick(which: Array, clocks: Any, num: int, den: int) -> None:
-    """Carry the clocks of copies on by a tick, of num / den a second."""
+    """Carry the clocks of copies on by a tick, of num / den a second; no number becomes larger than a time in ns or a few num."""
+    whole, rest = 2 * NANOSECONDS * den // (2 * num), 2 * NANOSECONDS * den % (2 * num)
     for i in which:
-        count = clocks.ticks[i] + 1
-        clocks.ticks[i], clocks.ts[i] = count, count * den / num
-        clocks.t_ns[i] = (count * (2 * NANOSECONDS * den) + num) // (2 * num)  # as `world.ticks`
+        clocks.ticks[i] += 1
+        clocks.ts[i] = clocks.ticks[i] * den / num
+        clocks.t_ns[i] += whole
+        clocks.rests[i] += rest
+        if clocks.rests[i] >= 2 * num:
+            clocks.rests[i] -= 2 * num
+            clocks.t_ns[i] += 1
 
 
 @entry

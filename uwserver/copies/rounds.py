@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from uwserver.copies.clocks import Clocks
 from uwserver.copies.copy import Copy
 from uwserver.copies.ranges import Ranges
 from uwserver.copies.tables import Tables
@@ -17,14 +18,6 @@ from uwserver.physics.rays.raycast import no_hits
 from uwserver.sensors.bank import Bank, BankSensor
 from uwserver.sensors.onboard.battery import Battery
 from uwserver.world.sensor_slot import SensorSlot
-
-
-class Clocks(NamedTuple):
-    """The time of each copy: (n) ticks, and what they come to in s and ns."""
-
-    ticks: IntArray
-    ts: FloatArray
-    t_ns: IntArray
 
 
 class _Read(NamedTuple):
@@ -110,7 +103,7 @@ class Rounds:
                 self._measure(due[masks == mask], mask, clocks, me)
 
     def _measure(self, which: IntArray, mask: int, clocks: Clocks, me: int) -> None:
-        tables, kernels, (_, ts, t_ns) = self._tables, self._kernels, clocks
+        tables, kernels, (_, ts, t_ns, _) = self._tables, self._kernels, clocks
         due = self._rounds.get(mask) or self._round(mask)
         if due.needs_rates:
             self._look_around(which, ts, me)

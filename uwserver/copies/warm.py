@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from uwserver.copies.rounds import Clocks, is_fitted
+from uwserver.copies.clocks import clocks_of
+from uwserver.copies.rounds import is_fitted
 from uwserver.physics.rays.raycast import no_hits
 from uwserver.sensors.bank import BankSensor
 from uwserver.world.banks import banks_of_all
@@ -53,7 +54,7 @@ def _floats(dimensions: int) -> Any:
 _which = _times_ns = _ticks = _numbers(1)
 _tables = _numbers(3)
 _ts = _floats(1)
-_clocks = Clocks(_ticks, _ts, _times_ns)
+_clocks = clocks_of(0)
 
 
 def _copies() -> Like:
