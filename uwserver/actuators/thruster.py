@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 from uwserver.actuators.base import ActuatorTable, Body, Given
-from uwserver.physics.kernel.arrays import FloatArray
+from uwserver.physics.kernel.arrays import FloatArray, Records
 from uwserver.ports import Field, Propulsor
 from uwserver.table import Name
 
@@ -71,6 +71,8 @@ class Thrusters:
             for name, row in self.rows.items()
         )
         self._by_force = int(command == "force")
+        self._all: Records | None = None  # of whose columns these are views: to find one costs as much as to write it
+        self._columns: tuple[Records, ...] = ()
         order = ", ".join(members)
         self.doc = f"Thrusters {order}." if shape else f"Thruster {order}."
         if self._by_force:
@@ -84,17 +86,18 @@ class Thrusters:
         """Hold the command; the field is required, so it is given."""
         (command,) = value
         if command is not None:
-            rows = self._hydro.thrusters
-            rows["command"][self._rows] = command
-            rows["by_force"][self._rows] = self._by_force
-            rows["fresh"][self._rows] = 1
+            self._hold(command)
 
     def neutral(self) -> None:
         """No thrust asked for; the lag runs out."""
-        rows = self._hydro.thrusters
-        rows["command"][self._rows] = 0.0
-        rows["by_force"][self._rows] = self._by_force
-        rows["fresh"][self._rows] = 1
+        self._hold(0.0)
+
+    def _hold(self, command: tuple[float, ...] | float) -> None:
+        if self._all is not self._hydro.thrusters:  # bodies came, or went back
+            self._all = self._hydro.thrusters
+            self._columns = tuple(self._all[name] for name in ("command", "by_force", "fresh"))
+        commands, by_force, fresh = self._columns
+        commands[self._rows], by_force[self._rows], fresh[self._rows] = command, self._by_force, 1
 
 
 def _together(rows: list[int]) -> list[int] | slice:

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from uwserver.copies.clocks import carry_on, clocks_of, start
 from uwserver.copies.commands import Commands
 from uwserver.copies.copy import Copy
 from uwserver.copies.description import described
 from uwserver.copies.parameters import Parameters
 from uwserver.copies.ranges import Ranges
 from uwserver.copies.readings import Readings
-from uwserver.copies.rounds import Clocks, Rounds, is_fitted
+from uwserver.copies.rounds import Rounds, is_fitted
 from uwserver.copies.tables import Tables
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.layout import STATE_SIZE
@@ -74,7 +76,7 @@ class Batch:
         world = self._copies[0].world
         for path in sensors or ():
             find("port", path, world.sensors)
-        self._tables = Tables(self._copies)
+        self._tables = Tables(self._copies, threads)
         self._ranges = Ranges(threads)
         self._rounds = Rounds(self._copies, self._tables, self._ranges, sensors)
         self._commands = Commands(self._copies, self._tables)
@@ -91,7 +93,8 @@ class Batch:
         self._rate, self.dt = world.rate_hz, world.hydro.dt
         self._advance = kernels.advance_fitted if is_fitted(world.hydro) else kernels.advance
         self._has_sea = world.hydro.sea is not None
-        self._ticks, self._lost = np.zeros(self.n, np.int64), np.full(self.n, -1, np.int64)
+        self._clocks = clocks_of(self.n)
+        self._lost = np.full(self.n, -1, np.int64)
         self._waiting = np.zeros(self.n, np.int64)
         self._next_faults, self._next_chores = np.empty((2, self.n), np.int64)
         self._events: list[tuple[int, Event]] = []
@@ -117,22 +120,17 @@ class Batch:
     @property
     def ticks(self) -> IntArray:
         """(n) ticks of each copy since its start."""
-        return self._ticks.copy()
+        return self._clocks.ticks.copy()
 
     @property
     def t_s(self) -> FloatArray:
         """(n) simulation time of each copy, s."""
-        return self._clocks().ts
+        return self._clocks.ts.copy()
 
     @property
     def diverged(self) -> NDArray[np.bool_]:
         """(n) whether a body of the copy has a state that is not finite, or absurdly fast. Such a copy stands still until it is reset."""
         return self._lost >= 0
-
-    def _clocks(self) -> Clocks:
-        num, den = self._rate.numerator, self._rate.denominator
-        ticks = self._ticks
-        return Clocks(ticks, ticks * den / num, self._copies[0].world.ticks.time_of(ticks))
 
     def step(self, ticks: int = 1) -> NDArray[np.bool_]:
         """Carry all copies on by so many ticks, but for those that diverge; returns `diverged`.
@@ -142,35 +140,40 @@ class Batch:
         """
         if ticks < 1:
             raise Refused("out_of_range", f"step takes 1 tick or more, not {ticks}", "ticks")
-        for _ in range(ticks):
-            alive = self._lost < 0
-            which = np.flatnonzero(alive)
-            if not len(which):
-                break
-            self._before(which, alive)
-            self._move(which)
+        now = self._clocks.ticks
+        goal = now + ticks
+        while (going := (self._lost < 0) & (now < goal)).any():
+            # Those that had no room lag: they catch up first, so that things happen in the order of single ticks.
+            left = goal - now
+            behind = int(left[going].max())
+            others = left[going & (left < behind)]
+            going &= left == behind
+            which = np.flatnonzero(going)
+            self._before(which, going)
+            count = min(self._quiet(which, going), behind - int(others.max(initial=0)))
+            self._rounds.make_room(which)
+            self._ranges.run(which, partial(self._carry, count=count))
         return self.diverged
 
-    def _before(self, which: IntArray, alive: NDArray[np.bool_]) -> None:
+    def _before(self, which: IntArray, going: NDArray[np.bool_]) -> None:
         """All that acts before the bodies move, in the order of `World.advance`."""
-        ticks, commands = self._ticks, self._commands
+        (ticks, _, t_ns, _), commands = self._clocks, self._commands
         if (self._next_faults <= ticks).any():
             for i in which[self._next_faults[which] <= ticks[which]].tolist():
                 self._copies[i].acts(self._copies[i].faults, int(ticks[i]))
                 self._settle(i)
-        for i in commands.apply(ticks, alive):
+        for i in commands.apply(ticks, going):
             self._copies[i].world.tick = int(ticks[i])
             self._settle(i)
         for i, path in commands.watch(ticks, which):
             text = f'no command for "{path}" in {self.commands[path].timeout_s:g} s: it went to neutral'
-            self._tell(i, Event("watchdog", int(ticks[i]), self._copies[i].world.ticks.time_of(int(ticks[i])), text))
+            self._tell(i, Event("watchdog", int(ticks[i]), int(t_ns[i]), text))
         if (self._next_chores <= ticks).any():
             for i in which[self._next_chores[which] <= ticks[which]].tolist():
                 self._copies[i].acts(self._copies[i].commands, int(ticks[i]))
                 self._settle(i)
         if self._copies[0].pilots:
-            tables, clocks = self._tables, self._clocks()
-            t_ns, waiting = clocks.t_ns, self._waiting
+            tables, waiting = self._tables, self._waiting
             self._ranges.run(
                 which, lambda part, _: self._kernels.fly(part, tables.pilots, tables.worlds, ticks, t_ns, waiting)
             )
@@ -178,30 +181,41 @@ class Batch:
                 self._copies[i].fly_on(int(ticks[i]))
                 self._settle(i)
 
-    def _move(self, which: IntArray) -> None:
-        """Bodies, then the water, then sensors and what they deliver."""
-        tables, kernels, clocks = self._tables, self._kernels, self._clocks()
-        ts = clocks.ts
+    def _quiet(self, which: IntArray, going: NDArray[np.bool_]) -> int:
+        """For how many ticks, one at least, nothing acts on any of these copies before its bodies move."""
+        if self._copies[0].pilots:
+            return 1
+        ticks = self._clocks.ticks
+        nexts = np.minimum(self._next_faults, self._next_chores)
+        return max(1, min(int((nexts - ticks)[which].min()), self._commands.quiet(ticks, which, going)))
 
-        def move(part: IntArray, _: int) -> None:
-            if self._has_sea:
-                kernels.fill_flows(part, tables.worlds, tables.nows, ts, 0.5 * self.dt)
-            self._advance(part, tables.worlds, ts, self.dt, self._lost)
+    def _carry(self, which: IntArray, me: int, count: int) -> None:
+        """A range of copies, by the thread `me`: bodies, then the water, then sensors and what they deliver; so many ticks, or as many as there
+        is room for what is on its way."""
+        for _ in range(count):
+            if not len(which) or not self._rounds.has_room(which):
+                return
+            which = self._move(which, me)
+            self._rounds.measure(which, self._clocks, me)
 
-        self._ranges.run(which, move)
-        self._ticks[which] += 1
-        lost = self._lost[which] >= 0
-        if lost.any():
-            which = which[~lost]
-        clocks = self._clocks()
+    def _move(self, which: IntArray, me: int) -> IntArray:
+        """Bodies and the water; returns which copies go on."""
+        tables, kernels, clocks = self._tables, self._kernels, self._clocks
         if self._has_sea:
+            kernels.fill_flows(which, tables.worlds, tables.nows, clocks.ts, 0.5 * self.dt)
+        lost = self._advance(which, tables.worlds, clocks.ts, self.dt, self._lost, me)
+        carry_on(which, clocks, self._rate)
+        if lost:
+            which = which[self._lost[which] < 0]
+        if self._has_sea:
+            ticks = clocks.ticks
             for k, interval in enumerate(tables.intervals.tolist()):
-                for i in which[self._ticks[which] % interval == 0].tolist():
-                    self._copies[i].world.water.sea.drifts[k].move(int(self._ticks[i]))
+                for i in which[ticks[which] % interval == 0].tolist():
+                    self._copies[i].world.water.sea.drifts[k].move(int(ticks[i]))
             kernels.move_sea(
-                which, tables.nows, self._ticks, clocks.ts, tables.drifts, tables.intervals, tables.steady, self.dt
+                which, tables.nows, ticks, clocks.ts, tables.drifts, tables.intervals, tables.steady, self.dt
             )
-        self._rounds.measure(which, clocks)
+        return which
 
     def _settle(self, i: int) -> None:
         """A world was at work in Python: answer, tell, and note when it has to be again."""
@@ -237,7 +251,7 @@ class Batch:
         Raises:
             Refused: unknown port or field, another shape, not finite, out of range, or held by an autopilot; no copy gets anything.
         """
-        self._commands.post(port, value, self._numbers(copies), self._ticks)
+        self._commands.post(port, value, self._numbers(copies), self._clocks.ticks)
 
     def call(self, service: str, copies: Copies = None, **args: Any) -> list[Json]:
         """Call a service of an autopilot (``rov/autopilot/arm``) of all copies, or of some, one after the other; returns their results.
@@ -253,7 +267,7 @@ class Batch:
             )
         results: list[Json] = []
         for i in self._numbers(copies).tolist():
-            self._copies[i].world.tick = int(self._ticks[i])
+            self._copies[i].world.tick = int(self._clocks.ticks[i])
             try:
                 results.append(self._copies[i].world.call(service, **args))
             except Refused as refused:
@@ -334,7 +348,8 @@ class Batch:
                 self._copies[i] = Copy(self._build(given[k]))
                 self._tables.lay(i, self._copies[i])
             self._begin(i, bool(parameters) or given is not None)
-        self._ticks[which], self._lost[which] = 0, -1
+        start(which, self._clocks, self._rate)
+        self._lost[which] = -1
         self._rounds.forget(which)
         self._commands.forget(which)
         self._commands.delay[which] = np.rint(self._parameters.values["command_latency"][which] * float(self._rate))
@@ -355,6 +370,8 @@ class Batch:
         if copies is None:
             return np.arange(self.n)
         given = np.atleast_1d(np.asarray(copies))
+        if not given.size:
+            return np.zeros(0, np.int64)
         if given.dtype == np.bool_ and given.shape == (self.n,):
             return np.flatnonzero(given)
         if given.ndim != 1 or given.dtype.kind not in "iu":

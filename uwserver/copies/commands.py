@@ -155,6 +155,12 @@ class Commands:
             self._expires[path][which] = ticks[which] + self._watched[path]
         return []
 
+    def quiet(self, ticks: IntArray, which: IntArray, going: Any) -> int:
+        """For how many ticks of these copies, which are those `going` (n), no command acts and no watchdog bites."""
+        waits = [(posted.due - ticks[posted.which])[going[posted.which]] for posted in self._posted]
+        waits += [(expires - ticks)[which] for expires in self._expires.values()]
+        return min((int(wait.min(initial=_NEVER)) for wait in waits), default=_NEVER)
+
     def watch(self, ticks: IntArray, which: IntArray) -> list[tuple[int, str]]:
         """Let actuators of these copies go to neutral that were left without a command for too long; copies and ports of these."""
         silent: list[tuple[int, str]] = []

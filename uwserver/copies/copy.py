@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from uwserver.copies.memory import Place, lines
 from uwserver.physics.kernel.arrays import Array
 from uwserver.sensors.bank import Bank, BankSensor
 from uwserver.world.components import ActuatorSlot
@@ -22,7 +23,7 @@ _REMEMBERS = (ActuatorSlot, Faults, Flowing, Piloting)
 
 
 class Copy:
-    """A world that a batch steps: its arrays never change places.
+    """A world that a batch steps: but for `move` its arrays never change places.
 
     Attributes:
         world: as `uwserver.load` gives it; its own `step` is never called.
@@ -43,11 +44,32 @@ class Copy:
         (self.faults,) = (part for part in world.own_parts if isinstance(part, Faults))
         self.commands = world.parts["world/commands"]
         self._remembers: list[Part] = [part for part in world.parts.values() if isinstance(part, _REMEMBERS)]
-        # As plain bytes: records are copied field by field.
-        self._live = [array.reshape(-1).view(np.uint8) for array in self._arrays()]
+        self._find()
         self.params = world.hydro.params
         self.keep()
         self._nominal = self._kept, self._states
+
+    def _find(self) -> None:
+        # As plain bytes: records are copied field by field.
+        self._live = [array.reshape(-1).view(np.uint8) for array in self._arrays()]
+
+    def move(self, place: Place) -> None:
+        """Have all that a tick writes lie elsewhere."""
+        self.world.hydro.move(place)
+        self.world.instruments.move(place)
+        self._find()
+
+    @property
+    def size(self) -> int:
+        """Bytes that `move` finds places for, each array in lines of its own."""
+        sizes: list[int] = []
+
+        def weigh(array: Any) -> Any:
+            sizes.append(lines(array.nbytes))
+            return array
+
+        self.move(weigh)
+        return sum(sizes)
 
     def _arrays(self) -> list[Any]:
         hydro, instruments = self.world.hydro, self.world.instruments

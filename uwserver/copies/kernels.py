@@ -14,9 +14,10 @@ from uwserver.autopilot import entries
 from uwserver.physics.dynamics import flow, integrator
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, entry
-from uwserver.physics.kernel.handles import array_at, state_at
+from uwserver.physics.kernel.handles import array_at, fitted_at, state_at
 from uwserver.physics.kernel.layout import WORLD, Forms, SeaRows, columns
 from uwserver.sensors import surroundings
+from uwserver.units import NANOSECONDS
 from uwserver.world import delivery, streams
 
 ENDS: Forms = {"ends": columns(np.float64, 3)}
@@ -28,8 +29,6 @@ def _part(kernel: Any) -> Any:
     return compiled(kernel.py_func)
 
 
-_advance, _advance_fitted = _part(integrator.advance), _part(integrator.advance_fitted)
-_rates, _rates_fitted = _part(integrator.rates_of_change), _part(integrator.rates_of_change_fitted)
 _fill_flows, _deliver = _part(flow.fill_flows), _part(delivery.deliver)
 _step_all, _hear_all = _part(entries.step_all), _part(entries.hear_all)
 
@@ -44,31 +43,82 @@ _ends = array_at(ENDS, "ends")
 
 
 @entry
-def advance(which: Array, worlds: Array, ts: Array, dt: float, lost: Array) -> None:
-    """Carry the bodies of copies without appendages from ts (n, s) on; `lost` (n) receives the row of a body that diverged, or -1."""
+def tick(which: Array, clocks: Any, num: int, den: int) -> None:
+    """Carry the clocks of copies on by a tick, of num / den a second; no number becomes larger than a time in ns or a few num."""
+    whole, rest = 2 * NANOSECONDS * den // (2 * num), 2 * NANOSECONDS * den % (2 * num)
     for i in which:
-        lost[i] = _advance(worlds[i], ts[i], dt)
+        clocks.ticks[i] += 1
+        clocks.ts[i] = clocks.ticks[i] * den / num
+        clocks.t_ns[i] += whole
+        clocks.rests[i] += rest
+        if clocks.rests[i] >= 2 * num:
+            clocks.rests[i] -= 2 * num
+            clocks.t_ns[i] += 1
 
 
 @entry
-def advance_fitted(which: Array, worlds: Array, ts: Array, dt: float, lost: Array) -> None:
+def find_due(which: Array, clocks: Any, divisors: Array, told: Array, nows: Array, due: Array, masks: Array) -> int:
+    """Which of these copies have something to read or to deliver; what is read from now on belongs to the instants of their clocks.
+
+    Args:
+        which, clocks, nows: of the copies.
+        divisors: (k) sensors of group k read each so many ticks.
+        told: (n, 3) as of `deliver`.
+        due: (n) receives the numbers of these copies.
+        masks: (n) receives bit k where group k is due, for those.
+
+    Returns:
+        How many there are; less 1, as a negative number, where their masks differ.
+    """
+    count, alike = 0, True
+    for i in which:
+        mask = 0
+        for k in range(len(divisors)):
+            if clocks.ticks[i] % divisors[k] == 0:
+                mask |= 1 << k
+        if mask != 0 or clocks.t_ns[i] >= told[i, 2]:
+            _place(nows[i])[0].t_ns = clocks.t_ns[i]
+            due[count], masks[count] = i, mask
+            alike = alike and mask == masks[0]
+            count += 1
+    return count if alike else -1 - count
+
+
+@entry
+def advance(which: Array, worlds: Array, ts: Array, dt: float, lost: Array, me: int) -> int:
+    """Carry the bodies of copies without appendages from ts (n, s) on; `lost` (n) receives the row of a body that diverged, or -1.
+
+    `me`: the thread, which finds its work space by it. Returns how many diverged.
+    """
+    count = 0
+    for i in which:
+        lost[i] = integrator.advance_alone(me, worlds[i], None, ts[i], dt)
+        count += lost[i] >= 0
+    return count
+
+
+@entry
+def advance_fitted(which: Array, worlds: Array, ts: Array, dt: float, lost: Array, me: int) -> int:
     """`advance` with appendages."""
+    count = 0
     for i in which:
-        lost[i] = _advance_fitted(worlds[i], ts[i], dt)
+        lost[i] = integrator.advance_alone(me, worlds[i], fitted_at(worlds[i]), ts[i], dt)
+        count += lost[i] >= 0
+    return count
 
 
 @entry
-def look(which: Array, worlds: Array, nows: Array, ts: Array) -> None:
+def look(which: Array, worlds: Array, nows: Array, ts: Array, me: int) -> None:
     """Fill in accelerations and wrenches of copies without appendages."""
     for i in which:
-        _rates(worlds[i], ts[i], _nu_dot(nows[i]), _tau(nows[i]))
+        integrator.rates_alone(me, worlds[i], None, ts[i], _nu_dot(nows[i]), _tau(nows[i]))
 
 
 @entry
-def look_fitted(which: Array, worlds: Array, nows: Array, ts: Array) -> None:
+def look_fitted(which: Array, worlds: Array, nows: Array, ts: Array, me: int) -> None:
     """`look` with appendages."""
     for i in which:
-        _rates_fitted(worlds[i], ts[i], _nu_dot(nows[i]), _tau(nows[i]))
+        integrator.rates_alone(me, worlds[i], fitted_at(worlds[i]), ts[i], _nu_dot(nows[i]), _tau(nows[i]))
 
 
 @entry
@@ -104,13 +154,6 @@ def move_sea(
                 step = (ends[1, a] - ends[0, a]) / intervals[k]
                 uniform[a] += ends[0, a] + (ticks[i] % intervals[k]) * step
                 uniform[3 + a] += step / dt
-
-
-@entry
-def set_times(which: Array, nows: Array, t_ns: Array) -> None:
-    """What is read from now on belongs to these instants (n, ns)."""
-    for i in which:
-        _place(nows[i])[0].t_ns = t_ns[i]
 
 
 @entry

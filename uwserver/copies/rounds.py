@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from uwserver.copies.clocks import Clocks
 from uwserver.copies.copy import Copy
 from uwserver.copies.ranges import Ranges
 from uwserver.copies.tables import Tables
@@ -17,14 +18,6 @@ from uwserver.physics.rays.raycast import no_hits
 from uwserver.sensors.bank import Bank, BankSensor
 from uwserver.sensors.onboard.battery import Battery
 from uwserver.world.sensor_slot import SensorSlot
-
-
-class Clocks(NamedTuple):
-    """The time of each copy: (n) ticks, and what they come to in s and ns."""
-
-    ticks: IntArray
-    ts: FloatArray
-    t_ns: IntArray
 
 
 class _Read(NamedTuple):
@@ -41,14 +34,12 @@ class _Round(NamedTuple):
     Attributes:
         reads: by kind.
         heads: numbers of all.
-        most: samples that can come of them.
         needs_rates: whether one of them needs accelerations.
         exactly: those that also tell what they would read without errors.
     """
 
     reads: tuple[_Read, ...]
     heads: IntArray
-    most: int
     needs_rates: bool
     exactly: tuple[str, ...]
 
@@ -77,62 +68,60 @@ class Rounds:
         for slot in slots:
             by_divisor.setdefault(slot.divisor, []).append(slot)
         self._groups = sorted(by_divisor.items())
+        self._divisors: IntArray = np.array([divisor for divisor, _ in self._groups], np.int64)
+        self._most = sum(len(slot.streams) for slot in slots)
         self._rounds: dict[int, _Round] = {}
         first = copies[0].world.hydro
         self._has_sea = first.sea is not None
         self._look = kernels.look_fitted if is_fitted(first) else kernels.look
         n = len(copies)
         self.told: IntArray = np.zeros((n, 3), np.int64)
-        self._next_ns = self.told[:, 2]
         self.forget(np.arange(n))
 
     def forget(self, which: IntArray) -> None:
         """These copies are at their start: nothing is on its way."""
         self.told[which] = 0
-        self._next_ns[which] = np.iinfo(np.int64).max
+        self.told[which, 2] = np.iinfo(np.int64).max
 
-    def measure(self, which: IntArray, clocks: Clocks) -> None:
-        """Let sensors of these copies read that are due, and deliver."""
-        masks = np.zeros(len(which), np.int64)
-        ticks = clocks.ticks[which]
-        for k, (divisor, _) in enumerate(self._groups):
-            masks |= (ticks % divisor == 0).astype(np.int64) << k
-        acting = (masks != 0) | (clocks.t_ns[which] >= self._next_ns[which])
-        if not acting.any():
-            return
-        which, masks = which[acting], masks[acting]
-        self._kernels.set_times(which, self._tables.nows, clocks.t_ns)
-        if (masks == masks[0]).all():
-            self._measure(which, int(masks[0]), clocks)
-            return
-        for mask in np.unique(masks).tolist():
-            self._measure(which[masks == mask], mask, clocks)
+    def make_room(self, which: IntArray) -> None:
+        """Let these copies have room for what they may have on its way after a tick, and for some more."""
+        self._tables.make_room(int(self.told[which, 1].max()) + self._most)
 
-    def _measure(self, which: IntArray, mask: int, clocks: Clocks) -> None:
-        tables, kernels, (_, ts, t_ns) = self._tables, self._kernels, clocks
+    def has_room(self, which: IntArray) -> bool:
+        """Whether these have, for another tick."""
+        return int(self.told[which, 1].max()) + self._most <= self._tables.room
+
+    def measure(self, which: IntArray, clocks: Clocks, me: int) -> None:
+        """Let sensors of these copies read that are due, and deliver; by the thread `me`."""
+        due, masks = np.empty((2, len(which)), np.int64)
+        count = self._kernels.find_due(which, clocks, self._divisors, self.told, self._tables.nows, due, masks)
+        if count > 0:
+            self._measure(due[:count], int(masks[0]), clocks, me)
+        elif count < 0:
+            due, masks = due[: -1 - count], masks[: -1 - count]
+            for mask in np.unique(masks).tolist():
+                self._measure(due[masks == mask], mask, clocks, me)
+
+    def _measure(self, which: IntArray, mask: int, clocks: Clocks, me: int) -> None:
+        tables, kernels, (_, ts, t_ns, _) = self._tables, self._kernels, clocks
         due = self._rounds.get(mask) or self._round(mask)
         if due.needs_rates:
-            self._ranges.run(which, lambda part, _: self._look_around(part, ts))
+            self._look_around(which, ts, me)
         for path in due.exactly:
             for i in which.tolist():
                 self._copies[i].world.sensors[path].read_exactly(float(ts[i]))
-        tables.make_room(int(self.told[:, 1].max()) + due.most)
-        senses, values, told_values, told = tables.senses, tables.values, tables.told_values, self.told
+        for loop, rows, more in due.reads:
+            loop(which, tables.senses, rows, tables.nows, ts, *more[me])
+        told_values, told = tables.told_values, self.told
+        kernels.deliver(which, tables.senses, due.heads, t_ns, True, tables.values, told_values, told)
+        if self._copies[0].pilots:
+            kernels.hear(which, tables.pilots, tables.senses, told_values, told, t_ns)
 
-        def sense(part: IntArray, k: int) -> None:
-            for loop, rows, more in due.reads:
-                loop(part, senses, rows, tables.nows, ts, *more[k])
-            kernels.deliver(part, senses, due.heads, t_ns, True, values, told_values, told)
-            if self._copies[0].pilots:
-                kernels.hear(part, tables.pilots, senses, told_values, told, t_ns)
-
-        self._ranges.run(which, sense)
-
-    def _look_around(self, which: IntArray, ts: FloatArray) -> None:
+    def _look_around(self, which: IntArray, ts: FloatArray, me: int) -> None:
         tables = self._tables
         if self._has_sea:
             self._kernels.fill_flows(which, tables.worlds, tables.nows, ts, 0.0)
-        self._look(which, tables.worlds, tables.nows, ts)
+        self._look(which, tables.worlds, tables.nows, ts, me)
 
     def _round(self, mask: int) -> _Round:
         slots = [slot for k, (_, slots) in enumerate(self._groups) if mask >> k & 1 for slot in slots]
@@ -143,7 +132,6 @@ class Rounds:
         made = self._rounds[mask] = _Round(
             tuple(self._read(bank, of_kind) for bank, of_kind in banks.values()),
             np.array([slot.head for slot in slots], np.int64),
-            sum(len(slot.streams) for slot in slots),
             any(slot.sensor.needs_rates for slot in slots),
             tuple(slot.path for slot in slots if slot.wants_exact),
         )

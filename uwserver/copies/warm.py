@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from uwserver.copies.clocks import clocks_of
 from uwserver.copies.rounds import is_fitted
 from uwserver.physics.rays.raycast import no_hits
 from uwserver.sensors.bank import BankSensor
@@ -53,13 +54,15 @@ def _floats(dimensions: int) -> Any:
 _which = _times_ns = _ticks = _numbers(1)
 _tables = _numbers(3)
 _ts = _floats(1)
+_clocks = clocks_of(0)
 
 
 def _copies() -> Like:
     from uwserver.copies import kernels
 
-    yield kernels.set_times, (_which, _tables, _times_ns)
     due, values, told = _numbers(1), _floats(3), _numbers(2)
+    yield kernels.tick, (_which, _clocks, 1, 1)
+    yield kernels.find_due, (_which, _clocks, _numbers(1), told, _tables, _numbers(1), _numbers(1))
     yield kernels.deliver, (_which, _tables, due, _times_ns, True, values, values, told)
     yield kernels.command_thrusters, (_which, _tables, _numbers(1), _floats(2), 0)
     yield kernels.command_servos, (_which, _tables, _numbers(1), _floats(2))
@@ -71,15 +74,15 @@ def _copies() -> Like:
 def _free() -> Like:
     from uwserver.copies import kernels
 
-    yield kernels.advance, (_which, _tables, _ts, 0.0, _numbers(1))
-    yield kernels.look, (_which, _tables, _tables, _ts)
+    yield kernels.advance, (_which, _tables, _ts, 0.0, _numbers(1), 0)
+    yield kernels.look, (_which, _tables, _tables, _ts, 0)
 
 
 def _fitted() -> Like:
     from uwserver.copies import kernels
 
-    yield kernels.advance_fitted, (_which, _tables, _ts, 0.0, _numbers(1))
-    yield kernels.look_fitted, (_which, _tables, _tables, _ts)
+    yield kernels.advance_fitted, (_which, _tables, _ts, 0.0, _numbers(1), 0)
+    yield kernels.look_fitted, (_which, _tables, _tables, _ts, 0)
 
 
 def _sea() -> Like:

@@ -243,9 +243,18 @@ class Hydrodynamics:
         self.team, self._threads, self.scratch = team, threads, np.zeros(threads, layout.SCRATCH)
         self._gather()
 
+    def move(self, place: Callable[[Any], Any]) -> None:
+        """Have all that a tick writes lie elsewhere: `place` gives a copy of an array in other memory."""
+        for name in (*_RUNNING, "flows", "forces", "values"):
+            setattr(self, name, place(getattr(self, name)))
+        self._tabulate()
+
     def _gather(self) -> None:
         """The table by which kernels find all rows of the world; the arrays change only when a body is added."""
         self.forces, self.values = np.zeros((len(self.thrusters), 3)), np.zeros((len(self.servos), 3))
+        self._tabulate()
+
+    def _tabulate(self) -> None:
         self.table = layout.addresses(layout.WORLD, vars(self))
         self._fitted = any(len(getattr(self, name)) for name in layout.Fitted._fields if name != "values")
 

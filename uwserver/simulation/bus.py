@@ -244,9 +244,17 @@ class Bus:
                 if not (output.replies or output.events):
                     return
             self._waiting_ticks += 1
-            self._crossing.append(output)
+            if not self._goes_on_in(output):
+                self._crossing.append(output)
             if wake or output.replies or output.events:
                 self._wake()
+
+    def _goes_on_in(self, output: TickOutput) -> bool:
+        """Let the newest tick that waits take in what this one gives, where all who read take some as one. Returns whether it did."""
+        if not (self._puts_told and self._crossing) or self._others:
+            return False
+        newest = self._crossing[-1]
+        return isinstance(newest, TickOutput) and len(newest.told or ()) < TOGETHER and newest.goes_on_in(output)
 
     def flush(self) -> None:
         """Wake the loop if something waits for it. Simulation thread."""
@@ -320,8 +328,8 @@ class Bus:
                 if is_over:
                     return True
                 item = self._crossing.popleft()
-                ticks = self._gather(item) if isinstance(item, TickOutput) else 0
             if isinstance(item, TickOutput):
+                ticks = item.told.ticks if item.told is not None else 1
                 self._deliver(item)
                 self._delivered += ticks
                 with self._lock:
@@ -331,17 +339,6 @@ class Bus:
             else:
                 answer(item)
             is_over = end is not None and self._time.now_ns() >= end
-
-    def _gather(self, output: TickOutput) -> int:
-        """Add what the ticks behind it give, where all who read take some as one. Returns how many it is then."""
-        ticks = 1
-        while self._puts_told and not self._others and self._crossing and len(output.told or ()) < TOGETHER:
-            later = self._crossing[0]
-            if not isinstance(later, TickOutput) or not output.goes_on_in(later):
-                break
-            self._crossing.popleft()
-            ticks += 1
-        return ticks
 
     def _follow_ports(self, ports: Mapping[str, Port]) -> None:
         before, self.ports = self.ports, ports

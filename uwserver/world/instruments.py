@@ -120,8 +120,22 @@ class Instruments:
             **water_arrays(self._water),
             "team": hydro.team,
         }
-        self.now: IntArray = layout.addresses(surroundings.FORMS, self._seen)
+        self._find_seen()
         self._make_room(0, int(self.streams.rows["width"].max(initial=0)))
+        self._tabulate()
+
+    def _find_seen(self) -> None:
+        self.now: IntArray = layout.addresses(surroundings.FORMS, self._seen)
+
+    def move(self, place: Callable[[Any], Any]) -> None:
+        """Have all that a tick writes lie elsewhere, after the bodies' rows: `place` gives a copy of an array in other memory."""
+        for pool in (self.heads, *self._banks.values(), self.streams, self.operations, self.numbers):
+            pool.move(place)
+        self.nu_dot, self.tau, self._place = place(self.nu_dot), place(self.tau), place(self._place)
+        self._instant = self._place["t_ns"]
+        own = {"nu_dot": self.nu_dot, "tau": self.tau, "place": self._place}
+        self._seen |= own | {name: getattr(self._hydro, name) for name in ("state", "bodies", "thrusters")}
+        self._find_seen()
         self._tabulate()
 
     def _tabulate(self) -> None:

@@ -1,15 +1,14 @@
 """Samples of some ticks to a client that has time for all of them: made from rows of numbers and encoded in one go.
 
-Where each port has one taker, as nearly always, nothing has to be kept for others, replaced or dropped. Where all of them read JSON line by line,
-and take numbers and short texts alone, compiled code writes the lines: while it does, the world goes on.
+Where each port has one taker, as nearly always, nothing has to be kept for others, replaced or dropped. For those who read JSON line by line, and
+take numbers and short texts alone, compiled code writes the lines: while it does, the world goes on.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
-from itertools import count
-from typing import Any, NamedTuple, cast
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Any, NamedTuple
 
 from msgspec import Struct
 
@@ -73,29 +72,41 @@ class Together:
             self.forget()
             self._origins = told.origins
         entries = told.entries()
-        found = [self._line(entry[2]) for entry in entries]
-        if None in found:
+        streams = {entry[2] for entry in entries}
+        lines = {stream: line for stream in streams if (line := self._line(stream)) is not None}
+        if len(lines) < len(streams) or any(not line.outbox.has_time for line in lines.values()):
             return None
-        lines = cast("list[_Line]", found)
-        busy = [outbox for outbox in self._gathered if not outbox.has_time]
-        if busy and any(line.outbox in busy for line in lines):
-            return None
-        if self._writer is None or any(line.form is None for line in lines):
+        # What one client gets keeps its order: all of it is written, or all of it made.
+        slow = {line.outbox for line in lines.values() if line.form is None}
+        if all(line.outbox in slow for line in lines.values()):
             self._make(told, entries, lines)
-            return [outbox for outbox, gathered in self._gathered.items() if self._give(outbox, gathered)]
-        for place, entry, line in zip(count(told.first), entries, lines, strict=False):
-            if line.share.passes(entry[4]):
-                line.gathered.places.append(place)
-                line.gathered.forms.append(line.form)  # type: ignore[arg-type]  # none is None
-        return [outbox for outbox, gathered in self._gathered.items() if self._write(outbox, gathered, told)]
+        else:
+            self._choose(told, entries, lines, slow)
+        return [
+            outbox
+            for outbox, gathered in self._gathered.items()
+            if self._write(outbox, gathered, told) or self._give(outbox, gathered)
+        ]
 
-    def _make(self, told: Told, entries: Sequence[Sequence[int]], lines: Sequence[_Line]) -> None:
-        for (t_sent_ns, _, _, seq, t_ns, valid, _), line, values in zip(
-            entries, lines, told.values(entries), strict=True
-        ):
-            path, share, record, _, _, gathered = line
+    def _make(self, told: Told, entries: Sequence[Sequence[int]], lines: Mapping[int, _Line]) -> None:
+        for (t_sent_ns, _, stream, seq, t_ns, valid, _), values in zip(entries, told.values(entries), strict=True):
+            path, share, record, _, _, gathered = lines[stream]
             if share.passes(t_ns):
                 gathered.messages.append(sample_notice(path, seq, t_ns, t_sent_ns, valid != 0, record(*values)))
+
+    def _choose(
+        self, told: Told, entries: Sequence[Sequence[int]], lines: Mapping[int, _Line], slow: Collection[Outbox]
+    ) -> None:
+        """Of each sample a message for those clients that are `slow`, its place for the others."""
+        for place, entry in enumerate(entries, told.first):
+            line = lines[entry[2]]
+            if not line.share.passes(entry[4]):
+                continue
+            if line.outbox in slow:
+                line.gathered.messages.append(_notice(told, place, line))
+            else:
+                line.gathered.places.append(place)
+                line.gathered.forms.append(line.form)  # type: ignore[arg-type]  # none of these is None
 
     def _line(self, stream: int) -> _Line | None:
         try:
@@ -123,7 +134,7 @@ class Together:
         return _Line(path, share, form.record, number, outbox, gathered)
 
     def _write(self, outbox: Outbox, gathered: _Gathered, told: Told) -> bool:
-        """Let compiled code write what has gathered for one."""
+        """Let compiled code write what has gathered for one; False where there is nothing, or it cannot: messages are made of it then."""
         places, forms = [*gathered.places], [*gathered.forms]
         if not places:
             return False
@@ -134,14 +145,10 @@ class Together:
         try:
             encoded = self._writer.write(told, places, forms)
         except ValueError:  # a text of one of them; the others are sent
-            lines = [self._lines[stream] for stream in told.streams]
-            for place, line in ((place, lines[place - told.first]) for place in places):
-                assert line is not None
-                (sample,) = told.at(place)
-                value = line.record(*sample.value)
-                notice = sample_notice(line.path, sample.seq, sample.t_ns, sample.t_sent_ns, sample.valid, value)
-                gathered.messages.append(notice)
-            return self._give(outbox, gathered)
+            streams = told.streams
+            lines = ((place, self._lines[streams[place - told.first]]) for place in places)
+            gathered.messages.extend(_notice(told, place, line) for place, line in lines if line is not None)
+            return False
         self._sent(outbox, encoded, len(places))
         return True
 
@@ -169,3 +176,9 @@ class Together:
             self._stats.errors += 1
             log.exception("a sample could not be sent")
             return b""
+
+
+def _notice(told: Told, place: int, line: _Line) -> Struct:
+    (sample,) = told.at(place)
+    value = line.record(*sample.value)
+    return sample_notice(line.path, sample.seq, sample.t_ns, sample.t_sent_ns, sample.valid, value)

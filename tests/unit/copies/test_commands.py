@@ -57,3 +57,71 @@ def test_a_command_acts_after_its_copys_latency_and_a_reset_drops_what_has_not(b
     world.command("bluerov2/thrusters", u=[0.5] * 8)
     world.step(10)
     assert np.array_equal(late[1], world.hydro.state[0])
+
+
+NEVER = 2**62
+"""Ticks that no run has."""
+ALL = np.arange(3)
+
+
+def quiet(batch, which=ALL):
+    """For how many ticks no command acts on these copies, and no watchdog bites."""
+    return min(NEVER, batch._commands.quiet(batch.ticks, np.array(which), np.isin(ALL, which)))
+
+
+def test_it_is_quiet_for_ever_where_nobody_commands(batch):
+    assert quiet(batch) == NEVER
+    batch.step(5)
+    assert quiet(batch) == NEVER
+
+
+def test_it_is_quiet_until_the_next_command_acts_or_watchdog_bites(batch):
+    """Watchdogs bite 240 ticks after a command has acted: of copy 0 at 245, of copy 1 at 255, of copy 2 at 325."""
+    batch.reset(command_latency=[0.0, 10 / 240, 80 / 240])
+    batch.step(5)
+    batch.command("bluerov2/thrusters", u=np.full(8, 0.5))
+    assert quiet(batch) == 0
+    batch.step(1)
+    assert (quiet(batch), quiet(batch, [1]), quiet(batch, [2]), quiet(batch, [0, 2])) == (9, 9, 79, 79)
+    assert quiet(batch, [0]) == 239
+    batch.step(14)  # tick 20
+    assert (quiet(batch), quiet(batch, [0, 1]), quiet(batch, [1])) == (65, 225, 235)
+    batch.step(70)
+    assert (quiet(batch), quiet(batch, [2])) == (155, 235)
+    batch.step(156)  # the first has bitten
+    assert (quiet(batch, [0]), quiet(batch)) == (NEVER, 9)
+    batch.step(300)
+    assert quiet(batch) == NEVER
+
+
+def test_each_port_has_a_watchdog_of_its_own(batch):
+    batch.command("bluerov2/thrusters", u=np.zeros(8))
+    batch.step(100)
+    batch.command("bluerov2/wrench", [1], force_B=np.zeros(3))
+    batch.step(100)
+    assert (quiet(batch), quiet(batch, [1])) == (40, 40)
+    batch.step(41)
+    assert (quiet(batch, [1]), quiet(batch, [0, 2])) == (99, NEVER)
+
+
+def test_what_was_commanded_to_copies_that_stand_still_disturbs_nobody(batch):
+    """A copy that fell apart keeps what was posted until it is reset; a reset forgets it, and the watchdog with it."""
+    batch.reset(command_latency=20 / 240)
+    batch.command("bluerov2/thrusters", [1, 2], u=np.zeros(8))
+    batch._copies[1].world.hydro.state[0, 7] = np.nan
+    batch.step(1)
+    assert quiet(batch, [0, 2]) == 19
+    batch.step(29)
+    assert batch.ticks.tolist() == [30, 1, 30]
+    assert (quiet(batch, [0]), quiet(batch, [0, 2])) == (NEVER, 230)
+    batch.reset([1, 2])
+    assert quiet(batch) == NEVER
+
+
+def test_commands_that_python_carries_out_are_awaited_too(batch):
+    batch.reset(command_latency=[0.0, 12 / 240, 0.0])
+    batch.command("bluerov2/camera_tilt", tilt=0.1)
+    batch.step(1)
+    assert quiet(batch) == 11
+    batch.step(12)
+    assert quiet(batch) == NEVER

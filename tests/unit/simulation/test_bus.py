@@ -434,6 +434,22 @@ def test_who_is_alone_gets_the_rows_of_some_ticks_at_once():
     assert bus.last["rov/imu"] == SAMPLES[2]
 
 
+def test_who_comes_while_some_ticks_wait_as_one_misses_none_of_them():
+    """They were put together for who takes rows; a sink that takes samples gets each once, in their order."""
+    bus = Bus(lambda dispatch: None)
+    rows, notes = Rows(), Notes()
+    bus.attach(rows)
+    first, second, third = rows_of_ticks(3)
+    bus.publish(first)
+    bus.publish(second)
+    bus.attach(notes)
+    bus.publish(third)
+    bus.dispatch()
+    assert rows.seen == [(2, [7, 2]), (1, [8])]
+    assert [seq for seen in notes.seen for seq in seen] == [7, 2, 8]
+    assert bus.backlog() == 0
+
+
 @pytest.mark.parametrize("what", ["made", "events", "replies", "jumps", "ports"])
 def test_a_tick_that_gives_more_is_by_itself(what: str):
     bus = Bus(lambda dispatch: None)

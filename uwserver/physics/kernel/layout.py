@@ -250,6 +250,7 @@ SCRATCH = _record(
     _f8("M_A M_A_z", 6, 6),  # M_A near surface and bottom, and its derivative by depth; of a body that asks for it
     _f8("small", 3, 3),
     _i8("diverged"),  # the first body that this thread found diverged in the tick
+    _f8("apart", 8),  # a line of memory, so that no two threads write to one
 )
 """Work space of a step, of one thread. As a record it is one pointer to hand on, where arrays of their own cost two atomic counts each."""
 

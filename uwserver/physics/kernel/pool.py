@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,11 @@ class Pool:
             grown[:first] = self.rows[:first]
             self.rows, self.raw = grown, grown.view(np.uint8).data
         return first
+
+    def move(self, place: Callable[[Any], Any]) -> None:
+        """Lie elsewhere: `place` gives a copy of an array in other memory."""
+        self.rows = place(self.rows)
+        self.raw = self.rows.view(np.uint8).data
 
     def give_back(self, first: int, count: int) -> None:
         """Rows that were taken together and are no longer used."""

@@ -15,8 +15,9 @@ from uwserver.physics.kernel.places import FUTEX, SIZE, SPIN, THREADS
 MOST_THREADS = 16
 
 _LINE = 64  # bytes that go from core to core together
-_SPIN = 600
-"""Turns, some 15 to 30 us: as long as Python takes from one call of a kernel to the next."""
+_SPIN = 8000
+"""Turns, some 200 us: as long as a world of many bodies takes from one shared loop to the next where nothing paces it. Who sleeps meanwhile is awake
+again after 8 us at best and after a millisecond now and then, and half of what sharing gains is lost."""
 
 
 def _memory() -> IntArray:

@@ -184,6 +184,36 @@ def test_of_several_clients_each_gets_what_it_takes(stage: Callable[..., Any], e
     played(stage, scene)
 
 
+def test_a_client_whose_form_is_made_leaves_those_of_others_to_be_written(
+    stage: Callable[..., Any], encoded: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In one batch, for each what it would get alone."""
+    written: list[int] = []
+    write = LineWriter.write
+    monkeypatch.setattr(
+        LineWriter, "write", lambda self, told, places, forms: (written.append(len(places)), write(self, told, places, forms))[1]
+    )  # fmt: skip
+    heard: list[list[Any]] = []
+
+    async def scene(together: bool, theatre: Any, routes: fanout.Fanout) -> None:
+        one, other = theatre.talker(), theatre.talker("msgpack")
+        if together:
+            await other.result("subscribe", {"pattern": "rov/depth"})
+            await other.result("subscribe", {"pattern": "rov/state"})
+        await one.result("subscribe", {"pattern": "rov/imu"})
+        put(routes, told(5))
+        heard.append(one.samples())
+        if together:
+            assert [sample["port"] for sample in other.samples()] == ["rov/depth", "rov/state"] * 5
+
+    for together in (True, False):
+        monkeypatch.setattr(fanout, "TOGETHER", 7 if together else 512)
+        played(stage, partial(scene, together))
+    assert heard[0] == heard[1]
+    assert len(heard[0]) == 5
+    assert sum(written) == 5, "none of the JSON lines was made of objects"
+
+
 def test_who_takes_nothing_more_is_not_sent_to(stage: Callable[..., Any], encoded: list[int]) -> None:
     async def scene(theatre: Any, routes: fanout.Fanout) -> None:
         talker = theatre.talker()

@@ -1,0 +1,194 @@
+"""Where the arrays of copies lie: in their places, again after a reset with another seed; constants of the first copy where they are alike."""
+
+import gc
+
+import numpy as np
+import pytest
+
+import uwserver
+from uwserver.copies.batch import Batch
+from uwserver.copies.copy import Copy
+from uwserver.copies.tables import _CONSTANT
+from uwserver.physics.kernel import layout
+from uwserver.scenario.builder import ScenarioBuilder
+
+NAMES = list(layout.WORLD)
+
+
+def noisy():
+    """Water that moves, errors, delays, rays and a battery."""
+    b = ScenarioBuilder("noisy", seed=5, rate_hz=240).current(velocity_ned_mps=[0.1, 0.0, 0.0])
+    b.add_current("gusts", "gauss_markov", sigma_ned_mps=[0.1, 0.1, 0.02], tau_s=2.0)
+    b.waves(significant_height_m=0.5, peak_period_s=5, components=4)
+    b.vehicle("rov", "bluerov2_heavy", position_ned_m=[0, 0, 3])
+    b.sensor("rov", "imu", "imu", rate_hz=60, profile="mems_imu")
+    b.sensor("rov", "ahrs", "attitude", rate_hz=40, profile="mems_ahrs")
+    b.sensor("rov", "dvl", "dvl", rate_hz=8, profile="a50")
+    b.sensor("rov", "cell", "battery", rate_hz=2, profile="lipo_4s_18ah")
+    b.modifier("rov", "ahrs", "late", "delay", latency_s=0.05, jitter_s=0.03)
+    return b.build()
+
+
+def check_equal(batch, k, world):
+    """Copy k and a world have the same states and the same newest samples, bit by bit."""
+    assert batch.states()[k].tobytes() == world.hydro.state[0].tobytes()
+    for port in batch.ports:
+        ours, theirs = batch.read(port), world.read(port)
+        if theirs is None:
+            assert ours.seq[k] == -1, port
+            continue
+        assert ours.stamps[k].tolist() == [theirs.seq, theirs.t_ns, theirs.t_sent_ns, theirs.valid], port
+        for field in ours:
+            wanted = np.array(theirs.array(field), ours[field].dtype)
+            assert np.array_equal(ours[field][k], wanted, equal_nan=True), port
+
+
+def samples(batch, k):
+    return {port: (batch.read(port).stamps[k].tolist(), batch.read(port).packed[k].tobytes()) for port in batch.ports}
+
+
+def places(batch, k):
+    """Addresses and lengths of all that a run of copy k writes."""
+    return [(array.ctypes.data, array.nbytes) for array in batch._copies[k]._live if array.nbytes]
+
+
+def ground(batch, k):
+    memory = batch._tables._memory
+    return memory._bytes[k * memory._size : (k + 1) * memory._size]
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize("k", [0, 1])
+def test_a_copy_with_another_seed_is_what_load_gives_of_it_and_the_others_go_on(k, threads):
+    """Also the first, of whose constants the others read, and whose world nobody else has any longer."""
+    batch = uwserver.batch(noisy(), 3, threads=threads)
+    worlds = [uwserver.load(noisy(), seed=5 + i) for i in range(3)]
+    batch.command("rov/thrusters", u=np.full(8, 0.4))
+    for world in worlds:
+        world.command("rov/thrusters", u=[0.4] * 8)
+        world.step(70)
+    batch.step(70)
+    others = [i for i in range(3) if i != k]
+    before = [(batch.states()[i].tobytes(), samples(batch, i), places(batch, i)) for i in others]
+    mine = places(batch, k)
+    batch.reset([k], seeds=77)
+    gc.collect()
+    assert before == [(batch.states()[i].tobytes(), samples(batch, i), places(batch, i)) for i in others]
+    assert places(batch, k) == mine
+    assert batch.ticks.tolist() == [0 if i == k else 70 for i in range(3)]
+    worlds[k] = uwserver.load(noisy(), seed=77)
+    check_equal(batch, k, worlds[k])
+    for _ in range(8):
+        batch.command("rov/thrusters", u=np.full(8, -0.3))
+        batch.step(37)
+        for i, world in enumerate(worlds):
+            world.command("rov/thrusters", u=[-0.3] * 8)
+            world.step(37)
+            check_equal(batch, i, world)
+    batch.close()
+
+
+def test_all_that_a_run_writes_lies_in_the_place_of_its_copy():
+    batch = uwserver.batch(noisy(), 3)
+    for turn in range(3):
+        for k in range(3):
+            live = [array for array in batch._copies[k]._live if array.nbytes]
+            assert all(np.shares_memory(array, ground(batch, k)) for array in live)
+            assert not any(np.shares_memory(array, ground(batch, (k + 1) % 3)) for array in live)
+            assert all(array.ctypes.data % 64 == 0 for array in live)
+            hydro = batch._copies[k].world.hydro
+            for name in ("state", "bodies", "thrusters", "flows", "forces"):
+                address = batch._tables.worlds[k, NAMES.index(name), 0]
+                assert address == getattr(hydro, name).ctypes.data, name
+        batch.step(30)
+        batch.reset([turn], seeds=100 + turn)
+        batch.step(30)
+
+
+def test_copies_that_need_more_memory_than_the_first_run_all_the_same(monkeypatch):
+    """Then some of their arrays lie elsewhere, and after a reset elsewhere again."""
+    monkeypatch.setattr(Copy, "size", property(lambda copy: 64 * 40))
+    batch = uwserver.batch(noisy(), 3)
+    live = [array for array in batch._copies[1]._live if array.nbytes]
+    within = [np.shares_memory(array, ground(batch, 1)) for array in live]
+    assert any(within)
+    assert not all(within)
+    for seed in (6, 60, 61):
+        world = uwserver.load(noisy(), seed=seed)
+        batch.reset([1], seeds=seed)
+        gc.collect()
+        batch.command("rov/thrusters", u=np.full(8, 0.4))
+        world.command("rov/thrusters", u=[0.4] * 8)
+        batch.step(100)
+        world.step(100)
+        check_equal(batch, 1, world)
+
+
+def test_threads_have_work_space_of_their_own_that_all_copies_know():
+    batch = uwserver.batch(noisy(), 5, threads=3)
+    scratch = batch._tables.worlds[:, NAMES.index("scratch")]
+    assert (scratch == scratch[0]).all()
+    assert scratch[0, 1] == 3
+    assert layout.SCRATCH["apart"].itemsize >= 64
+
+
+def test_constants_are_read_of_the_first_copy_where_they_are_alike():
+    batch = uwserver.batch(noisy(), 3)
+    batch.reset([2], seeds=9)
+    for name in _CONSTANT:
+        table = batch._tables.worlds[:, NAMES.index(name)]
+        assert (table == table[0]).all(), name
+    for name in ("state", "bodies", "thrusters", "flows"):
+        addresses = batch._tables.worlds[:, NAMES.index(name), 0].tolist()
+        assert len(set(addresses)) == 3, name
+
+
+def sluggish(seed):
+    """A world whose thrusters do less the higher its seed is: of seed 5 as the scenario says."""
+    world = uwserver.load(noisy(), seed=seed)
+    for name in ("G", "D"):
+        world.hydro.lags[name] *= 5.0 / seed
+    return world
+
+
+def other_table(seed):
+    """A world whose thrusters are twice as strong, but for seed 5."""
+    world = uwserver.load(noisy(), seed=seed)
+    world.hydro.tables["force"] *= 1.0 if seed == 5 else 2.0
+    return world
+
+
+@pytest.mark.parametrize(("build", "name"), [(sluggish, "lags"), (other_table, "tables")])
+def test_each_copy_goes_by_its_own_constants_where_they_differ(build, name):
+    seeds = [5, 8, 5, 10]
+    batch, worlds = Batch(build, seeds), [build(seed) for seed in seeds]
+    table = batch._tables.worlds[:, NAMES.index(name), 0].tolist()
+    own = [getattr(copy.world.hydro, name).ctypes.data for copy in batch._copies]
+    assert table == [own[0], own[1], own[0], own[3]]
+    others = set(_CONSTANT) - {name}
+    assert all(len(set(batch._tables.worlds[:, NAMES.index(other), 0].tolist())) == 1 for other in others)
+    batch.command("rov/thrusters", u=np.array([0.3, 0.3, -0.3, -0.3, 0, 0, 0, 0]))
+    batch.step(120)
+    for k, world in enumerate(worlds):
+        world.command("rov/thrusters", u=[0.3, 0.3, -0.3, -0.3, 0, 0, 0, 0])
+        world.step(120)
+        check_equal(batch, k, world)
+    assert batch.states()[1, 7] != batch.states()[0, 7]
+
+
+def test_a_copy_that_is_built_anew_gets_or_leaves_the_constants_of_the_first():
+    """Those of the batch's first world, whatever has become of that copy."""
+    batch = Batch(sluggish, [5, 8, 5])
+    k = NAMES.index("lags")
+    first = int(batch._tables.worlds[0, k, 0])
+    batch.reset(seeds=[8, 5, 10])
+    gc.collect()
+    own = [copy.world.hydro.lags.ctypes.data for copy in batch._copies]
+    assert batch._tables.worlds[:, k, 0].tolist() == [own[0], first, own[2]]
+    worlds = [sluggish(seed) for seed in (8, 5, 10)]
+    batch.command("rov/thrusters", u=np.full(8, 0.3))
+    batch.step(100)
+    for i, world in enumerate(worlds):
+        world.command("rov/thrusters", u=[0.3] * 8)
+        world.step(100)
+        check_equal(batch, i, world)
