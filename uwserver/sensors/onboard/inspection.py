@@ -258,15 +258,15 @@ class Follow(Task, tag="follow", kw_only=True, frozen=True, dict=True):
         """Where there are findings."""
         return bool(self.findings)
 
-    def marked(self, moment: Moment) -> int:
-        """The finding that is in view and near enough; the nearest where there are more."""
+    def marked(self, moment: Moment, done: Sequence[bool]) -> int:
+        """The finding that is in view and near enough; of more the nearest that is not marked yet, else the nearest."""
         found = [
-            (math.dist(moment.eye.p, finding.position_ned_m), self.metres + k)
+            (done[self.metres + k], math.dist(moment.eye.p, finding.position_ned_m), self.metres + k)
             for k, finding in enumerate(self.findings.values())
             if math.dist(moment.eye.p, finding.position_ned_m) <= finding.within_m
             and moment.eye.has_in_view(finding.position_ned_m)
         ]
-        return min(found)[1] if found else -1
+        return min(found)[2] if found else -1
 
     def nearest(self, p: Sequence[float]) -> Along:
         """The place of the way nearest to a point of N, seen from above."""

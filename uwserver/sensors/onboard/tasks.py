@@ -126,8 +126,8 @@ class Task(Table, tag_field="kind", kw_only=True, frozen=True):
         """Whether the pilot is to mark something."""
         return False
 
-    def marked(self, moment: Moment) -> int:
-        """The piece that is done by a mark here; -1 for none."""
+    def marked(self, moment: Moment, done: Sequence[bool]) -> int:
+        """The piece that is done by a mark here, which may be done already; -1 for none."""
         return -1
 
 

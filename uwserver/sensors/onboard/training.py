@@ -262,7 +262,7 @@ class Training(Sensor):
     def _mark(self, new: TrainingMemory, scope: Scope) -> None:
         """What the pilot marked."""
         _, task = self._task
-        piece = task.marked(self._moment(scope))
+        piece = task.marked(self._moment(scope), self._pieces(new))
         if piece >= 0:
             self._finish(new, piece)
         elif isinstance(task, Follow) and task.has_marks():

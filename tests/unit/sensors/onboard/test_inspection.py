@@ -168,7 +168,19 @@ def test_the_next_place_is_ahead_in_the_middle_of_the_corridor():
 )
 def test_a_finding_is_marked_in_view_and_from_near_by(seen, piece):
     assert PIPE.has_marks()
-    assert PIPE.marked(seen) == piece
+    assert PIPE.marked(seen, NONE) == piece
+
+
+def test_a_mark_is_for_a_finding_that_has_none_yet():
+    """Two in one view: once more marks the one behind, and not the first again."""
+    behind = Finding(position_ned_m=(PIPE.findings["dent"].position_ned_m[0] + 0.5, 0.0, 10.0))
+    pipe = structs.replace(PIPE, findings={**PIPE.findings, "crack": behind})
+    seen, none = moment((1.6, 0.0, 8.8)), (False,) * len(pipe.names())
+    first = pipe.marked(seen, none)
+    second = pipe.marked(seen, tuple(k == first for k in range(len(none))))
+    assert {pipe.names()[first], pipe.names()[second]} == {"dent", "crack"}
+    assert pipe.names()[first] == "dent"
+    assert pipe.marked(seen, tuple(k >= pipe.metres for k in range(len(none)))) == first
 
 
 @pytest.mark.parametrize(

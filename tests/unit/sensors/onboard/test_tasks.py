@@ -42,7 +42,7 @@ def test_a_task_of_one_piece_is_over_when_it_is_done():
     task: Task = Reach()
     assert (task.is_over((False,)), task.is_over((True,))) == (False, True)
     assert (task.part((False,)), task.part((True,))) == (0.0, 1.0)
-    assert (task.names(), task.has_marks(), task.marked(Moment((0.0,) * 3, (0.0,) * 3))) == (("",), False, -1)
+    assert (task.names(), task.has_marks(), task.marked(Moment((0.0,) * 3, (0.0,) * 3), (False,))) == (("",), False, -1)
 
 
 def test_a_gate_cannot_be_held():
