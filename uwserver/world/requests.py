@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable, Iterable, Mapping
 from itertools import chain
 
-from uwserver.ports import Call, Command, OnReply, Refused, Reply, Service
+from uwserver.ports import Call, Command, Field, OnReply, Refused, Reply, Service
 from uwserver.ports.checks import check_still
 from uwserver.ports.crossing import Later, Posted, TickOutput
 from uwserver.world.commands import Commands
@@ -66,15 +66,15 @@ class Requests:
                 self._commands.apply(self._now()[0])
                 reply = self._run(entry.item, entry.on_reply)
             else:
-                reply = self._accept(entry.item)
+                reply = self._accept(entry.item, entry.fields)
             if reply is not None and entry.on_reply is not None:
                 output.replies.append((entry.on_reply, reply))
         self._commands.apply(self._now()[0])
 
-    def _accept(self, command: Command) -> Reply:
+    def _accept(self, command: Command, fields: tuple[Field, ...]) -> Reply:
         tick, t_ns = self._now()
         try:
-            return Reply(tick, t_ns, conflict=self._commands.accept(command, tick))
+            return Reply(tick, t_ns, conflict=self._commands.accept(command, tick, fields))
         except Refused as refused:
             return Reply(tick, t_ns, fault=refused.fault)
 
