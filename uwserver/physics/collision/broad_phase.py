@@ -27,7 +27,8 @@ class Search(NamedTuple):
     Attributes:
         bodies: (m, 3) first slot, count of slots, row in the state, in rising order of the slots.
         fixed: slots of static shapes, in rising order.
-        Q: (n, 4) attitudes of the engine's shapes, x y z w.
+        radius: (m) of a ball about each body's origin that holds its shapes, m.
+        Q: (n, 4) attitudes of the engine's shapes, x y z w; of what moves, those of the last search that found a pair.
         reach: (n) by how much each shape's box is larger than the shape, m.
         low, high: (n, 3) boxes around the shapes, in N.
         body_low, body_high: (m, 3) boxes around the bodies.
@@ -37,6 +38,7 @@ class Search(NamedTuple):
 
     bodies: Array
     fixed: Array
+    radius: Array
     Q: Array
     reach: Array
     low: Array
@@ -51,6 +53,7 @@ SEARCH: Forms = {
     **SHAPES,
     "bodies": columns(np.int64, 3),
     "fixed": columns(np.int64),
+    "radius": columns(np.float64),
     "Q": columns(np.float64, 4),
     "reach": columns(np.float64),
     "low": columns(np.float64, 3),
@@ -74,6 +77,12 @@ def place(slot: Any, p: Array, R: Array, P_out: Array, R_out: Array) -> None:
             R_out[i, j] = R[i, 0] * slot.R[0, j] + R[i, 1] * slot.R[1, j] + R[i, 2] * slot.R[2, j]
 
 
+def radius_of(slots: Any) -> float:
+    """Of a ball (m) about a body's origin that holds its shapes, given as records."""
+    arms, sizes = np.linalg.norm(slots["p"], axis=1), np.linalg.norm(np.abs(slots["centre"]) + slots["half"], axis=1)
+    return float(np.max(arms + sizes, initial=0.0))
+
+
 @compiled
 def bound(slot: Any, P: Array, R: Array, reach: float, low: Array, high: Array) -> None:
     """The box in N around a placed shape, `reach` (m) larger on every side."""
@@ -87,7 +96,7 @@ def bound(slot: Any, P: Array, R: Array, reach: float, low: Array, high: Array) 
 def _update_boxes(shapes: Shapes, search: Search, state: Array, dt: float, margin: float) -> None:
     """Poses, reaches and boxes of all shapes of moving bodies, and the box around each body. One whose state is not finite is nowhere."""
     slots, low, high, body_low, body_high = shapes.slots, search.low, search.high, search.body_low, search.body_high
-    R, engine = shapes.R[0].copy(), search.Q
+    R = shapes.R[0].copy()
     for b in range(len(search.bodies)):
         first, count, row = search.bodies[b]
         x = state[row]
@@ -97,29 +106,31 @@ def _update_boxes(shapes: Shapes, search: Search, state: Array, dt: float, margi
         finite = True
         for i in range(len(x)):
             finite = finite and math.isfinite(x[i])
-        radius = 0.0
-        for s in range(first, first + count):
-            slot = slots[s]
-            arm, size = 0.0, 0.0
-            for i in range(3):
-                arm += slot.p[i] ** 2
-                size += (abs(slot.centre[i]) + slot.half[i]) ** 2
-            radius = max(radius, math.sqrt(arm) + math.sqrt(size))
         for i in range(3):
             body_low[b, i], body_high[b, i] = 1e300, -1e300
         for s in range(first, first + count):
-            search.reach[s] = margin + dt * (speed + rate * radius)
+            search.reach[s] = margin + dt * (speed + rate * search.radius[b])
             place(slots[s], x[P : P + 3], R, shapes.P[s], shapes.R[s])
-            q = slots[s].q
-            engine[s, 3], engine[s, 0], engine[s, 1], engine[s, 2] = product(
-                x[Q], x[Q + 1], x[Q + 2], x[Q + 3], q[0], q[1], q[2], q[3]
-            )
             bound(slots[s], shapes.P[s], shapes.R[s], search.reach[s], low[s], high[s])
             if not finite:
                 low[s], high[s] = 1e300, -1e300
             for i in range(3):
                 body_low[b, i] = min(body_low[b, i], low[s, i])
                 body_high[b, i] = max(body_high[b, i], high[s, i])
+
+
+@compiled
+def _turn(shapes: Shapes, search: Search, state: Array) -> None:
+    """Attitudes of the engine's shapes of moving bodies."""
+    engine = search.Q
+    for b in range(len(search.bodies)):
+        first, count, row = search.bodies[b]
+        x = state[row]
+        for s in range(first, first + count):
+            q = shapes.slots[s].q
+            engine[s, 3], engine[s, 0], engine[s, 1], engine[s, 2] = product(
+                x[Q], x[Q + 1], x[Q + 2], x[Q + 3], q[0], q[1], q[2], q[3]
+            )
 
 
 @compiled
@@ -231,4 +242,7 @@ def find_pairs(table: Array, state: Array, dt: float, margin: float, gate: bool,
     shapes, search = _shapes_at(table), _search_at(table)
     _update_boxes(shapes, search, state, dt, margin)
     sweep(search)
-    return overlapping_pairs(shapes, search, gate, pairs)
+    count = int(overlapping_pairs(shapes, search, gate, pairs))
+    if count > 0:
+        _turn(shapes, search, state)
+    return count
