@@ -49,7 +49,7 @@ def search_of(bodies: Bodies, static: tuple[Placed, ...] = ()) -> World:
     search = Search(
         np.array(ranges, np.int64).reshape(-1, 3), np.arange(first, n), np.array([radius_of(shapes.slots[at : at + k]) for at, k, _ in ranges]),
         np.zeros((n, 4)), np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3)),
-        np.zeros((m, 3)), np.zeros((m, 3)), np.arange(m), np.zeros(m, np.bool_),
+        np.zeros((m, 3)), np.zeros((m, 3)), np.arange(m), *np.zeros((2, m), np.bool_),
     )  # fmt: skip
     for s in range(first, n):
         place(shapes.slots[s], np.zeros(3), np.eye(3), shapes.P[s], shapes.R[s])
@@ -235,3 +235,18 @@ def test_the_parts_of_a_search_give_what_the_whole_gives() -> None:
     pairs = np.full((50, 2), -1)
     assert overlapping_pairs(shapes, search, True, pairs) == len(whole)
     assert [tuple(pair) for pair in pairs[: len(whole)].tolist()] == whole
+
+
+def test_shapes_are_placed_where_their_body_is_near_something_and_there_alone() -> None:
+    """A plane counts as well as a box, and another body as well as both; who comes near is placed before he is judged."""
+    body = (Placed(Box((0.5, 0.3, 0.2)), (0.4, 0.0, 0.1)),)
+    world = search_of([body] * 4, (Placed(Sphere(1.0), (0.0, 0.0, 0.0)), Placed(HalfSpace(), (0.0, 0.0, 20.0))))
+    state = np.zeros((4, 13))
+    state[:, 3] = 1.0
+    state[:, :3] = (1.0, 0.0, 0.0), (50.0, 0.0, 0.0), (100.0, 0.0, 19.75), (150.0, 0.0, 0.0)
+    assert pairs_of(world, state) == [(0, 4), (2, 5)]
+    assert world.search.near.tolist() == [True, False, True, False]
+    state[1, 0] = 149.0
+    assert pairs_of(world, state) == [(0, 4), (1, 3), (2, 5)]
+    np.testing.assert_allclose(world.shapes.P[:4], state[:, :3] + (0.4, 0.0, 0.1))
+    assert (world.search.body_high - world.search.body_low)[:, 1].max() < 0.7, "around the shapes, not the balls"
