@@ -513,8 +513,8 @@ TESTED_WITH = {
         "moving_mass": "actuators/test_servos", "propeller": "actuators/test_servos", "servo": "actuators/test_servos",
     },
     "copies": {
-        "copy": "copies/test_batch", "description": "copies/test_batch", "kernels": "copies/test_batch", "loops": "copies/test_batch",
-        "readings": "copies/test_batch", "rounds": "copies/test_batch", "start": "copies/test_batch", "tables": "copies/test_batch",
+        "clocks": "copies/test_kernels", "copy": "copies/test_batch", "description": "copies/test_batch", "loops": "copies/test_batch",
+        "readings": "copies/test_batch", "rounds": "copies/test_batch", "start": "copies/test_batch",
     },
     "autopilot": {
         "craft": "autopilot/test_outputs", "entries": "autopilot/test_bank", "fins": "autopilot/test_allocation",
@@ -529,7 +529,7 @@ TESTED_WITH = {
     "modifiers": dict.fromkeys(
         ("base", "bias", "delivery", "drift", "misalignment", "noise", "quantise"), "modifiers/test_contract"
     ),
-    "physics": {"entries": "physics/test_bodies"},
+    "physics": {"dynamics.runge_kutta": "physics/dynamics/test_integrator", "entries": "physics/test_bodies"},
     "recording": {
         "player_deck": "recording/test_player", "player_items": "recording/test_player_track",
         "player_messages": "recording/test_player_track", "player_services": "recording/test_player",

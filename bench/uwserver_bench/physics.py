@@ -82,10 +82,12 @@ class OpenWater:
         (size,) = self._world.ports[self._ports[0]].fields[0].shape
         draws = np.random.Generator(np.random.PCG64(1)).uniform(-0.5, 0.5, (64, size))
         self._commands = [[*row.tolist()] for row in np.concatenate([draws, -draws])]
+        self._tick = 0
 
     def prepare(self) -> None:
         """Put the world back to its start, everyone commanded."""
         self._world.call("world/reset")
+        self._tick = 0
         if not self._sensors:
             for path in self._world.sensors:
                 self._world.call(f"{path}/deactivate")
@@ -96,7 +98,8 @@ class OpenWater:
     def run(self, steps: int) -> None:
         """Ticks with their commands; samples are made and dropped."""
         world, ports, commands = self._world, self._ports, self._commands
-        for tick in range(steps):
+        begin, self._tick = self._tick, self._tick + steps
+        for tick in range(begin, self._tick):
             for k in range(tick % COMMAND_EVERY, len(ports), COMMAND_EVERY):
                 world.command(ports[k], u=commands[(tick // COMMAND_EVERY + k) % len(commands)])
             world.advance()

@@ -32,9 +32,9 @@ CLIENT_BAR = 0.85
 NOISE_BAR_US, SAMPLE_BAR_US = 0.3, 0.7
 BANK = 100
 LARGE, LARGE_BAR, LARGE_MEMORY_BAR_MB, LARGE_LOAD_BAR_S = 1000, 1.0, 1500.0, 10.0
-COUNTS = (10, 100, LARGE)
+COUNTS = (10, 250, 500, LARGE)
 """Vehicles from which the growth of cost is told."""
-QUICK_COUNTS = COUNTS[:2]
+QUICK_COUNTS = (10, 100)
 QUICK_SERVERS = (1, 10)
 EXPONENT_BAR = 1.1
 MEMORY_BAR_KB = 200.0
@@ -206,25 +206,17 @@ def _growth(counts: Sequence[int], effort: dict[str, Any], say: _Say) -> list[Ro
 
 
 def _memory_growth(counts: Sequence[int], resident: Sequence[float | None]) -> list[Row]:
-    """The same of memory, of what a vehicle adds: what is there without any does not count."""
-    known = [mb for mb in resident if mb is not None]
-    if len(known) < len(COUNTS):
+    """The same of memory, of what a vehicle adds among the last: the first ones find room that the process has anyway."""
+    known = [mb for mb in resident if mb is not None][-3:]
+    if len(known) < 3:
         return []
-    few, many = [(b - a) / (n - m) for (m, a), (n, b) in pairwise(zip(counts, known, strict=True))]
-    title = f"exponent of memory from {counts[0]} to {counts[-1]} vehicles"
-    if few <= 0.0 or many <= 0.0:
-        return [
-            Row(
-                "swarm",
-                title,
-                "",
-                (),
-                at_most=EXPONENT_BAR,
-                note="the first vehicles took no memory that the process had not",
-            )
-        ]
-    exponent = 1.0 + math.log(many / few) / math.log(counts[-1] / counts[-2])
-    return [Row("swarm", title, "", (exponent,), at_most=EXPONENT_BAR)]
+    few, many = [(b - a) / (n - m) for (m, a), (n, b) in pairwise(zip(counts[-3:], known, strict=True))]
+    title = f"exponent of memory from {counts[-3]} to {counts[-1]} vehicles"
+    exponent: tuple[float, ...] = ()
+    note = "the first vehicles took no memory that the process had not"
+    if few > 0.0 and many > 0.0:
+        exponent, note = (1.0 + math.log(many / few) / math.log(counts[-1] / counts[-2]),), ""
+    return [Row("swarm", title, "", exponent, at_most=EXPONENT_BAR, note=note)]
 
 
 def _copies(copies: int, effort: dict[str, Any], say: _Say) -> list[Row]:

@@ -163,7 +163,7 @@ class Seat:
 
     def tell(self, t_ns: int, items: int, row: FloatArray) -> int:
         """Write what its port `state` tells into the row of numbers of a reading; returns which texts belong to it (`entries.tell_one`)."""
-        return int(self.bank.entries.tell_one(self.bank.table, self.k, t_ns, items, row))
+        return int(straight(self.bank.entries.tell_one)(self.bank.table, self.k, t_ns, items, row))
 
     def go_on(self, world: IntArray, t_ns: int, stage: int) -> int:
         """Go on with a step from a stage; returns what it needs of Python. `world`: the table of the bodies' arrays."""
@@ -240,7 +240,7 @@ class Bank:
 
     def step(self, world: IntArray, tick: int, t_ns: int) -> tuple[tuple[int, int], ...]:
         """Step all that are due; the rows of those who need Python, and for what (`flight`). `world`: the table of the bodies' arrays."""
-        if not self.entries.step_all(self.table, world, tick, t_ns):
+        if not straight(self.entries.step_all)(self.table, world, tick, t_ns):
             return ()
         needs = self._kept["pilots"]["c"]["need"].tolist()
         return tuple((k, need) for k, need in enumerate(needs) if need)

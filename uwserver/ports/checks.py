@@ -70,17 +70,21 @@ def checked_command(port: Port, value: Mapping[str, object]) -> Items:
     """
     if port.direction != "actuator":
         raise Refused("bad_argument", f'"{port.path}" is a sensor: it takes no commands, subscribe to it', port.path)
-    if not isinstance(value, Mapping):
+    if type(value) is not dict and not isinstance(value, Mapping):  # of a class to which the question is quick
         raise Refused("bad_argument", f'"value" must be a map like {{"{port.fields[0].name}": ...}}', port.path)
+    if not value or len(value) > sum([field.name in value for field in port.fields]):
+        _refuse_names(port, value)
+    return tuple([_checked_item(field, value[field.name]) if field.name in value else None for field in port.fields])
+
+
+def _refuse_names(port: Port, value: Mapping[str, object]) -> None:
     names = [field.name for field in port.fields]
     for key in value:
         if key not in names:
             word = shown(key)
             text = f'"{port.path}" has no field "{word}"{suggestion(word, names)}; it takes: {", ".join(names)}'
             raise Refused("bad_argument", text, word)
-    if not value:
-        raise Refused("bad_argument", f'no field given for "{port.path}"; it takes: {", ".join(names)}', port.path)
-    return tuple(_checked_item(field, value[field.name]) if field.name in value else None for field in port.fields)
+    raise Refused("bad_argument", f'no field given for "{port.path}"; it takes: {", ".join(names)}', port.path)
 
 
 def _checked_item(field: Field, value: object) -> Item:
@@ -143,8 +147,9 @@ def _checked_field(field: Field, shape: tuple[int, ...], value: object) -> tuple
     flat = _flatten(value, shape, field.name)
     if not all(map(math.isfinite, flat)):
         raise Refused("not_finite", f'"{field.name}" has a component that is no finite number', field.name)
-    _check_range(field, min(flat))
-    _check_range(field, max(flat))
+    if field.minimum is not None or field.maximum is not None:
+        _check_range(field, min(flat))
+        _check_range(field, max(flat))
     if field.is_rotation and math.hypot(*flat) < 1e-6:
         raise Refused(
             "out_of_range", f'"{field.name}" has no length: a rotation needs a quaternion, w x y z', field.name

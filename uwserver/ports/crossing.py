@@ -7,17 +7,21 @@ from collections.abc import Mapping
 from msgspec import Struct
 
 from uwserver.ports.told import Told
-from uwserver.ports.values import Call, Command, Event, Fault, Json, OnReply, Port, Progress, Reply, Sample
+from uwserver.ports.values import Call, Command, Event, Fault, Field, Json, OnReply, Port, Progress, Reply, Sample
 
 Answers = list[tuple[OnReply, Reply | Progress]]
 """Who is to be told what."""
 
 
 class Posted(Struct):
-    """A checked command or call that waits for the start of the next tick; `on_reply` gets the answer."""
+    """A checked command or call that waits for the start of the next tick; `on_reply` gets the answer.
+
+    `fields` are those against which a command was checked: an actuator that has others by then checks it anew.
+    """
 
     item: Command | Call
     on_reply: OnReply | None
+    fields: tuple[Field, ...] = ()
 
 
 class TickOutput(Struct):

@@ -197,14 +197,14 @@ def reader(
         return partial(straight(_made(bank)), heads, rows, numbers, due, now)
     origin, direction = np.empty((2, int(heads["rays"][due].sum()), 3))
     first, nothing = np.zeros(len(due) + 1, np.int64), no_hits(0)
-    aims, run = [aim.made() for aim in bank.aims], bank.run.made()
-    past, carriers = getattr(solids, "raycast_past", None), heads["body"][due]
+    past: Callable[..., Hits] | None = getattr(solids, "raycast_past", None)
+    loops = [loop.made() for loop in (*bank.aims, bank.run)]
+    # Of other solids nobody knows the types of what they answer.
+    *aims, run = loops if past is None else map(straight, loops)
+    carriers_of = _carriers(heads["body"][due], first)
 
     def cast(start: FloatArray, towards: FloatArray, reach: float) -> Hits:
-        if past is None:
-            return solids.raycast(start, towards, reach)
-        found: Hits = past(np.repeat(carriers, np.diff(first)), start, towards, reach)
-        return found
+        return solids.raycast(start, towards, reach) if past is None else past(carriers_of(), start, towards, reach)
 
     def read_by_rays(t: float) -> None:
         hits = nothing
@@ -215,6 +215,20 @@ def reader(
         run(heads, rows, numbers, due, now, t, direction, first, hits)
 
     return read_by_rays
+
+
+def _carriers(bodies: IntArray, first: IntArray) -> Callable[[], IntArray]:
+    """What gives the body (of each sensor in `bodies`) that carries each ray, for those that `first` tells; made anew when it tells others."""
+    told, carriers = b"", bodies[:0]
+
+    def carriers_of() -> IntArray:
+        nonlocal told, carriers
+        tells = first.tobytes()
+        if tells != told:
+            told, carriers = tells, np.repeat(bodies, np.diff(first))
+        return carriers
+
+    return carriers_of
 
 
 def read(

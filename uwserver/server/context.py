@@ -221,10 +221,12 @@ class Context:
         self, port: str, value: Mapping[str, object], source: str, on_reply: OnReply | None, queue: str = ""
     ) -> None:
         """See `uwserver.adapter.AdapterContext.command`."""
-        find("port", port, self.ports)
-        checked = checked_command(self.ports[port], value)
+        ports = self.ports
+        find("port", port, ports)
+        fields, checked = ports[port].fields, checked_command(ports[port], value)
         self._object(port)
-        self._hub.mailbox.post(Command(port, checked, f"{self.name}:{source}"), on_reply, self._queue(source, queue))
+        command = Command(port, checked, f"{self.name}:{source}")
+        self._hub.mailbox.post(command, on_reply, self._queue(source, queue), fields=fields)
 
     def _object(self, path: str) -> None:
         if (fault := self._hub.objection(path)) is not None:

@@ -15,7 +15,7 @@ from typing import Protocol
 
 import msgspec
 
-from uwserver.ports import Buffer, Call, Command, Event, OnReply, Port, Progress, Reply, Sample
+from uwserver.ports import Buffer, Call, Command, Event, Field, OnReply, Port, Progress, Reply, Sample
 from uwserver.ports.crossing import Posted, TickOutput, has_same_fields
 from uwserver.ports.stops import is_withdrawn
 from uwserver.ports.thinning import WHOLE
@@ -80,6 +80,7 @@ class Mailbox:
         *,
         always: bool = False,
         first: bool = False,
+        fields: tuple[Field, ...] = (),
     ) -> None:
         """Queue for the next tick, or the next in which there is time for it.
 
@@ -87,12 +88,13 @@ class Mailbox:
             item, on_reply: what is asked, and who gets the answer.
             client: whose turn it takes; default: that of its source.
             always, first: as for `Turns.put`.
+            fields: as of `Posted`.
 
         Raises:
             Refused: `overload` when too many wait already.
         """
         client = client or client_of(item.source)
-        self.posted.put(client, Posted(item, on_reply), size=_bytes_of(item), always=always, first=first)
+        self.posted.put(client, Posted(item, on_reply, fields), size=_bytes_of(item), always=always, first=first)
         self.wake.set()
 
     def stop(self, call: Call, on_reply: OnReply | None, client: str = "") -> list[Posted]:

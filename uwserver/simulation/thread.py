@@ -279,7 +279,7 @@ class Simulation:
     def _granted(self) -> bool:
         world = self.world
         for command in self.lockstep.orders(world.tick, world.ports):
-            self._intake.submit(Posted(command, None))
+            self._intake.submit(Posted(command, None, world.ports[command.port].fields))
         return self.lockstep.is_granted(world.tick)
 
     def _pause_for_loss(self, text: str) -> None:

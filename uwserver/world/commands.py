@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from fractions import Fraction
 from typing import Any, ClassVar
 
-from uwserver.ports import Command, Refused
+from uwserver.ports import Command, Field, Refused
 from uwserver.ports.checks import check_given
 from uwserver.world.components import ActuatorSlot
 from uwserver.world.part import Part, Stage, State
@@ -36,9 +36,9 @@ class Commands(Part):
         self._window = round(CONFLICT_WINDOW_S * rate_hz)
         self._newest: dict[str, Command] = {}
 
-    def accept(self, command: Command, tick: int) -> bool:
+    def accept(self, command: Command, tick: int, fields: tuple[Field, ...] = ()) -> bool:
         """Take a command over; of several to one actuator before the next `apply` only the last can act,
-        but for one that takes each.
+        but for one that takes each. `fields` are those against which it was checked.
 
         Returns:
             Whether somebody else commands that actuator too.
@@ -54,11 +54,12 @@ class Commands(Part):
             raise Refused("denied", f'"{path}" is deactivated: call {path}/activate first', path)
         if slot.refusal:
             raise Refused("denied", f'"{path}" {slot.refusal}', path)
-        try:
-            check_given(slot.port.fields, command.value)
-        except ValueError as error:  # a body of another kind came under the name since
-            text = f'"{path}" is another actuator than when this was sent ({error}); "describe" lists its fields'
-            raise Refused("bad_argument", text, path) from None
+        if fields is not slot.port.fields:  # a body of another kind may have come under the name since
+            try:
+                check_given(slot.port.fields, command.value)
+            except ValueError as error:
+                text = f'"{path}" is another actuator than when this was sent ({error}); "describe" lists its fields'
+                raise Refused("bad_argument", text, path) from None
         if slot.takes_each and path in self._newest:
             slot.actuator.apply(self._newest.pop(path).value)
         objection = slot.objection(command.value)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from uwserver.physics.kernel.arrays import IntArray
 from uwserver.sensors import Scope
 from uwserver.sensors.bank import Bank, BankSensor
+from uwserver.world.instruments import Instruments
 from uwserver.world.profile import Timer, kind_of
 from uwserver.world.sensor_slot import SensorSlot
 
@@ -27,7 +29,8 @@ class Due(NamedTuple):
         in_python: the others, and what reads each.
         written: what lets those of them read that need not see the world.
         ready_made: what makes the errors of those whose errors are written in Python.
-        wordy: those with values that are no numbers.
+        kept: what keeps values that are no numbers for the samples of this reading, after their delays are known.
+        slow: those that may take time to compute what they read.
         heads: numbers of all.
         most: samples that can come of them.
         needs_rates: whether one of them does.
@@ -38,7 +41,8 @@ class Due(NamedTuple):
     in_python: tuple[tuple[SensorSlot, Callable[[Scope], None]], ...]
     written: tuple[Callable[[], None], ...]
     ready_made: tuple[Callable[[int], None], ...]
-    wordy: tuple[SensorSlot, ...]
+    kept: tuple[Callable[[], None], ...]
+    slow: tuple[SensorSlot, ...]
     heads: IntArray
     most: int
     needs_rates: bool
@@ -58,7 +62,38 @@ def once(reader: Reader) -> Reader:
     return find
 
 
-def due_of(slots: Sequence[SensorSlot], divisor: int, reader: Reader, timed: Timer) -> Due:
+def writer(slots: Sequence[SensorSlot], instruments: Instruments) -> Callable[[], None]:
+    """What lets sensors write (`Sensor.writes`), and tells of all at once that they are ready, but for those that a fault keeps silent."""
+    numbers = np.array([slot.head for slot in slots])
+
+    def write_all() -> None:
+        heads = instruments.heads.rows
+        heads["ready"][numbers] = heads["silent"][numbers] == 0
+        heads["valid"][numbers] = 1
+        for slot in slots:
+            slot.write()
+
+    return write_all
+
+
+def keeper(slots: Sequence[SensorSlot], instruments: Instruments) -> Callable[[], None]:
+    """What lets sensors keep what is no number of their readings (`SensorSlot.keep_loose`)."""
+    numbers = np.array([slot.head for slot in slots])
+    streams = np.array([k for slot in slots for k in slot.stream_numbers])
+
+    def keep_all() -> None:
+        heads = instruments.heads.rows
+        ready, made = heads["ready"][numbers].tolist(), heads["number"][numbers].tolist()
+        dropped = iter(instruments.streams.rows["reading"]["dropped"][streams].tolist())
+        for slot, is_ready, number in zip(slots, ready, made, strict=True):
+            lost = tuple(islice(dropped, len(slot.streams)))
+            if is_ready:
+                slot.keep_loose(number - 1, lost)
+
+    return keep_all
+
+
+def due_of(slots: Sequence[SensorSlot], divisor: int, reader: Reader, instruments: Instruments, timed: Timer) -> Due:
     """These sensors, which read together; `timed` is told what each step is."""
     banks: dict[int, tuple[BankSensor, list[int]]] = {}
     for slot in slots:
@@ -66,7 +101,8 @@ def due_of(slots: Sequence[SensorSlot], divisor: int, reader: Reader, timed: Tim
             banks.setdefault(id(slot.sensor.bank), (slot.sensor, []))[1].append(slot.head)
     in_banks = [slot for slot in slots if isinstance(slot.sensor, BankSensor)]
     in_python = [slot for slot in slots if not isinstance(slot.sensor, BankSensor) and not slot.writes]
-    written = [slot for slot in slots if slot.writes]
+    written = _by_kind([slot for slot in slots if slot.writes])
+    wordy = [slot for slot in slots if slot.is_wordy]
     ready_made = [slot for slot in slots if any(stream.is_ready_made for stream in slot.streams)]
     exactly = [timed("sensors", kind_of(slot.sensor), slot.read_exactly) for slot in in_banks if slot.wants_exact]
     readers = [
@@ -77,10 +113,18 @@ def due_of(slots: Sequence[SensorSlot], divisor: int, reader: Reader, timed: Tim
         divisor,
         (*exactly, *readers),
         tuple((slot, timed("sensors", kind_of(slot.sensor), slot.read, 1)) for slot in in_python),
-        tuple(timed("sensors", kind_of(slot.sensor), slot.write, 1) for slot in written),
+        tuple(timed("sensors", kind_of(alike[0].sensor), writer(alike, instruments), len(alike)) for alike in written),
         tuple(timed("delivery", "errors in Python", slot.disturb) for slot in ready_made),
-        tuple(slot for slot in slots if slot.is_wordy),
+        (keeper(wordy, instruments),) if wordy else (),
+        tuple(slot for slot in wordy if slot.sensor.takes_time),
         np.array([slot.head for slot in slots], np.int64),
         sum(len(slot.streams) for slot in slots),
         any(slot.sensor.needs_rates for slot in slots),
     )
+
+
+def _by_kind(slots: Iterable[SensorSlot]) -> Collection[list[SensorSlot]]:
+    kinds: dict[str, list[SensorSlot]] = {}
+    for slot in slots:
+        kinds.setdefault(kind_of(slot.sensor), []).append(slot)
+    return kinds.values()

@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable, Iterable, Mapping
 from itertools import chain
 
-from uwserver.ports import Call, Command, OnReply, Refused, Reply, Service
+from uwserver.ports import Call, Command, Field, OnReply, Refused, Reply, Service
 from uwserver.ports.checks import check_still
 from uwserver.ports.crossing import Later, Posted, TickOutput
 from uwserver.world.commands import Commands
@@ -59,24 +59,27 @@ class Requests:
         posted, self.posted = self.posted, []
         self.changes += 1  # before, there was a tick, or somebody in the same process with his hands in the world
         for entry in chain(posted, more):
-            if not (isinstance(entry.item, Call) and entry.item.service in LOOKS):
-                self.changes += 1
-            if isinstance(entry.item, Call):
+            item, on_reply = entry.item, entry.on_reply
+            if isinstance(item, Call):
+                self.changes += item.service not in LOOKS
                 # A call may depend on the commands before it.
                 self._commands.apply(self._now()[0])
-                reply = self._run(entry.item, entry.on_reply)
+                reply = self._run(item, on_reply)
             else:
-                reply = self._accept(entry.item)
-            if reply is not None and entry.on_reply is not None:
-                output.replies.append((entry.on_reply, reply))
+                self.changes += 1
+                reply = self._accept(item, entry.fields, on_reply)
+            if reply is not None and on_reply is not None:
+                output.replies.append((on_reply, reply))
         self._commands.apply(self._now()[0])
 
-    def _accept(self, command: Command) -> Reply:
+    def _accept(self, command: Command, fields: tuple[Field, ...], on_reply: OnReply | None) -> Reply | None:
+        """The reply, where somebody waits for one: most commands of a program in the same process have nobody."""
         tick, t_ns = self._now()
         try:
-            return Reply(tick, t_ns, conflict=self._commands.accept(command, tick))
+            conflict = self._commands.accept(command, tick, fields)
         except Refused as refused:
             return Reply(tick, t_ns, fault=refused.fault)
+        return None if on_reply is None else Reply(tick, t_ns, conflict=conflict)
 
     def _run(self, call: Call, on_reply: OnReply | None) -> Reply | None:
         tick, t_ns = self._now()

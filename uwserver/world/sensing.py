@@ -120,7 +120,7 @@ class Sensing(Part):
         self._give = timed("samples", "for who reads", self._tell)
 
     def _due(self, slots: Sequence[SensorSlot], divisor: int = 1) -> Due:
-        return due_of(slots, divisor, self._instruments.reader, self._timed)
+        return due_of(slots, divisor, self._instruments.reader, self._instruments, self._timed)
 
     def settle(self) -> None:
         """Sensors came or went: give them their places."""
@@ -257,7 +257,7 @@ class Sensing(Part):
         plan = self._plans.get(mask)
         if plan is None:
             slots = [slot for k, (_, slots) in enumerate(self._groups) if mask >> k & 1 for slot in slots]
-            plan = self._plans[mask] = due_of(slots, 1, self._reader, self._timed)
+            plan = self._plans[mask] = due_of(slots, 1, self._reader, self._instruments, self._timed)
         return plan
 
     def _measure(self, due: Due, now: float, t_ns: int, begins: bool) -> int:
@@ -275,8 +275,9 @@ class Sensing(Part):
         for disturb in due.ready_made:
             disturb(t_ns)
         told = self._deliver(due.heads, t_ns, begins, due.most)
-        for slot in due.wordy:
-            slot.keep_loose()
+        for keep in due.kept:
+            keep()
+        for slot in due.slow:
             self.under_way.take(slot, t_ns)
         return told
 

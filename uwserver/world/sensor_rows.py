@@ -44,11 +44,12 @@ class SensorRows:
         instruments: the arrays.
         head: number of its head.
         streams: numbers of its streams.
+        reading: where the numbers of its present reading begin.
     """
 
     __slots__ = (
         "_bank", "_count", "_first", "_held_at", "_kept", "_kept_at", "_memory_at", "_number_at", "_operations", "_pools", "_remembering",
-        "_sensor", "_streams", "head", "instruments", "streams",
+        "_sensor", "_streams", "head", "instruments", "reading", "streams",
     )  # fmt: skip
 
     def __init__(
@@ -69,7 +70,7 @@ class SensorRows:
         first = instruments.streams.take(len(streams))
         self.streams = range(first, first + len(streams))
         self._operations: list[tuple[int, int]] = []
-        at = self._first + self._kept
+        self.reading = at = self._first + self._kept
         head = instruments.heads.rows[self.head]
         head["body"], head["first"], head["width"], head["latency_ns"] = body, at, width, latency_ns
         head["stream_first"], head["stream_count"] = first, len(streams)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from copy import copy
 from dataclasses import replace
 from fractions import Fraction
@@ -175,14 +176,11 @@ class SensorSlot(Part):
         return self.sensor.writes and not self.wants_exact
 
     def write(self) -> None:
-        """Let a sensor that writes do so, into the arrays."""
-        rows = self._here
-        head = rows.row
+        """Let a sensor that writes do so, into the arrays, where `due.writer` tells whether it is ready."""
         if self._fault == "silent":
-            head["ready"] = 0
             return
-        head["ready"] = head["valid"] = 1
-        loose = self.sensor.write(rows.numbers(head["first"], self.streams[0].columns.width))
+        rows = self._here
+        loose = self.sensor.write(rows.numbers(rows.reading, self.streams[0].columns.width))
         for stream in self.streams:
             stream.fresh = loose
 
@@ -265,14 +263,15 @@ class SensorSlot(Part):
             for name in row["reading"].dtype.names:
                 row["reading"][name] = getattr(reading, name)
 
-    def keep_loose(self) -> None:
-        """What is no number of the reading that was just taken in waits for its sample; a lost one changes nothing, a frozen one repeats itself."""
-        rows = self._here
-        if not rows.row["ready"]:
-            return
-        number = int(rows.row["number"]) - 1
-        for k, stream in zip(rows.streams, self.streams, strict=True):
-            if rows.instruments.streams.rows[k]["reading"]["dropped"]:
+    def keep_loose(self, number: int, dropped: Iterable[int]) -> None:
+        """What is no number of the reading that was just taken in waits for its sample; a lost one changes nothing, a frozen one repeats itself.
+
+        Args:
+            number: of the reading.
+            dropped: of each stream, whether its sample is lost.
+        """
+        for stream, is_lost in zip(self.streams, dropped, strict=True):
+            if is_lost:
                 continue
             if not self._fault or not stream.loose:
                 stream.loose = stream.fresh

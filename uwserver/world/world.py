@@ -277,7 +277,8 @@ class World:
             Refused: unknown port or field, wrong type or shape, not finite, out of range, too large.
         """
         find("port", port, self.ports)
-        self.submit(Command(port, checked_command(self.ports[port], value), "in-process"))
+        known = self.ports[port]
+        self.post(Posted(Command(port, checked_command(known, value), "in-process"), None, known.fields))
 
     def call(self, service: str, **args: object) -> Json:
         """Carry out a service at once, between two ticks, and return its result; a long-running one is only begun.

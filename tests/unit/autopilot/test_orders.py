@@ -12,6 +12,7 @@ from uwserver.scenario.builder import ScenarioBuilder
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.scenario import load
 from uwserver.world import snapshot
+from uwserver.world.due import writer
 
 HELD = "is held by the autopilot while it is armed: call v/autopilot/disarm first, or steer by v/autopilot/pilot"
 
@@ -579,7 +580,7 @@ def test_the_state_is_written_as_what_the_autopilot_shows(fly):
     assert [told["position_valid"], told["velocity_valid"]] == [number != 0.0 for number in plain[28:30]]
     assert (told["mission_index"], told["mission_count"], told["reached"]) == (1, 2, 1)
     slot.fault = "silent"
-    slot.write()
+    writer([slot], f.world.instruments)()
     assert not slot.is_ready
 
 

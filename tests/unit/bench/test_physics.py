@@ -34,6 +34,18 @@ def test_every_vehicle_is_driven_and_its_commands_change() -> None:
     assert all(math.hypot(*vehicle.nu) > 1e-3 for vehicle in world.vehicles.values())
 
 
+def test_commands_go_on_changing_from_one_short_run_to_the_next() -> None:
+    """As the swarm is timed: a hundred milliseconds at a time."""
+    contender = OpenWater(2)
+    contender.prepare()
+    slot = contender._world.actuators[contender._ports[1]]
+    given = []
+    for _ in range(4):
+        contender.run(physics.COMMAND_EVERY)
+        given.append(slot.last_value)
+    assert len(set(given)) == 4
+
+
 def test_a_repeat_begins_where_the_last_began() -> None:
     contender = OpenWater(1)
     hashes = []

@@ -138,3 +138,16 @@ def test_what_the_device_objects_to_is_refused_and_nothing_is_taken_over() -> No
     rig.commands.accept(Command(PATH, ((1.0,),), "one"), 5)
     rig.commands.apply(5)
     assert rig.slot.actuator.got == [(1.0,)]
+
+
+def test_a_command_is_checked_again_only_by_an_actuator_of_other_fields() -> None:
+    """Whose very fields it was checked against asks no more; all others do, though theirs have the same names."""
+    rig, wrong = Rig(), Command(PATH, ((0.1, 0.2),), "a")
+    for fields in ((), (Field("level", "1", "another one"),)):
+        with pytest.raises(Refused, match="level"):
+            rig.commands.accept(wrong, 0, fields)
+    rig.commands.apply(0)
+    assert rig.lights.got == []
+    rig.commands.accept(wrong, 0, rig.slot.port.fields)
+    rig.commands.apply(0)
+    assert rig.lights.got == [(0.1, 0.2)]

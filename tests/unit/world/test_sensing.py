@@ -9,8 +9,10 @@ import pytest
 from msgspec import structs
 from sensing_rig import Adds, Counter, Listener, Repeater, Rig, Shouts, Speaker, slot_of, stream
 
-from uwserver.ports import Buffer, Field, Sample, told
+from uwserver.modifiers import Measurement
+from uwserver.ports import Buffer, Field, Port, Sample, told
 from uwserver.sensors import Sensor
+from uwserver.world.components import SensorStream
 from uwserver.world.due import once
 from uwserver.world.sensing import _WAY, OnTheirWay
 from uwserver.world.sensor_slot import SensorSlot
@@ -199,6 +201,57 @@ def test_words_of_what_is_dropped_are_not_kept_nor_held() -> None:
     rig.tick(3)
     rig.samples(4)
     assert words.held == (True, (101.0, "reading 1"))
+
+
+def test_of_those_that_speak_together_each_keeps_its_own_words() -> None:
+    """One has two streams, one loses what it says, one is stuck, one is silent, one not ready; the ones around them are not touched."""
+    drops = Adds(stream())
+    shouts = SensorStream(Port("two/loud", "sensor", "x", Speaker.fields, ""), (Shouts(stream()),))
+    two, lost = slot_of(path="two", kind=Speaker, sides=[shouts]), slot_of(drops, path="lost", kind=Speaker)
+    rig = Rig(
+        slot("first", kind=Speaker),
+        two,
+        lost,
+        *(slot(name, kind=Speaker) for name in ("stuck", "mute", "idle", "last")),
+    )
+    rig.samples(1)
+    drops.drops, rig.slots["stuck"].fault, rig.slots["mute"].fault = True, "frozen", "silent"
+    rig.slots["idle"].sensor.ready = False  # type: ignore[attr-defined]
+    rig.samples(2)
+    said = {sample.port: sample.value[1] for sample in rig.samples(3)}
+    assert said == {
+        "first": "reading 3", "two": "reading 2", "two/loud": "READING 2", "stuck": "reading 1", "last": "reading 3",
+    }  # fmt: skip
+
+
+class Writer(Speaker):
+    """Writes what it counts, without looking at the world."""
+
+    writes = True
+
+    def begin(self, number: int) -> None:
+        raise AssertionError("it draws nothing")
+
+    def sense(self, scope: Any) -> Measurement | None:
+        raise AssertionError("it sees nothing")
+
+    def write(self, row: Any) -> tuple[Any, ...]:
+        self.memory.n += 1
+        row[0] = 10.0 * self.memory.n
+        return (f"written {self.memory.n}",)
+
+
+def test_those_that_write_do_so_together_but_for_who_is_silent() -> None:
+    rig = Rig(*(slot(name, divisor, kind=Writer) for name, divisor in (("a", 1), ("b", 1), ("c", 2))))
+    assert [(s.port, s.value) for s in rig.samples(1)] == [("a", (10.0, "written 1")), ("b", (10.0, "written 1"))]
+    rig.slots["b"].fault = "silent"
+    assert [(s.port, s.seq, s.value) for s in rig.samples(2)] == [
+        ("a", 1, (20.0, "written 2")), ("c", 0, (10.0, "written 1")),
+    ]  # fmt: skip
+    rig.slots["b"].fault = ""
+    assert [(s.port, s.seq, s.value) for s in rig.samples(3)] == [
+        ("a", 2, (30.0, "written 3")), ("b", 1, (20.0, "written 2")),
+    ]  # fmt: skip
 
 
 def test_a_modifier_in_python_may_change_words() -> None:

@@ -113,3 +113,17 @@ def test_many_vehicles_do_not_disturb_each_other(make_world):
     a, c = alone.step(100), crowd.step(100)
     assert np.array_equal(alone.hydro.state[0], crowd.hydro.state[0])
     assert a == [s for s in c if s.port.startswith("rov/")]
+
+
+def test_a_command_in_the_same_process_is_checked_once(world, monkeypatch):
+    """The world asks for the very fields that the actuator has; also those of a watchdog that was set anew."""
+    again = []
+    monkeypatch.setattr("uwserver.world.commands.check_given", lambda *args: again.append(args))
+    for port in [path for path, port in world.ports.items() if port.direction == "actuator"]:
+        world.set_timeout(world.actuators[port], 7)
+    world.command("rov/thrusters", u=[0.0] * 8)
+    world.step()
+    assert not again
+    world.submit(Command("rov/thrusters", ((0.0,) * 8,)))
+    world.step()
+    assert len(again) == 1, "nobody knows against what this was checked"

@@ -27,16 +27,19 @@ class Search(NamedTuple):
     Attributes:
         bodies: (m, 3) first slot, count of slots, row in the state, in rising order of the slots.
         fixed: slots of static shapes, in rising order.
-        Q: (n, 4) attitudes of the engine's shapes, x y z w.
+        radius: (m) of a ball about each body's origin that holds its shapes, m.
+        Q: (n, 4) attitudes of the engine's shapes, x y z w; of a body, like the poses and boxes of its shapes, those of when it was near something.
         reach: (n) by how much each shape's box is larger than the shape, m.
         low, high: (n, 3) boxes around the shapes, in N.
-        body_low, body_high: (m, 3) boxes around the bodies.
+        body_low, body_high: (m, 3) boxes around the bodies: around their balls, or around their shapes where they are near something.
         order: (m) bodies as they were sorted last.
-        overlapping: (m) whether a body's box meets that of another body.
+        overlapping: (m) whether the box around a body's ball meets that of another body.
+        near: (m) whether it meets anything.
     """
 
     bodies: Array
     fixed: Array
+    radius: Array
     Q: Array
     reach: Array
     low: Array
@@ -45,12 +48,14 @@ class Search(NamedTuple):
     body_high: Array
     order: Array
     overlapping: Array
+    near: Array
 
 
 SEARCH: Forms = {
     **SHAPES,
     "bodies": columns(np.int64, 3),
     "fixed": columns(np.int64),
+    "radius": columns(np.float64),
     "Q": columns(np.float64, 4),
     "reach": columns(np.float64),
     "low": columns(np.float64, 3),
@@ -59,6 +64,7 @@ SEARCH: Forms = {
     "body_high": columns(np.float64, 3),
     "order": columns(np.int64),
     "overlapping": columns(np.bool_),
+    "near": columns(np.bool_),
 }
 """Of the table that a search and `narrow_phase` get."""
 
@@ -74,6 +80,12 @@ def place(slot: Any, p: Array, R: Array, P_out: Array, R_out: Array) -> None:
             R_out[i, j] = R[i, 0] * slot.R[0, j] + R[i, 1] * slot.R[1, j] + R[i, 2] * slot.R[2, j]
 
 
+def radius_of(slots: Any) -> float:
+    """Of a ball (m) about a body's origin that holds its shapes, given as records."""
+    arms, sizes = np.linalg.norm(slots["p"], axis=1), np.linalg.norm(np.abs(slots["centre"]) + slots["half"], axis=1)
+    return float(np.max(arms + sizes, initial=0.0))
+
+
 @compiled
 def bound(slot: Any, P: Array, R: Array, reach: float, low: Array, high: Array) -> None:
     """The box in N around a placed shape, `reach` (m) larger on every side."""
@@ -81,45 +93,6 @@ def bound(slot: Any, P: Array, R: Array, reach: float, low: Array, high: Array) 
         centre = P[i] + dot(R[i], slot.centre)
         half = abs(R[i, 0]) * slot.half[0] + abs(R[i, 1]) * slot.half[1] + abs(R[i, 2]) * slot.half[2] + reach
         low[i], high[i] = centre - half, centre + half
-
-
-@compiled
-def _update_boxes(shapes: Shapes, search: Search, state: Array, dt: float, margin: float) -> None:
-    """Poses, reaches and boxes of all shapes of moving bodies, and the box around each body. One whose state is not finite is nowhere."""
-    slots, low, high, body_low, body_high = shapes.slots, search.low, search.high, search.body_low, search.body_high
-    R, engine = shapes.R[0].copy(), search.Q
-    for b in range(len(search.bodies)):
-        first, count, row = search.bodies[b]
-        x = state[row]
-        rotation(x[Q], x[Q + 1], x[Q + 2], x[Q + 3], R)
-        speed = math.sqrt(x[NU] ** 2 + x[NU + 1] ** 2 + x[NU + 2] ** 2)
-        rate = math.sqrt(x[NU + 3] ** 2 + x[NU + 4] ** 2 + x[NU + 5] ** 2)
-        finite = True
-        for i in range(len(x)):
-            finite = finite and math.isfinite(x[i])
-        radius = 0.0
-        for s in range(first, first + count):
-            slot = slots[s]
-            arm, size = 0.0, 0.0
-            for i in range(3):
-                arm += slot.p[i] ** 2
-                size += (abs(slot.centre[i]) + slot.half[i]) ** 2
-            radius = max(radius, math.sqrt(arm) + math.sqrt(size))
-        for i in range(3):
-            body_low[b, i], body_high[b, i] = 1e300, -1e300
-        for s in range(first, first + count):
-            search.reach[s] = margin + dt * (speed + rate * radius)
-            place(slots[s], x[P : P + 3], R, shapes.P[s], shapes.R[s])
-            q = slots[s].q
-            engine[s, 3], engine[s, 0], engine[s, 1], engine[s, 2] = product(
-                x[Q], x[Q + 1], x[Q + 2], x[Q + 3], q[0], q[1], q[2], q[3]
-            )
-            bound(slots[s], shapes.P[s], shapes.R[s], search.reach[s], low[s], high[s])
-            if not finite:
-                low[s], high[s] = 1e300, -1e300
-            for i in range(3):
-                body_low[b, i] = min(body_low[b, i], low[s, i])
-                body_high[b, i] = max(body_high[b, i], high[s, i])
 
 
 @compiled
@@ -138,6 +111,71 @@ def _below(P: Array, R: Array, low: Array, high: Array) -> bool:
     for i in range(3):
         depth += (high[i] if R[i, 2] > 0.0 else low[i]) * R[i, 2] - P[i] * R[i, 2]
     return depth >= 0.0
+
+
+@compiled
+def _bound_bodies(search: Search, state: Array, dt: float, margin: float) -> None:
+    """Boxes around the balls that hold bodies, with the way that they can go. One whose state is not finite is nowhere."""
+    low, high = search.body_low, search.body_high
+    for b in range(len(search.bodies)):
+        first, count, row = search.bodies[b]
+        x = state[row]
+        speed = math.sqrt(x[NU] ** 2 + x[NU + 1] ** 2 + x[NU + 2] ** 2)
+        rate = math.sqrt(x[NU + 3] ** 2 + x[NU + 4] ** 2 + x[NU + 5] ** 2)
+        reach = margin + dt * (speed + rate * search.radius[b])
+        for s in range(first, first + count):
+            search.reach[s] = reach
+        finite = True
+        for i in range(len(x)):
+            finite = finite and math.isfinite(x[i])
+        for i in range(3):
+            low[b, i] = x[P + i] - search.radius[b] - reach if finite else 1e300
+            high[b, i] = x[P + i] + search.radius[b] + reach if finite else -1e300
+
+
+@compiled
+def _find_near(shapes: Shapes, search: Search, gate: bool) -> None:
+    """Which bodies' boxes meet that of another, or of something that does not move."""
+    slots, fixed, body_low, body_high = shapes.slots, search.fixed, search.body_low, search.body_high
+    for b in range(len(search.bodies)):
+        near = not gate or bool(search.overlapping[b])
+        for f in range(len(fixed)):
+            if near:
+                break
+            t = fixed[f]
+            if slots[t].kind == HALF_SPACE:
+                near = _below(shapes.P[t], shapes.R[t], body_low[b], body_high[b])
+            else:
+                near = overlap(body_low[b], body_high[b], search.low[t], search.high[t])
+        search.near[b] = near
+
+
+@compiled
+def _place_near(shapes: Shapes, search: Search, state: Array) -> None:
+    """Poses, attitudes for the engine and boxes of the shapes of bodies that are near something, and the boxes around them all."""
+    slots, low, high, body_low, body_high = shapes.slots, search.low, search.high, search.body_low, search.body_high
+    R, engine = shapes.R[0].copy(), search.Q
+    for b in range(len(search.bodies)):
+        if not search.near[b]:
+            continue
+        first, count, row = search.bodies[b]
+        x = state[row]
+        rotation(x[Q], x[Q + 1], x[Q + 2], x[Q + 3], R)
+        nowhere = body_low[b, 0] > body_high[b, 0]
+        for i in range(3):
+            body_low[b, i], body_high[b, i] = 1e300, -1e300
+        for s in range(first, first + count):
+            place(slots[s], x[P : P + 3], R, shapes.P[s], shapes.R[s])
+            q = slots[s].q
+            engine[s, 3], engine[s, 0], engine[s, 1], engine[s, 2] = product(
+                x[Q], x[Q + 1], x[Q + 2], x[Q + 3], q[0], q[1], q[2], q[3]
+            )
+            bound(slots[s], shapes.P[s], shapes.R[s], search.reach[s], low[s], high[s])
+            if nowhere:
+                low[s], high[s] = 1e300, -1e300
+            for i in range(3):
+                body_low[b, i] = min(body_low[b, i], low[s, i])
+                body_high[b, i] = max(body_high[b, i], high[s, i])
 
 
 @compiled
@@ -182,6 +220,8 @@ def overlapping_pairs(shapes: Shapes, search: Search, gate: bool, pairs: Array) 
     body_low, body_high = search.body_low, search.body_high
     count = 0
     for b in range(len(bodies)):
+        if not search.near[b]:
+            continue
         first, size = bodies[b, 0], bodies[b, 1]
         for f in range(len(fixed)):
             t = fixed[f]
@@ -215,7 +255,7 @@ def overlapping_pairs(shapes: Shapes, search: Search, gate: bool, pairs: Array) 
 
 @entry
 def find_pairs(table: Array, state: Array, dt: float, margin: float, gate: bool, pairs: Array) -> int:
-    """Pairs of shapes that may touch within a tick; moves the shapes to where the bodies are.
+    """Pairs of shapes that may touch within a tick; moves the shapes of bodies that are near something to where these are.
 
     Args:
         table: made by `SEARCH`.
@@ -229,6 +269,8 @@ def find_pairs(table: Array, state: Array, dt: float, margin: float, gate: bool,
         How many there are.
     """
     shapes, search = _shapes_at(table), _search_at(table)
-    _update_boxes(shapes, search, state, dt, margin)
+    _bound_bodies(search, state, dt, margin)
     sweep(search)
-    return overlapping_pairs(shapes, search, gate, pairs)
+    _find_near(shapes, search, gate)
+    _place_near(shapes, search, state)
+    return int(overlapping_pairs(shapes, search, gate, pairs))

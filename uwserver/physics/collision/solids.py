@@ -194,9 +194,10 @@ class Solids:
         n, m = len(entries), len(bodies)
         broad_phase, _, _ = _kernels()
         self._shapes = self._stock.shapes([p for p, _ in entries])
+        radius = np.array([broad_phase.radius_of(self._shapes.slots[at : at + count]) for at, count, _ in bodies])
         self._search = broad_phase.Search(
-            np.array(bodies, dtype=np.int64).reshape(-1, 3), np.arange(first, n), np.zeros((n, 4)), np.zeros(n),
-            np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((m, 3)), np.zeros((m, 3)), np.arange(m), np.zeros(m, np.bool_),
+            np.array(bodies, dtype=np.int64).reshape(-1, 3), np.arange(first, n), radius, np.zeros((n, 4)), np.zeros(n), np.zeros((n, 3)),
+            np.zeros((n, 3)), np.zeros((m, 3)), np.zeros((m, 3)), np.arange(m), *np.zeros((2, m), np.bool_),
         )  # fmt: skip
         self._table = addresses(broad_phase.SEARCH, {**self._shapes._asdict(), **self._search._asdict()})
         slots, P, R = self._shapes[:3]

@@ -36,7 +36,7 @@ from uwserver.physics.dynamics.scratch import (
     WATER,
 )
 from uwserver.physics.dynamics.strips import along_hull, mount_velocity
-from uwserver.physics.dynamics.thruster import add_thrust
+from uwserver.physics.dynamics.thruster import thrust
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, inlined, separate
 from uwserver.physics.kernel.layout import (
@@ -53,7 +53,7 @@ from uwserver.physics.kernel.layout import (
 from uwserver.physics.kernel.rotation import rotation
 
 
-@compiled
+@inlined
 def _multiply_add(M: Array, form: int, work: Array, source: int, scale: float, target: int) -> None:
     """work[target] += scale M (6, 6) work[source]; `form` of M: 0 zero, 1 diagonal, 2 full."""
     if form == 1:
@@ -272,6 +272,26 @@ def _add_contact(body: Any, s: Array, source: int, t: float, R: Array, work: Arr
         work[TAU, 3 + i] += R[0, i] * mx + R[1, i] * my + R[2, i] * mz
 
 
+@inlined
+def _add_thrusts(
+    model: Model, body: Any, stage: int, depth: float, near_surface: bool, striped: bool, R: Array, work: Array
+) -> None:
+    """work[TAU] += wrench of the body's thrusters in B about the origin. The sums stay out of memory, where each would wait for the one before."""
+    t0, t1, t2 = work[TAU, 0], work[TAU, 1], work[TAU, 2]
+    t3, t4, t5 = work[TAU, 3], work[TAU, 4], work[TAU, 5]
+    for k in range(body.thruster_first, body.thruster_first + body.thruster_count):
+        if striped:
+            r = model.thrusters[k].r
+            vx, vy, vz = mount_velocity(body, model.strips, r[0], r[1], r[2], R, work)
+            work[EXTRA, 0], work[EXTRA, 1], work[EXTRA, 2] = vx, vy, vz
+        force = thrust(model.thrusters[k], model.forces[k, stage], depth, near_surface, striped, work)
+        per_force = model.thrusters[k].per_force
+        t0, t1, t2 = t0 + force * per_force[0], t1 + force * per_force[1], t2 + force * per_force[2]
+        t3, t4, t5 = t3 + force * per_force[3], t4 + force * per_force[4], t5 + force * per_force[5]
+    work[TAU, 0], work[TAU, 1], work[TAU, 2] = t0, t1, t2
+    work[TAU, 3], work[TAU, 4], work[TAU, 5] = t3, t4, t5
+
+
 @separate
 def derivative(
     model: Model, body: Any, flow: Array, t: float, held: float, source: int, target: int, stage: int, w: Any
@@ -321,12 +341,7 @@ def derivative(
     if near_surface:
         upward(flow, R, work[UP])
         fraction = immersion(body, model.shapes, depth, work[CENTER], work[UP : UP + 2, 0:3])
-    for k in range(body.thruster_first, body.thruster_first + body.thruster_count):
-        if striped:
-            r = model.thrusters[k].r
-            vx, vy, vz = mount_velocity(body, model.strips, r[0], r[1], r[2], R, work)
-            work[EXTRA, 0], work[EXTRA, 1], work[EXTRA, 2] = vx, vy, vz
-        add_thrust(model.thrusters[k], model.forces[k, stage], depth, near_surface, striped, work)
+    _add_thrusts(model, body, stage, depth, near_surface, striped, R, work)
     for k in range(body.wrench_first, body.wrench_first + body.wrench_count):
         _add_prescribed(model.wrenches[k], t, R, work)
     for i in range(6):

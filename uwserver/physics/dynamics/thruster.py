@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from uwserver.physics.dynamics.immersion import disc_fraction
-from uwserver.physics.dynamics.scratch import EXTRA, NU_R, TAU, UP
+from uwserver.physics.dynamics.scratch import EXTRA, NU_R, UP
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, separate
 from uwserver.physics.kernel.layout import FREE, STUCK, STUCK_AT
@@ -119,8 +119,8 @@ def _across(thruster: Any, va: float, moved: bool, work: Array) -> float:
 
 
 @compiled
-def add_thrust(thruster: Any, force: float, depth: float, near_surface: bool, moved: bool, work: Array) -> None:
-    """work[TAU] += one thruster's wrench (6, about the body origin in B); work[NU_R] is the velocity through the water.
+def thrust(thruster: Any, force: float, depth: float, near_surface: bool, moved: bool, work: Array) -> float:
+    """One thruster's force along its axis (N) from that at rest; work[NU_R] is the velocity through the water.
 
     Inflow takes T = T0 - k sqrt(|T0|) V_a, the linear part of K_T(J) at the shaft speed that gives T0 at rest; V_a is the speed of the
     mount through the water along the axis. It takes the whole thrust at most, and against the propeller it adds no more than MOST_INFLOW
@@ -130,15 +130,14 @@ def add_thrust(thruster: Any, force: float, depth: float, near_surface: bool, mo
     work[UP] the surface's normal in B. Where the water differs along the hull (`moved`), work[EXTRA, :3] has the velocity of the mount.
     """
     if force == 0.0 and thruster.drag == 0.0:
-        return
+        return 0.0
     if thruster.inflow != 0.0 or thruster.drag != 0.0 or thruster.cross_loss != 0.0:
-        va = 0.0
+        c = thruster.per_velocity
         if moved:
-            for i in range(3):
-                va += thruster.per_velocity[i] * work[EXTRA, i]
+            va = c[0] * work[EXTRA, 0] + c[1] * work[EXTRA, 1] + c[2] * work[EXTRA, 2]
         else:
-            for i in range(6):
-                va += thruster.per_velocity[i] * work[NU_R, i]
+            va = c[0] * work[NU_R, 0] + c[1] * work[NU_R, 1] + c[2] * work[NU_R, 2]
+            va = va + c[3] * work[NU_R, 3] + c[4] * work[NU_R, 4] + c[5] * work[NU_R, 5]
         if thruster.cross_loss != 0.0:
             force *= math.exp(-thruster.cross_loss * _across(thruster, va, moved, work))
         most = MOST_INFLOW * force
@@ -151,5 +150,4 @@ def add_thrust(thruster: Any, force: float, depth: float, near_surface: bool, mo
             force *= ventilated(hub / thruster.disc_radius)
         else:
             force *= disc_fraction(hub, thruster.disc_radius)
-    for i in range(6):
-        work[TAU, i] += force * thruster.per_force[i]
+    return force

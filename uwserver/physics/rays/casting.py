@@ -9,8 +9,9 @@ and only rays that pass it go there. Imported only when a world has something so
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from copy import copy
+from functools import cache
 from importlib.util import find_spec
 from typing import Any, NamedTuple, Protocol
 
@@ -20,6 +21,7 @@ from uwserver.physics.geometry.shapes import HalfSpace, Solid, check_shape
 from uwserver.physics.geometry.tessellation import Facets, facets
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.layout import Q, addresses
+from uwserver.physics.kernel.straight import straight
 from uwserver.physics.rays import hits
 from uwserver.physics.rays.raycast import Hits
 from uwserver.physics.rays.rows import CARRIED, SIDE, Simple, middle, planes, sides
@@ -141,6 +143,14 @@ _Moved = tuple[int, int, _Scene]
 """A solid that moves: its id, its row of the state, and its triangles."""
 
 
+@cache
+def _intersects_simple() -> Callable[..., Any]:
+    table, none, body = np.zeros((0, 2), np.int64), np.empty((0, 3)), np.empty(0, np.int64)
+    kernel: Any = hits.intersect_simple
+    kernel.load(table, none, none, 0.0, np.empty((0, 13)), np.empty(0), none, body, body)
+    return straight(kernel)
+
+
 def _cast(
     table: IntArray, still: Iterable[_Scene], moving: Iterable[_Moved], state: FloatArray, rays: tuple[FloatArray, FloatArray, float]
 ) -> Hits:  # fmt: skip
@@ -148,7 +158,7 @@ def _cast(
     origin, direction = (np.ascontiguousarray(column, np.float64) for column in rays[:2])
     n, limit = len(origin), float(rays[2])
     answer = Hits(np.empty(n), np.empty((n, 3)), np.empty(n, np.int64), np.empty(n, np.int64))
-    hits.intersect_simple(table, origin, direction, limit, state, *answer)
+    _intersects_simple()(table, origin, direction, limit, state, *answer)
     for scene in still:
         scene.cast(_STILL, -1, origin, direction, limit, answer)
     for body, row, scene in moving:
@@ -221,7 +231,7 @@ class Rays:
     ) -> Hits:
         """As `cast`; each ray passes what the body in its row (n) carries."""
         answer = self.cast(state, origin, direction, max_range)
-        own = (answer.body >= 0) & (self._rows[answer.body] == rows)
+        own = self._rows[answer.body] == rows
         if own.any():
             for row in np.unique(rows[own]).tolist():
                 chosen = np.flatnonzero(own & (rows == row))
@@ -273,7 +283,8 @@ class Rays:
                 first += len(each[-1])
             rows.append((body, row, *places[key]))
         self._others.clear()
-        self._rows = np.full(max([*self._static, *self._moving], default=0) + 1, NOBODY)
+        # The last is nobody's: where a ray meets nothing, its body is -1.
+        self._rows = np.full(max([*self._static, *self._moving], default=0) + 2, NOBODY)
         self._rows[[*self._moving]] = [carried.row for carried in self._moving.values()]
         simple = Simple(planes(self._static.items()), np.array(rows, CARRIED), np.concatenate(each))
         self._simple = simple, addresses(hits.SIMPLE, simple._asdict())

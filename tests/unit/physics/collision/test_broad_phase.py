@@ -16,6 +16,7 @@ from uwserver.physics.collision.broad_phase import (
     overlap,
     overlapping_pairs,
     place,
+    radius_of,
     sweep,
 )
 from uwserver.physics.geometry.rows import part, shapes_of
@@ -46,8 +47,9 @@ def search_of(bodies: Bodies, static: tuple[Placed, ...] = ()) -> World:
         first += len(body)
     n, m = first + len(static), len(bodies)
     search = Search(
-        np.array(ranges, np.int64).reshape(-1, 3), np.arange(first, n), np.zeros((n, 4)), np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3)),
-        np.zeros((m, 3)), np.zeros((m, 3)), np.arange(m), np.zeros(m, np.bool_),
+        np.array(ranges, np.int64).reshape(-1, 3), np.arange(first, n), np.array([radius_of(shapes.slots[at : at + k]) for at, k, _ in ranges]),
+        np.zeros((n, 4)), np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3)),
+        np.zeros((m, 3)), np.zeros((m, 3)), np.arange(m), *np.zeros((2, m), np.bool_),
     )  # fmt: skip
     for s in range(first, n):
         place(shapes.slots[s], np.zeros(3), np.eye(3), shapes.P[s], shapes.R[s])
@@ -111,13 +113,29 @@ def test_a_body_stays_in_its_box_for_the_tick(seed: int) -> None:
 
 
 def test_the_engine_s_attitude_is_that_of_its_shape_with_w_last() -> None:
-    world = search_of([(Placed(Sphere(1.0)),)])
-    shapes, search, _ = world
-    shapes.slots["q"][0] = own = quat_from_rpy(0.1, 0.2, 0.3)
-    state = states(1)
-    pairs_of(world, state)
-    w, x, y, z = multiply(state[0, 3:7], own)
-    np.testing.assert_allclose(search.Q[0], [x, y, z, w], rtol=0.0, atol=1e-15)
+    """Where there is something that the engine will be asked about."""
+    own = quat_from_rpy(0.1, 0.2, 0.3)
+    for near in (True, False):
+        world = search_of([(Placed(Sphere(1.0)),), (Placed(Sphere(1.0)), Placed(Sphere(0.5)))])
+        shapes, search, _ = world
+        shapes.slots["q"][2] = own
+        state = states(2)
+        state[:, :3] = (0.0, 0.0, 0.0), (1.5 if near else 50.0, 0.0, 0.0)
+        assert bool(pairs_of(world, state)) == near
+        w, x, y, z = multiply(state[1, 3:7], own)
+        np.testing.assert_allclose(search.Q[2], [x, y, z, w] if near else 0.0, rtol=0.0, atol=1e-15)
+
+
+def test_the_ball_of_a_body_holds_the_boxes_of_its_shapes() -> None:
+    """Shapes lie off the centres of their boxes, and boxes off the origin of the body: no sum of lengths may be forgotten."""
+    slots = shapes_of(
+        [part(Placed(Box((3.0, 4.0, 0.0)), (0.0, 0.0, 2.0))), part(Placed(Sphere(1.0), (-7.0, 0.0, 0.0)))]
+    ).slots
+    assert radius_of(slots[:1]) == pytest.approx(2.0 + 5.0)
+    assert radius_of(slots) == pytest.approx(7.0 + np.sqrt(3.0))
+    slots["centre"][0] = 0.0, -8.0, 0.0
+    assert radius_of(slots[:1]) == pytest.approx(2.0 + np.hypot(3.0, 12.0))
+    assert radius_of(slots[:0]) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -217,3 +235,18 @@ def test_the_parts_of_a_search_give_what_the_whole_gives() -> None:
     pairs = np.full((50, 2), -1)
     assert overlapping_pairs(shapes, search, True, pairs) == len(whole)
     assert [tuple(pair) for pair in pairs[: len(whole)].tolist()] == whole
+
+
+def test_shapes_are_placed_where_their_body_is_near_something_and_there_alone() -> None:
+    """A plane counts as well as a box, and another body as well as both; who comes near is placed before he is judged."""
+    body = (Placed(Box((0.5, 0.3, 0.2)), (0.4, 0.0, 0.1)),)
+    world = search_of([body] * 4, (Placed(Sphere(1.0), (0.0, 0.0, 0.0)), Placed(HalfSpace(), (0.0, 0.0, 20.0))))
+    state = np.zeros((4, 13))
+    state[:, 3] = 1.0
+    state[:, :3] = (1.0, 0.0, 0.0), (50.0, 0.0, 0.0), (100.0, 0.0, 19.75), (150.0, 0.0, 0.0)
+    assert pairs_of(world, state) == [(0, 4), (2, 5)]
+    assert world.search.near.tolist() == [True, False, True, False]
+    state[1, 0] = 149.0
+    assert pairs_of(world, state) == [(0, 4), (1, 3), (2, 5)]
+    np.testing.assert_allclose(world.shapes.P[:4], state[:, :3] + (0.4, 0.0, 0.1))
+    assert (world.search.body_high - world.search.body_low)[:, 1].max() < 0.7, "around the shapes, not the balls"

@@ -11,14 +11,14 @@ import pytest
 
 from uwserver.physics.dynamics.lag import Lag
 from uwserver.physics.dynamics.params import ForceTable, ThrusterParams, lag_row, table_row, thruster_row
-from uwserver.physics.dynamics.scratch import EXTRA, NU_R, TAU, UP
+from uwserver.physics.dynamics.scratch import EXTRA, NU_R, UP
 from uwserver.physics.dynamics.thruster import (
     MOST_INFLOW,
-    add_thrust,
     advance_lag,
     lagged,
     set_demand,
     table_force,
+    thrust,
     ventilated,
 )
 from uwserver.physics.kernel.layout import FREE, SCRATCH, STUCK, STUCK_AT
@@ -113,9 +113,7 @@ def wrench(
     work = np.zeros(SCRATCH["work"].shape)
     work[NU_R], work[UP, :3] = nu_r, (0.0, 0.0, -1.0)
     work[EXTRA, :3] = (0.0, 0.0, 0.0) if mount is None else mount
-    work[TAU] = 1.0  # it adds to what is there
-    add_thrust(row, force, depth, near, mount is not None, work)
-    return work[TAU] - 1.0
+    return thrust(row, force, depth, near, mount is not None, work) * row["per_force"]
 
 
 def test_the_wrench_is_the_force_at_its_mount() -> None:
@@ -162,14 +160,14 @@ def test_thrust_falls_with_the_inflow_and_nowhere_jumps() -> None:
     row = thruster(inflow=2.0, drag=3.0)
     speeds = np.linspace(-4.0, 4.0, 801)
     for force in (16.0, 0.5, 0.0, -0.5, -16.0):
-        thrust = np.array([wrench(row, force, (u, *[0.0] * 5))[0] for u in speeds])
-        assert (np.diff(thrust) <= 1e-12).all()
-        assert np.abs(np.diff(thrust)).max() < 0.01 * (2.0 * np.sqrt(abs(force)) + 2.0 * 3.0 * 4.0) + 1e-9
+        along = np.array([wrench(row, force, (u, *[0.0] * 5))[0] for u in speeds])
+        assert (np.diff(along) <= 1e-12).all()
+        assert np.abs(np.diff(along)).max() < 0.01 * (2.0 * np.sqrt(abs(force)) + 2.0 * 3.0 * 4.0) + 1e-9
     forces = np.linspace(-1.0, 1.0, 801)
     for u in (-1.5, 1.5):
-        thrust = np.array([wrench(row, force, (u, *[0.0] * 5))[0] for force in forces])
-        assert (np.diff(thrust) >= -1e-12).all()
-        assert np.abs(np.diff(thrust)).max() < 0.02
+        along = np.array([wrench(row, force, (u, *[0.0] * 5))[0] for force in forces])
+        assert (np.diff(along) >= -1e-12).all()
+        assert np.abs(np.diff(along)).max() < 0.02
 
 
 @pytest.mark.parametrize("u", [1.5, -1.5])
