@@ -251,8 +251,7 @@ class World:
 
     def jump(self, tick: int) -> None:
         """Set the time to that of a tick; what was read at another time is forgotten."""
-        self.tick = tick
-        self.jumps += 1
+        self.tick, self.jumps = tick, self.jumps + 1
         self.sensing.forget_newest()
 
     def _seconds(self) -> float:
