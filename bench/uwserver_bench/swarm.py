@@ -32,7 +32,7 @@ CLIENT_BAR = 0.85
 NOISE_BAR_US, SAMPLE_BAR_US = 0.3, 0.7
 BANK = 100
 LARGE, LARGE_BAR, LARGE_MEMORY_BAR_MB, LARGE_LOAD_BAR_S = 1000, 1.0, 1500.0, 10.0
-COUNTS = (10, 250, 500, LARGE)
+COUNTS = (10, 500, LARGE)
 """Vehicles from which the growth of cost is told."""
 QUICK_COUNTS = (10, 100)
 QUICK_SERVERS = (1, 10)
@@ -191,8 +191,11 @@ def _growth(counts: Sequence[int], effort: dict[str, Any], say: _Say) -> list[Ro
         resident.append(found["resident_mb"])
     exponent = math.log(tick_s[-1] / tick_s[0]) / math.log(counts[-1] / counts[0])
     title = f"exponent of cost from {counts[0]} to {counts[-1]} vehicles"
-    rows = [Row("swarm", title, "", (exponent,), at_most=EXPONENT_BAR), *_memory_growth(counts, resident)]
+    rows = [Row("swarm", title, "", (exponent,), at_most=EXPONENT_BAR)]
     if counts[-1] == LARGE:
+        say(f"swarm: {_vehicles(2 * LARGE)} with IMU and depth, for their memory")
+        twice = _world("fly", kind="simple", vehicles=2 * LARGE, one_core=True, **effort | {"repeats": 1})
+        rows += _memory_growth((*counts, 2 * LARGE), (*resident, twice["resident_mb"]))
         if has_threads():
             found = _world("fly", kind="simple", vehicles=LARGE, one_core=False, **effort)
         memory = () if found["resident_mb"] is None else (found["resident_mb"],)

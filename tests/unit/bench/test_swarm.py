@@ -127,20 +127,20 @@ def by_name(rows: list[Row]) -> dict[str, Row]:
 def test_the_exponent_tells_how_cost_grows(monkeypatch: pytest.MonkeyPatch) -> None:
     worlds = {
         ("simple", n): {"of_processor_time": [2.0 * r, r, r / 2], "of_wall_time": [r], "resident_mb": 100.0 + 2.0 * n**1.3, "load_s": 6.0}
-        for n, r in ((10, 1000.0), (100, 30.0), (1000, 1.0))
+        for n, r in ((10, 1000.0), (500, 30.0), (1000, 1.0), (2000, 0.5))
     }  # fmt: skip
     monkeypatch.setattr(swarm, "_world", fake(worlds))
     monkeypatch.setattr(swarm, "has_threads", lambda: False)
-    rows = by_name(swarm._growth((10, 100, 1000), EFFORT, lambda line: None))
+    rows = by_name(swarm._growth((10, 500, 1000), EFFORT, lambda line: None))
     assert rows["exponent of cost from 10 to 1000 vehicles"].value == pytest.approx(1.5)
     assert rows["exponent of cost from 10 to 1000 vehicles"].verdict == "miss"
     assert rows["1000 vehicles with IMU and depth, wall time"].verdict == "ok"
-    assert rows["exponent of memory from 10 to 1000 vehicles"].value == pytest.approx(1.3), (
+    assert rows["exponent of memory from 500 to 2000 vehicles"].value == pytest.approx(1.3), (
         "what is there without any does not count"
     )
     assert rows["1000 vehicles with IMU and depth: memory"].verdict == "miss"
-    quick = by_name(swarm._growth((10, 100), EFFORT, lambda line: None))
-    assert list(quick) == ["exponent of cost from 10 to 100 vehicles"]
+    quick = by_name(swarm._growth((10, 500), EFFORT, lambda line: None))
+    assert list(quick) == ["exponent of cost from 10 to 500 vehicles"]
 
 
 def test_memory_of_a_vehicle_is_what_ninety_more_take(monkeypatch: pytest.MonkeyPatch) -> None:
