@@ -11,6 +11,8 @@ from uwserver.physics.kernel.arrays import FloatArray, Records
 from uwserver.ports import Field, Propulsor
 from uwserver.table import Name
 
+_WHOLE = slice(None)
+
 
 class ThrustersConfig(ActuatorTable, tag="thrusters", kw_only=True, frozen=True):
     """Several thrusters of the vehicle file commanded as one vector.
@@ -73,6 +75,7 @@ class Thrusters:
         self._by_force = int(command == "force")
         self._all: Records | None = None  # of whose columns these are views: to find one costs as much as to write it
         self._columns: tuple[Records, ...] = ()
+        self._at: list[int] | slice = []
         order = ", ".join(members)
         self.doc = f"Thrusters {order}." if shape else f"Thruster {order}."
         if self._by_force:
@@ -95,9 +98,10 @@ class Thrusters:
     def _hold(self, command: tuple[float, ...] | float) -> None:
         if self._all is not self._hydro.thrusters:  # bodies came, or went back
             self._all = self._hydro.thrusters
-            self._columns = tuple(self._all[name] for name in ("command", "by_force", "fresh"))
-        commands, by_force, fresh = self._columns
-        commands[self._rows], by_force[self._rows], fresh[self._rows] = command, self._by_force, 1
+            part, self._at = (self._rows, _WHOLE) if isinstance(self._rows, slice) else (_WHOLE, self._rows)
+            self._columns = tuple(self._all[name][part] for name in ("command", "by_force", "fresh"))
+        (commands, by_force, fresh), at = self._columns, self._at
+        commands[at], by_force[at], fresh[at] = command, self._by_force, 1
 
 
 def _together(rows: list[int]) -> list[int] | slice:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import difflib
 import heapq
 import math
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -16,7 +17,7 @@ import msgspec
 from uwserver.ports.buffer import Buffer, unpacked
 from uwserver.ports.values import Argument, ErrorCode, Field, Item, Items, Json, Port, Refused, Service, Value
 
-_FLOATS = {float}
+_LARGEST = sys.float_info.max
 
 SHOWN = 80
 COMPARED = 24
@@ -72,9 +73,10 @@ def checked_command(port: Port, value: Mapping[str, object]) -> Items:
         raise Refused("bad_argument", f'"{port.path}" is a sensor: it takes no commands, subscribe to it', port.path)
     if type(value) is not dict and not isinstance(value, Mapping):  # of a class to which the question is quick
         raise Refused("bad_argument", f'"value" must be a map like {{"{port.fields[0].name}": ...}}', port.path)
-    if not value or len(value) > sum([field.name in value for field in port.fields]):
+    items = tuple([_checked_item(field, value[field.name]) if field.name in value else None for field in port.fields])
+    if not value or len(value) > len(items) - items.count(None):
         _refuse_names(port, value)
-    return tuple([_checked_item(field, value[field.name]) if field.name in value else None for field in port.fields])
+    return items
 
 
 def _refuse_names(port: Port, value: Mapping[str, object]) -> None:
@@ -89,6 +91,8 @@ def _refuse_names(port: Port, value: Mapping[str, object]) -> None:
 
 def _checked_item(field: Field, value: object) -> Item:
     item: Item
+    if field.type == "float":
+        return _checked_field(field, field.shape, value)
     if field.type == "str":
         item = _checked_text(field.name, value)
         size = len(item.encode())
@@ -144,6 +148,8 @@ def _checked_packed(field: Field, value: object) -> Buffer:
 def _checked_field(field: Field, shape: tuple[int, ...], value: object) -> tuple[float, ...]:
     if hasattr(value, "tolist"):
         value = value.tolist()  # an array, in the same process
+    if len(shape) == 1 and isinstance(value, list | tuple) and len(value) == shape[0] and _are_plain(field, value):
+        return tuple(value)
     flat = _flatten(value, shape, field.name)
     if not all(map(math.isfinite, flat)):
         raise Refused("not_finite", f'"{field.name}" has a component that is no finite number', field.name)
@@ -155,6 +161,19 @@ def _checked_field(field: Field, shape: tuple[int, ...], value: object) -> tuple
             "out_of_range", f'"{field.name}" has no length: a rotation needs a quaternion, w x y z', field.name
         )
     return flat
+
+
+def _are_plain(field: Field, numbers: Sequence[object]) -> bool:
+    """Whether these are floats within the limits of the field, and no rotation: what is left to check then, and most commands are so.
+
+    One loop takes a third of the time of the ways that tell what is wrong.
+    """
+    low = -_LARGEST if field.minimum is None else field.minimum
+    high = _LARGEST if field.maximum is None else field.maximum
+    for number in numbers:
+        if type(number) is not float or not low <= number <= high:
+            return False
+    return len(numbers) != 4 or not field.is_rotation
 
 
 def _check_range(field: Field | Argument, number: float) -> None:
@@ -177,8 +196,6 @@ def _flatten(value: object, shape: Sequence[int], name: str) -> tuple[float, ...
     if not isinstance(value, list | tuple) or len(value) != shape[0]:
         found = f"a list of {len(value)}" if isinstance(value, list | tuple) else _kind(value)
         raise Refused("bad_shape", f'"{name}" must be a list of {shape[0]}, not {found}', name)
-    if len(shape) == 1 and set(map(type, value)) == _FLOATS:
-        return tuple(value)
     return tuple(number for item in value for number in _flatten(item, shape[1:], name))
 
 
