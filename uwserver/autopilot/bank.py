@@ -163,7 +163,8 @@ class Seat:
 
     def tell(self, t_ns: int, items: int, row: FloatArray) -> int:
         """Write what its port `state` tells into the row of numbers of a reading; returns which texts belong to it (`entries.tell_one`)."""
-        return int(straight(self.bank.entries.tell_one)(self.bank.table, self.k, t_ns, items, row))
+        bank = self.bank
+        return int(bank.tell_one(bank.table, self.k, t_ns, items, row))
 
     def go_on(self, world: IntArray, t_ns: int, stage: int) -> int:
         """Go on with a step from a stage; returns what it needs of Python. `world`: the table of the bodies' arrays."""
@@ -184,12 +185,14 @@ class Bank:
         seats: whose they are.
         table: by which compiled code finds them.
         entries: the compiled code.
+        tell_one: of it, as it is called in ticks.
     """
 
     def __init__(self) -> None:
         from uwserver.autopilot import entries
 
         self.entries = entries
+        self.tell_one, self._step_all = straight(entries.tell_one), straight(entries.step_all)
         self.seats: tuple[Seat, ...] = ()
         self._first: list[int] = []
 
@@ -240,7 +243,7 @@ class Bank:
 
     def step(self, world: IntArray, tick: int, t_ns: int) -> tuple[tuple[int, int], ...]:
         """Step all that are due; the rows of those who need Python, and for what (`flight`). `world`: the table of the bodies' arrays."""
-        if not straight(self.entries.step_all)(self.table, world, tick, t_ns):
+        if not self._step_all(self.table, world, tick, t_ns):
             return ()
         needs = self._kept["pilots"]["c"]["need"].tolist()
         return tuple((k, need) for k, need in enumerate(needs) if need)

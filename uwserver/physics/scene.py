@@ -75,7 +75,7 @@ class Scene:
         return self._rays.at(self._state()).raycast(origin, direction, max_range)
 
     def raycast_past(self, rows: IntArray, origin: FloatArray, direction: FloatArray, max_range: float) -> Hits:
-        """As `raycast`, of rays that each pass what the body in its row (n) carries: they start at it."""
+        """As `raycast`, of rays that each pass what the body in its row (n) carries: they start at it. Arrays are float64 and C-contiguous."""
         return self._rays.cast_past(self._state(), rows, origin, direction, max_range)
 
     def still(self) -> Still:

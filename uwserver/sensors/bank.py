@@ -93,6 +93,7 @@ shaft_speed, power, supply_voltage, supply = _seen("shaft_speed", "power", "supp
 _share: Any = Elsewhere("uwserver.physics.kernel.sharing", "share")
 _LEAST = 16
 """Sensors that a thread reads at a time: some 5 us."""
+_CARRIERS_KEPT = 8
 
 
 @compiled
@@ -218,14 +219,17 @@ def reader(
 
 
 def _carriers(bodies: IntArray, first: IntArray) -> Callable[[], IntArray]:
-    """What gives the body (of each sensor in `bodies`) that carries each ray, for those that `first` tells; made anew when it tells others."""
-    told, carriers = b"", bodies[:0]
+    """What gives the body (of each sensor in `bodies`) that carries each ray, for those that `first` tells; the last few are kept, as sensors that
+    aim twice go to and fro between two."""
+    found: dict[bytes, IntArray] = {}
 
     def carriers_of() -> IntArray:
-        nonlocal told, carriers
         tells = first.tobytes()
-        if tells != told:
-            told, carriers = tells, np.repeat(bodies, np.diff(first))
+        carriers = found.get(tells)
+        if carriers is None:
+            if len(found) >= _CARRIERS_KEPT:
+                found.clear()
+            carriers = found[tells] = np.repeat(bodies, np.diff(first))
         return carriers
 
     return carriers_of

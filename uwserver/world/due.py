@@ -64,12 +64,12 @@ def once(reader: Reader) -> Reader:
 
 def writer(slots: Sequence[SensorSlot], instruments: Instruments) -> Callable[[], None]:
     """What lets sensors write (`Sensor.writes`), and tells of all at once that they are ready, but for those that a fault keeps silent."""
-    numbers = np.array([slot.head for slot in slots])
+    numbers, heads = np.array([slot.head for slot in slots]), instruments.heads.rows
+    ready, silent, valid = heads["ready"], heads["silent"], heads["valid"]  # to find a column costs as much as to write it
 
     def write_all() -> None:
-        heads = instruments.heads.rows
-        heads["ready"][numbers] = heads["silent"][numbers] == 0
-        heads["valid"][numbers] = 1
+        ready[numbers] = silent[numbers] == 0
+        valid[numbers] = 1
         for slot in slots:
             slot.write()
 
@@ -78,17 +78,16 @@ def writer(slots: Sequence[SensorSlot], instruments: Instruments) -> Callable[[]
 
 def keeper(slots: Sequence[SensorSlot], instruments: Instruments) -> Callable[[], None]:
     """What lets sensors keep what is no number of their readings (`SensorSlot.keep_loose`)."""
-    numbers = np.array([slot.head for slot in slots])
+    numbers, heads = np.array([slot.head for slot in slots]), instruments.heads.rows
     streams = np.array([k for slot in slots for k in slot.stream_numbers])
+    ready, made, dropped = heads["ready"], heads["number"], instruments.streams.rows["reading"]["dropped"]
 
     def keep_all() -> None:
-        heads = instruments.heads.rows
-        ready, made = heads["ready"][numbers].tolist(), heads["number"][numbers].tolist()
-        dropped = iter(instruments.streams.rows["reading"]["dropped"][streams].tolist())
-        for slot, is_ready, number in zip(slots, ready, made, strict=True):
-            lost = tuple(islice(dropped, len(slot.streams)))
+        lost = iter(dropped[streams].tolist())
+        for slot, is_ready, number in zip(slots, ready[numbers].tolist(), made[numbers].tolist(), strict=True):
+            own = tuple(islice(lost, len(slot.streams)))
             if is_ready:
-                slot.keep_loose(number - 1, lost)
+                slot.keep_loose(number - 1, own)
 
     return keep_all
 

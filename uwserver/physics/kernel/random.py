@@ -27,7 +27,12 @@ _M0, _M1 = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
 _W0, _W1 = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)
 _LOW, _HALF = np.uint64(0xFFFFFFFF), np.uint64(32)
 _5, _6 = np.uint64(5), np.uint64(6)
-_TURN = 2.0 * math.pi
+_QUARTER_TURN = 0.5 * math.pi
+_S1, _S2, _S3 = -1.66666666666666324348e-01, 8.33333333332248946124e-03, -1.98412698298579493134e-04
+_S4, _S5, _S6 = 2.75573137070700676789e-06, -2.50507602534068634195e-08, 1.58969099521155010221e-10
+_C1, _C2, _C3 = 4.16666666666666019037e-02, -1.38888888888741095749e-03, 2.48015872894767294178e-05
+_C4, _C5, _C6 = -2.75573143513906633035e-07, 2.08757232129817482790e-09, -1.13596475577881948265e-11
+"""Sine and cosine within an eighth of a turn, as least polynomials (fdlibm, `k_sin.c` and `k_cos.c`)."""
 
 
 def key_of(seed: int, path: str) -> int:
@@ -64,11 +69,29 @@ def uniforms(key: int, number: int, purpose: int, lane: int) -> tuple[float, flo
 
 
 @compiled
+def on_circle(turn: float) -> tuple[float, float]:
+    """Cosine and sine of an angle of 0 to 1 turns, within 2.3e-16; without branches, which no processor could foresee for random angles.
+
+    With those of the C library two normal numbers take twice as long, and their last digits depend on the machine.
+    """
+    quarters = 4.0 * turn
+    n = math.floor(quarters + 0.5)
+    x = (quarters - n) * _QUARTER_TURN  # the difference is exact
+    z = x * x
+    sine = x + x * z * (_S1 + z * (_S2 + z * (_S3 + z * (_S4 + z * (_S5 + z * _S6)))))
+    cosine = 1.0 - (0.5 * z - z * z * (_C1 + z * (_C2 + z * (_C3 + z * (_C4 + z * (_C5 + z * _C6))))))
+    k = int(n)
+    a, b = (sine, cosine) if k & 1 else (cosine, sine)
+    return -a if (k + 1) & 2 else a, -b if k & 2 else b
+
+
+@compiled
 def normals(key: int, number: int, purpose: int, lane: int) -> tuple[float, float]:
     """Two independent standard normal numbers (Box and Muller 1958), up to 8.5 sigma; arguments as of `uniforms`, of whose numbers they are made."""
     u, v = uniforms(key, number, purpose, lane)
-    r, w = math.sqrt(-2.0 * math.log(1.0 - u)), _TURN * v
-    return r * math.cos(w), r * math.sin(w)
+    r = math.sqrt(-2.0 * math.log(1.0 - u))
+    x, y = on_circle(v)
+    return r * x, r * y
 
 
 @compiled

@@ -151,12 +151,17 @@ def _intersects_simple() -> Callable[..., Any]:
     return straight(kernel)
 
 
+def _plain(origin: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """As compiled code takes them."""
+    return np.ascontiguousarray(origin, np.float64), np.ascontiguousarray(direction, np.float64)
+
+
 def _cast(
     table: IntArray, still: Iterable[_Scene], moving: Iterable[_Moved], state: FloatArray, rays: tuple[FloatArray, FloatArray, float]
 ) -> Hits:  # fmt: skip
-    """The first thing that rays (`Geometry.raycast`) meet: of what is intersected one by one, by its table, and of scenes."""
-    origin, direction = (np.ascontiguousarray(column, np.float64) for column in rays[:2])
-    n, limit = len(origin), float(rays[2])
+    """The first thing that rays (`Geometry.raycast`, but `_plain`) meet: of what is intersected one by one, by its table, and of scenes."""
+    origin, direction, max_range = rays
+    n, limit = len(origin), float(max_range)
     answer = Hits(np.empty(n), np.empty((n, 3)), np.empty(n, np.int64), np.empty(n, np.int64))
     _intersects_simple()(table, origin, direction, limit, state, *answer)
     for scene in still:
@@ -220,22 +225,25 @@ class Rays:
         self, state: FloatArray, origin: FloatArray, direction: FloatArray, max_range: float, without: int = NOBODY
     ) -> Hits:
         """See `uwserver.physics.rays.raycast.Geometry.raycast`; moving bodies stand where `state` says, and that of row `without` is not there."""
+        return self._cast(state, (*_plain(origin, direction), max_range), without)
+
+    def _cast(self, state: FloatArray, rays: tuple[FloatArray, FloatArray, float], without: int = NOBODY) -> Hits:
         _, table = self._simple_without(without)
         moving = [
             (body, c.row, c.scene) for body, c in self._moving.items() if c.scene is not None and c.row != without
         ]
-        return _cast(table, self._still or (), moving, state, (origin, direction, max_range))
+        return _cast(table, self._still or (), moving, state, rays)
 
     def cast_past(
         self, state: FloatArray, rows: IntArray, origin: FloatArray, direction: FloatArray, max_range: float
     ) -> Hits:
-        """As `cast`; each ray passes what the body in its row (n) carries."""
-        answer = self.cast(state, origin, direction, max_range)
+        """As `cast`; each ray passes what the body in its row (n) carries. Origins and directions are C-contiguous."""
+        answer = self._cast(state, (origin, direction, max_range))
         own = self._rows[answer.body] == rows
-        if own.any():
+        if np.count_nonzero(own):
             for row in np.unique(rows[own]).tolist():
                 chosen = np.flatnonzero(own & (rows == row))
-                found = self.cast(state, origin[chosen], direction[chosen], max_range, row)
+                found = self._cast(state, (origin[chosen], direction[chosen], max_range), row)
                 for column, again in zip(answer, found, strict=True):
                     column[chosen] = again
         return answer
@@ -316,7 +324,8 @@ class Still:
 
     def raycast(self, origin: FloatArray, direction: FloatArray, max_range: float) -> Hits:
         """The nearest solid that each ray meets."""
-        return _cast(self._simple[1], self._scenes, self._moving, self._state, (origin, direction, max_range))
+        rays = (*_plain(origin, direction), max_range)
+        return _cast(self._simple[1], self._scenes, self._moving, self._state, rays)
 
 
 class Instant:

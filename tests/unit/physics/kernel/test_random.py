@@ -23,6 +23,7 @@ from uwserver.physics.kernel.random import (
     fill_normals,
     key_of,
     normals,
+    on_circle,
     philox,
     uniforms,
 )
@@ -49,6 +50,12 @@ def pair(key: Array, number: int, purpose: int, lane: int, out: Array) -> None:
     """Of the normal numbers, and of the uniform ones that they are made of."""
     out[0], out[1] = uniforms(key[0], number, purpose, lane)
     out[2], out[3] = normals(key[0], number, purpose, lane)
+
+
+@entry
+def circle(turns: Array, out: Array) -> None:
+    for k in range(len(turns)):
+        out[k, 0], out[k, 1] = on_circle(turns[k])
 
 
 @entry
@@ -113,6 +120,18 @@ def test_uniform_and_normal_numbers_are_made_of_all_bits_of_key_and_counter(key,
         assert (out[2], out[3]) == pytest.approx(
             (r * math.cos(2 * math.pi * v), r * math.sin(2 * math.pi * v)), rel=1e-14
         )
+
+
+def test_cosine_and_sine_of_turns_are_right_to_the_last_digit():
+    eighths = np.arange(9) / 8.0
+    turns = np.concatenate(
+        [eighths, np.nextafter(eighths[1:], 0.0), np.nextafter(eighths, 1.0), np.random.default_rng(1).random(100_000)]
+    )
+    out = np.empty((len(turns), 2))
+    circle(turns, out)
+    angle = 2.0 * np.longdouble("3.14159265358979323846264338327950288") * turns
+    assert np.abs(out - np.stack([np.cos(angle), np.sin(angle)], axis=1)).max() < 2.3e-16
+    assert out[:8:2].tolist() == [[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]]
 
 
 def test_moments_and_tails_to_five_sigma():
