@@ -73,20 +73,27 @@ def checked_command(port: Port, value: Mapping[str, object]) -> Items:
         raise Refused("bad_argument", f'"{port.path}" is a sensor: it takes no commands, subscribe to it', port.path)
     if type(value) is not dict and not isinstance(value, Mapping):  # of a class to which the question is quick
         raise Refused("bad_argument", f'"value" must be a map like {{"{port.fields[0].name}": ...}}', port.path)
-    items = tuple([_checked_item(field, value[field.name]) if field.name in value else None for field in port.fields])
+    try:
+        items = tuple(
+            [_checked_item(field, value[field.name]) if field.name in value else None for field in port.fields]
+        )
+    except Refused:
+        _check_names(port, value)  # a wrong name comes first, which costs nothing where all is well
+        raise
     if not value or len(value) > len(items) - items.count(None):
-        _refuse_names(port, value)
+        _check_names(port, value)
     return items
 
 
-def _refuse_names(port: Port, value: Mapping[str, object]) -> None:
+def _check_names(port: Port, value: Mapping[str, object]) -> None:
     names = [field.name for field in port.fields]
     for key in value:
         if key not in names:
             word = shown(key)
             text = f'"{port.path}" has no field "{word}"{suggestion(word, names)}; it takes: {", ".join(names)}'
             raise Refused("bad_argument", text, word)
-    raise Refused("bad_argument", f'no field given for "{port.path}"; it takes: {", ".join(names)}', port.path)
+    if not value:
+        raise Refused("bad_argument", f'no field given for "{port.path}"; it takes: {", ".join(names)}', port.path)
 
 
 def _checked_item(field: Field, value: object) -> Item:

@@ -359,13 +359,21 @@ class Bus:
             self.expect(output.ports, output.jumps)
         for on_reply, reply in output.replies:
             answer(partial(on_reply, reply))
-        told, hearers = output.told, self._hearers
-        if told and self._puts_told and not output.made:
+        told = output.told
+        if told is None or told.ticks == 1 or not self._others:
+            self._give(told, output.made)
+            return
+        for tick in told.by_tick():  # which were put together while nobody took them one by one
+            self._give(tick, output.made)
+
+    def _give(self, told: Told | None, made: list[Sample]) -> None:
+        hearers = self._hearers
+        if told and self._puts_told and not made:
             hearers = self._others
             for put in self._puts_told:
                 answer(partial(put, told))
         # Who is alone makes of the rows what it needs; for several they are made once.
-        samples: Sequence[Sample] = told if told and not output.made and len(hearers) < 2 else output.samples
+        samples: Sequence[Sample] = told if told and not made and len(hearers) < 2 else [*(told or ()), *made]
         if samples:
             self.last.put(samples)
             self._each(lambda sink: sink.put_samples(samples), hearers)

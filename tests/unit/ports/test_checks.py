@@ -71,6 +71,7 @@ def test_nested_lists_become_row_major():
             r'\(did you mean "force_B"\?\); it takes: force_B, gain, matrix$',
         ),
         (PUSH, {5: 1}, "bad_argument", "5", 'no field "5"'),
+        (PUSH, {"gain": NAN, "matrx": 1}, "bad_argument", "matrx", 'no field "matrx"'),
         (THRUSTERS, {"u": [0, 0]}, "bad_shape", "u", "a list of 3, not a list of 2"),
         (THRUSTERS, {"u": [0, 0, 0, 0]}, "bad_shape", "u", "a list of 3, not a list of 4"),
         (THRUSTERS, {"u": 0.5}, "bad_shape", "u", "a list of 3, not a number"),

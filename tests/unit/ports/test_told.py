@@ -64,6 +64,25 @@ def test_those_that_follow_each_other_are_told_together():
     assert first.followed_by(Told(dict(origins), log, 3, 4)) is None, "sensors came or went"
 
 
+def test_several_ticks_come_apart_again():
+    log = full()
+    origins = told(log).origins
+    first, second, third = (Told(origins, log, at, at + 1) for at in (2, 3, 4))
+    both = first.followed_by(second)
+    assert both is not None
+    whole, again = both.followed_by(third), both.followed_by(third)
+    late = second.followed_by(third)
+    assert whole is not None
+    assert again is not None
+    assert late is not None
+    joined = first.followed_by(late)
+    assert joined is not None
+    for some in (whole, again, joined):
+        assert [(tick.ticks, list(tick)) for tick in some.by_tick()] == [(1, [sample]) for sample in SAMPLES]
+    assert [list(tick) for tick in both.by_tick()] == [[sample] for sample in SAMPLES[:2]]
+    assert [list(tick) for tick in told(log).by_tick()] == [SAMPLES]
+
+
 def test_an_output_makes_them_once_and_before_the_others():
     output = TickOutput(1, 1, SAMPLES[2:], told=Told({}, full(), 2, 2))
     output.told = told()

@@ -225,7 +225,8 @@ class Rays:
         self, state: FloatArray, origin: FloatArray, direction: FloatArray, max_range: float, without: int = NOBODY
     ) -> Hits:
         """See `uwserver.physics.rays.raycast.Geometry.raycast`; moving bodies stand where `state` says, and that of row `without` is not there."""
-        return self._cast(state, (*_plain(origin, direction), max_range), without)
+        where = np.ascontiguousarray(state, np.float64)
+        return self._cast(where, (*_plain(origin, direction), max_range), without)
 
     def _cast(self, state: FloatArray, rays: tuple[FloatArray, FloatArray, float], without: int = NOBODY) -> Hits:
         _, table = self._simple_without(without)
@@ -257,7 +258,7 @@ class Rays:
             for body, c in self._moving.items()
             if c.scene is not None and c.row != without
         ]
-        return Still(simple, tuple(scene.apart() for scene in self._still or ()), tuple(moving), state.copy())
+        return Still(simple, tuple(scene.apart() for scene in self._still or ()), tuple(moving), np.array(state, np.float64))
 
     def _simple_without(self, row: int) -> tuple[Simple, IntArray]:
         """What is intersected one by one, but for what this row carries; kept until something changes, as each ping of its sonars asks."""
