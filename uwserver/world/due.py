@@ -65,7 +65,8 @@ def once(reader: Reader) -> Reader:
 def writer(slots: Sequence[SensorSlot], instruments: Instruments) -> Callable[[], None]:
     """What lets sensors write (`Sensor.writes`), and tells of all at once that they are ready, but for those that a fault keeps silent."""
     numbers, heads = np.array([slot.head for slot in slots]), instruments.heads.rows
-    ready, silent, valid = heads["ready"], heads["silent"], heads["valid"]  # to find a column costs as much as to write it
+    # To find a column costs as much as to write it.
+    ready, silent, valid = heads["ready"], heads["silent"], heads["valid"]
 
     def write_all() -> None:
         ready[numbers] = silent[numbers] == 0

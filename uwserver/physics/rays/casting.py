@@ -258,7 +258,9 @@ class Rays:
             for body, c in self._moving.items()
             if c.scene is not None and c.row != without
         ]
-        return Still(simple, tuple(scene.apart() for scene in self._still or ()), tuple(moving), np.array(state, np.float64))
+        return Still(
+            simple, tuple(scene.apart() for scene in self._still or ()), tuple(moving), np.array(state, np.float64)
+        )
 
     def _simple_without(self, row: int) -> tuple[Simple, IntArray]:
         """What is intersected one by one, but for what this row carries; kept until something changes, as each ping of its sonars asks."""
