@@ -294,7 +294,7 @@ class Hydrodynamics:
         self._flow = timed("water", "at the bodies", self.fill_flows)
         self._detect = timed("contact", "detection", lambda collider: collider.find_contacts(self.state, self.dt))
         self._respond = timed("contact", "response", self._advance_touching)
-        self._move = timed("physics", "bodies", self._advance_free)
+        self._move: Callable[[float], int] = timed("physics", "bodies", self._advance_free)
 
     def advance(self, t: float) -> int:
         """Carry all bodies from t to t + dt (s). Returns -1, or the row of the first body whose state is not finite."""
@@ -307,17 +307,18 @@ class Hydrodynamics:
             if self.touched is not NO_IMPULSES:
                 self.touched = NO_IMPULSES
                 self.contact_nu_dot[:] = 0.0
-        return int(self._move(t))
+        return self._move(t)
 
     def _advance_free(self, t: float) -> int:
-        return int(entries.advance(self._fitted)(self.table, t, self.dt))
+        diverged: int = entries.advance(self._fitted)(self.table, t, self.dt)
+        return diverged
 
     def _advance_touching(self, contacts: Contacts, t: float) -> int:
         """The stages are those of `contact.step`."""
         kernel, old = entries.contact(), self.touched
         strike = kernel.strike_fitted if self._fitted else kernel.strike
         struck = strike(self.table, contacts, old.contacts.key, old.contacts.point, old.hold, t, self.dt)
-        diverged = int(self._move(t))
+        diverged = self._move(t)
         if diverged < 0:
             self.touched = Impulses(contacts, *np.empty((2, len(contacts.gap), 3)))
             kernel.settle(self.table, struck, contacts, self.dt, *self.touched[1:], self.contact_nu_dot)

@@ -193,6 +193,7 @@ class Solids:
             first += len(self._parts[key])
         n, m = len(entries), len(bodies)
         broad_phase, _, _ = _kernels()
+        self._find_pairs = _finds_pairs()
         self._shapes = self._stock.shapes([p for p, _ in entries])
         radius = np.array([broad_phase.radius_of(self._shapes.slots[at : at + count]) for at, count, _ in bodies])
         self._search = broad_phase.Search(
@@ -215,23 +216,15 @@ class Solids:
         """
         if self._is_stale:
             self._rebuild()
-        if not len(self._search.bodies):
-            return NO_CONTACTS
-        count = self._find_pairs(state, dt)
+        count = self._find_pairs(self._table, state, dt, MARGIN, self._gate, self._pairs)
         if not count:
             return NO_CONTACTS
+        while count > len(self._pairs):
+            self._pairs = np.zeros((2 * count, 2), np.int64)
+            count = self._find_pairs(self._table, state, dt, MARGIN, self._gate, self._pairs)
         pairs = self._pairs[:count]
         first, lines = self._find_lines(pairs)
         return self._collect(pairs, first, lines)
-
-    def _find_pairs(self, state: FloatArray, dt: float) -> int:
-        """How many shapes may touch; they stand in `_pairs`."""
-        find_pairs = _finds_pairs()
-        while True:
-            count = int(find_pairs(self._table, state, dt, MARGIN, self._gate, self._pairs))
-            if count <= len(self._pairs):
-                return count
-            self._pairs = np.zeros((2 * count, 2), np.int64)
 
     def _find_lines(self, pairs: Any) -> tuple[IntArray, FloatArray]:
         """Lines of all pairs: where each pair's begin, and (k, 7) direction, point on b, gap."""
