@@ -65,7 +65,7 @@ class Thrusters:
                 raise ValueError(f'no thruster "{name}" here, there are: {", ".join(body.thrusters) or "none"}')
         self._hydro = body.hydro
         self.rows = {name: body.thrusters[name] for name in members}
-        self._rows = _together([body.thrusters[name] for name in members])
+        self._part, self._at = _places([body.thrusters[name] for name in members])
         self.propulsors = tuple(
             Propulsor(
                 name, _three(self._hydro.thrusters["r"][row]), _three(self._hydro.thrusters["per_force"][row][:3])
@@ -75,7 +75,6 @@ class Thrusters:
         self._by_force = int(command == "force")
         self._all: Records | None = None  # of whose columns these are views: to find one costs as much as to write it
         self._columns: tuple[Records, ...] = ()
-        self._at: list[int] | slice = []
         order = ", ".join(members)
         self.doc = f"Thrusters {order}." if shape else f"Thruster {order}."
         if self._by_force:
@@ -98,15 +97,16 @@ class Thrusters:
     def _hold(self, command: tuple[float, ...] | float) -> None:
         if self._all is not self._hydro.thrusters:  # bodies came, or went back
             self._all = self._hydro.thrusters
-            part, self._at = (self._rows, _WHOLE) if isinstance(self._rows, slice) else (_WHOLE, self._rows)
-            self._columns = tuple(self._all[name][part] for name in ("command", "by_force", "fresh"))
+            self._columns = tuple(self._all[name][self._part] for name in ("command", "by_force", "fresh"))
         (commands, by_force, fresh), at = self._columns, self._at
         commands[at], by_force[at], fresh[at] = command, self._by_force, 1
 
 
-def _together(rows: list[int]) -> list[int] | slice:
-    """Rows as one range where they are one, in which numpy writes four times as fast."""
-    return slice(rows[0], rows[-1] + 1) if rows and rows == list(range(rows[0], rows[-1] + 1)) else rows
+def _places(rows: list[int]) -> tuple[slice, list[int] | slice]:
+    """Which part of a column to keep a view of, and where in it rows stand: all of it where they are one range, in which numpy writes quickest."""
+    if rows and rows == list(range(rows[0], rows[-1] + 1)):
+        return slice(rows[0], rows[-1] + 1), _WHOLE
+    return _WHOLE, rows
 
 
 def _three(vector: FloatArray) -> tuple[float, float, float]:

@@ -18,6 +18,7 @@ from uwserver.ports.buffer import Buffer, unpacked
 from uwserver.ports.values import Argument, ErrorCode, Field, Item, Items, Json, Port, Refused, Service, Value
 
 _LARGEST = sys.float_info.max
+_NUMERIC = ("float", "int", "bool")
 
 SHOWN = 80
 COMPARED = 24
@@ -98,16 +99,14 @@ def _check_names(port: Port, value: Mapping[str, object]) -> None:
 
 def _checked_item(field: Field, value: object) -> Item:
     item: Item
-    if field.type == "float":
+    if field.type in _NUMERIC:
         return _checked_field(field, field.shape, value)
     if field.type == "str":
         item = _checked_text(field.name, value)
         size = len(item.encode())
-    elif field.is_packed:
+    else:
         item = _checked_packed(field, value)
         size = len(item.data)
-    else:
-        return _checked_field(field, field.shape, value)
     if size > field.most_bytes:
         text = f'"{field.name}" holds at most {field.most_bytes} bytes, here are {size}: send it in pieces'
         raise Refused("too_large", text, field.name)

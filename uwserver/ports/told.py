@@ -61,11 +61,11 @@ class Told(Sequence[Sample]):
 
     __slots__ = ("_end", "_ends", "_first", "log", "origins", "ticks")
 
-    def __init__(self, origins: Mapping[int, Origin], log: Log, first: int, end: int, ticks: int = 1) -> None:
-        """Those of a log from place `first` to before `end`."""
-        self.origins, self.log, self._first, self._end, self.ticks = origins, log, first, end, ticks
-        # Of all ticks but the last; where some go on from others they have one list, of which each looks at its own part.
-        self._ends: list[int] | None = None
+    def __init__(
+        self, origins: Mapping[int, Origin], log: Log, first: int, end: int, ticks: int = 1, ends: tuple[int, ...] = ()
+    ) -> None:
+        """Those of a log from place `first` to before `end`; `ends`: the same of each tick but the last, where they are to come apart again."""
+        self.origins, self.log, self._first, self._end, self.ticks, self._ends = origins, log, first, end, ticks, ends
 
     def __len__(self) -> int:
         return self._end - self._first
@@ -74,18 +74,13 @@ class Told(Sequence[Sample]):
         """Both together, where the other begins where this ends."""
         if other.log is not self.log or other._first != self._end or other.origins is not self.origins:
             return None
-        both = Told(self.origins, self.log, self._first, other._end, self.ticks + other.ticks)
-        ends = [] if self._ends is None else self._ends
-        if len(ends) >= self.ticks:  # something else went on from here
-            ends = ends[: self.ticks - 1]
-        ends += (self._end, *(other._ends or ())[: other.ticks - 1])
-        both._ends = ends
-        return both
+        ends = (*self._ends, self._end, *other._ends)
+        return Told(self.origins, self.log, self._first, other._end, self.ticks + other.ticks, ends)
 
     def by_tick(self) -> Iterator[Told]:
         """The same, each tick by itself."""
         first = self._first
-        for end in (*(self._ends or ())[: self.ticks - 1], self._end):
+        for end in (*self._ends, self._end):
             yield Told(self.origins, self.log, first, end)
             first = end
 

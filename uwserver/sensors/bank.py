@@ -94,6 +94,7 @@ _share: Any = Elsewhere("uwserver.physics.kernel.sharing", "share")
 _LEAST = 16
 """Sensors that a thread reads at a time: some 5 us."""
 _CARRIERS_KEPT = 8
+"""Sets of rays for which it is known who carries them."""
 
 
 @compiled

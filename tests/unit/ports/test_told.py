@@ -38,6 +38,12 @@ def full() -> Log:
     return log
 
 
+def ticks_of(log: Log) -> tuple[Told, ...]:
+    """One sample each."""
+    origins = told(log).origins
+    return tuple(Told(origins, log, at, at + 1) for at in (2, 3, 4))
+
+
 def test_rows_are_samples():
     rows = told()
     assert list(rows) == list(rows) == SAMPLES
@@ -53,31 +59,25 @@ def test_rows_are_samples():
 
 def test_those_that_follow_each_other_are_told_together():
     log = full()
-    origins = told(log).origins
-    first, second, third = (Told(origins, log, at, at + 1) for at in (2, 3, 4))
+    first, second, third = ticks_of(log)
     both = first.followed_by(second)
     assert both is not None
     assert list(both) == SAMPLES[:2]
     assert list(both.followed_by(third) or ()) == SAMPLES
     assert first.followed_by(third) is None, "one is missing"
-    assert first.followed_by(Told(origins, full(), 3, 4)) is None, "of another log"
-    assert first.followed_by(Told(dict(origins), log, 3, 4)) is None, "sensors came or went"
+    assert first.followed_by(Told(first.origins, full(), 3, 4)) is None, "of another log"
+    assert first.followed_by(Told(dict(first.origins), log, 3, 4)) is None, "sensors came or went"
 
 
 def test_several_ticks_come_apart_again():
     log = full()
-    origins = told(log).origins
-    first, second, third = (Told(origins, log, at, at + 1) for at in (2, 3, 4))
+    first, second, third = ticks_of(log)
     both = first.followed_by(second)
     assert both is not None
-    whole, again = both.followed_by(third), both.followed_by(third)
     late = second.followed_by(third)
-    assert whole is not None
-    assert again is not None
     assert late is not None
-    joined = first.followed_by(late)
-    assert joined is not None
-    for some in (whole, again, joined):
+    for some in (both.followed_by(third), first.followed_by(late)):
+        assert some is not None
         assert [(tick.ticks, list(tick)) for tick in some.by_tick()] == [(1, [sample]) for sample in SAMPLES]
     assert [list(tick) for tick in both.by_tick()] == [[sample] for sample in SAMPLES[:2]]
     assert [list(tick) for tick in told(log).by_tick()] == [SAMPLES]

@@ -226,9 +226,9 @@ class Rays:
     ) -> Hits:
         """See `uwserver.physics.rays.raycast.Geometry.raycast`; moving bodies stand where `state` says, and that of row `without` is not there."""
         where = np.ascontiguousarray(state, np.float64)
-        return self._cast(where, (*_plain(origin, direction), max_range), without)
+        return self._cast_plain(where, (*_plain(origin, direction), max_range), without)
 
-    def _cast(self, state: FloatArray, rays: tuple[FloatArray, FloatArray, float], without: int = NOBODY) -> Hits:
+    def _cast_plain(self, state: FloatArray, rays: tuple[FloatArray, FloatArray, float], without: int = NOBODY) -> Hits:
         _, table = self._simple_without(without)
         moving = [
             (body, c.row, c.scene) for body, c in self._moving.items() if c.scene is not None and c.row != without
@@ -239,12 +239,12 @@ class Rays:
         self, state: FloatArray, rows: IntArray, origin: FloatArray, direction: FloatArray, max_range: float
     ) -> Hits:
         """As `cast`; each ray passes what the body in its row (n) carries. Origins and directions are C-contiguous."""
-        answer = self._cast(state, (origin, direction, max_range))
+        answer = self._cast_plain(state, (origin, direction, max_range))
         own = self._rows[answer.body] == rows
         if np.count_nonzero(own):
             for row in np.unique(rows[own]).tolist():
                 chosen = np.flatnonzero(own & (rows == row))
-                found = self._cast(state, (origin[chosen], direction[chosen], max_range), row)
+                found = self._cast_plain(state, (origin[chosen], direction[chosen], max_range), row)
                 for column, again in zip(answer, found, strict=True):
                     column[chosen] = again
         return answer

@@ -261,6 +261,10 @@ def test_who_looks_out_of_a_body_sees_what_is_behind_it(picker: str) -> None:
     assert rays.cast(state, start, down, 50.0, 0).body.tolist() == [5, 5, 5]
     assert rays.at(state, 0).raycast(start, down, 50.0).body.tolist() == [5, 5, 5]
     assert rays.at(state, 0).still().raycast(start, down, 50.0).body.tolist() == [5, 5, 5]
+    # Compiled code would take these for what they are not.
+    for other in (state.astype(np.float32), np.asfortranarray(state)):
+        assert rays.cast(other, start, down, 50.0, 0).body.tolist() == [5, 5, 5]
+        assert rays.still(other, 0).raycast(start, down, 50.0).body.tolist() == [5, 5, 5]
     start[:, 2] = 3.0  # between the boxes and the ball
     assert rays.cast(state, start, down, 50.0, 1).body.tolist() == [7, 7, 7]
     past = rays.cast_past(state, np.array([0, 1, -1]), start, down, 50.0)
