@@ -214,6 +214,10 @@ def test_far_away_costs_no_contact_and_a_fast_body_is_seen_earlier():
         assert len(NO_CONTACTS.gap) == 0
 
 
+def test_where_no_body_is_nothing_touches():
+    assert Solids().find_contacts(np.zeros((0, 13)), DT) is NO_CONTACTS
+
+
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1e200])
 def test_a_state_that_is_not_finite_is_nowhere(bad):
     with world(FLOORS["coarse mesh"], HalfSpace()) as solids:
