@@ -74,9 +74,9 @@ and how a session of zenoh is opened."""
 LOOP = {"server", "adapter", "cli", "testing"}
 """Parts that may know asyncio and sockets: below them is the simulation, which never waits for a peer."""
 
-CLOCKS = {"uwserver.simulation.clock", "uwserver.world.threads"}
-"""Modules that may read the machine's time: all others ask a Clock, so that tests and free-run need no waiting. That of the threads measures how
-many of them step a world fastest, which changes no number of it."""
+CLOCKS = {"uwserver.physics.kernel.right_of_way", "uwserver.simulation.clock", "uwserver.world.threads"}
+"""Modules that may read the machine's time: all others ask a Clock, so that tests and free-run need no waiting. Those of the threads measure how
+many of them step a world fastest, and how long one has kept the interpreter, which changes no number of it."""
 
 DEGREES = {"uwserver.units"}
 """Where degrees become radians. Loader and codecs call it."""
@@ -507,7 +507,10 @@ TABLES_ALONE = {
 """Modules without behaviour of their own, each with the reason why nothing could be tested of it alone."""
 
 TESTED_WITH = {
-    "adapter": {f"foxglove.{name}": "adapter/foxglove/test_messages" for name in ("protobuf", "schemas", "shapes")},
+    "adapter": {
+        "aside": "adapter/test_connection",
+        **{f"foxglove.{name}": "adapter/foxglove/test_messages" for name in ("protobuf", "schemas", "shapes")},
+    },
     "actuators": {
         "ballast": "actuators/test_servos", "base": "actuators/test_policy", "fin": "actuators/test_servos",
         "moving_mass": "actuators/test_servos", "propeller": "actuators/test_servos", "servo": "actuators/test_servos",
@@ -529,7 +532,10 @@ TESTED_WITH = {
     "modifiers": dict.fromkeys(
         ("base", "bias", "delivery", "drift", "misalignment", "noise", "quantise"), "modifiers/test_contract"
     ),
-    "physics": {"dynamics.runge_kutta": "physics/dynamics/test_integrator", "entries": "physics/test_bodies"},
+    "physics": {
+        "dynamics.runge_kutta": "physics/dynamics/test_integrator", "entries": "physics/test_bodies",
+        "kernel.atomics": "physics/kernel/test_sharing", "kernel.giving_way": "physics/kernel/test_right_of_way",
+    },
     "recording": {
         "player_deck": "recording/test_player", "player_items": "recording/test_player_track",
         "player_messages": "recording/test_player_track", "player_services": "recording/test_player",
@@ -552,7 +558,7 @@ TESTED_WITH = {
         **{f"optical.camera.{name}": "sensors/optical/camera/test_picture" for name in ("formation", "rays", "view")},
         "optical.camera.kernels": "sensors/optical/camera/test_camera",
     },
-    "simulation": {"source": "server/test_playback"},
+    "simulation": {"goal": "simulation/test_thread", "source": "server/test_playback"},
     "table": {"": "scenario/files/test_convert"},
     "testing": {
         "adapter_kit": "testing/test_adapters", "call_checks": "testing/test_adapters", "fake_context": "adapter/test_roles",

@@ -16,8 +16,9 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 
 from uwserver.physics.kernel.arrays import Array, IntArray
+from uwserver.physics.kernel.atomics import load_atomic, pause, store_atomic
 from uwserver.physics.kernel.compiled import compiled, entry
-from uwserver.physics.kernel.sharing import _load, _pause, _store, share
+from uwserver.physics.kernel.sharing import share
 from uwserver.physics.kernel.team import Team, why_alone
 from uwserver.simulation.clock import SystemTime
 from uwserver_bench.processes import loading, serving
@@ -57,11 +58,11 @@ def _meet(first: int, end: int, me: int, times: Array) -> None:
     for k in range(first, end):
         if k > 0:
             if me != 0:
-                _store(times, 1, _cycles())
+                store_atomic(times, 1, _cycles())
             continue
         turns = 0
-        while _load(times, 1) == 0 and turns < _PATIENCE:
-            _pause()
+        while load_atomic(times, 1) == 0 and turns < _PATIENCE:
+            pause()
             turns += 1
 
 

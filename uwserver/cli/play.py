@@ -142,8 +142,8 @@ def _serve(
 ) -> int:
     from uwserver.adapter import installed_adapters
     from uwserver.server.life_cycle import Options, Server, StartFailed
+    from uwserver.server.loop import run as run_loop
     from uwserver.server.playback import Playback
-    from uwserver.server.signals import run as run_loop
 
     adapters = installed_adapters()
     try:

@@ -147,7 +147,7 @@ def _timing(given: Timing, mode: str | None, speed: float | None, paused: bool) 
 
 def _run_loop(resolved: Resolved, options: Options) -> int:
     if not resolved.scenario.server.uvloop:
-        from uwserver.server.signals import run as run_loop
+        from uwserver.server.loop import run as run_loop
 
         return run_loop(_serve(resolved, options))
     try:

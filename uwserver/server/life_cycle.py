@@ -26,6 +26,7 @@ from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.scene.scenery import Scenery
 from uwserver.server.context import Context, Hub
 from uwserver.server.http import serve_http
+from uwserver.server.loop import begin_way
 from uwserver.server.playback import Playback
 from uwserver.server.profiling import Profiling
 from uwserver.server.recordings import recordings_of
@@ -115,11 +116,9 @@ class Server:
         self._resolved = resolved
         self._options = options
         self._ending = asyncio.Event()
-        self._reason = ""
-        self._gave_up = False
+        self._reason, self._gave_up = "", False
         self._loop = asyncio.get_running_loop()
-        time = SystemTime()
-        bus, mailbox = Bus(self._call_soon), Mailbox()
+        time, bus, mailbox = SystemTime(), Bus(self._call_soon), Mailbox()
         self._monitor = Monitor(lambda: self._hub, time.now_ns)
         self.live: Simulation | None = None
         self._simulation: Source
@@ -130,7 +129,8 @@ class Server:
             self._simulation = player
             return
         world = build(resolved, options.seed)
-        self._simulation = self.live = Simulation(world, options.timing or timing_of(resolved), time, bus, mailbox)
+        timing, way = options.timing or timing_of(resolved), begin_way(self._loop)
+        self._simulation = self.live = Simulation(world, timing, time, bus, mailbox, way)
         files = StateFiles(state_folder(resolved), self.live, mailbox, self._call_soon)
         profiling = Profiling(self.live, time.now_ns, self._call_soon, self._loop.call_later)
         self._hub = Hub(name, self.live, bus, mailbox, *tell, files, profiling, Scenery(resolved, world))

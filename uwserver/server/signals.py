@@ -1,35 +1,15 @@
-"""Loops that can watch a listener, and the signals that end a server: on every system, also where asyncio's own are less able (Windows)."""
+"""The signals that end a server: on every system, also where asyncio's own are less able (Windows)."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import signal
-import sys
-from collections.abc import Callable, Coroutine, Iterator
+from collections.abc import Callable, Iterator
 from types import FrameType
-from typing import Any, TypeVar
+from typing import Any
 
-T = TypeVar("T")
 _ENDING = (signal.SIGINT, signal.SIGTERM)
-
-
-def run(main: Coroutine[Any, Any, T], platform: str = sys.platform) -> T:
-    """As `asyncio.run`, on a loop with `add_reader`: the default one of Windows has none."""
-    if platform != "win32":
-        return asyncio.run(main)
-    loop = asyncio.SelectorEventLoop()
-    try:
-        asyncio.set_event_loop(loop)
-        return loop.run_until_complete(main)
-    finally:
-        left = asyncio.all_tasks(loop)
-        for task in left:
-            task.cancel()
-        loop.run_until_complete(asyncio.gather(*left, return_exceptions=True))
-        loop.run_until_complete(loop.shutdown_asyncgens())
-        asyncio.set_event_loop(None)
-        loop.close()
 
 
 def end_undisturbed() -> None:

@@ -6,15 +6,16 @@ import gc
 import logging
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Literal
 
 from uwserver.logs import place_of
+from uwserver.physics.kernel.right_of_way import RightOfWay
 from uwserver.ports import Call, Event, Json, OnReply, Progress, Refused, Reply
 from uwserver.ports.crossing import Posted, TickOutput
 from uwserver.ports.stops import PAUSE
 from uwserver.simulation.bus import MAX_TICKS, Bus, Mailbox
 from uwserver.simulation.clock import Pace, Time, Timing
+from uwserver.simulation.goal import Goal
 from uwserver.simulation.intake import BEGIN, Intake, Observer
 from uwserver.simulation.lateness import Lateness
 from uwserver.simulation.lockstep import Lockstep
@@ -38,17 +39,6 @@ _IDLE_S = 0.25
 """How long a paused or waiting world sleeps at most before it looks around; a post wakes it at once."""
 
 
-@dataclass(eq=False)
-class Goal:
-    """A long-running request to reach a tick."""
-
-    tick: int
-    start: int
-    on_reply: OnReply
-    pause_there: bool
-    paced: bool
-
-
 class Simulation:
     """Steps a world until it is stopped. `run` is the body of the simulation thread; everything else here is called from the loop.
 
@@ -59,7 +49,10 @@ class Simulation:
         until_tick: `run` ends at this tick, or at a fault before it; None for never.
     """
 
-    def __init__(self, world: World, timing: Timing, time: Time, bus: Bus, mailbox: Mailbox) -> None:
+    def __init__(
+        self, world: World, timing: Timing, time: Time, bus: Bus, mailbox: Mailbox, way: RightOfWay | None = None
+    ) -> None:
+        """Of a world; `way`: that the loop has before ticks that nothing paces."""
         self.world, self.timing, self.bus, self.mailbox = world, timing, bus, mailbox
         self.lockstep = Lockstep(timing, time, bus, self._say, self._pause_for_loss)
         self.lateness, self.pace = Lateness(), Pace(time, timing.pace or timing.speed)
@@ -73,6 +66,7 @@ class Simulation:
         self._intake = Intake(world, mailbox.posted, time, self._stop)
         self._publish, self._record = bus.publish, self._intake.ticked
         self._appointments: list[tuple[int, Callable[[], None]]] = []
+        self._give, self._rest = (way.give, way.rest) if way is not None else (lambda: None, lambda: None)
 
     # -- from the loop --------------------------------------------------------------------------------------------------------------
 
@@ -161,6 +155,7 @@ class Simulation:
             self.bus.say(Event("diverged", self.world.tick, self.world.t_ns, self.failure))
         finally:
             gc.unfreeze()
+            self._rest()
         self._refuse_the_rest(Refused("shutdown", "the server is shutting down"))
 
     def _refuse_the_rest(self, refused: Refused) -> None:
@@ -195,6 +190,7 @@ class Simulation:
     def _is_due(self) -> bool:
         """Wait for the tick's deadline; False when something was posted during a long wait, for instance another speed."""
         if self.timing.pace is not None and not self._hurries():
+            self._rest()
             late_ns = self.pace.wait(self.world.t_ns, self.mailbox.wake)
             if late_ns is None:
                 self.mailbox.wake.clear()  # before `_turn` looks at what came
@@ -206,7 +202,10 @@ class Simulation:
             most = MAX_TICKS // 2 if self.lockstep.asks else self.bus.ahead
             while self.bus.backlog() >= most and not self._stop.is_set():
                 self.bus.flush()
+                self._rest()
                 self._time.wait(_LOOK_S, self._stop)
+            if not self.lockstep.asks:
+                self._give()
         return True
 
     def _hurries(self) -> bool:
@@ -250,6 +249,7 @@ class Simulation:
 
     def _idle(self) -> None:
         """Answer what is posted without a tick, then sleep until something is posted."""
+        self._rest()
         self.pace.release()
         self.mailbox.wake.clear()
         output: TickOutput = self.world.flush(self._intake.requests(self._is_paced()))

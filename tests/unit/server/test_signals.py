@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import signal
-import socket
 from collections.abc import Iterator
 
 import pytest
 
-from uwserver.server.signals import run, signals_received
+from uwserver.server.signals import signals_received
 
 
 @pytest.fixture(autouse=True)
@@ -65,32 +64,3 @@ def test_without_one_the_handlers_before_come_back(loop: asyncio.AbstractEventLo
     assert loop.run_until_complete(_told()) == []
     loop.close()
     assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
-
-
-@pytest.mark.parametrize("platform", ["linux", "win32"])
-def test_the_loop_can_watch_a_listener_and_leaves_no_task(platform: str) -> None:
-    ended: list[str] = []
-
-    async def waits() -> None:
-        try:
-            await asyncio.Event().wait()
-        finally:
-            ended.append("cancelled")
-
-    async def main() -> str:
-        ours, theirs = socket.socketpair()
-        heard = asyncio.Event()
-        asyncio.get_running_loop().add_reader(ours, heard.set)
-        theirs.send(b"x")
-        await asyncio.wait_for(heard.wait(), 10.0)
-        asyncio.get_running_loop().remove_reader(ours)
-        ours.close()
-        theirs.close()
-        tasks.append(asyncio.create_task(waits()))
-        await asyncio.sleep(0)
-        return "done"
-
-    tasks: list[asyncio.Task[None]] = []
-    assert run(main(), platform) == "done"
-    assert ended == ["cancelled"]
-    assert tasks[0].cancelled()

@@ -288,6 +288,48 @@ def test_a_slow_loop_loses_nothing_in_freerun(resolved):
     assert rig.bus.dropped == 0
 
 
+class Way:
+    """A right of way that notes whether the loop may count on being given it."""
+
+    def __init__(self) -> None:
+        self.given = 0
+        self.is_given = False
+
+    def give(self) -> None:
+        self.given += 1
+        self.is_given = True
+
+    def rest(self) -> None:
+        self.is_given = False
+
+
+def test_the_loop_has_the_right_of_way_before_each_tick_that_nothing_paces(resolved):
+    way = Way()
+    with running(resolved, replace(FREE, paused=True), way) as rig:
+        assert rig.call("world/step", n=7).tick == 7
+        rig.post(Call("world/state_hash", {}))  # answered by a world that idles
+        assert (way.given, way.is_given) == (7, False)
+        rig.call("world/run_until", t_s=0.1)
+        assert way.given == rig.world.tick == 24
+        rig.call("world/resume")
+        rig.call("world/run_until_tick", tick=48)
+    assert way.given == rig.world.tick
+    assert not way.is_given, "the run has ended"
+
+
+def test_where_ticks_are_paced_the_loop_waits_for_nobody(resolved):
+    way = Way()
+    with running(resolved, Timing(speed=100.0), way) as rig:
+        rig.call("world/run_until_tick", tick=24)
+        assert not way.given
+        rig.call("world/pause")
+        rig.call("world/step", n=3)
+        assert way.given == 3, "steps of a paused world are as fast as they can be"
+        rig.call("world/resume")
+        rig.call("world/run_until_tick", tick=rig.world.tick + 24)
+        assert (way.given, way.is_given) == (3, False)
+
+
 def test_a_step_cancelled_before_it_began_never_runs(resolved):
     with running(resolved, Timing(paused=True)) as rig:
         both_are_there = threading.Event()

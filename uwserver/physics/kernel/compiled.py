@@ -32,7 +32,10 @@ from uwserver.physics.kernel.linking import Entry, Part
 F = TypeVar("F", bound=Callable[..., Any])
 
 ENTRY_KERNELS = {
-    "free": ("integrator.advance", "integrator.rates_of_change", "sharing.serve", "sharing.stop"),
+    "free": (
+        "integrator.advance", "integrator.rates_of_change", "sharing.serve", "sharing.stop",
+        "giving_way.await_event", "giving_way.send_aside", "giving_way.give_way",
+    ),
     "fins": ("integrator.advance_fitted", "integrator.rates_of_change_fitted"),
     "contact": ("step.strike", "step.settle"),
     "fins in contact": ("step.strike_fitted",),

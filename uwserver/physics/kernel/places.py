@@ -1,4 +1,4 @@
-"""The array of a team of threads, by which they share loops (`sharing`): what stands where; and how they sleep on this machine."""
+"""The arrays by which threads share loops (`sharing`) and the interpreter (`giving_way`): what stands where; and how they sleep on this machine."""
 
 from __future__ import annotations
 
@@ -14,6 +14,11 @@ threads sleep; code and arguments of the loop, its rows and those of a range; ho
 sleep."""
 
 SIZE = 48
+
+ASKED, WATCHED, GIVEN, RUNS, WAY_SIZE = 0, 1, 8, 9, 16
+"""The same of a right of way: how often the loop has come or gone, odd while it asks for the interpreter or has it; what it waits for, as a
+``struct pollfd``; for which of these it was given the interpreter; whether somebody runs who gives it."""
+
 _MACHINE = platform.machine() if sys.platform == "linux" else ""
 FUTEX = {"x86_64": 202, "AMD64": 202, "aarch64": 98}.get(_MACHINE, 0)
 """Number of the system call; 0 where a thread could not sleep in compiled code."""

@@ -17,6 +17,16 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 
 from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.atomics import (
+    BYTES,
+    WORD,
+    add_atomic,
+    exchange_atomic,
+    futex,
+    load_atomic,
+    pause,
+    store_atomic,
+)
 from uwserver.physics.kernel.compiled import compiled, entry
 from uwserver.physics.kernel.places import (
     ASLEEP,
@@ -27,9 +37,7 @@ from uwserver.physics.kernel.places import (
     DATA,
     DONE,
     FAILED,
-    FUTEX,
     JOB,
-    PAUSE,
     SPIN,
     STOP,
     THREADS,
@@ -43,88 +51,7 @@ _MASK = MOST_RANGES
 _PATIENCE = 2000  # turns, some 50 us, for a range that another has begun
 _FUTEX_WAIT, _FUTEX_WAKE, _ALL = 128, 129, 1 << 30  # of one process
 
-_WORD, _BYTES = ir.IntType(64), ir.IntType(8).as_pointer()
-
-
-def _place(builder: Any, context: Any, kinds: Any, args: Any) -> Any:
-    """Pointer to a number of a team."""
-    data = context.make_array(kinds[0])(context, builder, args[0]).data
-    return builder.gep(data, [args[1]])
-
-
-@intrinsic  # type: ignore[untyped-decorator]  # numba has no types
-def _load(_context: Any, team: Any, k: Any) -> Any:
-    """A number that other threads write."""
-
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.load_atomic(_place(builder, context, signature.args, args), "seq_cst", 8)
-
-    return types.int64(team, types.int64), generate
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def _store(_context: Any, team: Any, k: Any, value: Any) -> Any:
-    """Write a number that other threads read."""
-
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        builder.store_atomic(args[2], _place(builder, context, signature.args, args), "seq_cst", 8)
-        return context.get_dummy_value()
-
-    return types.none(team, types.int64, types.int64), generate
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def _add(_context: Any, team: Any, k: Any, value: Any) -> Any:
-    """Add to a number to which other threads add."""
-
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        builder.atomic_rmw("add", _place(builder, context, signature.args, args), args[2], "seq_cst")
-        return context.get_dummy_value()
-
-    return types.none(team, types.int64, types.int64), generate
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def _exchange(_context: Any, team: Any, k: Any, old: Any, new: Any) -> Any:
-    """Write a number where it still is `old`; tells whether it was."""
-
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        place = _place(builder, context, signature.args, args)
-        return builder.extract_value(builder.cmpxchg(place, args[2], args[3], "seq_cst", "seq_cst"), 1)
-
-    return types.boolean(team, types.int64, types.int64, types.int64), generate
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def _pause(_context: Any) -> Any:
-    """What a processor is told in a loop that waits."""
-
-    def generate(context: Any, builder: Any, _signature: Any, _args: Any) -> Any:
-        if PAUSE:
-            numbers = [ir.IntType(32)(k) for k in PAUSE[1:]]
-            kind = ir.FunctionType(ir.VoidType(), [number.type for number in numbers])
-            builder.call(cgutils.get_or_insert_function(builder.module, kind, PAUSE[0]), numbers)
-        return context.get_dummy_value()
-
-    return types.none(), generate
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def _futex(_context: Any, team: Any, k: Any, operation: Any, value: Any) -> Any:
-    """Sleep while the low half of a number is `value`, or wake so many sleepers."""
-
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        if FUTEX:
-            place = builder.bitcast(_place(builder, context, signature.args, args), _BYTES)
-            kind = ir.FunctionType(_WORD, [_WORD], var_arg=True)
-            call = cgutils.get_or_insert_function(builder.module, kind, "syscall")
-            builder.call(call, [_WORD(FUTEX), place, args[2], args[3], _BYTES(None), _BYTES(None), _WORD(0)])
-        return context.get_dummy_value()
-
-    return types.none(team, types.int64, types.int64, types.int64), generate
-
-
-_RANGE = ir.FunctionType(ir.IntType(32), [_BYTES, _WORD, _WORD, _WORD])
+_RANGE = ir.FunctionType(ir.IntType(32), [BYTES, WORD, WORD, WORD])
 """Code of a loop as others call it: arguments, first row, end, who runs it; 0 if all went well."""
 
 
@@ -149,7 +76,7 @@ def _task(typing: Any, loop: Any, args: Any) -> Any:
         status, _ = context.call_internal_no_propagate(inner, result.fndesc, called, cast)
         inner.ret(inner.zext(status.is_error, ir.IntType(32)))
         place = cgutils.alloca_once_value(builder, values[1])
-        both = [builder.ptrtoint(function, _WORD), builder.ptrtoint(place, _WORD)]
+        both = [builder.ptrtoint(function, WORD), builder.ptrtoint(place, WORD)]
         return context.make_tuple(builder, signature.return_type, both)
 
     pair = types.UniTuple(types.int64, 2)  # type: ignore[attr-defined]  # made at run time
@@ -162,7 +89,7 @@ def _call(_context: Any, code: Any, data: Any, first: Any, end: Any, me: Any) ->
 
     def generate(_ctx: Any, builder: Any, _signature: Any, args: Any) -> Any:
         function = builder.inttoptr(args[0], _RANGE.as_pointer())
-        status = builder.call(function, [builder.inttoptr(args[1], _BYTES), *args[2:]])
+        status = builder.call(function, [builder.inttoptr(args[1], BYTES), *args[2:]])
         return builder.icmp_signed("==", status, ir.IntType(32)(0))
 
     return types.boolean(*[types.int64] * 5), generate
@@ -199,14 +126,14 @@ def _share(team: Array, code: int, data: int, count: int, least: int) -> bool:
     ranges = (count + size - 1) // size
     job = team[JOB] + 1
     team[CODE], team[DATA], team[COUNT], team[CHUNK] = code, data, count, size
-    _store(team, DONE, 0)
-    _store(team, FAILED, 0)
-    _store(team, CLAIM, _claim(job, 0, ranges))
-    _store(team, JOB, job)
-    if _load(team, ASLEEP) > 0:
-        _futex(team, JOB, _FUTEX_WAKE, _ALL)
+    store_atomic(team, DONE, 0)
+    store_atomic(team, FAILED, 0)
+    store_atomic(team, CLAIM, _claim(job, 0, ranges))
+    store_atomic(team, JOB, job)
+    if load_atomic(team, ASLEEP) > 0:
+        futex(team, JOB, _FUTEX_WAKE, _ALL)
     _await(team, ranges - _run(team, job, 0))
-    return bool(_load(team, FAILED) == 0)
+    return bool(load_atomic(team, FAILED) == 0)
 
 
 @compiled
@@ -220,23 +147,28 @@ def _run(team: Array, job: int, me: int) -> int:
     """Take ranges of a job until none is left; returns how many. Who shares it (`me` 0) begins with the first, the others with the last."""
     taken = 0
     while True:
-        claim = _load(team, CLAIM)
+        claim = load_atomic(team, CLAIM)
         low, high = (claim >> _BITS) & _MASK, claim & _MASK
         if claim >> 2 * _BITS != job or low == high:
             return taken
         # While the claim stands, this job is the one of which these tell.
-        code, data, count, size = _load(team, CODE), _load(team, DATA), _load(team, COUNT), _load(team, CHUNK)
+        code, data, count, size = (
+            load_atomic(team, CODE),
+            load_atomic(team, DATA),
+            load_atomic(team, COUNT),
+            load_atomic(team, CHUNK),
+        )
         k = low if me == 0 else high - 1
         left = _claim(job, low + 1, high) if me == 0 else _claim(job, low, high - 1)
-        if not _exchange(team, CLAIM, claim, left):
+        if not exchange_atomic(team, CLAIM, claim, left):
             continue
         if not _call(code, data, k * size, min(count, (k + 1) * size), me):
-            _store(team, FAILED, 1)
+            store_atomic(team, FAILED, 1)
         taken += 1
         if me != 0:
-            _add(team, DONE, 1)
-            if _load(team, WAITING) != 0:
-                _futex(team, DONE, _FUTEX_WAKE, _ALL)
+            add_atomic(team, DONE, 1)
+            if load_atomic(team, WAITING) != 0:
+                futex(team, DONE, _FUTEX_WAKE, _ALL)
 
 
 @compiled
@@ -244,16 +176,16 @@ def _await(team: Array, ranges: int) -> None:
     """Until others have done so many."""
     turns = 0
     while True:
-        done = _load(team, DONE)
+        done = load_atomic(team, DONE)
         if done == ranges:
             return
         turns += 1
         if turns < _PATIENCE:
-            _pause()
+            pause()
             continue
-        _store(team, WAITING, 1)
-        _futex(team, DONE, _FUTEX_WAIT, done)
-        _store(team, WAITING, 0)
+        store_atomic(team, WAITING, 1)
+        futex(team, DONE, _FUTEX_WAIT, done)
+        store_atomic(team, WAITING, 0)
 
 
 @entry
@@ -262,16 +194,16 @@ def serve(team: Array, me: int) -> None:
     job = 0
     while True:
         turns = 0
-        while _load(team, JOB) == job:
+        while load_atomic(team, JOB) == job:
             turns += 1
-            if turns < _load(team, SPIN):
-                _pause()
+            if turns < load_atomic(team, SPIN):
+                pause()
                 continue
-            _add(team, ASLEEP, 1)
-            _futex(team, JOB, _FUTEX_WAIT, job)
-            _add(team, ASLEEP, -1)
-        job = _load(team, JOB)
-        if _load(team, STOP) != 0:
+            add_atomic(team, ASLEEP, 1)
+            futex(team, JOB, _FUTEX_WAIT, job)
+            add_atomic(team, ASLEEP, -1)
+        job = load_atomic(team, JOB)
+        if load_atomic(team, STOP) != 0:
             return
         _run(team, job, me)
 
@@ -279,9 +211,9 @@ def serve(team: Array, me: int) -> None:
 @entry
 def stop(team: Array) -> None:
     """Let all threads of a team end, once they are idle."""
-    _store(team, STOP, 1)
-    _store(team, JOB, team[JOB] + 1)
-    _futex(team, JOB, _FUTEX_WAKE, _ALL)
+    store_atomic(team, STOP, 1)
+    store_atomic(team, JOB, team[JOB] + 1)
+    futex(team, JOB, _FUTEX_WAKE, _ALL)
 
 
 def load(team: Array) -> None:

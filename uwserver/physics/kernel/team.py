@@ -7,24 +7,19 @@ import threading
 import weakref
 from collections.abc import Sequence
 
-import numpy as np
-
-from uwserver.physics.kernel.arrays import IntArray
+from uwserver.physics.kernel.arrays import IntArray, shared_numbers
 from uwserver.physics.kernel.places import FUTEX, SIZE, SPIN, THREADS
 
 MOST_THREADS = 16
 
-_LINE = 64  # bytes that go from core to core together
 _SPIN = 8000
 """Turns, some 200 us: as long as a world of many bodies takes from one shared loop to the next where nothing paces it. Who sleeps meanwhile is awake
 again after 8 us at best and after a millisecond now and then, and half of what sharing gains is lost."""
 
 
 def _memory() -> IntArray:
-    """Numbers of a team, at the beginning of a cache line."""
-    raw = np.zeros(SIZE + _LINE // 8, np.int64)
-    first = -(raw.ctypes.data // 8) % (_LINE // 8)
-    memory: IntArray = raw[first : first + SIZE]
+    """Numbers of a team."""
+    memory = shared_numbers(SIZE)
     memory[THREADS] = 1
     return memory
 

@@ -1,0 +1,122 @@
+"""What threads say to each other within compiled code: numbers that others read and write meanwhile, and how to wait for these and for sockets."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.extending import intrinsic
+
+from uwserver.physics.kernel.places import FUTEX, PAUSE
+
+WORD, BYTES = ir.IntType(64), ir.IntType(8).as_pointer()
+_HALF = ir.IntType(32)
+_AT_ONCE = 0x4040
+"""MSG_DONTWAIT and MSG_NOSIGNAL of Linux: neither waits a full socket, nor ends a lost peer the process."""
+
+
+def place_of(builder: Any, context: Any, kinds: Any, args: Any) -> Any:
+    """Pointer to a number of an array."""
+    data = context.make_array(kinds[0])(context, builder, args[0]).data
+    return builder.gep(data, [args[1]])
+
+
+@intrinsic  # type: ignore[untyped-decorator]  # numba has no types
+def load_atomic(_context: Any, numbers: Any, k: Any) -> Any:
+    """A number that other threads write."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.load_atomic(place_of(builder, context, signature.args, args), "seq_cst", 8)
+
+    return types.int64(numbers, types.int64), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def store_atomic(_context: Any, numbers: Any, k: Any, value: Any) -> Any:
+    """Write a number that other threads read."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        builder.store_atomic(args[2], place_of(builder, context, signature.args, args), "seq_cst", 8)
+        return context.get_dummy_value()
+
+    return types.none(numbers, types.int64, types.int64), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def add_atomic(_context: Any, numbers: Any, k: Any, value: Any) -> Any:
+    """Add to a number to which other threads add."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        builder.atomic_rmw("add", place_of(builder, context, signature.args, args), args[2], "seq_cst")
+        return context.get_dummy_value()
+
+    return types.none(numbers, types.int64, types.int64), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def exchange_atomic(_context: Any, numbers: Any, k: Any, old: Any, new: Any) -> Any:
+    """Write a number where it still is `old`; tells whether it was."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        place = place_of(builder, context, signature.args, args)
+        return builder.extract_value(builder.cmpxchg(place, args[2], args[3], "seq_cst", "seq_cst"), 1)
+
+    return types.boolean(numbers, types.int64, types.int64, types.int64), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def pause(_context: Any) -> Any:
+    """What a processor is told in a loop that waits."""
+
+    def generate(context: Any, builder: Any, _signature: Any, _args: Any) -> Any:
+        if PAUSE:
+            numbers = [ir.IntType(32)(k) for k in PAUSE[1:]]
+            kind = ir.FunctionType(ir.VoidType(), [number.type for number in numbers])
+            builder.call(cgutils.get_or_insert_function(builder.module, kind, PAUSE[0]), numbers)
+        return context.get_dummy_value()
+
+    return types.none(), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def futex(_context: Any, numbers: Any, k: Any, operation: Any, value: Any) -> Any:
+    """Sleep while the low half of a number is `value`, or wake so many sleepers."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        if FUTEX:
+            place = builder.bitcast(place_of(builder, context, signature.args, args), BYTES)
+            kind = ir.FunctionType(WORD, [WORD], var_arg=True)
+            call = cgutils.get_or_insert_function(builder.module, kind, "syscall")
+            builder.call(call, [WORD(FUTEX), place, args[2], args[3], BYTES(None), BYTES(None), WORD(0)])
+        return context.get_dummy_value()
+
+    return types.none(numbers, types.int64, types.int64, types.int64), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def poll(_context: Any, numbers: Any, k: Any, milliseconds: Any) -> Any:
+    """Sleep until what a number describes, a ``struct pollfd``, has happened, or so long; below 0 without an end."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        place = builder.bitcast(place_of(builder, context, signature.args, args), BYTES)
+        kind = ir.FunctionType(_HALF, [BYTES, WORD, _HALF])
+        call = cgutils.get_or_insert_function(builder.module, kind, "poll")
+        builder.call(call, [place, WORD(1), builder.trunc(args[2], _HALF)])
+        return context.get_dummy_value()
+
+    return types.none(numbers, types.int64, types.int64), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def send(_context: Any, descriptor: Any, data: Any, size: Any) -> Any:
+    """Give a socket what it takes of so many bytes without waiting; returns how many that were, -1 where it cannot."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        place = context.make_array(signature.args[1])(context, builder, args[1]).data
+        kind = ir.FunctionType(WORD, [_HALF, BYTES, WORD, _HALF])
+        call = cgutils.get_or_insert_function(builder.module, kind, "send")
+        given = [builder.trunc(args[0], _HALF), builder.bitcast(place, BYTES), args[2], _HALF(_AT_ONCE)]
+        return builder.call(call, given)
+
+    return types.int64(types.int64, data, types.int64), generate

@@ -1,0 +1,78 @@
+"""How a thread that steps a world lets the loop have the interpreter (`uwserver.physics.kernel.right_of_way`): in compiled code, without it.
+
+The loop asks whenever it comes back from where it did not need the interpreter. Who steps the world sees that between two ticks, says so, and turns
+round until the loop has gone again. So the lock of the interpreter is free where one of them takes it.
+"""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import numpy as np
+
+from uwserver.physics.kernel.arrays import Array, IntArray
+from uwserver.physics.kernel.atomics import load_atomic, pause, poll, send, store_atomic
+from uwserver.physics.kernel.compiled import compiled, entry
+from uwserver.physics.kernel.places import ASKED, GIVEN, RUNS, WATCHED
+
+_ASKING = 4000
+"""Turns, some 100 us, for the end of a tick: of a large world it comes later, but that is in compiled code most of the time."""
+_GIVING = 20_000
+"""Turns, some 500 us, for the loop: nearly all that it does in one go takes less."""
+
+
+@compiled
+def leave(numbers: Array) -> None:
+    """The loop needs the interpreter no more."""
+    store_atomic(numbers, ASKED, load_atomic(numbers, ASKED) + 1)
+
+
+@compiled
+def enter(numbers: Array) -> None:
+    """The loop needs it again, and waits a moment for it."""
+    asked = load_atomic(numbers, ASKED) + 1
+    store_atomic(numbers, ASKED, asked)
+    turns = 0
+    while load_atomic(numbers, RUNS) != 0 and load_atomic(numbers, GIVEN) != asked and turns < _ASKING:
+        pause()
+        turns += 1
+
+
+@entry
+def await_event(numbers: Array, milliseconds: int) -> None:
+    """What the loop does until there is something to do: see `RightOfWay.sleep`."""
+    leave(numbers)
+    poll(numbers, WATCHED, milliseconds)
+    enter(numbers)
+
+
+@entry
+def send_aside(numbers: Array, descriptor: int, data: Array) -> int:
+    """See `RightOfWay.send`."""
+    leave(numbers)
+    sent = send(descriptor, data, len(data))
+    enter(numbers)
+    return int(sent)
+
+
+@entry
+def give_way(numbers: Array) -> int:
+    """Let the loop have what it asks for. Returns 0, or which time it was where the loop keeps it for long."""
+    asked = load_atomic(numbers, ASKED)
+    store_atomic(numbers, GIVEN, asked)
+    turns = 0
+    while load_atomic(numbers, ASKED) == asked and turns < _GIVING:
+        pause()
+        turns += 1
+    store_atomic(numbers, GIVEN, 0)
+    return asked if turns == _GIVING else 0
+
+
+def load(numbers: IntArray) -> None:
+    """Have what stands here ready, compiled or from the cache."""
+    for kernel, given in (
+        (await_event, (numbers, 0)),
+        (send_aside, (numbers, 0, np.frombuffer(b"", np.uint8))),
+        (give_way, (numbers,)),
+    ):
+        cast("Any", kernel).load(*given)
