@@ -5,15 +5,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
 
 from uwserver.modifiers.columns import columns_of
 from uwserver.modifiers.decimals import LONGEST, write_float, write_null, write_whole
-from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.physics.kernel.arrays import Array, IntArray, shared_numbers
+from uwserver.physics.kernel.deferred import Elsewhere, compiled, entry
+from uwserver.physics.kernel.places import WAY_SIZE
+from uwserver.physics.kernel.right_of_way import RightOfWay
 from uwserver.ports import Field, Port
 from uwserver.ports.told import Told
 
@@ -26,6 +28,10 @@ _TEXTS = 1024
 
 _NULL, _TRUE, _FALSE = (np.frombuffer(word, np.uint8) for word in (b"null", b"true", b"false"))
 _COMMA = np.uint8(ord(","))
+
+_GIVING_WAY = "uwserver.physics.kernel.giving_way"
+leave: Any = Elsewhere(_GIVING_WAY, "leave")
+enter: Any = Elsewhere(_GIVING_WAY, "enter")
 
 
 class Piece(NamedTuple):
@@ -111,12 +117,13 @@ def _write_numbers(step: Array, numbers: Array, whole: Array, row: int, out: Arr
 
 @entry
 def write_lines(
-    table: Array, numbers: Array, whole: Array, places: Array, forms: Array, firsts: Array, steps: Array, given: Array,
+    way: Array, table: Array, numbers: Array, whole: Array, places: Array, forms: Array, firsts: Array, steps: Array, given: Array,
     texts: Array, ends: Array, out: Array,
 ) -> int:  # fmt: skip
     """Write lines; returns how many bytes they are.
 
     Args:
+        way: numbers of a right of way, without which it is done.
         table, numbers, whole: of a log.
         places: of samples there.
         forms: of their lines.
@@ -127,6 +134,7 @@ def write_lines(
         out: has room for the longest that they can be.
     """
     at = text = 0
+    leave(way)
     for n in range(len(places)):
         head, form = table[places[n]], forms[n]
         for k in range(firsts[form], firsts[form + 1]):
@@ -143,14 +151,17 @@ def write_lines(
                 text += 1
             else:
                 at = _write_numbers(step, numbers, whole, head[6], out, at)
+    enter(way)
     return at
 
 
 class LineWriter:
     """Writes samples in forms that it was given."""
 
-    def __init__(self) -> None:
+    def __init__(self, way: RightOfWay | None = None) -> None:
+        """In no form; `way`: of who writes, whom others may interrupt while he does."""
         load()
+        self._way = shared_numbers(WAY_SIZE) if way is None else way.numbers
         self._given = bytearray()
         self._steps: list[tuple[int, int, int]] = []
         self._firsts, self._bounds = [0], list[int]()
@@ -179,9 +190,11 @@ class LineWriter:
     def _gather(self) -> None:
         steps = np.array(self._steps, np.int64).reshape(-1, 3)
         self._tables = np.array(self._firsts), steps, np.frombuffer(bytes(self._given), np.uint8)
+        self._room = np.array(self._bounds, np.int64)
+        self._wordy = np.array([bool(texts) for texts in self._texts], np.bool_)
         self._stale = False
 
-    def write(self, told: Told, places: Sequence[int], forms: Sequence[int]) -> bytes:
+    def write(self, told: Told, places: IntArray, forms: IntArray) -> bytes:
         """Some samples, each in a form.
 
         Args:
@@ -194,31 +207,27 @@ class LineWriter:
         """
         if self._stale:
             self._gather()
-        log, bounds, wanted = told.log, self._bounds, self._texts
-        texts = [
-            _encoded(log.loose[place][k])
-            for place, form in zip(places, forms, strict=True)
-            if wanted[form]
-            for k in wanted[form]
-        ]
+        log, texts = told.log, self._texts_of(told, places, forms)
         joined = b"".join(texts)
-        room = sum([bounds[form] for form in forms]) + len(joined)
+        room = int(self._room[forms].sum()) + len(joined)
         if room > len(self._out):
             self._out = np.zeros(2 * room, np.uint8)
         ends = np.cumsum([len(text) for text in texts], dtype=np.int64) if texts else _NO_ENDS
         written = np.frombuffer(joined, np.uint8) if joined else _NO_BYTES
         end = write_lines(
-            log.table,
-            log.numbers,
-            log.whole,
-            np.array(places),
-            np.array(forms),
-            *self._tables,
-            written,
-            ends,
-            self._out,
-        )
+            self._way, log.table, log.numbers, log.whole, places, forms, *self._tables, written, ends, self._out
+        )  # fmt: skip
         return self._out[:end].tobytes()
+
+    def _texts_of(self, told: Told, places: IntArray, forms: IntArray) -> list[bytes]:
+        """All texts of these samples, in their order."""
+        wordy = self._wordy[forms].nonzero()[0]
+        wanted, loose = self._texts, told.log.loose
+        return [
+            _encoded(loose[place][k])
+            for place, form in zip(places[wordy].tolist(), forms[wordy].tolist(), strict=True)
+            for k in wanted[form]
+        ]
 
 
 @lru_cache(_TEXTS)
@@ -234,5 +243,5 @@ def load() -> None:
     """Have it ready, compiled or from the cache, so that nobody who waits for a sample waits for it."""
     none, given = np.zeros(0, np.int64), _NO_BYTES
     write_lines.made().load(
-        none.reshape(0, 7), np.zeros(0), none, none, none, none, none.reshape(0, 3), given, given, none, np.zeros(0, np.uint8)
+        none, none.reshape(0, 7), np.zeros(0), none, none, none, none, none.reshape(0, 3), given, given, none, np.zeros(0, np.uint8)
     )  # fmt: skip

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from uwserver.environment.acoustics import channel
-from uwserver.modifiers import lines
+from uwserver.modifiers import choosing, lines
 from uwserver.physics.kernel.random import draw_normals
 from uwserver.sensors import bank, truth
 from uwserver.sensors.bank import Bank, BankSensor
@@ -33,7 +33,7 @@ def _sensors() -> Iterable[Any]:
     from uwserver.modifiers.chain import disturb_alone
     from uwserver.world.delivery import deliver
 
-    yield from (deliver, disturb_alone.made(), lines.write_lines.made())
+    yield from (deliver, disturb_alone.made(), lines.write_lines.made(), choosing.choose_samples.made())
     for each in banks_of_all(False).values():
         yield from bank.kernels(each)
 
@@ -44,6 +44,7 @@ def _load_sensors() -> None:
 
     delivery.load()
     lines.load()
+    choosing.load()
     chain.load()
     draw_normals(0, 1)
     for each in banks_of_all(False).values():

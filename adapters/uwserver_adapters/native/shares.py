@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 
-from uwserver.adapter import Thinning
+from uwserver.adapter import NOT_BEGUN, Thinning
 from uwserver_adapters.native.outbox import Delivery
 
 MOST_THINNINGS = 8
@@ -83,40 +83,51 @@ class Share:
 
     Attributes:
         subscription: whose it is.
+        rate_hz: intervals a second; 0 where it takes all.
+        start_ns: when the first begins; NOT_BEGUN before a sample has come; 0 where it takes all.
+        newest: the last of which a sample passed. Whoever lets samples pass instead of `passes` sets it.
     """
 
     def __init__(self, subscription: Subscription, taken: Taken) -> None:
         self.subscription = subscription
         self._taken = taken
         # Times are whole nanoseconds: no rate above means more, and no product can overflow.
-        self._rate = None if subscription.rate_hz is None else min(subscription.rate_hz, 1e9)
+        self.rate_hz = 0.0 if subscription.rate_hz is None else min(subscription.rate_hz, 1e9)
         self._thinning: Thinning | None = None
         self._told: Thinning | None = None
-        self._newest = 0
+        self.start_ns, self.newest = NOT_BEGUN if self.rate_hz else 0, 0
         taken.enter()
 
     def passes(self, t_ns: int) -> bool:
         """Whether the sample that was true at `t_ns` is sent."""
-        if self._rate is None:
+        if not self.rate_hz:
             return True
         thinning = self._thinning
         if thinning is not None:
             interval = thinning.interval(t_ns)
-            if interval > self._newest:
-                self._newest = interval
+            if interval > self.newest:
+                self.newest = interval
                 return True
-            if self._newest - self._rate - 1 <= interval:
+            if self.newest - self.rate_hz - 1 <= interval:
                 return False
             # Time was set back by more than a second. Where samples come in such an order it will be again, and none may be missing.
-            self._begin(Thinning(self._rate, t_ns), None)
+            self._begin(Thinning(self.rate_hz, t_ns), None)
             return True
-        first = Thinning(self._rate, t_ns)
-        self._begin(first, first)
+        self.begin(t_ns)
+        self.newest = 0
         return True
+
+    def begin(self, t_ns: int) -> None:
+        """The first sample, true at `t_ns`, comes next."""
+        first = Thinning(self.rate_hz, t_ns)
+        self._begin(first, first)
+        self.newest = -1
 
     def _begin(self, thinning: Thinning | None, told: Thinning | None) -> None:
         self._taken.change(self._told, told)
-        self._thinning, self._told, self._newest = thinning, told, 0
+        self._thinning, self._told, self.newest = thinning, told, 0
+        if self.rate_hz:
+            self.start_ns = NOT_BEGUN if thinning is None else thinning.start_ns
 
     def restart(self) -> None:
         """Begin a new series of intervals with the next sample."""

@@ -6,41 +6,45 @@ take numbers and short texts alone, compiled code writes the lines: while it doe
 
 from __future__ import annotations
 
+import asyncio
 import logging
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+import numpy.typing as npt
 from msgspec import Struct
 
-from uwserver.adapter import AdapterStats, LineWriter, Origin, Told
+from uwserver.adapter import NOBODY, NOT_BEGUN, UNKNOWN, AdapterStats, LineWriter, NotMet, Origin, Told, choose, way_of
+from uwserver.ports import Value
 from uwserver_adapters.native.codec import Codec
 from uwserver_adapters.native.encoding import sample_notice
 from uwserver_adapters.native.outbox import Outbox
 from uwserver_adapters.native.routes import Selection
 from uwserver_adapters.native.shares import Share
 
+IntArray = npt.NDArray[np.int64]
+
 log = logging.getLogger(__name__)
 
 
-class _Gathered(NamedTuple):
-    """What gathers for one client: messages for its encoder; or places in a log, and the forms of the lines that are written of them."""
-
-    codec: Codec
-    messages: list[Struct]
-    places: list[int]
-    forms: list[int]
-
-
 class _Line(NamedTuple):
-    """From a stream to its only taker: how much it takes, what makes its values an object for the encoder, the form of its lines (None where compiled
-    code cannot write them), and where they gather."""
+    """From a stream to its only taker: the number of that, how much it takes, what makes its values an object for the encoder, and the form of its
+    lines (NOBODY where compiled code cannot write them)."""
 
     path: str
+    taker: int
     share: Share
     record: Callable[..., object]
-    form: int | None
+    form: int
+
+
+class _Taker(NamedTuple):
+    """A client, and whether compiled code writes for it: what it gets keeps its order, so all of it is written, or all of it made."""
+
     outbox: Outbox
-    gathered: _Gathered
+    codec: Codec
+    is_written: bool
 
 
 class Together:
@@ -55,65 +59,72 @@ class Together:
         self._selections = selections
         self._stats = stats
         self._origins: Mapping[int, Origin] = {}
-        self._lines: dict[int, _Line | None] = {}
-        self._gathered: dict[Outbox, _Gathered] = {}
-        self._writer: LineWriter | None = None
+        self.forget()
 
     def forget(self) -> None:
         """Somebody takes another port, or more or less of one."""
-        self._lines.clear()
-        self._gathered.clear()
-        self._writer = None
+        self._lines: list[_Line] = []
+        self._takers: list[_Taker] = []
+        self._line_of = _NONE
+        self._of_lines = _NONE, _NONE
+        self._rates: list[float] = []
+        self._writer: LineWriter | None = None
 
     def send(self, told: Told) -> list[Outbox] | None:
         """Give all of them to their takers, who have to `flush` then. None where that cannot be, and nothing was done: a port has no taker, or
-        several; one has no time; or a sample takes more than its numbers, as a picture."""
+        several; one has no time; a sample takes more than its numbers, as a picture; or time was set back."""
         if told.origins is not self._origins:
             self.forget()
             self._origins = told.origins
-        entries = told.entries()
-        streams = {entry[2] for entry in entries}
-        lines = {stream: line for stream in streams if (line := self._line(stream)) is not None}
-        if len(lines) < len(streams) or any(not line.outbox.has_time for line in lines.values()):
-            return None
-        # What one client gets keeps its order: all of it is written, or all of it made.
-        slow = {line.outbox for line in lines.values() if line.form is None}
-        if all(line.outbox in slow for line in lines.values()):
-            self._make(told, entries, lines)
-        else:
-            self._choose(told, entries, lines, slow)
-        return [
-            outbox
-            for outbox, gathered in self._gathered.items()
-            if self._write(outbox, gathered, told) or self._give(outbox, gathered)
-        ]
-
-    def _make(self, told: Told, entries: Sequence[Sequence[int]], lines: Mapping[int, _Line]) -> None:
-        for (t_sent_ns, _, stream, seq, t_ns, valid, _), values in zip(entries, told.values(entries), strict=True):
-            path, share, record, _, _, gathered = lines[stream]
-            if share.passes(t_ns):
-                gathered.messages.append(sample_notice(path, seq, t_ns, t_sent_ns, valid != 0, record(*values)))
-
-    def _choose(
-        self, told: Told, entries: Sequence[Sequence[int]], lines: Mapping[int, _Line], slow: Collection[Outbox]
-    ) -> None:
-        """Of each sample a message for those clients that are `slow`, its place for the others."""
-        for place, entry in enumerate(entries, told.first):
-            line = lines[entry[2]]
-            if not line.share.passes(entry[4]):
-                continue
-            if line.outbox in slow:
-                line.gathered.messages.append(_notice(told, place, line))
-            else:
-                line.gathered.places.append(place)
-                line.gathered.forms.append(line.form)  # type: ignore[arg-type]  # none of these is None
-
-    def _line(self, stream: int) -> _Line | None:
         try:
-            return self._lines[stream]
-        except KeyError:
-            line = self._lines[stream] = self._new_line(self._origins[stream].path)
-            return line
+            chosen = self._choose(told)
+        except NotMet:
+            self._meet(told)
+            chosen = self._choose(told)
+        if chosen is None:
+            return None
+        takers, forms = self._of_lines
+        taken_by = takers[chosen]  # of those that are not chosen it is the last entry
+        touched, made = [], dict[int, IntArray]()
+        for number, taker in enumerate(self._takers):
+            places = (taken_by == number).nonzero()[0]
+            if len(places):
+                touched.append(taker.outbox)
+                if not self._write(taker, told, places + told.first, forms[chosen[places]]):
+                    made[number] = places
+        if made:
+            self._make(told, chosen, made, is_all=len(made) == len(touched))
+        return touched
+
+    def _choose(self, told: Told) -> IntArray | None:
+        shares = [line.share for line in self._lines]
+        newest = [share.newest for share in shares]
+        has_time = [taker.outbox.has_time for taker in self._takers]
+        ready = [has_time[line.taker] for line in self._lines]
+        starts = [share.start_ns for share in shares]
+        chosen = choose(told, self._line_of, ready, self._rates, starts, newest)
+        if chosen is not None:
+            for share, interval in zip(shares, newest, strict=True):
+                share.newest = interval
+        return chosen
+
+    def _meet(self, told: Told) -> None:
+        """Find the lines of streams that are met for the first time, and let their intervals begin."""
+        first_ns = {stream: t_ns for _, _, stream, _, t_ns, _, _ in reversed(told.entries())}
+        known = len(self._line_of)
+        line_of = np.full(max(known, 1 + max(first_ns)), UNKNOWN)
+        line_of[:known] = self._line_of
+        for stream, t_ns in first_ns.items():
+            if line_of[stream] == UNKNOWN:
+                line = self._new_line(self._origins[stream].path)
+                line_of[stream] = NOBODY if line is None else len(self._lines)
+                self._lines += [] if line is None else [line]
+            if line_of[stream] != NOBODY and (share := self._lines[line_of[stream]].share).start_ns == NOT_BEGUN:
+                share.begin(t_ns)
+        self._line_of = line_of
+        takers, forms = [line.taker for line in self._lines], [line.form for line in self._lines]
+        self._of_lines = np.array([*takers, NOBODY]), np.array([*forms, NOBODY])
+        self._rates = [line.share.rate_hz for line in self._lines]
 
     def _new_line(self, path: str) -> _Line | None:
         selections = self._selections(path)
@@ -126,50 +137,61 @@ class Together:
         form, share, outbox = selection.form, route.only, route.outbox
         if share is None or form.record is None or form.is_long or not isinstance(outbox, Outbox):
             return None
-        gathered = self._gathered.setdefault(outbox, _Gathered(route.codec, [], [], []))
         pieces = route.codec.pieces(selection.port, selection.fields)
         if pieces is not None and self._writer is None:
-            self._writer = LineWriter()
-        number = None if pieces is None or self._writer is None else self._writer.add(pieces)
-        return _Line(path, share, form.record, number, outbox, gathered)
+            self._writer = LineWriter(way_of(asyncio.get_running_loop()))
+        number = NOBODY if pieces is None or self._writer is None else self._writer.add(pieces)
+        return _Line(path, self._taker(outbox, route.codec, pieces is not None), share, form.record, number)
 
-    def _write(self, outbox: Outbox, gathered: _Gathered, told: Told) -> bool:
-        """Let compiled code write what has gathered for one; False where there is nothing, or it cannot: messages are made of it then."""
-        places, forms = [*gathered.places], [*gathered.forms]
-        if not places:
+    def _taker(self, outbox: Outbox, codec: Codec, is_written: bool) -> int:
+        for number, taker in enumerate(self._takers):
+            if taker.outbox is outbox:
+                self._takers[number] = taker._replace(is_written=taker.is_written and is_written)
+                return number
+        self._takers.append(_Taker(outbox, codec, is_written))
+        return len(self._takers) - 1
+
+    def _write(self, taker: _Taker, told: Told, places: IntArray, forms: IntArray) -> bool:
+        """Let compiled code write what was chosen for one; False where it cannot."""
+        if not taker.is_written:
             return False
-        # Before anything can fail: in another log they would be places of other samples, or of none.
-        gathered.places.clear()
-        gathered.forms.clear()
         assert self._writer is not None
         try:
             encoded = self._writer.write(told, places, forms)
         except ValueError:  # a text of one of them; the others are sent
-            streams = told.streams
-            lines = ((place, self._lines[streams[place - told.first]]) for place in places)
-            gathered.messages.extend(_notice(told, place, line) for place, line in lines if line is not None)
             return False
-        self._sent(outbox, encoded, len(places))
+        self._sent(taker.outbox, encoded, len(places))
         return True
 
-    def _give(self, outbox: Outbox, gathered: _Gathered) -> bool:
-        codec, messages, _, _ = gathered
-        if not messages:
-            return False
+    def _make(self, told: Told, chosen: IntArray, made: Mapping[int, IntArray], is_all: bool) -> None:
+        """Make messages of what was chosen for these, by place behind the first; `is_all`: for nobody else something was."""
+        numbers = chosen.tolist()
+        messages: dict[int, list[Struct]] = {number: [] for number in made}
+        if is_all:  # in one go
+            entries = told.entries()
+            for line, entry, values in zip(numbers, entries, told.values(entries), strict=True):
+                if line != NOBODY:
+                    messages[self._lines[line].taker].append(_notice(self._lines[line], entry, values))
+        else:
+            for number, places in made.items():
+                messages[number] = [_alone(told.at(told.first + n), self._lines[numbers[n]]) for n in places.tolist()]
+        for number, some in messages.items():
+            self._give(self._takers[number], some)
+
+    def _give(self, taker: _Taker, messages: Sequence[Struct]) -> None:
+        codec = taker.codec
         try:
             encoded, number = codec.together(messages), len(messages)
         except (TypeError, ValueError, OverflowError):  # one of them; the others are sent
-            parts = [part for message in messages if (part := self._alone(codec, message))]
+            parts = [part for message in messages if (part := self._encoded(codec, message))]
             encoded, number = b"".join(parts), len(parts)
-        messages.clear()
-        self._sent(outbox, encoded, number)
-        return True
+        self._sent(taker.outbox, encoded, number)
 
     def _sent(self, outbox: Outbox, encoded: bytes, number: int) -> None:
         self._stats.encoded += number
         outbox.put_at_once(encoded, number)
 
-    def _alone(self, codec: Codec, message: Struct) -> bytes:
+    def _encoded(self, codec: Codec, message: Struct) -> bytes:
         try:
             return codec.together([message])
         except Exception:
@@ -178,7 +200,15 @@ class Together:
             return b""
 
 
-def _notice(told: Told, place: int, line: _Line) -> Struct:
-    (sample,) = told.at(place)
-    value = line.record(*sample.value)
-    return sample_notice(line.path, sample.seq, sample.t_ns, sample.t_sent_ns, sample.valid, value)
+def _notice(line: _Line, entry: Sequence[int], values: Sequence[Value]) -> Struct:
+    t_sent_ns, _, _, seq, t_ns, valid, _ = entry
+    return sample_notice(line.path, seq, t_ns, t_sent_ns, valid != 0, line.record(*values))
+
+
+def _alone(told: Told, line: _Line) -> Struct:
+    entries = told.entries()
+    (values,) = told.values(entries)
+    return _notice(line, entries[0], values)
+
+
+_NONE: IntArray = np.zeros(0, np.int64)

@@ -20,7 +20,8 @@ def written(numbers: Any, kind: int) -> bytes:
     """Numbers of a row, with commas between them."""
     writer, log = LineWriter(), Log(np.zeros(1, ENTRY), np.zeros(len(numbers)))
     log.whole[:] = numbers.view(np.int64)
-    return writer.write(Told({}, log, 0, 1), [0], [writer.add((b"[", Piece(kind, 0, len(numbers)), b"]"))])
+    form = writer.add((b"[", Piece(kind, 0, len(numbers)), b"]"))
+    return writer.write(Told({}, log, 0, 1), np.array([0]), np.array([form]))
 
 
 def floats(kind: str) -> Any:

@@ -71,7 +71,7 @@ def test_lines_are_those_of_the_encoder(selected: tuple[str, ...] | None) -> Non
         assert values is not None
         forms.append(writer.add((SEQ, b" ", T_NS, b" ", T_SENT_NS, b" ", VALID, b" ", *values, b"\n")))
     streams = samples.streams
-    lines = writer.write(samples, range(1, 61), [forms[stream] for stream in streams])
+    lines = writer.write(samples, np.arange(1, 61), np.array(forms)[streams])
     ways = [SampleForm(port, selected) for port in PORTS]
     wanted = b"".join(
         b"%d %d %d %s %s\n"
@@ -84,9 +84,9 @@ def test_lines_are_those_of_the_encoder(selected: tuple[str, ...] | None) -> Non
 def test_forms_come_while_others_are_in_use_and_lines_may_be_long() -> None:
     writer, samples = LineWriter(), told(4)
     first = writer.add((SEQ, b"\n"))
-    assert writer.write(samples, [1, 3], [first, first]) == b"1\n3\n"
+    assert writer.write(samples, np.array([1, 3]), np.array([first, first])) == b"1\n3\n"
     long = writer.add((b"x" * 200_000, SEQ))
-    assert writer.write(samples, [2, 1], [long, first]) == b"x" * 200_000 + b"21\n"
+    assert writer.write(samples, np.array([2, 1]), np.array([long, first])) == b"x" * 200_000 + b"21\n"
 
 
 def test_bytes_and_pictures_take_more() -> None:
@@ -101,4 +101,4 @@ def test_a_text_without_an_encoding_is_told() -> None:
     assert values is not None
     form = writer.add(values)
     with pytest.raises(ValueError, match="surrogates"):
-        writer.write(samples, [2], [form])
+        writer.write(samples, np.array([2]), np.array([form]))

@@ -184,6 +184,28 @@ def test_of_several_clients_each_gets_what_it_takes(stage: Callable[..., Any], e
     played(stage, scene)
 
 
+def test_messages_for_several_clients_are_made_in_one_pass(
+    stage: Callable[..., Any], encoded: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However many there are, values become objects once."""
+    passes: list[int] = []
+    values = Told.values
+    monkeypatch.setattr(
+        Told, "values", lambda self, entries: (passes.append(len(entries)), values(self, entries))[1]
+    )  # fmt: skip
+
+    async def scene(theatre: Any, routes: fanout.Fanout) -> None:
+        talkers = [theatre.talker("msgpack") for _ in PORTS]
+        for talker, port in zip(talkers, PORTS, strict=True):
+            await talker.result("subscribe", {"pattern": port.path, "rate_hz": 25.0})
+        put(routes, told(7))
+        heard = [talker.samples() for talker in talkers]
+        assert [[sample["port"] for sample in each] for each in heard] == [[port.path] * 4 for port in PORTS]
+        assert (passes, encoded) == ([21], [4, 4, 4])
+
+    played(stage, scene)
+
+
 def test_a_client_whose_form_is_made_leaves_those_of_others_to_be_written(
     stage: Callable[..., Any], encoded: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
