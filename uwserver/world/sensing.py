@@ -223,25 +223,26 @@ class Sensing(Part):
         3. sensors that are due, those of a shorter interval first, with their errors, from the new state;
         4. those that repeat what the others have read.
         """
-        told, masks = 0, self._masks
+        instruments, masks = self._instruments, self._masks
         mask = masks[tick % len(masks)] if masks else self._mask_of(tick)
-        roused = self._roused() if self._instruments.roused else []
-        if not (mask or self._listening or self._repeating or roused) and t_ns < self._instruments.next_ns:
+        roused = self._roused() if instruments.roused else ()
+        if not (mask or self._listening or self._repeating or roused) and t_ns < instruments.next_ns:
             return
         now, begins = self._seconds(), True
-        self._instruments.set_time(t_ns)
-        if t_ns >= self._instruments.next_ns and not self.under_way.is_idle:
+        instruments.set_time(t_ns)
+        if t_ns >= instruments.next_ns and not self.under_way.is_idle:
             self.under_way.arrive(t_ns)
-        called = [slot for slot in (*self._listening, *roused) if slot.is_called(now)]
+        called = [s for s in (*self._listening, *roused) if s.is_called(now)] if self._listening or roused else ()
         if called:
-            told, begins = self._measure(self._due(called), now, t_ns, begins), False
-        told = self._measure(self._plan(mask), now, t_ns, begins)
+            self._measure(self._due(called), now, t_ns, begins)
+            begins = False
+        told = self._measure(self._plans.get(mask) or self._new_plan(mask), now, t_ns, begins)
         for group in self._repeating:
             if tick % group.divisor == 0:
                 told = self._measure(group, now, t_ns, False)
         if told and self._listen is not None:
-            self._listen(*self._instruments.delivered, told, t_ns)
-        if told and (self._instruments.read_count or self._instruments.wordy_count):
+            self._listen(*instruments.delivered, told, t_ns)
+        if told and (instruments.read_count or instruments.wordy_count):
             self._give(samples)
         self.under_way.purge()
 
@@ -252,32 +253,31 @@ class Sensing(Part):
             del roused[slot]
         return sorted((slot for slot in roused if slot.active), key=lambda slot: slot.path)
 
-    def _plan(self, mask: int) -> Due:
+    def _new_plan(self, mask: int) -> Due:
         """Those whose groups have their bit set; there are as many as sets of groups that ever meet."""
-        plan = self._plans.get(mask)
-        if plan is None:
-            slots = [slot for k, (_, slots) in enumerate(self._groups) if mask >> k & 1 for slot in slots]
-            plan = self._plans[mask] = due_of(slots, 1, self._reader, self._instruments, self._timed)
+        slots = [slot for k, (_, slots) in enumerate(self._groups) if mask >> k & 1 for slot in slots]
+        self._plans[mask] = plan = due_of(slots, 1, self._reader, self._instruments, self._timed)
         return plan
 
     def _measure(self, due: Due, now: float, t_ns: int, begins: bool) -> int:
         """Let sensors read, and deliver. Returns how many samples of this tick somebody reads."""
-        if due.needs_rates:
+        _, in_banks, in_python, written, ready_made, kept, slow, heads, most, needs_rates = due  # quicker than by name
+        if needs_rates:
             self._look(now)
-        for read_all in due.in_banks:
+        for read_all in in_banks:
             read_all(now)
-        if due.in_python:
-            scope_of = self._instruments.scopes(t_ns, due.needs_rates)
-            for slot, read in due.in_python:
+        if in_python:
+            scope_of = self._instruments.scopes(t_ns, needs_rates)
+            for slot, read in in_python:
                 read(scope_of(slot.row, slot.wiring))
-        for write in due.written:
+        for write in written:
             write()
-        for disturb in due.ready_made:
+        for disturb in ready_made:
             disturb(t_ns)
-        told = self._deliver(due.heads, t_ns, begins, due.most)
-        for keep in due.kept:
+        told = self._deliver(heads, t_ns, begins, most)
+        for keep in kept:
             keep()
-        for slot in due.slow:
+        for slot in slow:
             self.under_way.take(slot, t_ns)
         return told
 
