@@ -42,8 +42,8 @@ TOGETHER = 512
 
 _OF_OBJECTS = 4
 """Bytes that the objects of a decoded value take for each of its text."""
-_LEAST_AHEAD = 2
-"""So that one tick is made while another is delivered."""
+_LEAST_AHEAD, _MOST_AHEAD = 2, MAX_TICKS - MAX_TICKS // 8
+"""So that one tick is made while another is delivered; and none is dropped."""
 
 _NEWEST = 0.25
 """Weight of the newest measurement in the mean time that the loop needs for a tick."""
@@ -153,10 +153,9 @@ class Bus:
             time: measures the loop; default: the machine's.
         """
         self._wake_loop = wake_loop
-        self._time = time or SystemTime()
-        self._tick_ns = 0.0
+        self._time, self._tick_ns = time or SystemTime(), 0.0
         self._began = self._ended = self._called = self._delivered = 0
-        self.ahead = MAX_TICKS // 2
+        self.ahead = _MOST_AHEAD
         self._crossing: deque[TickOutput | Callable[[], None] | Event] = deque()
         self._waiting_ticks = 0
         self._awake = False
@@ -248,7 +247,9 @@ class Bus:
             self._waiting_ticks += 1
             if not self._goes_on_in(output):
                 self._crossing.append(output)
-            if wake or output.replies or output.events:
+            # Before a world that nothing paces would have to wait.
+            is_much = self._waiting_ticks > self.ahead - self.ahead // 4
+            if wake or is_much or output.replies or output.events:
                 self._wake()
 
     def _goes_on_in(self, output: TickOutput) -> bool:
@@ -310,7 +311,7 @@ class Bus:
             busy_ns = self._ended - self._began + max(0, now - max(self._ended, self._called))
             tick_ns = min(busy_ns / self._delivered, AHEAD_NS)
             self._tick_ns += _NEWEST * (tick_ns - self._tick_ns)
-            self.ahead = max(_LEAST_AHEAD, min(MAX_TICKS // 2, int(AHEAD_NS / max(1.0, self._tick_ns))))
+            self.ahead = max(_LEAST_AHEAD, min(_MOST_AHEAD, int(AHEAD_NS / max(1.0, self._tick_ns))))
         self._began, self._delivered = now, 0
 
     def _deliver_until(self, end: int | None) -> bool:

@@ -299,7 +299,7 @@ def test_how_far_a_world_may_be_ahead_follows_what_the_loop_needs_for_a_tick():
     wakes, time = [], MockTime()
     bus, slow = Bus(wakes.append, time), Slow(time, 0.001)
     bus.attach(slow)
-    assert bus.ahead == MAX_TICKS // 2
+    assert MAX_TICKS // 2 < bus.ahead < MAX_TICKS
 
     def turns(count: int, writing_s: float, idle_s: float = 0.0) -> int:
         for _ in range(count):
@@ -315,6 +315,15 @@ def test_how_far_a_world_may_be_ahead_follows_what_the_loop_needs_for_a_tick():
     assert turns(40, writing_s=0.002) == pytest.approx(5, abs=1)
     assert turns(40, writing_s=10.0) == 2, "at least one is made while another is delivered"
     assert turns(40, writing_s=0.0) == pytest.approx(10, abs=1)
+
+
+def test_the_loop_is_woken_before_a_world_that_nothing_paces_has_to_wait_for_it():
+    wakes: list = []
+    bus = Bus(wakes.append)
+    bus.attach(Notes())
+    while not wakes:
+        bus.publish(tick(0), wake=False)
+    assert 2 * bus.ahead < 3 * bus.backlog() < 3 * bus.ahead
 
 
 class Sending(Notes):
