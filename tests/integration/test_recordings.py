@@ -95,6 +95,6 @@ def test_it_is_played_from_where_it_begins(dive: Path) -> None:
     with served(dive, "play", "recordings/run.mcap", "--paused") as (peer, _):
         state = peer.call("playback/state")["result"]["value"]
         assert state["from_s"] == pytest.approx(began["t_ns"] / 1e9, abs=0.2)
-        assert state["to_s"] >= end
+        assert state["to_s"] >= end - 0.01, "what is measured is under way for 2 ms"
         refused = peer.call("recording/start")["error"]["data"]
         assert refused["code"] == "denied"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from uwserver.adapter.accepting import NO_DESCRIPTORS, Listener, note_no_descriptors, serve_tcp
-from uwserver.adapter.aside import way_of
+from uwserver.adapter.aside import way_here
 from uwserver.adapter.bounds import MESSAGE_LIMIT, STRANGER_LIMIT
 from uwserver.adapter.chores import Chores
 from uwserver.adapter.connection import HIGH_WATER, LINGER_S, TURN_S, Connection
@@ -65,5 +65,5 @@ __all__ = [
     "address_text", "bound_socket", "cannot_listen", "choose", "decode", "did_you_mean", "field_of", "frame", "host_of", "http_answer",
     "in_pieces", "installed_adapters", "is_host_known", "is_loopback", "json_member", "known_token", "line", "load_adapter", "may_connect",
     "msgpack_member", "new_token", "note_no_descriptors", "pieces_of", "port_of", "port_of_kind", "raw_field", "serve_tcp", "serving",
-    "tls_context", "token_for", "vehicle_of", "vehicles_of", "way_of", "within",
+    "tls_context", "token_for", "vehicle_of", "vehicles_of", "way_here", "within",
 ]  # fmt: skip

@@ -10,7 +10,7 @@ import logging
 import math
 from typing import Any, cast
 
-from uwserver.adapter.aside import way_of
+from uwserver.adapter.aside import way_here
 from uwserver.adapter.foreign import REFUSALS, FirstBytes
 from uwserver.adapter.peers import Peers, host_of
 from uwserver.ports import Fault
@@ -58,7 +58,7 @@ class Connection(asyncio.Protocol):
         self._deadline: asyncio.TimerHandle | None = None
         self._turn: asyncio.Handle | None = None
         self._linger: asyncio.TimerHandle | None = None
-        self._way = way_of(self.loop)
+        self._way = way_here()
 
     # -- for derived classes --------------------------------------------------------------------------------------------------------
 

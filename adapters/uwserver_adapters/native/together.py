@@ -6,7 +6,6 @@ take numbers and short texts alone, compiled code writes the lines: while it doe
 
 from __future__ import annotations
 
-import asyncio
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -15,7 +14,18 @@ import numpy as np
 import numpy.typing as npt
 from msgspec import Struct
 
-from uwserver.adapter import NOBODY, NOT_BEGUN, UNKNOWN, AdapterStats, LineWriter, NotMet, Origin, Told, choose, way_of
+from uwserver.adapter import (
+    NOBODY,
+    NOT_BEGUN,
+    UNKNOWN,
+    AdapterStats,
+    LineWriter,
+    NotMet,
+    Origin,
+    Told,
+    choose,
+    way_here,
+)
 from uwserver.ports import Value
 from uwserver_adapters.native.codec import Codec
 from uwserver_adapters.native.encoding import sample_notice
@@ -139,7 +149,7 @@ class Together:
             return None
         pieces = route.codec.pieces(selection.port, selection.fields)
         if pieces is not None and self._writer is None:
-            self._writer = LineWriter(way_of(asyncio.get_running_loop()))
+            self._writer = LineWriter(way_here())
         number = NOBODY if pieces is None or self._writer is None else self._writer.add(pieces)
         return _Line(path, self._taker(outbox, route.codec, pieces is not None), share, form.record, number)
 

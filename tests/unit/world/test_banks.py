@@ -21,7 +21,12 @@ def test_every_loop_of_a_sensor_belongs_to_a_stage() -> None:
                 loops.add(f"{module.name.rpartition('.')[2]}.{name}")
     kernels = {name.partition("+")[0] for stage in ("sensors", "soundings") for name in banks.kernels_of(stage)}
     assert loops
-    assert kernels == loops | {"delivery.deliver", "chain.disturb_alone", "lines.write_lines"}
+    assert kernels == loops | {
+        "delivery.deliver",
+        "chain.disturb_alone",
+        "lines.write_lines",
+        "choosing.choose_samples",
+    }
 
 
 @pytest.mark.parametrize("stage", banks.COMPILE)
