@@ -2,7 +2,7 @@
 
 Left to the interpreter's lock, a thread that finds it taken falls asleep. It is awake again after tens of microseconds, on a core whose caches others
 have used meanwhile: measured, each sleep costs a world of ten vehicles 0.1 ms and more, and a client makes ten of them in a simulated second.
-So the two hand the interpreter to each other in compiled code (`giving_way`), and neither sleeps. Nothing depends on it: whoever waits too long takes
+So the two hand the interpreter to each other in compiled code (`giving_way`), and seldom sleep. Nothing depends on it: whoever waits too long takes
 the lock as ever.
 """
 
@@ -19,7 +19,8 @@ from uwserver.physics.kernel.places import ASKED, RUNS, WATCHED, WAY_SIZE
 from uwserver.physics.kernel.straight import straight
 
 MOST_CREDIT_NS = 5_000_000
-"""Wall time that the loop may be given in one go, if the world had as much before: peers that flood it get no more than half of all."""
+"""Wall time that the loop may be given in one go, if the world had as much before. Where peers flood it, it is given no more than half of all: beyond
+that the interpreter's lock decides, as between any two threads of Python."""
 _READABLE = 1 << 32
 """POLLIN as it stands in a ``struct pollfd``, above the descriptor."""
 

@@ -130,9 +130,7 @@ def test_each_has_the_interpreter_in_turn(way: RightOfWay, pair: tuple[socket.so
                 return
             way.send(ours.fileno(), data)
 
-    way.numbers[ASKED] = 2
     thread = threading.Thread(target=loop)
-    way.numbers[ASKED] = 1
     thread.start()
     ticks = 0
     theirs.setblocking(False)
