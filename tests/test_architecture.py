@@ -555,6 +555,7 @@ TESTED_WITH = {
         "acoustic.echo": "sensors/acoustic/test_altimeter", "acoustic.fan": "sensors/acoustic/test_scanning_sonar",
         "acoustic.current_profile": "sensors/acoustic/test_adcp", "acoustic.janus": "sensors/acoustic/test_dvl",
         "latest": "sensors/test_compound", "messages": "sensors/test_modem", "wiring": "sensors/onboard/test_contact",
+        "writing": "world/test_stretch",
         **{f"optical.camera.{name}": "sensors/optical/camera/test_picture" for name in ("formation", "rays", "view")},
         "optical.camera.kernels": "sensors/optical/camera/test_camera",
     },
@@ -568,7 +569,8 @@ TESTED_WITH = {
     "world": {
         "faults.hull": "world/faults/test_faults", "faults.table": "world/faults/test_faults",
         "faults.targets": "world/faults/test_faults", "faults.timeline": "world/faults/test_faults",
-        "due": "world/test_sensing", "modems.node": "world/modems/test_medium", "modems.packets": "world/modems/test_medium",
+        "agenda": "world/test_stretch", "due": "world/test_sensing", "in_process": "world/test_world", "on_their_way": "world/test_sensing",
+        "ticking": "world/test_stretch", "modems.node": "world/modems/test_medium", "modems.packets": "world/modems/test_medium",
         "modems.ways": "world/modems/test_medium", "streams": "world/test_delivery",
     },
 }  # fmt: skip

@@ -18,7 +18,7 @@ from uwserver.autopilot.rows import DEVICE, FORMS, ORDERS, PILOT, REMEMBERED, SO
 from uwserver.autopilot.state import Estimate, Memory, Orders, Remembered
 from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
-from uwserver.physics.kernel.straight import straight
+from uwserver.physics.kernel.straight import address_of, straight
 
 
 def _bytes_of(first: str, end: str) -> slice:
@@ -123,7 +123,7 @@ class Seat:
         self.devices["part"] = np.frombuffer(kept.outputs)
         self.devices["test"] = np.frombuffer(kept.test) if kept.test else 0.0
         self.row["c"]["testing"] = bool(kept.test)
-        self._items = kept.items
+        self._set_items(kept.items)
         if before[_GAINS] != kept.row[_GAINS]:
             self._gains = Gains(**dict(zip(Gains.__struct_fields__, self.row["o"]["gains"].tolist(), strict=True)))
         return bool(before[_STANCE] != kept.row[_STANCE])
@@ -136,7 +136,7 @@ class Seat:
         self._gains, self.row["o"]["gains"] = gains, structs.astuple(gains)
 
     def _set_items(self, items: tuple[Item, ...]) -> None:
-        self._items = items
+        self._items, self.row["c"]["items"] = items, len(items)
 
     def _set_outputs(self, parts: Sequence[float]) -> None:
         self.devices["part"] = parts or 0.0
@@ -161,10 +161,10 @@ class Seat:
         self.bank.entries.show_one(self.bank.table, self.k, t_ns, self._shown)
         return self._shown.tolist(), tuple(self.devices["part"].tolist())
 
-    def tell(self, t_ns: int, items: int, row: FloatArray) -> int:
+    def tell(self, t_ns: int, row: FloatArray) -> int:
         """Write what its port `state` tells into the row of numbers of a reading; returns which texts belong to it (`entries.tell_one`)."""
         bank = self.bank
-        return int(bank.tell_one(bank.table, self.k, t_ns, items, row))
+        return int(bank.tell_one(bank.table, self.k, t_ns, row))
 
     def go_on(self, world: IntArray, t_ns: int, stage: int) -> int:
         """Go on with a step from a stage; returns what it needs of Python. `world`: the table of the bodies' arrays."""
@@ -241,12 +241,19 @@ class Bank:
         """The row of the first sensor that one hears."""
         return self._first[seat.k]
 
-    def step(self, world: IntArray, tick: int, t_ns: int) -> tuple[tuple[int, int], ...]:
-        """Step all that are due; the rows of those who need Python, and for what (`flight`). `world`: the table of the bodies' arrays."""
-        if not self._step_all(self.table, world, tick, t_ns):
-            return ()
+    def step(self, world: IntArray, tick: int, t_ns: int) -> bool:
+        """Step all that are due; whether some need Python (`needs`). `world`: the table of the bodies' arrays."""
+        return bool(self._step_all(self.table, world, tick, t_ns))
+
+    def needs(self) -> tuple[tuple[int, int], ...]:
+        """The rows of those who need Python after a step, and for what (`flight`)."""
         needs = self._kept["pilots"]["c"]["need"].tolist()
         return tuple((k, need) for k, need in enumerate(needs) if need)
+
+    def codes(self) -> tuple[int, int, int]:
+        """Where the code of `entries.step_all`, `hear_all` and `tell_one` lies, for kernels that call it (`kernel.calling`)."""
+        entries = self.entries
+        return address_of(entries.step_all), address_of(entries.hear_all), address_of(entries.tell_one)
 
     def listener(self) -> Callable[[Any, FloatArray, int, int], None]:
         """`entries.hear_all` for those that lie here now."""

@@ -116,8 +116,8 @@ def show_one(table: Array, k: int, t_ns: int, out: Array) -> None:
 
 
 @entry
-def tell_one(table: Array, k: int, t_ns: int, items: int, out: Array) -> int:
-    """Write the row of numbers of a port `state` (`status`), with the number of items of its mission.
+def tell_one(table: Array, k: int, t_ns: int, out: Array) -> int:
+    """Write the row of numbers of a port `state` (`status`).
 
     Returns:
         Which texts belong to it: its mode, and that times REASONS the reason of its fail-safe.
@@ -128,7 +128,7 @@ def tell_one(table: Array, k: int, t_ns: int, items: int, out: Array) -> int:
     out[0], out[1:4], out[4], out[5:8] = shown[27], shown[0:3], shown[28], shown[3:6]
     out[8], out[9:13], out[13:16], out[16:18] = shown[29], shown[6:10], shown[10:13], shown[13:15]
     out[18:21], out[21:23], out[26:32] = shown[15:18], shown[18:20], shown[20:26]
-    whole[23], whole[24], whole[25] = int(shown[30]), items, int(shown[31])
+    whole[23], whole[24], whole[25] = int(shown[30]), c.items, int(shown[31])
     devices = _devices(table)
     for n in range(c.device_count):
         out[32 + n] = devices[c.device_first + n].part
@@ -148,7 +148,7 @@ def load(told: Array) -> None:
     table, number, values = np.zeros((0, 2), np.int64), 0, np.empty(0)
     given = (
         (table, table, number, number), (table, table, number, number, number), (table, told, np.empty((0, 0)), number, number),
-        (table, number, values, number, number), (table, number), (table, number, number, values), (table, number, number, number, values),
+        (table, number, values, number, number), (table, number), (table, number, number, values), (table, number, number, values),
     )  # fmt: skip
     for kernel, like in zip(ENTRIES, given, strict=True):
         kernel.load(*like)

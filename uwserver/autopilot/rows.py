@@ -135,6 +135,7 @@ CRAFT = np.dtype(
         ("silence", "f8"),  # since that was last told how far it is, s
         ("item", "i8"),  # kind of the item under way
         ("lasts", "f8"),  # of that: time to stay, s
+        ("items", "i8"),  # of its mission
         ("testing", "i8"),  # 1: the actuators are tried
         ("need", "i8"),  # what it needs of Python: see `flight`
         ("gives", "i8"),  # 1: the devices have new commands

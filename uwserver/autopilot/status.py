@@ -11,6 +11,7 @@ from uwserver.modifiers.columns import columns_of
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Field, Value
 from uwserver.sensors.base import IdealSensor, Scope
+from uwserver.sensors.writing import Writing
 
 _STATE = (
     Field("mode", "1", "manual, stabilise, depth_hold ...", type="str"),
@@ -60,4 +61,9 @@ class StateSensor(IdealSensor):
     def write(self, row: FloatArray) -> tuple[Value, ...]:
         """See `Sensor.writes`."""
         pilot = self._pilot
-        return _TEXTS[pilot.seat.tell(pilot.t_ns, len(pilot.orders.items), row)]
+        return _TEXTS[pilot.seat.tell(pilot.t_ns, row)]
+
+    @property
+    def writing(self) -> Writing:  # type: ignore[override]  # its row may change
+        """See `Sensor.writing`."""
+        return Writing(self._pilot.seat.k, _TEXTS)

@@ -296,6 +296,16 @@ class Hydrodynamics:
         self._respond = timed("contact", "response", self._advance_touching)
         self._move: Callable[[float], int] = timed("physics", "bodies", self._advance_free)
 
+    @property
+    def is_fitted(self) -> bool:
+        """Whether a body has appendages."""
+        return self._fitted
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether nothing acts that needs more than one kernel: no sea, and no contact in the last tick."""
+        return self._sea is None and self.touched is NO_IMPULSES
+
     def advance(self, t: float) -> int:
         """Carry all bodies from t to t + dt (s). Returns -1, or the row of the first body whose state is not finite."""
         if self._sea is not None:

@@ -10,29 +10,44 @@ from typing import Any
 import numpy as np
 
 from uwserver.physics.kernel.arrays import IntArray
-from uwserver.physics.kernel.straight import straight
+from uwserver.physics.kernel.straight import address_of, straight
 
 _NO_TABLE: IntArray = np.zeros((0, 2), np.int64)
 
 
 @cache
-def advance(fitted: bool) -> Callable[..., Any]:
-    """`integrator.advance`, of a world with or without appendages."""
+def _advance(fitted: bool) -> Any:
     from uwserver.physics.dynamics import integrator
 
     kernel: Any = integrator.advance_fitted if fitted else integrator.advance
     kernel.load(_NO_TABLE, 0.0, 0.0)
-    return straight(kernel)
+    return kernel
+
+
+@cache
+def _rates_of_change(fitted: bool) -> Any:
+    from uwserver.physics.dynamics import integrator
+
+    kernel: Any = integrator.rates_of_change_fitted if fitted else integrator.rates_of_change
+    kernel.load(_NO_TABLE, 0.0, np.empty((0, 6)), np.empty((0, 6)))
+    return kernel
+
+
+@cache
+def advance(fitted: bool) -> Callable[..., Any]:
+    """`integrator.advance`, of a world with or without appendages."""
+    return straight(_advance(fitted))
 
 
 @cache
 def rates_of_change(fitted: bool) -> Callable[..., Any]:
     """`integrator.rates_of_change`, likewise."""
-    from uwserver.physics.dynamics import integrator
+    return straight(_rates_of_change(fitted))
 
-    kernel: Any = integrator.rates_of_change_fitted if fitted else integrator.rates_of_change
-    kernel.load(_NO_TABLE, 0.0, np.empty((0, 6)), np.empty((0, 6)))
-    return straight(kernel)
+
+def codes(fitted: bool) -> tuple[int, int]:
+    """Where the code of both lies, for kernels that call it (`kernel.calling`)."""
+    return address_of(_advance(fitted)), address_of(_rates_of_change(fitted))
 
 
 @cache

@@ -9,10 +9,10 @@ import numpy as np
 
 from uwserver.physics.collision.contacts import NO_CONTACTS, Contacts
 from uwserver.physics.collision.engine import AUTO
-from uwserver.physics.collision.solids import Solids
+from uwserver.physics.collision.solids import Finding, Solids
 from uwserver.physics.geometry.shapes import Solid
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
-from uwserver.physics.rays.casting import Instant, Rays, Still
+from uwserver.physics.rays.casting import Instant, OneByOne, Rays, Still
 from uwserver.physics.rays.raycast import Hits
 
 
@@ -69,6 +69,14 @@ class Scene:
             return NO_CONTACTS
         columns: tuple[Any, ...] = tuple(np.ascontiguousarray(column[felt]) for column in contacts)
         return Contacts(*columns)  # contiguous: the solver is compiled for that
+
+    def finding(self) -> Finding:
+        """See `Solids.finding`."""
+        return self._solids.finding()
+
+    def one_by_one(self) -> OneByOne | None:
+        """See `Rays.one_by_one`."""
+        return self._rays.one_by_one()
 
     def raycast(self, origin: FloatArray, direction: FloatArray, max_range: float) -> Hits:
         """As `geometry.Geometry`, where the bodies are now."""

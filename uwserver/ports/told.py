@@ -32,7 +32,8 @@ class Log:
     """Samples one behind the other. Who simulates appends to it, others read of it what they were told is there: that is never written again.
 
     Attributes:
-        entries: (n) records of int64: t_sent_ns, of no account, stream, seq, t_ns, valid, and the place of its first number.
+        entries: (n) records of int64: t_sent_ns, which texts belong to it (of no account here), stream, seq, t_ns, valid, and the place of its
+            first number.
         numbers: (m) float64 of one after the other.
         loose: by place, of samples that have such: the values that are no numbers.
     """

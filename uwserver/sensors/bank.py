@@ -29,7 +29,7 @@ from uwserver.physics.kernel.arrays import Array, FloatArray, IntArray
 from uwserver.physics.kernel.deferred import Deferred, Elsewhere, compiled, entry, inlined
 from uwserver.physics.kernel.pool import Pool
 from uwserver.physics.kernel.random import draw_normals
-from uwserver.physics.kernel.straight import straight
+from uwserver.physics.kernel.straight import address_of, straight
 from uwserver.physics.rays.raycast import Geometry, Hits, no_hits
 from uwserver.ports import Json
 from uwserver.sensors.base import Pose, Scope, Sensor, Settings
@@ -178,6 +178,11 @@ def load(bank: Bank) -> None:
             code = loop.py_func.__code__
             place = f"{code.co_filename}:{code.co_firstlineno}"
             raise RuntimeError(f'{place}: numba cannot compile "{loop.__name__}" or what it calls: {error}') from error
+
+
+def codes_of(bank: Bank) -> tuple[int, ...]:
+    """Where the code of its loops lies that aim, and of the last one, once they are loaded, for kernels that call it (`kernel.calling`)."""
+    return tuple(address_of(loop) for loop in kernels(bank))
 
 
 def reader(

@@ -26,6 +26,7 @@ from uwserver.sensors.job import finished
 from uwserver.sensors.latest import Latest
 from uwserver.sensors.sight import Sight
 from uwserver.sensors.wiring import Wiring
+from uwserver.sensors.writing import Writing
 from uwserver.table import Name, NonNegative, Positive, Table
 from uwserver.units import NANOSECONDS, rad
 
@@ -274,6 +275,7 @@ class Sensor(ABC):
         takes_time: its readings are begun and computed later (`uwserver.sensors.job`).
         learns: `learn` hears what was computed.
         writes: it has no errors, timing and memory of its own, and sees nothing of the world: `write` is its short way.
+        writing: how compiled code can write in its place, until others come or go; None where it cannot.
     """
 
     fields: tuple[Field, ...]
@@ -292,6 +294,7 @@ class Sensor(ABC):
     takes_time = False
     learns = False
     writes = False
+    writing: Writing | None = None
 
     def __init__(self, settings: Settings | None = None) -> None:
         """Switched on with random numbers of no path, for one who reads it alone."""

@@ -244,7 +244,7 @@ class Bus:
                 self.dropped += output.drop_samples()
                 if not (output.replies or output.events):
                     return
-            self._waiting_ticks += 1
+            self._waiting_ticks += output.told.ticks if output.told is not None else 1
             if not self._goes_on_in(output):
                 self._crossing.append(output)
             # Before a world that nothing paces would have to wait.
@@ -361,10 +361,10 @@ class Bus:
         for on_reply, reply in output.replies:
             answer(partial(on_reply, reply))
         told = output.told
-        if told is None or told.ticks == 1 or not self._others:
+        if told is None or told.ticks == 1 or output.made or not self._others:
             self._give(told, output.made)
             return
-        for tick in told.by_tick():  # which were put together while nobody took them one by one
+        for tick in told.by_tick():  # made in one go, or put together while nobody took them one by one
             self._give(tick, output.made)
 
     def _give(self, told: Told | None, made: list[Sample]) -> None:

@@ -6,6 +6,7 @@ import gc
 import logging
 import threading
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Literal
 
 from uwserver.logs import place_of
@@ -15,20 +16,20 @@ from uwserver.ports.crossing import Posted, TickOutput
 from uwserver.ports.stops import PAUSE
 from uwserver.simulation.bus import MAX_TICKS, Bus, Mailbox
 from uwserver.simulation.clock import Pace, Time, Timing
-from uwserver.simulation.goal import Goal
+from uwserver.simulation.goal import Goal, Goals
 from uwserver.simulation.intake import BEGIN, Intake, Observer
 from uwserver.simulation.lateness import Lateness
 from uwserver.simulation.lockstep import Lockstep
 from uwserver.simulation.readers import Readers
 from uwserver.simulation.steering import Steering
 from uwserver.units import NANOSECONDS
+from uwserver.world.agenda import LONGEST
 from uwserver.world.profile import Profile, untimed
 from uwserver.world.saving import in_one_piece
 from uwserver.world.world import Diverged, World
 
 log = logging.getLogger(__name__)
 
-_PROGRESS_NS = NANOSECONDS // 10
 STEERING_NS = NANOSECONDS // 4000
 """Wall time between two ticks for services of the clock, in real time; what does not fit waits for the next."""
 MAX_GOALS = 256
@@ -61,12 +62,11 @@ class Simulation:
         self._time, self._stop = time, threading.Event()
         self._steering = Steering(mailbox.wake)
         self.readers = Readers(world, bus, self._steering)
-        self._goals: list[Goal] = []
-        self._next_progress, self._jumps = 0, world.jumps
+        self._goals, self._jumps = Goals(world, bus, time, self._stand), world.jumps
         self._intake = Intake(world, mailbox.posted, time, self._stop)
         self._publish, self._record = bus.publish, self._intake.ticked
         self._appointments: list[tuple[int, Callable[[], None]]] = []
-        self._give, self._rest = (way.give, way.rest) if way is not None else (lambda: None, lambda: None)
+        self._way = way
 
     # -- from the loop --------------------------------------------------------------------------------------------------------------
 
@@ -116,7 +116,8 @@ class Simulation:
         Returns its cancel function. May raise as `Turns.put` and, of a pause, `Turns.overtake`.
         """
         if service in ("world/step", "world/run_until", "world/run_until_tick"):
-            return self._start_goal(service, args, client, on_reply, source)
+            make = partial(self._goal, service, args, client, on_reply)
+            return self._goals.request(make, on_reply, self._steering, source)
         action = {
             "world/pause": self._pause,
             "world/resume": self._resume,
@@ -162,8 +163,7 @@ class Simulation:
         """Everybody who still waits gets an answer."""
         while (steered := self._steering.take()) is not None:
             steered.action()
-        for goal in self._goals[:]:
-            self._finish(goal, refused)
+        self._goals.give_up(refused)
         while (posted := self.mailbox.posted.take()) is not None:
             if posted.on_reply is not None:
                 self.bus.reply(posted.on_reply, Reply(self.world.tick, self.world.t_ns, fault=refused.fault))
@@ -204,13 +204,11 @@ class Simulation:
                 self.bus.flush()
                 self._rest()
                 self._time.wait(_LOOK_S, self._stop)
-            if not self.lockstep.asks:
-                self._give()
         return True
 
     def _hurries(self) -> bool:
         """Whether a paused world runs steps as fast as it can."""
-        return bool(self._goals) and not self._goals[0].paced
+        return self._goals.hurries
 
     def _is_paced(self) -> bool:
         """Whether a tick must not be kept waiting."""
@@ -219,7 +217,7 @@ class Simulation:
     def _tick(self) -> None:
         self.readers.begin()
         try:
-            output = self.world.advance(self._intake.for_tick(self._is_paced()))
+            output = self._stretch() or self._one_tick()
         except Diverged as error:
             self._intake.batch += 1
             self._follow_jump()  # a load may have been in this tick; its failure is the one that follows
@@ -228,19 +226,49 @@ class Simulation:
             self.paused = True
             self.bus.publish(error.output)
             self.bus.say(Event("diverged", self.world.tick, self.world.t_ns, self.failure))
-            for goal in self._goals[:]:
-                self._finish(goal, Refused("internal", self.failure))
+            self._goals.give_up(Refused("internal", self.failure))
             return
         self._intake.batch += 1
-        self.lateness.ticks += 1
         self.lockstep.ticked(output)
         if self._intake.observer is not None:
             self._record()
         self._publish(output, wake=self.lockstep.wakes())
         self._follow_jump()
         self._keep_appointments()
-        if self._goals:
-            self._check_goals()
+        if len(self._goals):
+            self._goals.check()
+
+    def _one_tick(self) -> TickOutput:
+        is_paced = self._is_paced()
+        self.lateness.ticks += 1
+        if self._way is not None and not is_paced and not self.lockstep.asks:
+            self._way.give()
+        return self.world.advance(self._intake.for_tick(is_paced))
+
+    def _stretch(self) -> TickOutput | None:
+        """Ticks in one go, where nothing paces them, nobody looks at each, and nothing is to be done between them; None where that is not so."""
+        is_free = self._hurries() or self.timing.mode == "freerun"
+        if not is_free or self.lockstep.asks or self._intake.observer is not None or len(self.mailbox.posted):
+            return None
+        ends = [goal.tick for goal in self._goals] + [tick for tick, _ in self._appointments]
+        if self.until_tick is not None:
+            ends.append(self.until_tick)
+        most = min(ends, default=self.world.tick + LONGEST) - self.world.tick
+        if most < 1:
+            return None
+        before = self.world.tick
+        if self._way is None:
+            output = self.world.go_on(most)
+        else:
+            output = self.world.go_on(most, self._way.lend())
+            self._way.get_back()
+        self.lateness.ticks += self.world.tick - before
+        return output
+
+    def _rest(self) -> None:
+        """No tick follows for now: the loop has nobody to wait for."""
+        if self._way is not None:
+            self._way.rest()
 
     def _keep_appointments(self) -> None:
         for appointment in [each for each in self._appointments if each[0] <= self.world.tick]:
@@ -271,8 +299,7 @@ class Simulation:
         if self.failure:
             self.failure = ""
             log.info("the world can run again, from tick %d", self.world.tick)
-        for goal in self._goals[:]:
-            self._finish(goal, Refused("preempted", "the world was reset or restored"))
+        self._goals.give_up(Refused("preempted", "the world was reset or restored"))
 
     # -- lockstep -------------------------------------------------------------------------------------------------------------------
 
@@ -297,11 +324,15 @@ class Simulation:
         self.bus.reply(on_reply, reply)
 
     def _pause(self) -> None:
-        for goal in self._goals[:]:
-            self._finish(goal, Refused("preempted", "the world was paused"))
+        self._goals.give_up(Refused("preempted", "the world was paused"))
         if not self.paused:
             self.paused = True
             self._say("paused", "world/pause was called")
+
+    def _stand(self) -> None:
+        """A step is done, and the pause goes on."""
+        self.paused = True
+        self.pace.release()
 
     def _resume(self) -> None:
         if self.failure:
@@ -318,33 +349,6 @@ class Simulation:
             raise Refused("denied", f"the clock is in mode {self.timing.mode}: only realtime has a speed", "speed")
         self.pace.speed = float(speed)  # type: ignore[arg-type]  # checked against the argument
         self.pace.release()
-
-    def _start_goal(
-        self, service: str, args: Mapping[str, Json], client: str, on_reply: OnReply, source: str
-    ) -> Callable[[], bool]:
-        state: dict[str, Goal] = {}
-
-        def start() -> None:
-            try:
-                goal = self._goal(service, args, client, on_reply)
-            except Refused as refused:
-                self.bus.reply(on_reply, Reply(self.world.tick, self.world.t_ns, fault=refused.fault))
-                return
-            state["goal"] = goal
-            self._goals.append(goal)
-            self._goals.sort(key=lambda g: g.tick)
-            self._check_goals()
-
-        def cancel() -> bool:
-            goal = state.get("goal")
-            if goal is not None and goal not in self._goals:
-                return False
-            # One that has not begun yet has when this is carried out: steering keeps its order.
-            self._steering.add(lambda: self._cancel(state.get("goal")), source, always=True)
-            return True
-
-        self._steering.add(start, source, on_reply)
-        return cancel
 
     def _goal(self, service: str, args: Mapping[str, Json], client: str, on_reply: OnReply) -> Goal:
         now = self.world.tick
@@ -368,32 +372,9 @@ class Simulation:
             return Goal(self.lockstep.barrier.grant(client, n, now), now, on_reply, pause_there=False, paced=True)
         if not self.paused:
             raise Refused("busy", "the world runs by itself: call world/pause first, then step")
-        if self._goals:
+        if len(self._goals):
             raise Refused("busy", "another step or run_until is under way")
         return Goal(now + n, now, on_reply, pause_there=True, paced=False)
-
-    def _check_goals(self) -> None:
-        tick, now = self.world.tick, self._time.now_ns()
-        for goal in self._goals[:]:
-            if tick >= goal.tick:
-                if goal.pause_there:
-                    self.paused = True
-                    self.pace.release()
-                self._finish(goal, None)
-            elif now >= self._next_progress:
-                fraction = (tick - goal.start) / (goal.tick - goal.start)
-                self.bus.reply(goal.on_reply, Progress(fraction, self.world.t_ns))
-        if now >= self._next_progress:
-            self._next_progress = now + _PROGRESS_NS
-
-    def _cancel(self, goal: Goal | None) -> None:
-        if goal is not None and goal in self._goals:
-            self._finish(goal, Refused("preempted", "cancelled by the caller"))
-
-    def _finish(self, goal: Goal, refused: Refused | None) -> None:
-        self._goals.remove(goal)
-        fault = None if refused is None else refused.fault
-        self.bus.reply(goal.on_reply, Reply(self.world.tick, self.world.t_ns, fault=fault))
 
     def _say(self, event: Literal["paused", "resumed"], text: str) -> None:
         log.info("%s in tick %d: %s", event, self.world.tick, text)

@@ -32,17 +32,19 @@ def banks_of_all(casts_rays: bool) -> dict[int, Bank]:
 def _sensors() -> Iterable[Any]:
     from uwserver.modifiers.chain import disturb_alone
     from uwserver.world.delivery import deliver
+    from uwserver.world.ticking import go_on
 
-    yield from (deliver, disturb_alone.made(), lines.write_lines.made(), choosing.choose_samples.made())
+    yield from (deliver, go_on, disturb_alone.made(), lines.write_lines.made(), choosing.choose_samples.made())
     for each in banks_of_all(False).values():
         yield from bank.kernels(each)
 
 
 def _load_sensors() -> None:
     from uwserver.modifiers import chain
-    from uwserver.world import delivery
+    from uwserver.world import delivery, ticking
 
     delivery.load()
+    ticking.load()
     lines.load()
     choosing.load()
     chain.load()

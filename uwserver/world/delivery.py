@@ -11,6 +11,7 @@ from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, entry
 from uwserver.physics.kernel.handles import array_at
 from uwserver.physics.kernel.sharing import share
+from uwserver.physics.kernel.straight import address_of
 from uwserver.ports.thinning import ROUNDING_NS
 from uwserver.world.streams import FORMS, NEVER, READ
 
@@ -92,14 +93,14 @@ def _is_taken(table: Array, stream: Any, t_ns: int) -> bool:
 
 
 @compiled
-def _log_in(table: Array, told: Any, values: Array, first: int, width: int) -> None:
+def _log_in(table: Array, told: Any, values: Array, first: int, width: int, texts: int) -> None:
     """Append a delivered sample to what is read; `told.slot` becomes its place there, or -1 where there is no room."""
     counts, log, log_numbers = _counts(table)[0], _log(table), _log_numbers(table)
     n, begin = counts.logged, counts.log_width
     if n >= len(log) or begin + width > len(log_numbers):
         return
     on = log[n]
-    on.t_sent_ns, on.order, on.stream, on.seq = told.t_sent_ns, 0, told.stream, told.seq
+    on.t_sent_ns, on.order, on.stream, on.seq = told.t_sent_ns, texts, told.stream, told.seq
     on.t_ns, on.valid, on.slot = told.t_ns, told.valid, begin
     for i in range(width):
         log_numbers[begin + i] = values[first + i]
@@ -127,8 +128,8 @@ def _tell(
             told_values[counts.told, i] = values[first + i]
         is_whole = stream.thinning_count == 0 or stream.unordered != 0
         if stream.wanted == READ and (is_whole or _is_taken(table, stream, t_ns)):
-            _log_in(table, told, values, first, stream.width)
-        if stream.wordy != 0:
+            _log_in(table, told, values, first, stream.width, stream.texts)
+        if stream.wordy != 0 and stream.texts == 0:
             _wordy(table)[counts.wordy] = counts.told
             counts.wordy += 1
         counts.told += 1
@@ -240,6 +241,11 @@ def deliver(table: Array, due: Array, t_ns: int, begins: bool, values: Array, to
         head.number += 1
     counts.next_ns = _pending(table)[0].t_sent_ns if counts.pending > 0 else NEVER
     return int(counts.told)
+
+
+def code() -> int:
+    """Where the code of `deliver` lies, once it is loaded, for kernels that call it (`kernel.calling`)."""
+    return address_of(deliver)
 
 
 def load() -> None:

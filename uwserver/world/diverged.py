@@ -12,7 +12,7 @@ class Diverged(Exception):
     """A body's state is not finite, or absurdly fast. The text names body, tick and the last commands.
 
     Attributes:
-        output: replies to what was carried out at the start of the tick; no samples.
+        output: replies to what was carried out at the start of the tick, and samples of ticks before it that were made in one go with it.
     """
 
     def __init__(self, text: str, output: TickOutput) -> None:

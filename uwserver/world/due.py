@@ -19,6 +19,13 @@ Reader = Callable[[Bank, IntArray], Callable[[float], None]]
 """What lets sensors of a kind, numbers of heads, read at a time (s)."""
 
 
+class Compiled(NamedTuple):
+    """Sensors for which compiled code can do everything: the numbers of heads by kind, and those that write."""
+
+    kinds: tuple[tuple[Bank, IntArray], ...]
+    written: tuple[SensorSlot, ...]
+
+
 class Due(NamedTuple):
     """Sensors that read together.
 
@@ -34,6 +41,7 @@ class Due(NamedTuple):
         heads: numbers of all.
         most: samples that can come of them.
         needs_rates: whether one of them does.
+        compiled: the same for compiled code that does everything for them; None where something needs Python.
     """
 
     divisor: int
@@ -46,6 +54,7 @@ class Due(NamedTuple):
     heads: IntArray
     most: int
     needs_rates: bool
+    compiled: Compiled | None
 
 
 def once(reader: Reader) -> Reader:
@@ -104,10 +113,11 @@ def due_of(slots: Sequence[SensorSlot], divisor: int, reader: Reader, instrument
     written = _by_kind([slot for slot in slots if slot.writes])
     wordy = [slot for slot in slots if slot.is_wordy]
     ready_made = [slot for slot in slots if any(stream.is_ready_made for stream in slot.streams)]
+    kinds = tuple((first.bank, np.array(heads, np.int64)) for first, heads in banks.values())
     exactly = [timed("sensors", kind_of(slot.sensor), slot.read_exactly) for slot in in_banks if slot.wants_exact]
     readers = [
-        timed("sensors", kind_of(first), reader(first.bank, np.array(heads)), len(heads))
-        for first, heads in banks.values()
+        timed("sensors", kind_of(first), reader(bank, heads), len(heads))
+        for (first, _), (bank, heads) in zip(banks.values(), kinds, strict=True)
     ]
     return Due(
         divisor,
@@ -120,6 +130,9 @@ def due_of(slots: Sequence[SensorSlot], divisor: int, reader: Reader, instrument
         np.array([slot.head for slot in slots], np.int64),
         sum(len(slot.streams) for slot in slots),
         any(slot.sensor.needs_rates for slot in slots),
+        Compiled(kinds, tuple(slot for slot in slots if slot.writes))
+        if all(slot.is_compiled for slot in slots)
+        else None,
     )
 
 

@@ -292,11 +292,26 @@ class Instruments:
         if self._logged + needed > self._log_room:
             self._begin_log(needed, 0 if begins else self.read_count)
         self._deliver(self.table, due, t_ns, begins, self._values, self._told_values)
+        self.take_over()
+        return self._counted[1]
+
+    def to_deliver(self) -> tuple[IntArray, FloatArray, FloatArray]:
+        """What `delivery.deliver` gets besides, until sensors come or go or there is another log."""
+        return self.table, self._values, self._told_values
+
+    @property
+    def room(self) -> tuple[int, int]:
+        """For how many samples there is some, on their way or delivered in a tick, and in the log."""
+        return self._room, self._log_room
+
+    def take_over(self) -> int:
+        """Compiled code has delivered without `deliver`. Returns the place of the log where it has begun."""
+        first = self._logged
         on_their_way, told, _, self.next_ns, self.read_count, self.wordy_count, self._logged, _ = (
             self._told_counts.tolist()
         )
         self._counted = on_their_way, told
-        return int(told)
+        return first
 
     def _begin_log(self, needed: int, last: int) -> None:
         """Go on in another log, with room for so many samples at least, which begins with the last ones of this; who has them keeps this one."""
@@ -320,9 +335,9 @@ class Instruments:
         return self._told, self._told_values
 
     @property
-    def logged(self) -> tuple[Log, int, int]:
-        """Samples of this tick that somebody reads: where they stand, from which place to before which."""
-        return self.log, self._logged - self.read_count, self._logged
+    def logged(self) -> tuple[int, int]:
+        """Samples of this tick that somebody reads: from which place of the log they stand to before which."""
+        return self._logged - self.read_count, self._logged
 
     @property
     def wordy(self) -> list[tuple[int, int, int]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, ClassVar, NamedTuple
 
@@ -107,14 +108,34 @@ class Pilots(Part):
 
     def before(self, tick: int, t_ns: int) -> None:
         """Fly those that are due."""
-        bank, world = self._bank, self._hydro.table
-        assert bank is not None
-        self._follow_switches()
-        for k, need in bank.step(world, tick, t_ns):
-            self._pilots[k].attend(need, world, t_ns)
-        self.next_tick = min([tick - tick % divisor + divisor for divisor in self._divisors])
+        assert self._bank is not None
+        self.follow_switches()
+        if self._bank.step(self._hydro.table, tick, t_ns):
+            self.attend(t_ns)
+        self.stand_at(tick + 1)
 
-    def _follow_switches(self) -> None:
+    def attend(self, t_ns: int) -> None:
+        """Some have stepped that need Python."""
+        assert self._bank is not None
+        for k, need in self._bank.needs():
+            self._pilots[k].attend(need, self._hydro.table, t_ns)
+
+    def stand_at(self, tick: int) -> None:
+        """All have stepped that were due before a tick."""
+        self.next_tick = min([-(-tick // divisor) * divisor for divisor in self._divisors], default=None)
+
+    @property
+    def bank(self) -> Bank | None:
+        """Where they lie; None where there is none."""
+        return self._bank if self._pilots else None
+
+    @property
+    def every(self) -> int:
+        """Ticks of which those are a multiple in which any may be due."""
+        return math.gcd(*self._divisors)
+
+    def follow_switches(self) -> None:
+        """Actuators may have been switched on or off since the last tick."""
         active = [switch.slot.active for switch in self._switches]
         if active != self._active:
             self._active = active
@@ -123,7 +144,7 @@ class Pilots(Part):
 
     def listener(self) -> Callable[[Any, FloatArray, int, int], None] | None:
         """What takes delivered samples (`uwserver.autopilot.entries.hear_all`), until autopilots come or go; None where there is none."""
-        return None if self._bank is None or not self._pilots else self._bank.listener()
+        return None if self.bank is None else self.bank.listener()
 
     def save(self) -> State:
         """Nothing: each keeps its own."""

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Container, Mapping, Sequence
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
-from msgspec import Meta, structs
 
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Sample, Value
 from uwserver.ports.checks import check_values
 from uwserver.ports.thinning import WHOLE, Thinned
 from uwserver.ports.told import Origin, Told
-from uwserver.world.components import Count, SensorStream, computed
+from uwserver.world.components import SensorStream
 from uwserver.world.computing import DROP, settled
 from uwserver.world.due import Due, due_of, once
 from uwserver.world.instruments import Instruments
-from uwserver.world.part import Part, Stage, State
+from uwserver.world.on_their_way import WAY, OnTheirWay
+from uwserver.world.part import Part, Stage
 from uwserver.world.profile import Timer, untimed
 from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.streams import ENTRY, HEARD, KEPT, READ
@@ -30,37 +30,6 @@ Listen = Callable[[Any, FloatArray, int, int], None]
 
 _PERIOD = 4096
 """Ticks after which the same sensors are due again, for which it is noted down who they are."""
-_MOST = 65536
-_WAY = np.dtype([(name, "i8") for name in ("t_sent_ns", "order", "port", "seq", "t_ns", "valid")])
-"""A sample on its way in a state; `port` counts the ports of that state."""
-
-
-class OnTheirWay(State, frozen=True, omit_defaults=True):
-    """Samples that are measured and not delivered yet.
-
-    Attributes:
-        order: how many were on their way before.
-        ports: that have one on its way.
-        entries: a record of int64 each, in the order of their delivery: when (ns), order, port by its place in `ports`, seq, t_ns, valid.
-        numbers: of one after the other, float64.
-        loose: of those of ports with such fields, the values that are no numbers.
-        pictures: the same of sensors that take time.
-    """
-
-    order: Count
-    ports: Annotated[tuple[str, ...], Meta(max_length=_MOST)]
-    entries: Annotated[bytes, Meta(max_length=_MOST * _WAY.itemsize)]
-    numbers: bytes
-    loose: Annotated[tuple[tuple[Value, ...], ...], Meta(max_length=_MOST)]
-    pictures: Annotated[tuple[tuple[Value, ...], ...], Meta(max_length=_MOST)] = ()
-
-    def deciding(self) -> OnTheirWay:
-        """Pictures follow from the rest, and may be under computation."""
-        return structs.replace(self, pictures=()) if self.pictures else self
-
-    def settled(self) -> OnTheirWay:
-        """With the pictures computed."""
-        return structs.replace(self, pictures=computed(self.pictures))
 
 
 class Sensing(Part):
@@ -68,6 +37,7 @@ class Sensing(Part):
 
     Attributes:
         numbers: of the streams, by port.
+        schedule_made: another object whenever others are due than before.
         under_way: readings that take time.
     """
 
@@ -103,11 +73,12 @@ class Sensing(Part):
         self._overheard: Collection[str] = ()
         self._listen: Listen | None = None
         self._streams: dict[int, SensorStream] = {}
-        self._wordy: list[SensorStream] = []
+        self._wordy, self._texts = list[SensorStream](), dict[int, Sequence[tuple[Value, ...]]]()
         self._origins: dict[int, Origin] = {}
         self._is_read = self._marked(())
         self._told: Told | None = None
         self.numbers: dict[str, int] = {}
+        self.schedule_made = object()
         self.under_way = UnderWay(instruments, self._is_needed)
         self.services = ((DROP, self.under_way.drop),)
         self.watch(untimed)
@@ -142,6 +113,8 @@ class Sensing(Part):
         self._there, self._streams = there, streams
         self.numbers = {stream.port.path: k for k, stream in streams.items()}
         self._wordy = [stream for stream in streams.values() if stream.columns.loose]
+        writing = [(slot, slot.sensor.writing) for slot in there]
+        self._texts = {k: w.texts for slot, w in writing if w is not None for k in slot.stream_numbers}
         self._origins = {k: Origin(s.port.path, s.columns.width, s.columns.values) for k, s in streams.items()}
         self._instruments.streams.rows["wordy"] = 0
         self._instruments.streams.rows["wordy"][[k for k, stream in streams.items() if stream.columns.loose]] = 1
@@ -209,6 +182,14 @@ class Sensing(Part):
         self._plans, self._reader = {0: self._due(())}, once(self._instruments.reader)
         period = math.lcm(*(divisor for divisor, _ in self._groups))
         self._masks = tuple(map(self._mask_of, range(period))) if period <= _PERIOD else ()
+        self.schedule_made = object()
+
+    def by_mask(self) -> tuple[Sequence[int], Callable[[int], Due]] | None:
+        """For each tick of a period which sensors are due, and what these are. None where that is not all: some listen, repeat what others have
+        read, or take time; or the period is too long."""
+        if self._listening or self._repeating or not self.under_way.is_idle or not self._masks:
+            return None
+        return self._masks, lambda mask: self._plans.get(mask) or self._new_plan(mask)
 
     def _mask_of(self, tick: int) -> int:
         """The groups that are due in a tick, as bits."""
@@ -261,7 +242,9 @@ class Sensing(Part):
 
     def _measure(self, due: Due, now: float, t_ns: int, begins: bool) -> int:
         """Let sensors read, and deliver. Returns how many samples of this tick somebody reads."""
-        _, in_banks, in_python, written, ready_made, kept, slow, heads, most, needs_rates = due  # quicker than by name
+        _, in_banks, in_python, written, ready_made, kept, slow, heads, most, needs_rates, _ = (
+            due  # quicker than by name
+        )
         if needs_rates:
             self._look(now)
         for read_all in in_banks:
@@ -281,10 +264,38 @@ class Sensing(Part):
             self.under_way.take(slot, t_ns)
         return told
 
+    def tell_all(self, ends: Sequence[int], with_words: bool, written: bool, samples: list[Sample]) -> None:
+        """Compiled code has delivered in several ticks (`ticking`): tell of it.
+
+        Args:
+            ends: of each tick with samples that somebody reads, the place behind them in the log.
+            with_words: in the last one there are some with values that are no numbers.
+            written: sensors wrote.
+            samples: receives those that `take_told` does not give.
+        """
+        first = self._instruments.take_over()
+        if written:
+            self._take_texts(first, ends[-1] if ends else first)
+        self._tell_of(first, ends, with_words, samples)
+
+    def _take_texts(self, first: int, end: int) -> None:
+        """Know the texts again that belong to what compiled code has written (`sensors.writing.Writing`)."""
+        log, told = self._instruments.log, self._instruments.streams.rows["texts"]
+        for k in np.flatnonzero(told).tolist():
+            stream = self._streams[k]
+            stream.fresh = stream.loose = stream.newest = self._texts[k][told[k] - 1]
+        told[:] = 0
+        for place in (first + np.flatnonzero(log.table[first:end, 1])).tolist():
+            _, n, k, *_ = log.table[place].tolist()
+            log.loose[place] = self._texts[k][n - 1]
+
     def _tell(self, samples: list[Sample]) -> None:
-        log, first, end = self._instruments.logged
-        is_large = False
-        if self._instruments.wordy_count:
+        first, end = self._instruments.logged
+        self._tell_of(first, (end,) if end > first else (), bool(self._instruments.wordy_count), samples)
+
+    def _tell_of(self, first: int, ends: Sequence[int], with_words: bool, samples: list[Sample]) -> None:
+        log, is_large = self._instruments.log, False
+        if with_words:
             for k, seq, place in self._instruments.wordy:
                 stream = self._streams[k]
                 # A state from outside may have two of one number on their way.
@@ -292,14 +303,17 @@ class Sensing(Part):
                 if place >= 0:
                     log.loose[place] = settled(stream.newest)
                     is_large = is_large or not stream.columns.is_small
-        if end == first:
+        if not ends:
             return
-        self._told = Told(self._origins, log, first, end)
-        if is_large:  # a picture is not kept by what was delivered with it
-            samples += self._told
-            self._told = None
-            for place in range(first, end):
-                log.loose.pop(place, None)
+        before, told = self._told, Told(self._origins, log, first, ends[-1], len(ends), tuple(ends[:-1]))
+        together = told if before is None else before.followed_by(told)
+        if together is not None and not is_large:
+            self._told = together
+            return
+        samples += (*(before or ()), *told)
+        self._told = None
+        for place in range(first, ends[-1]):  # a picture is not kept by what was delivered with it
+            log.loose.pop(place, None)
 
     def take_told(self) -> Told | None:
         """What was delivered in this tick, but for what `after` has appended."""
@@ -325,7 +339,7 @@ class Sensing(Part):
             return OnTheirWay(order, (), b"", b"", ())
         ports: dict[int, int] = {}
         places = [ports.setdefault(k, len(ports)) for k in pending["stream"].tolist()]
-        entries = np.empty(len(pending), _WAY)
+        entries = np.empty(len(pending), WAY)
         for name in ("t_sent_ns", "order", "seq", "t_ns", "valid"):
             entries[name] = pending[name]
         entries["port"] = places
@@ -346,21 +360,7 @@ class Sensing(Part):
         unknown = [path for path in state.ports if path not in self.numbers]
         if unknown:
             raise ValueError(f'a sample on its way from "{unknown[0][:80]}", which is no sensor')
-        if len(state.entries) % _WAY.itemsize:
-            raise ValueError("samples on their way that end within one")
-        entries = np.frombuffer(state.entries, _WAY)
-        limits = {
-            "t_sent_ns": 2**62,
-            "order": state.order,
-            "port": len(state.ports) - 1,
-            "seq": 2**62,
-            "t_ns": 2**62,
-            "valid": 1,
-        }
-        if any(((entries[name] < 0) | (entries[name] > most)).any() for name, most in limits.items()):
-            raise ValueError("a sample on its way that cannot be")
-        if (np.lexsort((entries["order"], entries["t_sent_ns"])) != np.arange(len(entries))).any():
-            raise ValueError("samples on their way that are not in the order of their delivery")
+        entries = state.checked_entries()
         streams = [self._streams[self.numbers[path]] for path in state.ports]
         width = sum([streams[place].columns.width for place in entries["port"].tolist()])
         if len(state.numbers) != 8 * width:
@@ -383,7 +383,7 @@ class Sensing(Part):
         """Put them on their way again."""
         for stream in self._wordy:
             stream.coming.clear()
-        given = np.frombuffer(state.entries, _WAY)
+        given = np.frombuffer(state.entries, WAY)
         entries = np.zeros(len(given), ENTRY)
         for name in ("t_sent_ns", "order", "seq", "t_ns", "valid"):
             entries[name] = given[name]

@@ -175,6 +175,16 @@ class SensorSlot(Part):
         """Whether `write` is enough, in place of `read`."""
         return self.sensor.writes and not self.wants_exact
 
+    @property
+    def is_compiled(self) -> bool:
+        """Whether compiled code can do everything for it, from its reading to its samples."""
+        if any(stream.is_ready_made for stream in self.streams) or self.wants_exact:
+            return False
+        if isinstance(self.sensor, BankSensor):
+            return not self.is_wordy
+        at_once = not self.latency_ns and not any(stream.operations for stream in self.streams)
+        return self.sensor.writing is not None and at_once
+
     def write(self) -> None:
         """Let a sensor that writes do so, into the arrays, where `due.writer` tells whether it is ready."""
         if self._fault == "silent":

@@ -167,7 +167,9 @@ class _OfSensor:
         given = {name: value for name, value in args.items() if value is not None}
         divisor = self._divisor_of(given.pop("rate_hz")) if "rate_hz" in given else self.slot.divisor
         self.slot.sensor.change(given)
-        self.world.set_divisor(self.slot, divisor)
+        if self.slot.divisor != divisor:
+            self.slot.set_divisor(divisor)
+            self.world.follow_slots(f'"{self.slot.path}" was changed')
         return None
 
     def _divisor_of(self, rate_hz: Json) -> int:
@@ -220,5 +222,8 @@ class _OfActuator:
         }
 
     def set_timeout(self, args: Mapping[str, Json]) -> Json:
-        self.world.set_timeout(self.slot, round(Fraction(str(args["timeout_s"])) * self.world.rate_hz))
+        ticks = round(Fraction(str(args["timeout_s"])) * self.world.rate_hz)
+        if self.slot.timeout_ticks != ticks:
+            self.slot.set_timeout(ticks)
+            self.world.follow_slots(f'"{self.slot.path}" was changed')
         return None

@@ -31,6 +31,10 @@ STREAM = np.dtype(
         ("frozen", "i8"),  # 1: a fault makes it repeat itself
         ("wanted", "i8"),  # READ: somebody reads its samples; HEARD: compiled code alone does; KEPT: nobody does
         ("wordy", "i8"),  # 1: values that are no numbers wait in Python for each of its samples
+        (
+            "texts",
+            "i8",
+        ),  # those of the last reading, if compiled code has written it (`sensors.writing.Writing`), and 1; else 0
         ("thinning_first", "i8"),  # of those that say which samples are enough for who reads it
         ("thinning_count", "i8"),  # 0: all are read
         ("unordered", "i8"),  # 1: samples were delivered in another order than they were true in
@@ -96,4 +100,4 @@ FORMS: Forms = {
     "team": columns(np.int64),
 }
 """Of the table of a world's sensors. `log`: samples that somebody reads, one tick after the other; `slot` of each is the place of its first number
-in `log_numbers`. One without room takes none."""
+in `log_numbers`, `order` the `texts` of its stream. One without room takes none."""

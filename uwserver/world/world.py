@@ -10,29 +10,31 @@ from uwserver.environment.earth import Earth
 from uwserver.environment.water import Water
 from uwserver.frames import Vec3
 from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.kernel.arrays import IntArray
+from uwserver.physics.kernel.right_of_way import NOBODY
 from uwserver.physics.rays.raycast import Geometry, OpenWater
-from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Refused, Sample, Service
-from uwserver.ports.checks import checked_args, checked_command, find
-from uwserver.ports.crossing import Answers, Later, Posted, TickOutput
+from uwserver.ports import Event, Port, Service
+from uwserver.ports.crossing import Answers, Posted, TickOutput
 from uwserver.ports.thinning import WHOLE, Thinned
 from uwserver.sensors.base import BOTTOM, SEDIMENT
 from uwserver.sensors.sight import Sight
+from uwserver.world.agenda import AT_PILOTS, DIVERGED, STANDS
 from uwserver.world.commands import Commands
 from uwserver.world.components import ActuatorSlot, SensorStream
 from uwserver.world.diverged import Diverged, report
+from uwserver.world.in_process import InProcess
 from uwserver.world.instruments import Around, Instruments
 from uwserver.world.members import Member, Population, place_solids
 from uwserver.world.part import Carry, Part, in_turn, is_awake
 from uwserver.world.piloting import Pilots
 from uwserver.world.profile import Profile, Timer, untimed
-from uwserver.world.reading import Reading
 from uwserver.world.requests import Requests
 from uwserver.world.sensing import Sensing
 from uwserver.world.sensor_slot import SensorSlot
+from uwserver.world.stretch import Stretch
 from uwserver.world.surroundings import Bodies, Flowing
 from uwserver.world.threads import Threads
 from uwserver.world.ticks import Ticks
-from uwserver.world.traces import Traces, Tracing
 from uwserver.world.vehicle import Vehicle
 
 if TYPE_CHECKING:
@@ -41,7 +43,7 @@ if TYPE_CHECKING:
 __all__ = ["Diverged", "World"]
 
 
-class World:
+class World(InProcess):
     """All vehicles and their components, stepped tick by tick.
 
     Build one with `uwserver.load`. Not thread-safe: in a server only the simulation thread touches it.
@@ -68,6 +70,7 @@ class World:
     def __init__(
         self, name: str, rate_hz: Fraction, seed: int, epoch_utc: str, hydro: Hydrodynamics, water: Water
     ) -> None:
+        super().__init__()
         self.name, self.rate_hz, self.seed, self.epoch_utc = name, rate_hz, seed, epoch_utc
         self.hydro, self.water = hydro, water
         self.geometry: Geometry = OpenWater()
@@ -84,8 +87,7 @@ class World:
         self.scene: Scene | None = None
         self._solids, self._settled = dict[Member, int](), list[Member]()
         self._own_services: dict[str, tuple[Service, Carry]] = {}
-        self._carry, self._events = dict[str, Carry](), list[Event]()
-        self._tracing = Tracing()
+        self._events = list[Event]()
         self.answers: Answers = []
         self.population: Population
         self.identity: Callable[[], str] = str
@@ -96,11 +98,12 @@ class World:
         self.sensing = Sensing(self.sensors, self.instruments, self._seconds)
         self._profile: Profile | None = None
         self._pilots = Pilots(hydro)
+        self._stretch = Stretch(hydro, self.instruments, self.sensing, self._pilots, rate_hz)
         self.threads = Threads(hydro, max(16, round(rate_hz / 4)))
         self._timed: Timer = untimed
         self._commands = Commands(self.actuators, rate_hz, self.say)
         self.requests = Requests(
-            self._commands, self._carry, lambda: (self._tick, self.t_ns),
+            self._commands, self.carry, lambda: (self._tick, self.t_ns),
             lambda path: None if path in self._own_services else self.services.get(path),
         )  # fmt: skip
         self._carry_out = self.requests.carry_out
@@ -113,7 +116,7 @@ class World:
 
     def set_scene(self, scene: Scene) -> None:
         """Give the world its solid things; before any body is in it."""
-        self.scene = self.hydro.collider = self.geometry = scene
+        self.scene = self.hydro.collider = self.geometry = self._stretch.scene = scene
         self.sensing.schedule()  # who reads by rays keeps what to cast them at
 
     def add(self, part: Part) -> None:
@@ -156,17 +159,17 @@ class World:
         """Know these bodies by name, with their components, and tell nobody: the part of `set_members` that can be taken back."""
         self.members = {member.vehicle.name: member for member in members}
         self.parts = {part.path: part for part in self.own_parts}
-        for known in (self.vehicles, self.sensors, self.actuators, self._carry):
+        for known in (self.vehicles, self.sensors, self.actuators, self.carry):
             known.clear()
         services = {path: service for path, (service, _) in self._own_services.items()}
-        self._carry |= {path: carry for path, (_, carry) in self._own_services.items()}
+        self.carry |= {path: carry for path, (_, carry) in self._own_services.items()}
         for name, member in self.members.items():
             self.vehicles[name] = member.vehicle
             self.sensors |= member.by_path.sensors
             self.actuators |= member.by_path.actuators
             self.parts |= member.by_path.parts
             services |= member.by_path.services
-            self._carry |= member.by_path.carry
+            self.carry |= member.by_path.carry
         self.services = services
         self.refresh()
 
@@ -185,6 +188,7 @@ class World:
         awake = [part for part in self.own_parts if is_awake(part)]
         awake += [part for member in self.members.values() for part in member.by_path.awake]
         self._first, self._before, self._after, self._ears = in_turn(awake, self._timed)
+        self._stretch.line_up(awake)
         self._pilots.settle(self.parts.values(), self.sensing.numbers)
         self.sensing.set_listeners(self._ears, self._pilots.ports, self._pilots.listener())
         self.sensing.schedule()
@@ -204,21 +208,9 @@ class World:
         self.sensing.watch(self._timed)
         self._line_up()
 
-    def set_divisor(self, slot: SensorSlot, divisor: int) -> None:
-        """Let a sensor measure every `divisor` ticks, from now on."""
-        if slot.divisor != divisor:
-            slot.set_divisor(divisor)
-            self.follow_slots(f'"{slot.path}" was changed')
-
-    def set_timeout(self, slot: ActuatorSlot, ticks: int) -> None:
-        """Set an actuator's watchdog; 0 ticks for none."""
-        if slot.timeout_ticks != ticks:
-            slot.set_timeout(ticks)
-            self._commands.next_tick = self.tick
-            self.follow_slots(f'"{slot.path}" was changed')
-
     def follow_slots(self, why: str) -> None:
-        """Slots were changed: put their sensors in line again, and publish and tell of their ports where these are others."""
+        """Slots were changed: look at sensors and watchdogs anew, and publish and tell of their ports where these are others."""
+        self._commands.next_tick = self.tick
         slots: list[SensorSlot | ActuatorSlot] = [*self.sensors.values(), *self.actuators.values()]
         if any(self.ports[slot.port.path] is not slot.port for slot in slots):
             self.refresh()
@@ -230,7 +222,7 @@ class World:
         """Add a service of the world itself, which runs at the start of a tick."""
         self._own_services[service.path] = service, carry
         self.services = {**self.services, service.path: service}
-        self._carry[service.path] = carry
+        self.carry[service.path] = carry
 
     def set_current(self, velocity: Vec3) -> None:
         """Set the uniform, steady part of the current, m/s in N, from the next tick on."""
@@ -260,67 +252,6 @@ class World:
     def __repr__(self) -> str:
         vehicles, ports = ", ".join(self.vehicles), f"{len(self.sensors)} sensors, {len(self.actuators)} actuators"
         return f"<World {self.name} at {self._seconds():.3f} s (tick {self.tick}): {vehicles or 'no vehicle'}; {ports}>"
-
-    def submit(self, item: Command | Call, on_reply: OnReply | None = None) -> None:
-        """Post a checked command or call for the start of the next tick."""
-        self.post(Posted(item, on_reply))
-
-    def post(self, posted: Posted) -> None:
-        """The same, as it came over the crossing."""
-        self.requests.posted.append(posted)
-
-    def command(self, port: str, **value: object) -> None:
-        """Check and post a command: ``world.command("rov/thrusters", u=[...])``, lists or arrays, texts, bytes. It acts from the next `step` on.
-
-        Raises:
-            Refused: unknown port or field, wrong type or shape, not finite, out of range, too large.
-        """
-        find("port", port, self.ports)
-        known = self.ports[port]
-        self.post(Posted(Command(port, checked_command(known, value), "in-process"), None, known.fields))
-
-    def call(self, service: str, **args: object) -> Json:
-        """Carry out a service at once, between two ticks, and return its result; a long-running one is only begun.
-
-        Raises:
-            Refused: unknown service or argument, wrong type, out of range, or refused by the service.
-        """
-        find("service", service, self.services)
-        self.requests.changes += 1
-        result = self._carry[service](checked_args(self.services[service], args))
-        return None if isinstance(result, Later) else result
-
-    def step(self, n: int = 1) -> list[Sample]:
-        """Run n ticks; returns the samples delivered in them.
-
-        Raises:
-            Refused: n below 1; nothing is stepped.
-            Diverged: a body's state is not finite; the world must not be stepped on.
-        """
-        if n < 1:
-            raise Refused("out_of_range", f"step takes 1 tick or more, not {n}", "n")
-        samples: list[Sample] = []
-        for _ in range(n):
-            output = self.advance()
-            samples += output.samples
-            for on_reply, reply in output.replies:
-                on_reply(reply)
-        self._tracing.take(samples)
-        return samples
-
-    def read(self, port: str) -> Reading | None:
-        """The newest delivered sample of a sensor, by field: ``world.read("rov/depth").depth``; None before the first.
-
-        Raises:
-            Refused: no such port.
-        """
-        find("port", port, self.ports)
-        sample = self.sensing.newest(port)
-        return None if sample is None else Reading(self.ports[port], sample)
-
-    def record(self, *patterns: str) -> Traces:
-        """Arrays of what the sensors that match (``*`` one level; default: all) say in `step` from now on; Refused where none matches."""
-        return self._tracing.begin(self.ports, patterns)
 
     def advance(self, more: Iterable[Posted] = ()) -> TickOutput:
         """One tick; `more` is carried out after what was posted (`Requests.carry_out`).
@@ -352,32 +283,58 @@ class World:
         for part, before in self._before:
             if part.next_tick is not None and tick >= part.next_tick:
                 before(tick, self.t_ns)
-        diverged = self.hydro.advance(self._seconds())
-        self._tick = tick = tick + 1
-        self.t_ns = t_ns = self.ticks.time_of(tick)
-        if diverged >= 0:
-            self._end_tick(output)
-            lost = next((vehicle for vehicle in self.vehicles.values() if vehicle.row == diverged), None)
-            raise Diverged(report(tick, t_ns, lost, self._commands), output)
-        for after in self._after:
-            after(tick, t_ns, output.made)
-        output.told = self.sensing.take_told()
-        for sample in output.samples if self._ears else ():
-            for hear in self._ears.get(sample.port, ()):
-                hear(sample, t_ns)
-        self._end_tick(output)
+        self._move(output)
         if self._profile is not None:
             self._profile.end()
         if self.threads.trial is not None:
             self.threads.end_tick()
         return output
 
-    def _end_tick(self, output: TickOutput) -> None:
+    def go_on(self, most: int, way: IntArray = NOBODY) -> TickOutput | None:
+        """As many ticks as compiled code can make by itself, up to `most`, bit for bit those of `advance`; None where the next one needs Python.
+
+        Args:
+            most: 1 or more.
+            way: of a `RightOfWay`, by which the loop may have the interpreter meanwhile.
+        """
+        if self._profile is not None or self.requests.posted or self.threads.trial is not None:
+            return None
+        output = TickOutput(self._tick, self.t_ns, [])
+        reached = self._stretch.run(self._tick, most, way, output.made)
+        if reached is None:
+            return None
+        self.tick = reached.tick
+        if reached.stage in (STANDS, DIVERGED):
+            self._end_tick(output, reached.row)
+        else:  # within a tick, whose bodies have not moved yet
+            if reached.stage == AT_PILOTS:
+                self._pilots.attend(self.t_ns)
+            self._move(output)
+        return output
+
+    def _move(self, output: TickOutput) -> None:
+        """The tick from where its bodies move, and what follows from it."""
+        diverged = self.hydro.advance(self._seconds())
+        self.tick += 1
+        tick, t_ns = self._tick, self.t_ns
+        for after in self._after if diverged < 0 else ():
+            after(tick, t_ns, output.made)
+        self._end_tick(output, diverged)
+
+    def _end_tick(self, output: TickOutput, diverged: int = -1) -> None:
+        """All is done, but for who listens; `diverged`: row of the first body whose state is not finite."""
+        output.told = self.sensing.take_told()
+        for sample in output.samples if self._ears else ():
+            for hear in self._ears.get(sample.port, ()):
+                hear(sample, self.t_ns)
         if self.answers:
             output.replies += self.answers
             self.answers.clear()
         output.events, self._events = self._events, []
         output.tick, output.t_ns, output.ports, output.jumps = self._tick, self.t_ns, self.ports, self.jumps
+        if diverged >= 0:
+            lost = next((vehicle for vehicle in self.vehicles.values() if vehicle.row == diverged), None)
+            raise Diverged(report(self._tick, self.t_ns, lost, self._commands), output)
 
     def flush(self, more: Iterable[Posted] = ()) -> TickOutput:
         """Carry out what was posted without a tick: for a paused world, where calls must still be answered."""

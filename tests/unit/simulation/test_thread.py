@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from simulation_rig import FREE, PATIENCE_S, Rig, running
 
+from uwserver.physics.kernel.right_of_way import NOBODY
 from uwserver.ports import Call, Command, Progress, Refused, Reply
 from uwserver.ports.checks import checked_args
 from uwserver.scenario.build.world import build
@@ -289,31 +290,46 @@ def test_a_slow_loop_loses_nothing_in_freerun(resolved):
 
 
 class Way:
-    """A right of way that notes whether the loop may count on being given it."""
+    """A right of way that notes whether the loop may count on being given it, and how often it was, before a tick or before several."""
 
     def __init__(self) -> None:
-        self.given = 0
-        self.is_given = False
+        self.given = self.lent = 0
+        self.is_given = self.is_lent = False
 
     def give(self) -> None:
+        assert not self.is_lent
         self.given += 1
         self.is_given = True
+
+    def lend(self):
+        self.lent += 1
+        self.is_given = self.is_lent = True
+        return NOBODY
+
+    def get_back(self) -> None:
+        assert self.is_lent
+        self.is_lent = False
 
     def rest(self) -> None:
         self.is_given = False
 
 
-def test_the_loop_has_the_right_of_way_before_each_tick_that_nothing_paces(resolved):
+def test_the_loop_has_the_right_of_way_in_ticks_that_nothing_paces(resolved, monkeypatch):
+    """Before each that is made by itself, and during those that are made in one go."""
     way = Way()
     with running(resolved, replace(FREE, paused=True), way) as rig:
         assert rig.call("world/step", n=7).tick == 7
         rig.post(Call("world/state_hash", {}))  # answered by a world that idles
-        assert (way.given, way.is_given) == (7, False)
+        assert way.lent
+        assert way.lent + way.given < 7
+        assert not way.is_given
+        monkeypatch.setattr(rig.world, "go_on", lambda most, way: None)
+        way.given = 0
         rig.call("world/run_until", t_s=0.1)
-        assert way.given == rig.world.tick == 24
+        assert way.given == rig.world.tick - 7 == 24 - 7
         rig.call("world/resume")
         rig.call("world/run_until_tick", tick=48)
-    assert way.given == rig.world.tick
+    assert way.given == rig.world.tick - 7
     assert not way.is_given, "the run has ended"
 
 
@@ -321,13 +337,71 @@ def test_where_ticks_are_paced_the_loop_waits_for_nobody(resolved):
     way = Way()
     with running(resolved, Timing(speed=100.0), way) as rig:
         rig.call("world/run_until_tick", tick=24)
-        assert not way.given
+        assert not way.given + way.lent
         rig.call("world/pause")
         rig.call("world/step", n=3)
-        assert way.given == 3, "steps of a paused world are as fast as they can be"
+        given = way.given + way.lent
+        assert given > 0, "steps of a paused world are as fast as they can be"
         rig.call("world/resume")
         rig.call("world/run_until_tick", tick=rig.world.tick + 24)
-        assert (way.given, way.is_given) == (3, False)
+        assert (way.given + way.lent, way.is_given) == (given, False)
+
+
+def test_ticks_in_one_go_end_where_somebody_waits_for_one(resolved):
+    """Goals, the last tick of a run, and appointments; and each tick is counted."""
+    kept = []
+    rig = Rig(resolved, FREE)
+    rig.simulation.until_tick = 500
+    for tick in (37, 38, 191):
+        rig.simulation.appoint(tick, lambda: kept.append(rig.world.tick))
+    lengths = spied(rig.world)
+    rig.simulation.run()
+    assert kept == [37, 38, 191]
+    assert rig.world.tick == rig.simulation.lateness.ticks == 500
+    assert max(lengths) > 20
+    with running(resolved, replace(FREE, paused=True)) as rig:
+        lengths = spied(rig.world)
+        for tick in (5, 6, 60, 301):
+            assert rig.call("world/run_until_tick", tick=tick).tick == rig.world.tick == tick
+        assert max(lengths) > 20
+        assert rig.simulation.lateness.ticks == 301
+
+
+def spied(world):
+    """How many ticks each call of `go_on` makes from now on."""
+    lengths, real = [0], world.go_on
+
+    def go_on(*args):
+        before = world.tick
+        output = real(*args)
+        lengths.append(world.tick - before)
+        return output
+
+    world.go_on = go_on
+    return lengths
+
+
+def test_who_looks_at_each_tick_sees_each(resolved):
+    """An observer, a clock that paces them, and a barrier in lockstep."""
+
+    class Observer:
+        ticks = 0
+
+        def requested(self, item, tick, batch) -> None: ...
+
+        def ticked(self, world) -> None:
+            self.ticks += 1
+
+    rig, observer = Rig(resolved, FREE), Observer()
+    rig.simulation.until_tick = 100
+    rig.simulation.observe(observer)
+    lengths = spied(rig.world)
+    rig.simulation.run()
+    assert (observer.ticks, lengths) == (100, [0])
+    with running(resolved, Timing(speed=100.0)) as rig:
+        lengths = spied(rig.world)
+        rig.call("world/run_until_tick", tick=50)
+        assert lengths == [0]
 
 
 def test_a_step_cancelled_before_it_began_never_runs(resolved):

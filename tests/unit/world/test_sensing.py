@@ -14,7 +14,7 @@ from uwserver.ports import Buffer, Field, Port, Sample, told
 from uwserver.sensors import Sensor
 from uwserver.world.components import SensorStream
 from uwserver.world.due import once
-from uwserver.world.sensing import _WAY, OnTheirWay
+from uwserver.world.on_their_way import WAY, OnTheirWay
 from uwserver.world.sensor_slot import SensorSlot
 
 
@@ -151,7 +151,7 @@ def test_two_of_one_number_on_their_way_do_no_harm() -> None:
     rig.sensing.load(state)
     assert len(rig.sensing.save().loose) == 2
     assert [sample.value[0] for sample in rig.samples(1)][:2] == [1.0, 2.0]
-    assert _WAY.itemsize * 2 == len(state.entries)
+    assert WAY.itemsize * 2 == len(state.entries)
 
 
 # -- on demand -----------------------------------------------------------------------------------------------------------------------------

@@ -120,7 +120,7 @@ def test_a_command_in_the_same_process_is_checked_once(world, monkeypatch):
     again = []
     monkeypatch.setattr("uwserver.world.commands.check_given", lambda *args: again.append(args))
     for port in [path for path, port in world.ports.items() if port.direction == "actuator"]:
-        world.set_timeout(world.actuators[port], 7)
+        world.call(f"{port}/set", timeout_s=7 / 240)
     world.command("rov/thrusters", u=[0.0] * 8)
     world.step()
     assert not again

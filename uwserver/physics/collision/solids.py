@@ -7,11 +7,10 @@ on a face (`faces`).
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from types import ModuleType, TracebackType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,7 +28,7 @@ from uwserver.physics.geometry.rows import Part, Stock
 from uwserver.physics.geometry.shapes import BadSolid, HalfSpace, Placed, Solid, TriangleMesh
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.layout import addresses
-from uwserver.physics.kernel.straight import straight
+from uwserver.physics.kernel.straight import address_of, straight
 
 MARGIN = 0.005
 """m; contacts are reported from this gap on, and from farther for what moves fast."""
@@ -45,11 +44,25 @@ def _kernels() -> tuple[ModuleType, ModuleType, ModuleType]:
 
 
 @cache
-def _finds_pairs() -> Callable[..., Any]:
+def _find_pairs() -> Any:
     kernel: Any = _kernels()[0].find_pairs
     pairs: IntArray = np.zeros((0, 2), np.int64)
     kernel.load(pairs, np.zeros((0, 13)), 0.0, 0.0, True, pairs)
-    return straight(kernel)
+    return kernel
+
+
+class Finding(NamedTuple):
+    """What tells compiled code whether anything may touch anything (`broad_phase.find_pairs`), until something comes or goes.
+
+    Attributes:
+        code: where that lies (`kernel.calling`).
+        table, margin, pairs: its arguments.
+    """
+
+    code: int
+    table: IntArray
+    margin: float
+    pairs: IntArray
 
 
 @dataclass(eq=False)
@@ -91,6 +104,7 @@ class Solids:
         self._pairs = np.zeros((256, 2), np.int64)
         self._lines, self._overlapping = np.zeros((256, 7)), np.zeros(256, np.bool_)
         self._stock, self._is_stale = Stock(), True
+        self._finding: Finding | None = None
 
     @property
     def engine(self) -> str:
@@ -181,7 +195,7 @@ class Solids:
 
     def _rebuild(self) -> None:
         """Arrays of all slots, those of moving bodies first: once for all that came and went since contacts were last looked for."""
-        self._is_stale = False
+        self._is_stale, self._finding = False, None
         # By row: the order of contacts, too, must not depend on who came when.
         moving = sorted((key for key, row in self._rows_of.items() if row >= 0), key=self._rows_of.__getitem__)
         static = [key for key, row in self._rows_of.items() if row < 0]
@@ -193,7 +207,7 @@ class Solids:
             first += len(self._parts[key])
         n, m = len(entries), len(bodies)
         broad_phase, _, _ = _kernels()
-        self._find_pairs = _finds_pairs()
+        self._find_pairs = straight(_find_pairs())
         self._shapes = self._stock.shapes([p for p, _ in entries])
         radius = np.array([broad_phase.radius_of(self._shapes.slots[at : at + count]) for at, count, _ in bodies])
         self._search = broad_phase.Search(
@@ -220,11 +234,19 @@ class Solids:
         if not count:
             return NO_CONTACTS
         while count > len(self._pairs):
-            self._pairs = np.zeros((2 * count, 2), np.int64)
+            self._pairs, self._finding = np.zeros((2 * count, 2), np.int64), None
             count = self._find_pairs(self._table, state, dt, MARGIN, self._gate, self._pairs)
         pairs = self._pairs[:count]
         first, lines = self._find_lines(pairs)
         return self._collect(pairs, first, lines)
+
+    def finding(self) -> Finding:
+        """The search for pairs that may touch, as `find_contacts` begins with it; the same object for as long as all lies where it lies."""
+        if self._is_stale:
+            self._rebuild()
+        if self._finding is None:
+            self._finding = Finding(address_of(_find_pairs()) if self._gate else 0, self._table, MARGIN, self._pairs)
+        return self._finding
 
     def _find_lines(self, pairs: Any) -> tuple[IntArray, FloatArray]:
         """Lines of all pairs: where each pair's begin, and (k, 7) direction, point on b, gap."""

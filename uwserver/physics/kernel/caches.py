@@ -91,7 +91,8 @@ def _load(body: bytes | None, target_context: Any) -> Any:
 
 
 def _reduced(result: Any) -> tuple[Any, ...]:
-    """What is written. In place of the intermediate code stands an empty function of the name by which numba finds the machine code."""
+    """What is written. In place of the intermediate code stand empty functions of the names by which numba finds the machine code."""
     (name, kind, (machine_code, _)), *rest = result._reduce()  # noqa: SLF001
-    stub = f'define void @"{result.fndesc.llvm_cpython_wrapper_name}"() {{ ret void }}'
-    return (name, kind, (machine_code, binding.parse_assembly(stub).as_bitcode())), *rest
+    names = result.fndesc.llvm_cpython_wrapper_name, result.fndesc.llvm_func_name
+    stubs = "\n".join(f'define void @"{each}"() {{ ret void }}' for each in names)
+    return (name, kind, (machine_code, binding.parse_assembly(stubs).as_bitcode())), *rest

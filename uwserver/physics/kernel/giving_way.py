@@ -17,7 +17,7 @@ from uwserver.physics.kernel.places import ASKED, GIVEN, RUNS, WATCHED
 
 _ASKING = 4000
 """Turns, some 100 us, for the end of a tick: of a large world it comes later, but that is in compiled code most of the time."""
-_GIVING = 20_000
+GIVING = 20_000
 """Turns, some 500 us, for the loop: nearly all that it does in one go takes less."""
 
 
@@ -55,17 +55,29 @@ def send_aside(numbers: Array, descriptor: int, data: Array) -> int:
     return int(sent)
 
 
+@compiled
+def lend(numbers: Array, asked: int) -> None:
+    """The loop may have what it has asked for the so-manieth time."""
+    store_atomic(numbers, GIVEN, asked)
+
+
+@compiled
+def take_back(numbers: Array, asked: int) -> int:
+    """Wait until the loop has gone again. Returns how many turns that took, GIVING where it keeps the interpreter for long."""
+    turns = 0
+    while load_atomic(numbers, ASKED) == asked and turns < GIVING:
+        pause()
+        turns += 1
+    store_atomic(numbers, GIVEN, 0)
+    return turns
+
+
 @entry
 def give_way(numbers: Array) -> int:
     """Let the loop have what it asks for. Returns 0, or which time it was where the loop keeps it for long."""
     asked = load_atomic(numbers, ASKED)
-    store_atomic(numbers, GIVEN, asked)
-    turns = 0
-    while load_atomic(numbers, ASKED) == asked and turns < _GIVING:
-        pause()
-        turns += 1
-    store_atomic(numbers, GIVEN, 0)
-    return asked if turns == _GIVING else 0
+    lend(numbers, asked)
+    return asked if take_back(numbers, asked) == GIVING else 0
 
 
 def load(numbers: IntArray) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, cast
 
+import numpy as np
 from llvmlite import ir
 from numba import carray, types
 from numba.extending import intrinsic
@@ -27,6 +28,13 @@ def _pointer(_context: Any, address: Any) -> Any:
         return builder.inttoptr(args[0], ir.IntType(8).as_pointer())
 
     return types.voidptr(address), generate
+
+
+@inlined
+def lay(address: int, count: int) -> Array:
+    """An array of int64 over memory that is named by its address. Laid over records, it stands for them in a call (`calling`) of what knows their
+    form."""
+    return carray(_pointer(address), (count,), np.int64)
 
 
 def array_at(forms: Forms, name: str) -> Callable[[Array], Array]:

@@ -22,7 +22,8 @@ _OPTIONS = {"nopython": True, "nogil": True, "error_model": "numpy", "no_cfunc_w
 """No GIL, IEEE division, no re-association (the same bits on every CPU), and no second door for callers in C."""
 
 _ENVIRONMENT = "_ZN08NumbaEnv"
-_WRAPPER = "_ZN7cpython"
+_NAME, _WRAPPER = "_ZN", "_ZN7cpython"
+"""What a name of machine code begins with, and what that of the door begins with by which Python comes to it."""
 
 
 class _PartCode(JITCodeLibrary):  # type: ignore[misc]  # numba has no types
@@ -43,8 +44,12 @@ class _EntryCode(JITCodeLibrary):  # type: ignore[misc]
                 self._codegen.set_env(variable.name, environment)
 
     def _optimize_final_module(self) -> None:
-        for function in self._final_module.functions:
-            if not function.is_declaration and not function.name.startswith(_WRAPPER):
+        made = [function for function in self._final_module.functions if not function.is_declaration]
+        doors = {function.name for function in made if function.name.startswith(_WRAPPER)}
+        # Python comes by its door, a kernel that runs others (`calling`) straight to what lies behind it.
+        kept = doors | {_NAME + door.removeprefix(_WRAPPER) for door in doors}
+        for function in made:
+            if function.name not in kept:
                 function.linkage = binding.Linkage.internal
         super()._optimize_final_module()
 

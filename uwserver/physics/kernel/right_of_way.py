@@ -14,13 +14,17 @@ from time import perf_counter_ns
 
 import numpy as np
 
-from uwserver.physics.kernel.arrays import shared_numbers
-from uwserver.physics.kernel.places import ASKED, RUNS, WATCHED, WAY_SIZE
+from uwserver.physics.kernel.arrays import IntArray, shared_numbers
+from uwserver.physics.kernel.places import ASKED, LATE, RUNS, WAITED, WATCHED, WAY_SIZE
 from uwserver.physics.kernel.straight import straight
 
 MOST_CREDIT_NS = 5_000_000
 """Wall time that the loop may be given in one go, if the world had as much before. Where peers flood it, it is given no more than half of all: beyond
 that the interpreter's lock decides, as between any two threads of Python."""
+_TURN_NS = 25
+"""Of a turn of `giving_way`, about."""
+NOBODY = shared_numbers(WAY_SIZE)
+"""The right of way of who has no loop beside him: nobody ever asks. Never changed."""
 _READABLE = 1 << 32
 """POLLIN as it stands in a ``struct pollfd``, above the descriptor."""
 
@@ -42,7 +46,7 @@ class RightOfWay:
         self._give_way = straight(giving_way.give_way)
         self.numbers[ASKED] = 1  # the loop has the interpreter
         self._seen = self.numbers.data  # quicker to look at than the array
-        self._runs, self._late = False, 0
+        self._runs = False
         self._now_ns, self._credit_ns, self._since_ns = now_ns, MOST_CREDIT_NS, now_ns()
 
     # -- the thread that steps the world ----------------------------------------------------------------------------------------
@@ -50,19 +54,44 @@ class RightOfWay:
     def give(self) -> None:
         """Between two ticks that nothing paces: let the loop do what it has to do, if anything. Where it keeps the interpreter for long, or has had
         it for longer than the world, the next ticks do not wait for it."""
+        self._begin()
+        asked = self._seen[ASKED]
+        if not asked & 1 or asked == self._seen[LATE]:
+            return
+        now_ns = self._earn()
+        if self._credit_ns > 0:
+            late = self._give_way(self.numbers)
+            if late:
+                self.numbers[LATE] = late
+            self._since_ns = self._now_ns()
+            self._credit_ns -= self._since_ns - now_ns
+
+    def lend(self) -> IntArray:
+        """Before ticks in compiled code, which do not need the interpreter: by what they get here, the loop has it meanwhile. `get_back` follows."""
+        self._begin()
+        if self._credit_ns <= 0:
+            self._earn()
+        return self.numbers if self._credit_ns > 0 else NOBODY
+
+    def get_back(self) -> None:
+        """These ticks are over. Time for which the world stood, as the loop still had the interpreter, counts as given."""
+        if self._seen[WAITED]:
+            waited_ns = self._seen[WAITED] * _TURN_NS
+            self.numbers[WAITED] = 0
+            self._earn()
+            self._credit_ns -= 2 * waited_ns  # of which the world had none
+
+    def _begin(self) -> None:
         if not self._runs:
             self._runs = True
             self.numbers[RUNS] = 1
-        asked = self._seen[ASKED]
-        if not asked & 1 or asked == self._late:
-            return
+
+    def _earn(self) -> int:
+        """The world had the time since it was looked at last. Returns the time now, ns."""
         now_ns = self._now_ns()
         self._credit_ns = min(MOST_CREDIT_NS, self._credit_ns + now_ns - self._since_ns)
         self._since_ns = now_ns
-        if self._credit_ns > 0:
-            self._late = self._give_way(self.numbers)
-            self._since_ns = self._now_ns()
-            self._credit_ns -= self._since_ns - now_ns
+        return now_ns
 
     def rest(self) -> None:
         """No such tick follows for now: the loop has nobody to wait for."""

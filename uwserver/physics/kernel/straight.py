@@ -1,4 +1,5 @@
-"""Calls of entries without a search for the version that fits the arguments: an entry has one. The search costs as much as a small kernel does."""
+"""Calls of entries without a search for the version that fits the arguments: an entry has one. The search costs as much as a small kernel does.
+And where the machine code of that version lies, for kernels that call it themselves."""
 
 from __future__ import annotations
 
@@ -21,3 +22,14 @@ def _run_of(kernel: Any) -> Callable[..., Any]:
     (only,) = kernel.overloads.values()
     run: Callable[..., Any] = only.entry_point
     return run
+
+
+def address_of(kernel: Any) -> int:
+    """Where the machine code of an entry lies that is loaded (`calling`); 0 where it is not, or for several."""
+    return _address_of(kernel) if len(kernel.overloads) == 1 else 0
+
+
+@cache
+def _address_of(kernel: Any) -> int:
+    (only,) = kernel.overloads.values()
+    return int(only.library.get_pointer_to_function(only.fndesc.llvm_func_name))

@@ -21,7 +21,7 @@ from uwserver.physics.geometry.shapes import HalfSpace, Solid, check_shape
 from uwserver.physics.geometry.tessellation import Facets, facets
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.layout import Q, addresses
-from uwserver.physics.kernel.straight import straight
+from uwserver.physics.kernel.straight import address_of, straight
 from uwserver.physics.rays import hits
 from uwserver.physics.rays.raycast import Hits
 from uwserver.physics.rays.rows import CARRIED, SIDE, Simple, middle, planes, sides
@@ -39,6 +39,7 @@ NOBODY = -1
 """A row of the state in which no body is."""
 _STILL: FloatArray = np.zeros(13)
 _STILL[Q] = 1.0
+_NONE: IntArray = np.zeros(0, np.int64)
 
 
 class Picker(Protocol):
@@ -144,11 +145,28 @@ _Moved = tuple[int, int, _Scene]
 
 
 @cache
-def _intersects_simple() -> Callable[..., Any]:
+def _intersect_simple() -> Any:
     table, none, body = np.zeros((0, 2), np.int64), np.empty((0, 3)), np.empty(0, np.int64)
     kernel: Any = hits.intersect_simple
-    kernel.load(table, none, none, 0.0, np.empty((0, 13)), np.empty(0), none, body, body)
-    return straight(kernel)
+    kernel.load(table, none, none, 0.0, np.empty((0, 13)), body, np.empty(0), none, body, body)
+    return kernel
+
+
+@cache
+def _intersects_simple() -> Callable[..., Any]:
+    return straight(_intersect_simple())
+
+
+class OneByOne(NamedTuple):
+    """What compiled code casts rays at (`hits.intersect_simple`), where everything is intersected one by one.
+
+    Attributes:
+        code: where that lies (`kernel.calling`).
+        table: of what is intersected.
+    """
+
+    code: int
+    table: IntArray
 
 
 def _plain(origin: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -157,13 +175,15 @@ def _plain(origin: FloatArray, direction: FloatArray) -> tuple[FloatArray, Float
 
 
 def _cast(
-    table: IntArray, still: Iterable[_Scene], moving: Iterable[_Moved], state: FloatArray, rays: tuple[FloatArray, FloatArray, float]
+    table: IntArray, still: Iterable[_Scene], moving: Iterable[_Moved], state: FloatArray, rays: tuple[FloatArray, FloatArray, float],
+    past: IntArray = _NONE,
 ) -> Hits:  # fmt: skip
-    """The first thing that rays (`Geometry.raycast`, but `_plain`) meet: of what is intersected one by one, by its table, and of scenes."""
+    """The first thing that rays (`Geometry.raycast`, but `_plain`) meet: of what is intersected one by one, by its table, and of scenes.
+    `past`: of the former they pass what the body in their row (n) carries."""
     origin, direction, max_range = rays
     n, limit = len(origin), float(max_range)
     answer = Hits(np.empty(n), np.empty((n, 3)), np.empty(n, np.int64), np.empty(n, np.int64))
-    _intersects_simple()(table, origin, direction, limit, state, *answer)
+    _intersects_simple()(table, origin, direction, limit, state, past, *answer)
     for scene in still:
         scene.cast(_STILL, -1, origin, direction, limit, answer)
     for body, row, scene in moving:
@@ -185,6 +205,7 @@ class Rays:
         self._simple: tuple[Simple, IntArray] | None = None
         self._others: dict[int, tuple[Simple, IntArray]] = {}
         self._rows: IntArray = np.empty(0, np.int64)
+        self._one_by_one: OneByOne | None = None
 
     def add_static(self, body: int, solid: Solid) -> None:
         """Add something that never moves. Raises BadSolid."""
@@ -228,19 +249,25 @@ class Rays:
         where = np.ascontiguousarray(state, np.float64)
         return self._cast_plain(where, (*_plain(origin, direction), max_range), without)
 
-    def _cast_plain(self, state: FloatArray, rays: tuple[FloatArray, FloatArray, float], without: int = NOBODY) -> Hits:
+    def _cast_plain(
+        self,
+        state: FloatArray,
+        rays: tuple[FloatArray, FloatArray, float],
+        without: int = NOBODY,
+        past: IntArray = _NONE,
+    ) -> Hits:
         _, table = self._simple_without(without)
         moving = [
             (body, c.row, c.scene) for body, c in self._moving.items() if c.scene is not None and c.row != without
         ]
-        return _cast(table, self._still or (), moving, state, rays)
+        return _cast(table, self._still or (), moving, state, rays, past)
 
     def cast_past(
         self, state: FloatArray, rows: IntArray, origin: FloatArray, direction: FloatArray, max_range: float
     ) -> Hits:
         """As `cast`; each ray passes what the body in its row (n) carries. Origins and directions are C-contiguous."""
-        answer = self._cast_plain(state, (origin, direction, max_range))
-        own = self._rows[answer.body] == rows
+        answer = self._cast_plain(state, (origin, direction, max_range), past=rows)
+        own = self._rows[answer.body] == rows  # as scenes do not know whom a ray passes
         if np.count_nonzero(own):
             for row in np.unique(rows[own]).tolist():
                 chosen = np.flatnonzero(own & (rows == row))
@@ -248,6 +275,12 @@ class Rays:
                 for column, again in zip(answer, found, strict=True):
                     column[chosen] = again
         return answer
+
+    def one_by_one(self) -> OneByOne | None:
+        """What compiled code needs to cast as `cast_past`, the same object until something comes or goes; None where there are scenes."""
+        if self._simple is None:
+            self._gather()
+        return self._one_by_one
 
     def still(self, state: FloatArray, without: int = NOBODY) -> Still:
         """The solids as they are now, where this state (n, 13) puts them, for one other thread; not those of the row `without`. The first after a
@@ -298,7 +331,10 @@ class Rays:
         self._rows = np.full(max([*self._static, *self._moving], default=0) + 2, NOBODY)
         self._rows[[*self._moving]] = [carried.row for carried in self._moving.values()]
         simple = Simple(planes(self._static.items()), np.array(rows, CARRIED), np.concatenate(each))
-        self._simple = simple, addresses(hits.SIMPLE, simple._asdict())
+        table = addresses(hits.SIMPLE, simple._asdict())
+        is_all = not self._still and all(carried.scene is None for carried in self._moving.values())
+        self._one_by_one = OneByOne(address_of(_intersect_simple()), table) if is_all else None
+        self._simple = simple, table
         return self._simple
 
     def _by_origin(self) -> dict[tuple[float, ...], dict[int, Solid]]:

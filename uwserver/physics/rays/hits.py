@@ -34,7 +34,8 @@ _simple_at = arrays_at(Simple, SIMPLE)
 
 @entry
 def intersect_simple(
-    table: Array, origin: Array, direction: Array, limit: float, state: Array, distance: Array, normal: Array, body: Array, material: Array
+    table: Array, origin: Array, direction: Array, limit: float, state: Array, past: Array,
+    distance: Array, normal: Array, body: Array, material: Array,
 ) -> None:  # fmt: skip
     """Begin an answer: half-spaces and moving solids of few triangles, one by one.
 
@@ -43,6 +44,7 @@ def intersect_simple(
         origin, direction: (n, 3) of the rays in N.
         limit: m; farther things are not hit.
         state: (m, 13) of the bodies.
+        past: (n) of each ray the row of a body whose solids it passes, or nothing, for rays that pass none.
         distance, normal, body, material: of `Hits`, receive the answer.
     """
     simple, hits = _simple_at(table), Hits(distance, normal, body, material)
@@ -51,7 +53,7 @@ def intersect_simple(
         normal[i, 0] = normal[i, 1] = normal[i, 2] = 0.0
         body[i] = material[i] = -1
     _intersect_planes(origin, direction, limit, simple.planes, hits)
-    _intersect_carried(origin, direction, limit, simple, state, hits)
+    _intersect_carried(origin, direction, limit, simple, state, past, hits)
 
 
 @compiled
@@ -122,7 +124,9 @@ def _facing(sides: Array, first: int, count: int, origin: Array, facing: Array) 
 
 
 @compiled
-def _intersect_carried(origin: Array, direction: Array, limit: float, simple: Simple, state: Array, hits: Hits) -> None:
+def _intersect_carried(
+    origin: Array, direction: Array, limit: float, simple: Simple, state: Array, past: Array, hits: Hits
+) -> None:
     """Hits on moving solids of few triangles, one by one; what does not face the start of a ray is left out once for all rays that start
     there, as soon as one of them comes near: of a swarm's rays few do."""
     carried, sides, distance, normal = simple.carried, simple.sides, hits.distance, hits.normal
@@ -135,6 +139,8 @@ def _intersect_carried(origin: Array, direction: Array, limit: float, simple: Si
             middle[j] = x[P + j] + dot(R[j], solid.centre)
         radius, count, square, last = solid.radius, 0, 0.0, -1
         for i in range(len(origin)):
+            if len(past) > 0 and past[i] == solid.row:
+                continue
             if (
                 last < 0
                 or origin[i, 0] != origin[last, 0]

@@ -52,7 +52,9 @@ def cast(simple: Simple, origin: Any, direction: Any, limit: float = 100.0, stat
     answer = Hits(
         np.full(len(origin), -5.0), np.full((len(origin), 3), -5.0), np.full(len(origin), -5), np.full(len(origin), -5)
     )
-    intersect_simple(addresses(SIMPLE, simple._asdict()), origin, direction, limit, state, *answer)
+    intersect_simple(
+        addresses(SIMPLE, simple._asdict()), origin, direction, limit, state, np.zeros(0, np.int64), *answer
+    )
     return answer
 
 

@@ -1,0 +1,429 @@
+"""Ticks that compiled code makes in one go are those of `World.advance`, bit for bit, whatever happens in them and between them."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from time import perf_counter_ns
+from typing import Any
+
+import numpy as np
+import pytest
+
+import uwserver
+from uwserver.physics.kernel.places import ASKED, FUTEX, GIVEN, LATE, RUNS, WAITED
+from uwserver.physics.kernel.right_of_way import NOBODY, RightOfWay
+from uwserver.ports import Call, Command, Sample
+from uwserver.ports.thinning import Thinning
+from uwserver.world import Diverged, World
+from uwserver.world import snapshot as snapshots
+from uwserver.world.agenda import LONGEST
+from uwserver.world.profile import Profile
+
+WORLD = """
+schema = 1
+title = "ticks in one go"
+seed = 3
+[world]
+rate_hz = {rate}
+threads = {threads}
+origin_lat_deg = 63.4410
+origin_lon_deg = 10.3950
+[seabed]
+kind = "flat"
+depth_m = {bottom}
+{more}
+[vehicles.rov]
+model = "bluerov2_heavy"
+{copies}
+position_ned_m = [0.0, 0.0, {depth}]
+[vehicles.rov.autopilot]
+[vehicles.rov.sensors]
+ahrs = {{ kind = "attitude", profile = "mems_ahrs", rate_hz = 60 }}
+dvl = {{ kind = "dvl", profile = "a50", rate_hz = 8, position_frd_m = [-0.1, 0.0, 0.1] }}
+echosounder = {{ kind = "altimeter", profile = "ping1d", rate_hz = 10, position_frd_m = [0.2, 0.0, 0.1] }}
+battery = {{ kind = "battery", profile = "lipo_4s_18ah", rate_hz = 2 }}
+leak = {{ kind = "leak", rate_hz = 2 }}
+"""
+LATE_DEPTH = """
+[vehicles.rov.override.sensors.depth.modifiers]
+late = { kind = "delay", latency_s = 0.13, jitter_s = 0.05 }
+lost = { kind = "dropout", probability = 0.2 }
+"""
+
+
+class Twins:
+    """The same world twice: one makes its ticks one by one, the other as many as it can in one go."""
+
+    def __init__(self, folder: Path, **values: Any) -> None:
+        given = {"rate": 240, "threads": 1, "more": "", "copies": "", "depth": 5.0, "bottom": 20.0} | values
+        file = folder / "world.toml"
+        file.write_text(WORLD.format(**given) + given.get("last", ""), encoding="utf-8")
+        self.one, self.other = uwserver.load(file), uwserver.load(file)
+        self.stretches = self.ticks = 0
+        self._go_on: Callable[..., Any] = self.other.go_on
+        self.other.go_on = self.go_on  # type: ignore[method-assign]
+
+    def go_on(self, *args: Any) -> Any:
+        before = self.other.tick
+        output = self._go_on(*args)
+        if output is not None:
+            self.stretches += 1
+            self.ticks += self.other.tick - before
+        return output
+
+    def do(self, act: Callable[[World], object]) -> None:
+        """In both; the answers are the same."""
+        assert act(self.one) == act(self.other)
+
+    def step(self, n: int) -> list[Sample]:
+        """Both, and compare all that they say and are."""
+        samples: list[Sample] = []
+        for _ in range(n):
+            samples += self.one.advance().samples
+        assert self.other.step(n) == samples
+        assert self.one.tick == self.other.tick
+        assert self.one.t_ns == self.other.t_ns
+        self.compare()
+        return samples
+
+    def compare(self) -> None:
+        ours, theirs = (world.call("world/state_hash") for world in (self.one, self.other))
+        assert ours == theirs
+        for path in self.one.sensors:
+            assert self.one.sensing.newest(path) == self.other.sensing.newest(path), path
+
+
+@pytest.fixture
+def twins(tmp_path: Path) -> Twins:
+    return Twins(tmp_path)
+
+
+def fly(world: World) -> None:
+    for name in world.vehicles:
+        world.call(f"{name}/autopilot/arm")
+        world.call(f"{name}/autopilot/set_mode", mode="depth_hold")
+
+
+def test_all_samples_and_states_are_the_same(twins: Twins) -> None:
+    twins.step(480)
+    twins.do(fly)
+    twins.step(1003)
+    assert twins.ticks > 1400
+    assert twins.stretches < twins.ticks / 20, "none of its sensors needs Python"
+
+
+def test_texts_of_an_autopilot_are_those_of_their_sample(twins: Twins) -> None:
+    twins.step(480)
+    twins.do(fly)
+    found = [sample.value[0] for sample in twins.step(48) if sample.port == "rov/autopilot/state"]
+    assert found == ["depth_hold"] * 2
+    twins.do(lambda world: world.call("rov/autopilot/set_mode", mode="stabilise"))
+    found = [sample.value[0] for sample in twins.step(48) if sample.port == "rov/autopilot/state"]
+    assert found == ["stabilise"] * 2
+    assert twins.other.read("rov/autopilot/state").mode == "stabilise"  # type: ignore[union-attr]
+
+
+def test_a_mission_ends_where_it_ends(twins: Twins) -> None:
+    """Its items need Python, in the midst of ticks that do not."""
+    twins.step(480)
+    items = [
+        {"kind": "speed", "speed_mps": 0.8},
+        {"kind": "waypoint", "position_ned_m": [0.5, 0.0, 5.0]},
+        {"kind": "waypoint", "position_ned_m": [0.5, 0.5, 5.5]},
+    ]
+    twins.do(lambda world: world.call("rov/autopilot/set_mission", items=items))
+    twins.do(lambda world: world.call("rov/autopilot/arm"))
+    twins.do(lambda world: world.call("rov/autopilot/start_mission"))
+    for _ in range(12):
+        twins.step(240)
+    assert twins.other.read("rov/autopilot/state").reached >= 2  # type: ignore[union-attr]
+    assert twins.ticks > 3000
+
+
+def test_bodies_that_touch_the_bottom_or_each_other(tmp_path: Path) -> None:
+    copies = "copies = { count = 6, columns = 3, spacing_m = [0.6, 0.5] }"
+    twins = Twins(tmp_path, copies=copies, depth=19.82)
+    twins.step(40)
+    assert len(twins.one.hydro.touched.impulse)
+    before = twins.ticks
+    for k, name in enumerate(twins.one.vehicles):
+        u = (0.0, 0.0, 0.0, 0.0, *([-0.2 - 0.1 * k] * 4))
+        twins.do(lambda world, name=name, u=u: world.call(f"{name}/thrusters/set", timeout_s=10.0))  # type: ignore[misc]
+        twins.do(lambda world, name=name, u=u: world.command(f"{name}/thrusters", u=u))  # type: ignore[misc]
+    for _ in range(30):
+        twins.step(40)
+    assert not len(twins.one.hydro.touched.impulse)
+    assert twins.ticks > before + 200
+
+
+def test_several_threads(tmp_path: Path) -> None:
+    if not FUTEX:
+        pytest.skip("threads wait in compiled code on Linux alone")
+    twins = Twins(tmp_path, copies="copies = { count = 40, columns = 8, spacing_m = [5.0, 5.0] }", threads=2)
+    twins.do(lambda world: world.want(()))
+    twins.step(480)
+    twins.do(fly)
+    twins.step(200)
+    assert twins.ticks > 600
+
+
+@pytest.mark.parametrize("rate", ["240", "119.88", "1000"])
+def test_rates_that_divide_nothing(tmp_path: Path, rate: str) -> None:
+    sensors = WORLD.partition("[vehicles.rov.sensors]")
+    file = tmp_path / "plain.toml"
+    text = (
+        sensors[0]
+        .format(rate=rate, threads=1, more="", copies="", depth=5.0, bottom=20.0)
+        .replace("[vehicles.rov.autopilot]", "")
+    )
+    for sensor in ("imu", "pressure", "depth"):
+        text += f"[vehicles.rov.override.sensors.{sensor}]\nrate_hz = {rate}\n"
+    file.write_text(text, encoding="utf-8")
+    one, other = uwserver.load(file), uwserver.load(file)
+    samples = [sample for _ in range(700) for sample in one.advance().samples]
+    assert other.step(700) == samples
+    assert one.call("world/state_hash") == other.call("world/state_hash")
+
+
+def test_what_is_late_or_lost(tmp_path: Path) -> None:
+    """Samples on their way have their time, and those that nobody reads too."""
+    twins = Twins(tmp_path, last=LATE_DEPTH)
+    twins.step(300)
+    twins.do(lambda world: world.want({"rov/imu"}))
+    twins.step(300)
+    twins.do(lambda world: world.want(None))
+    assert any(sample.port == "rov/depth" for sample in twins.step(60))
+    assert twins.ticks > 600
+
+
+def test_only_the_samples_that_are_wanted(twins: Twins) -> None:
+    wanted = {"rov/imu": [Thinning(10.0, 0)], "rov/depth": [Thinning(7.0, 3)]}
+    twins.do(lambda world: world.want(set(wanted), wanted))
+    samples = twins.step(480)
+    assert 0 < sum(sample.port == "rov/imu" for sample in samples) < 30
+    twins.do(lambda world: world.want(()))
+    assert twins.step(480) == []
+    assert twins.ticks > 900
+
+
+def test_logs_and_places_for_samples_are_renewed(tmp_path: Path) -> None:
+    """A log holds some thousand samples: others follow it in the midst of a run."""
+    twins = Twins(tmp_path, copies="copies = { count = 12, columns = 4, spacing_m = [5.0, 5.0] }")
+    logs = set()
+    for _ in range(6):
+        twins.step(240)
+        logs.add(id(twins.other.instruments.log))
+        kept = twins.other.instruments.log
+        assert kept is not None
+    assert len(logs) > 1
+    assert twins.ticks > 1300
+
+
+def test_commands_watchdogs_and_switches(twins: Twins) -> None:
+    u = (0.3, 0.3, -0.3, -0.3, 0.1, 0.1, 0.1, 0.1)
+    twins.step(50)
+    twins.do(lambda world: world.command("rov/thrusters", u=u))
+    twins.step(33)
+    twins.do(lambda world: world.call("rov/thrusters/set", timeout_s=0.25))
+    twins.do(lambda world: world.command("rov/thrusters", u=u))
+    twins.step(200)
+    assert twins.other.actuators["rov/thrusters"].timeouts == 1
+    twins.do(lambda world: world.call("rov/imu/set", rate_hz=60))
+    twins.do(lambda world: world.call("rov/leak/deactivate"))
+    twins.step(200)
+    twins.do(lambda world: world.call("rov/leak/activate"))
+    twins.do(fly)
+    twins.do(lambda world: world.call("rov/thrusters/deactivate"))
+    twins.step(200)
+    assert twins.ticks > 500
+
+
+def test_a_reset_a_restore_and_a_load(twins: Twins) -> None:
+    twins.step(107)
+    states = [snapshots.take(world) for world in (twins.one, twins.other)]
+    assert states[0] == states[1]
+    twins.step(150)
+    for world, state in zip((twins.one, twins.other), states, strict=True):
+        snapshots.restore(world, state)
+    assert twins.other.tick == 107
+    twins.step(90)
+    twins.do(lambda world: world.submit(Call("world/reset", {})))
+    twins.step(250)
+    assert twins.other.tick == 249 + 1
+    assert twins.ticks > 500
+
+
+def test_vehicles_that_come_and_go(twins: Twins) -> None:
+    twins.step(60)
+    before = twins.ticks
+    twins.do(lambda world: world.call("world/spawn", name="two", like="rov", p_NB=[4.0, 0.0, 6.0]))
+    twins.step(120)
+    twins.do(lambda world: world.call("world/remove", name="two"))
+    twins.step(120)
+    assert twins.ticks > before + 200
+
+
+@pytest.mark.parametrize("kind", ["silent", "frozen"])
+def test_faults_of_sensors(twins: Twins, kind: str) -> None:
+    twins.step(300)
+    names = {"imu": "rov/imu", "state": "rov/autopilot/state"}
+    for name, target in names.items():
+        fault = {"name": name, "kind": f"sensor_{kind}", "target": target, "parameters": {}}
+        twins.do(lambda world, fault=fault: world.call("world/set_fault", **fault))  # type: ignore[misc]
+    twins.do(lambda world: world.call("rov/autopilot/set_mode", mode="depth_hold"))
+    twins.step(300)
+    told = twins.other.read("rov/autopilot/state")
+    assert told is not None
+    assert told.mode != "depth_hold", "nobody was told of it"
+    for name in names:
+        twins.do(lambda world, name=name: world.call("world/clear_fault", name=name))  # type: ignore[misc]
+    twins.step(300)
+    assert twins.ticks > 600
+
+
+def test_a_body_that_diverges_is_named_with_its_tick(twins: Twins) -> None:
+    twins.step(30)
+    for world in (twins.one, twins.other):
+        world.hydro.external[0] = np.inf
+    with pytest.raises(Diverged) as one:
+        twins.one.advance()
+    with pytest.raises(Diverged) as other:
+        twins.other.step(50)
+    assert str(one.value) == str(other.value)
+    assert twins.one.tick == twins.other.tick == 31
+
+
+def test_samples_of_the_ticks_before_are_not_lost_with_it(tmp_path: Path) -> None:
+    """It flies away, and so fast after some ticks that it cannot be."""
+    twins = Twins(tmp_path)
+    twins.step(30)
+    for world in (twins.one, twins.other):
+        world.hydro.bodies["weight"][0] *= -1e5
+    fallen = []
+    for step in (twins.one.advance, lambda: twins.other.go_on(100)):
+        samples: list[Sample] = []
+        with pytest.raises(Diverged) as diverged:
+            fall(step, samples)
+        fallen.append(([*samples, *diverged.value.output.samples], str(diverged.value)))
+    assert fallen[0] == fallen[1]
+    assert diverged.value.output.samples, "the last ones came in one go"
+    assert twins.other.tick == twins.one.tick > 33
+
+
+def fall(step: Callable[[], Any], samples: list[Sample]) -> None:
+    while True:
+        samples += step().samples
+
+
+# -- when there is none ----------------------------------------------------------------------------------------------------------------
+
+
+def test_none_is_made_of_ticks_that_need_python(twins: Twins, tmp_path: Path) -> None:
+    world = twins.other
+    world.step(3)
+    world.submit(Command("rov/thrusters", ((0.0,) * 8,), "me"))
+    assert world.go_on(5) is None, "somebody posted something"
+    world.step(1)
+    world.watch(Profile(perf_counter_ns))
+    assert world.go_on(5) is None, "each tick is measured"
+    world.watch(None)
+    world.actuators["rov/thrusters"].set_timeout(3)
+    world.command("rov/thrusters", u=(0.1,) * 8)
+    world.step(1)
+    output = world.go_on(50)
+    assert output is not None
+    assert output.tick == 4 + 3 + 1 - 1, "up to where a watchdog may expire"
+    assert world.go_on(50) is None
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        '[environment.waves]\nspectrum = "jonswap"\nsignificant_height_m = 0.5\npeak_period_s = 5.0\n',
+        '[environment.currents.eddies]\nkind = "gauss_markov"\nsigma_ned_mps = [0.05, 0.05, 0.01]\ntau_s = 60.0\n',
+    ],
+)
+def test_a_sea_needs_python(tmp_path: Path, more: str) -> None:
+    twins = Twins(tmp_path, more=more)
+    twins.step(30)
+    assert not twins.ticks
+
+
+# -- the loop that has the interpreter meanwhile ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def asked() -> RightOfWay:
+    if not FUTEX:
+        pytest.skip("threads wait in compiled code on Linux alone")
+    way = RightOfWay()
+    way.numbers[ASKED] = 2
+    return way
+
+
+def test_a_world_makes_as_many_ticks_as_are_usual(twins: Twins, asked: RightOfWay) -> None:
+    world = twins.other
+    world.step(2)
+    assert world.go_on(1000, asked.lend()).tick == 2 + LONGEST  # type: ignore[union-attr]
+    assert world.go_on(7, asked.lend()).tick == 2 + LONGEST + 7  # type: ignore[union-attr]
+    assert asked.numbers[RUNS] == 1
+    assert not asked.numbers[WAITED]
+
+
+def test_many_bodies_make_fewer_in_one_go(tmp_path: Path) -> None:
+    """Who posts something waits no longer than a millisecond or two."""
+    twins = Twins(tmp_path, copies="copies = { count = 16, columns = 4, spacing_m = [5.0, 5.0] }")
+    world = twins.other
+    world.step(240)  # there is room for its samples
+    assert world.go_on(1000, NOBODY).tick == 240 + 16  # type: ignore[union-attr]
+
+
+def test_the_loop_has_the_interpreter_while_the_world_goes_on(tmp_path: Path, asked: RightOfWay) -> None:
+    """It gets it within a tick, the world goes on for longer than is usual, and waits for it then."""
+    twins = Twins(tmp_path, copies="copies = { count = 64, columns = 8, spacing_m = [5.0, 5.0] }")
+    world = twins.other
+    world.want(())
+    world.step(240)
+    numbers = asked.numbers
+    numbers[ASKED] = 3
+
+    def leave() -> None:
+        numbers[ASKED] = 4
+
+    timer = threading.Timer(0.02, leave)
+    timer.start()
+    output = world.go_on(1000, asked.lend())
+    timer.join()
+    assert output is not None
+    assert 4 < output.tick - 240 <= LONGEST
+    assert numbers[GIVEN] == 0, "it is over"
+    assert numbers[ASKED] == 4 or numbers[LATE] == 3
+
+
+def test_a_loop_that_keeps_the_interpreter_is_waited_for_once(twins: Twins, asked: RightOfWay) -> None:
+    world = twins.other
+    world.want(())
+    world.step(2)
+    asked.numbers[ASKED] = 5
+    world.go_on(10, asked.lend())
+    assert asked.numbers[LATE] == 5
+    waited = int(asked.numbers[WAITED])
+    assert waited > 0
+    asked.get_back()
+    assert asked.numbers[WAITED] == 0
+    world.go_on(10, asked.lend())
+    assert asked.numbers[WAITED] == 0
+
+
+def test_whoever_was_given_more_time_than_the_world_had_is_given_none() -> None:
+    now = 0
+    way = RightOfWay(lambda: now)
+    assert way.lend() is way.numbers
+    way.numbers[WAITED] = 1_000_000
+    way.get_back()
+    assert way.lend() is NOBODY
+    now += 10_000_000_000
+    assert way.lend() is way.numbers
+    assert not NOBODY.any()
