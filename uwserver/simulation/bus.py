@@ -65,7 +65,7 @@ class Mailbox:
 
     Attributes:
         posted: what waits, by client.
-        wake: set with each post, for a simulation that waits.
+        wake: set with each post, for a simulation that waits, which may have one of its own put here.
     """
 
     def __init__(self) -> None:

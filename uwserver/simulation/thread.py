@@ -54,6 +54,8 @@ class Simulation:
         self, world: World, timing: Timing, time: Time, bus: Bus, mailbox: Mailbox, way: RightOfWay | None = None
     ) -> None:
         """Of a world; `way`: that the loop has before ticks that nothing paces."""
+        if way is not None:
+            mailbox.wake = way.wake
         self.world, self.timing, self.bus, self.mailbox = world, timing, bus, mailbox
         self.lockstep = Lockstep(timing, time, bus, self._say, self._pause_for_loss)
         self.lateness, self.pace = Lateness(), Pace(time, timing.pace or timing.speed)

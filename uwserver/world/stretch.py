@@ -16,7 +16,7 @@ from uwserver.physics.kernel.layout import addresses
 from uwserver.physics.kernel.straight import straight
 from uwserver.ports import Sample
 from uwserver.units import NANOSECONDS
-from uwserver.world.agenda import AT_CONTACTS, AT_PILOTS, COURSE, FORMS, LONGEST, REACHED_SIZE, Agenda, agenda_of
+from uwserver.world.agenda import AT_CONTACTS, AT_PILOTS, COURSE, FORMS, LONGEST, REACHED_SIZE, USUAL, Agenda, agenda_of
 from uwserver.world.instruments import Instruments
 from uwserver.world.part import Part, takes_part
 from uwserver.world.piloting import Pilots
@@ -161,7 +161,7 @@ class Stretch:
             return None
         ticking.load()
         self._go_on = straight(ticking.go_on)
-        self._usual = min(LONGEST, max(1, _BODIES // max(1, len(hydro))))
+        self._usual = min(USUAL, max(1, _BODIES // max(1, len(hydro))))
         course = np.zeros(1, COURSE)
         course[0] = (
             hydro.dt, margin, self._rate.numerator, self._rate.denominator, step, self._pilots.every, hear, tell,

@@ -16,7 +16,7 @@ from uwserver.physics.kernel.calling import call, call_for_float, call_for_numbe
 from uwserver.physics.kernel.compiled import compiled, entry
 from uwserver.physics.kernel.giving_way import GIVING, lend, take_back
 from uwserver.physics.kernel.handles import array_at, lay
-from uwserver.physics.kernel.places import ASKED, LATE, WAITED
+from uwserver.physics.kernel.places import ASKED, CALLED, LATE, WAITED
 from uwserver.physics.kernel.right_of_way import NOBODY
 from uwserver.physics.rays.raycast import Hits
 from uwserver.sensors import surroundings
@@ -139,8 +139,8 @@ def go_on(
 ) -> None:  # fmt: skip
     """Make ticks until one needs Python.
 
-    Where the loop asks for the interpreter meanwhile it has it at once. The world goes on while it does, and waits then as between two ticks; as the
-    loop goes, it may have posted something, and these are enough.
+    Where the loop asks for the interpreter meanwhile it has it at once. The world goes on while it does, and waits then as between two ticks. Once
+    somebody has called, no further one is made.
 
     Args:
         table: made by `agenda.FORMS`; its `reached` and `ends` receive what was reached.
@@ -154,15 +154,15 @@ def go_on(
     reached, ends, counts = _reached(table), _ends(table), _counts(sensors)[0]
     tick, stage, count = first, STANDS, 0
     reached[ROW], reached[WORDY], reached[WRITTEN] = -1, 0, 0
-    began, lent = load_atomic(way, ASKED), 0
+    called, lent = load_atomic(way, CALLED), 0
     while stage == STANDS:
         asked = load_atomic(way, ASKED)
         is_asked = asked % 2 == 1 and asked != way[LATE]
         if is_asked and lent != asked:
             lent = asked
             lend(way, asked)
-        is_enough = tick - first >= usual or (tick > first and asked != began)
-        if tick - first >= most or (is_enough and not is_asked):
+        done = tick - first
+        if done >= most or (done >= usual and not is_asked) or (done > 0 and load_atomic(way, CALLED) != called):
             break
         plan = plans[phases[(tick + 1) % len(phases)]]
         needed = counts.pending + plan.most

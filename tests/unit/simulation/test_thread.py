@@ -293,6 +293,7 @@ class Way:
     """A right of way that notes whether the loop may count on being given it, and how often it was, before a tick or before several."""
 
     def __init__(self) -> None:
+        self.wake = threading.Event()
         self.given = self.lent = 0
         self.is_given = self.is_lent = False
 

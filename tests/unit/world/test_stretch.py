@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 import uwserver
-from uwserver.physics.kernel.places import ASKED, FUTEX, GIVEN, LATE, RUNS, WAITED
+from uwserver.physics.kernel.places import ASKED, CALLED, FUTEX, GIVEN, LATE, RUNS, WAITED
 from uwserver.physics.kernel.right_of_way import NOBODY, RightOfWay
 from uwserver.ports import Call, Command, Sample
 from uwserver.ports.thinning import Thinning
 from uwserver.world import Diverged, World
 from uwserver.world import snapshot as snapshots
-from uwserver.world.agenda import LONGEST
+from uwserver.world.agenda import LONGEST, USUAL
 from uwserver.world.profile import Profile
 
 WORLD = """
@@ -366,10 +366,26 @@ def asked() -> RightOfWay:
 def test_a_world_makes_as_many_ticks_as_are_usual(twins: Twins, asked: RightOfWay) -> None:
     world = twins.other
     world.step(2)
-    assert world.go_on(1000, asked.lend()).tick == 2 + LONGEST  # type: ignore[union-attr]
-    assert world.go_on(7, asked.lend()).tick == 2 + LONGEST + 7  # type: ignore[union-attr]
+    assert world.go_on(1000, asked.lend()).tick == 2 + USUAL  # type: ignore[union-attr]
+    assert world.go_on(7, asked.lend()).tick == 2 + USUAL + 7  # type: ignore[union-attr]
     assert asked.numbers[RUNS] == 1
     assert not asked.numbers[WAITED]
+
+
+def test_who_calls_waits_for_no_further_tick(tmp_path: Path, asked: RightOfWay) -> None:
+    twins = Twins(tmp_path, copies="copies = { count = 64, columns = 8, spacing_m = [5.0, 5.0] }")
+    world = twins.other
+    world.want(())
+    world.step(240)
+    asked.numbers[ASKED] = 3  # and has the interpreter, as else nobody can call
+    timer = threading.Timer(0.0005, asked.wake.set)
+    timer.start()
+    output = world.go_on(1000, asked.lend())
+    timer.join()
+    assert output is not None
+    assert asked.numbers[CALLED] == 1
+    assert output.tick - 240 < LONGEST
+    assert asked.wake.is_set()
 
 
 def test_many_bodies_make_fewer_in_one_go(tmp_path: Path) -> None:

@@ -9,13 +9,14 @@ the lock as ever.
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable
 from time import perf_counter_ns
 
 import numpy as np
 
 from uwserver.physics.kernel.arrays import IntArray, shared_numbers
-from uwserver.physics.kernel.places import ASKED, LATE, RUNS, WAITED, WATCHED, WAY_SIZE
+from uwserver.physics.kernel.places import ASKED, CALLED, LATE, RUNS, WAITED, WATCHED, WAY_SIZE
 from uwserver.physics.kernel.straight import straight
 
 MOST_CREDIT_NS = 5_000_000
@@ -29,11 +30,26 @@ _READABLE = 1 << 32
 """POLLIN as it stands in a ``struct pollfd``, above the descriptor."""
 
 
+class Wake(threading.Event):
+    """What wakes the thread that steps the world, if it waits; and if it makes ticks in compiled code, ends them."""
+
+    def __init__(self, numbers: IntArray) -> None:
+        """Of a right of way, whose numbers these are."""
+        super().__init__()
+        self._numbers = numbers
+
+    def set(self) -> None:
+        """Any thread."""
+        super().set()
+        self._numbers[CALLED] += 1  # of two at once one counts: that is enough
+
+
 class RightOfWay:
     """Of one server.
 
     Attributes:
         numbers: what kernels get.
+        wake: of the thread that steps the world.
     """
 
     def __init__(self, now_ns: Callable[[], int] = perf_counter_ns) -> None:
@@ -41,6 +57,7 @@ class RightOfWay:
         from uwserver.physics.kernel import giving_way
 
         self.numbers = shared_numbers(WAY_SIZE)
+        self.wake = Wake(self.numbers)
         giving_way.load(self.numbers)
         self._await_event, self._send = straight(giving_way.await_event), straight(giving_way.send_aside)
         self._give_way = straight(giving_way.give_way)
