@@ -24,6 +24,7 @@ their RAYS, -1 for none."""
 
 RAYS = np.dtype([(name, "i8") for name in ("aim", "aim_again", "count")])
 """What sensors need that read by rays: where code lies that aims, once or (else 0) twice, and so many rays at most."""
+_AIMS = 2
 
 WRITING = np.dtype([(name, "i8") for name in ("head", "row", "stream_first", "stream_count", "first", "width")])
 """A sensor that writes (`sensors.writing.Writing`): its head, its number, its streams, and where its reading stands."""
@@ -115,9 +116,16 @@ class Agenda(NamedTuple):
 
 
 class _Maker:
-    """Makes rows of an agenda, of sensors that lie in these instruments."""
+    """Makes rows of an agenda.
+
+    Attributes:
+        plans, readings, rays, writings: as they are to be.
+        most_heads: of sensors that read together by rays.
+        kept: what is named by its address.
+    """
 
     def __init__(self, instruments: Instruments, casts: bool) -> None:
+        """Of sensors that lie in these instruments; `casts`: compiled code can cast rays."""
         self._instruments, self._casts = instruments, casts
         self.most_heads = 0
         self.plans: list[tuple[int, ...]] = []
@@ -133,10 +141,10 @@ class _Maker:
     def add_plan(self, due: Due) -> None:
         """What is due in one tick."""
         first, writing_first, is_compiled = len(self.readings), len(self.writings), due.compiled is not None
-        for bank, heads in due.compiled.kinds if due.compiled is not None else ():
-            is_compiled = self._add_reading(bank, heads) and is_compiled
-        for slot in due.compiled.written if due.compiled is not None else ():
-            self._add_writing(slot)
+        if due.compiled is not None:
+            is_compiled = all(self._add_reading(bank, heads) for bank, heads in due.compiled.kinds)
+            for slot in due.compiled.written:
+                self._add_writing(slot)
         self.plans.append((
             is_compiled, first, len(self.readings) - first, writing_first, len(self.writings) - writing_first,
             due.needs_rates, self._at(due.heads), len(due.heads), due.most,
@@ -148,10 +156,11 @@ class _Maker:
         rows, rays = self._instruments.rows_of(bank).rows, -1
         if aims:
             rays = len(self.rays)
-            self.rays.append((*(*aims, 0)[:2], int(self._instruments.heads.rows["rays"][heads].sum())))
+            count = int(self._instruments.heads.rows["rays"][heads].sum())
+            self.rays.append((*(*aims, 0)[:_AIMS], count))
             self.most_heads = max(self.most_heads, len(heads))
         self.readings.append((code, self._at(rows), len(rows), self._at(heads), len(heads), rays))
-        return len(aims) < 3 and all((*aims, code))  # loops that a row of rays names, and the last
+        return (self._casts or not aims) and len(aims) <= _AIMS and all((*aims, code))
 
     def _add_writing(self, slot: SensorSlot) -> None:
         writing, numbers = slot.sensor.writing, slot.stream_numbers

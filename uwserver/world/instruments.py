@@ -273,10 +273,15 @@ class Instruments:
 
         return scope_of
 
+    @property
+    def solids(self) -> Geometry:
+        """What rays can hit."""
+        return self._around().solids
+
     def reader(self, bank: Bank, due: IntArray) -> Callable[[float], None]:
         """What lets sensors of a kind (numbers of heads) read the world at a time, s; until sensors or bodies come or go."""
         rows = self._banks[id(bank)].rows
-        solids = self._around().solids if bank.aims else _OPEN
+        solids = self.solids if bank.aims else _OPEN
         return reader(bank, self.heads.rows, rows, self.numbers.rows, due, self.now, solids)
 
     def read(self, bank: Bank, due: IntArray, t: float) -> None:

@@ -14,6 +14,7 @@ from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.kernel.arrays import IntArray
 from uwserver.physics.kernel.layout import addresses
 from uwserver.physics.kernel.straight import straight
+from uwserver.physics.rays.raycast import OpenWater
 from uwserver.ports import Sample
 from uwserver.units import NANOSECONDS
 from uwserver.world.agenda import AT_CONTACTS, AT_PILOTS, COURSE, FORMS, LONGEST, REACHED_SIZE, USUAL, Agenda, agenda_of
@@ -136,11 +137,12 @@ class Stretch:
         )  # fmt: skip
 
     def _solid(self) -> tuple[Finding | None, OneByOne | None]:
-        """How it is found out whether anything may touch, and what rays are cast at; None where compiled code cannot, or there is nothing."""
-        collider, scene = self._hydro.collider, self.scene
-        if collider is None:
-            return None, _open_water()
-        return (None, None) if scene is not collider or scene is None else (scene.finding(), scene.one_by_one())
+        """How it is found out whether anything may touch, and what rays are cast at; None where compiled code cannot, or nothing may touch."""
+        scene, seen = self.scene, self._instruments.solids
+        finding = scene.finding() if scene is not None and scene is self._hydro.collider else None
+        if isinstance(seen, OpenWater):
+            return finding, _open_water()
+        return finding, scene.one_by_one() if scene is not None and scene is seen else None
 
     def _settle(self) -> Agenda | None:
         """Find all again: something lies elsewhere, or others are due."""

@@ -459,6 +459,21 @@ def test_who_comes_while_some_ticks_wait_as_one_misses_none_of_them():
     assert bus.backlog() == 0
 
 
+def test_ticks_that_were_made_in_one_go_count_and_are_told_one_by_one():
+    """A world that is ahead waits by ticks; and who takes samples gets those of one tick at a time."""
+    bus = Bus(lambda dispatch: None)
+    rows, notes = Rows(), Notes()
+    bus.attach(rows)
+    bus.attach(notes)
+    together = Told(told().origins, full(), 2, 5, 3, (3, 4))
+    bus.publish(TickOutput(3, 3, [], told=together, ports={}))
+    assert bus.backlog() == 3
+    bus.dispatch()
+    assert notes.seen == [[7], [2], [8]]
+    assert rows.seen == [(1, [7]), (1, [2]), (1, [8])]
+    assert bus.backlog() == 0
+
+
 @pytest.mark.parametrize("what", ["made", "events", "replies", "jumps", "ports"])
 def test_a_tick_that_gives_more_is_by_itself(what: str):
     bus = Bus(lambda dispatch: None)
