@@ -185,9 +185,25 @@ def codes_of(bank: Bank) -> tuple[int, ...]:
     return tuple(address_of(loop) for loop in kernels(bank))
 
 
+class RayRoom:
+    """Room for rays, for one reading after the other: sensors that read by turns need no more than those of one turn.
+
+    Attributes:
+        origin, direction: (n, 3); others after each growth.
+    """
+
+    def __init__(self) -> None:
+        self.origin = self.direction = np.empty((0, 3))
+
+    def grow(self, count: int) -> None:
+        """Have room for so many at least."""
+        if count > len(self.origin):
+            self.origin, self.direction = np.empty((2, count, 3))
+
+
 def reader(
-    bank: Bank, heads: Array, rows: Array, numbers: FloatArray, due: IntArray, now: IntArray, solids: Geometry
-) -> Callable[[float], None]:
+    bank: Bank, heads: Array, rows: Array, numbers: FloatArray, due: IntArray, now: IntArray, solids: Geometry, room: RayRoom | None = None
+) -> Callable[[float], None]:  # fmt: skip
     """What lets sensors of a kind read at a time (s), as often as it is called, while these arrays are theirs.
 
     A loop that aims gets what `run` gets, and after it arrays of rays to fill in: `origin` and `direction` (n, 3) in N, and `first` (m + 1), the
@@ -199,10 +215,12 @@ def reader(
         due: (m) numbers of heads.
         now: the world (`surroundings.FORMS`).
         solids: what rays can hit; those of the body that carries a sensor are not seen by it.
+        room: for the rays, which others may use in turn.
     """
     if not bank.aims:
         return partial(straight(_made(bank)), heads, rows, numbers, due, now)
-    origin, direction = np.empty((2, int(heads["rays"][due].sum()), 3))
+    most, room = int(heads["rays"][due].sum()), room or RayRoom()
+    room.grow(most)
     first, nothing = np.zeros(len(due) + 1, np.int64), no_hits(0)
     past: Callable[..., Hits] | None = getattr(solids, "raycast_past", None)
     loops = [loop.made() for loop in (*bank.aims, bank.run)]
@@ -214,7 +232,7 @@ def reader(
         return solids.raycast(start, towards, reach) if past is None else past(carriers_of(), start, towards, reach)
 
     def read_by_rays(t: float) -> None:
-        hits = nothing
+        hits, origin, direction = nothing, room.origin[:most], room.direction[:most]
         for aim in aims:
             reach = aim(heads, rows, numbers, due, now, t, origin, direction, first, hits)
             count = int(first[-1])

@@ -184,15 +184,15 @@ def agenda_of(masks: Sequence[int], plan_of: Callable[[int], Due], instruments: 
     for mask in numbers:
         made.add_plan(plan_of(mask))
     most = max([rays[-1] for rays in made.rays], default=0)
-    origin, direction = np.empty((2, most, 3))
+    instruments.rays.grow(most)
     rows = {
         "plans": np.array(made.plans, PLAN),
         "phases": np.array([numbers[mask] for mask in masks], np.int64),
         "readings": np.array(made.readings, READING),
         "rays": np.array(made.rays, RAYS),
         "writings": np.array(made.writings, WRITING),
-        "origin": origin,
-        "direction": direction,
+        "origin": instruments.rays.origin,
+        "direction": instruments.rays.direction,
         "first": np.zeros(made.most_heads + 1, np.int64),
         "past": np.zeros(most, np.int64),
         **no_hits(most)._asdict(),

@@ -20,7 +20,7 @@ from uwserver.physics.rays.raycast import Geometry, OpenWater
 from uwserver.ports.thinning import Thinning
 from uwserver.ports.told import Log
 from uwserver.sensors import Scope, surroundings
-from uwserver.sensors.bank import HEAD, Bank, load, reader
+from uwserver.sensors.bank import HEAD, Bank, RayRoom, load, reader
 from uwserver.sensors.sight import Sight
 from uwserver.sensors.surroundings import place_row, water_arrays
 from uwserver.sensors.wiring import ELECTRIC, Wiring
@@ -67,6 +67,7 @@ class Instruments:
         read_count, wordy_count: how many of the samples of this tick somebody reads in Python, and how many have values that are no numbers.
         log: what was read of late; the last `read_count` are of this tick.
         computing: of readings that take time.
+        rays: room for those of one kind.
     """
 
     def __init__(self, hydro: Hydrodynamics, water: Water, around: Callable[[], Around]) -> None:
@@ -80,6 +81,7 @@ class Instruments:
             Pool(HEAD), Pool(STREAM), Pool(OPERATION), Pool(np.float64),
         )  # fmt: skip
         self._banks: dict[int, Pool] = {}
+        self.rays = RayRoom()
         self.roused: dict[Any, None] = {}  # slots, which stand above this module
         self._pending, self._told = np.zeros(_SLOTS, ENTRY), np.zeros(_SLOTS, ENTRY)
         self._free, self._counts = np.arange(_SLOTS), np.zeros(1, COUNTS)
@@ -282,7 +284,7 @@ class Instruments:
         """What lets sensors of a kind (numbers of heads) read the world at a time, s; until sensors or bodies come or go."""
         rows = self._banks[id(bank)].rows
         solids = self.solids if bank.aims else _OPEN
-        return reader(bank, self.heads.rows, rows, self.numbers.rows, due, self.now, solids)
+        return reader(bank, self.heads.rows, rows, self.numbers.rows, due, self.now, solids, self.rays)
 
     def read(self, bank: Bank, due: IntArray, t: float) -> None:
         """Let them read once."""

@@ -26,8 +26,6 @@ class ByPath(NamedTuple):
     sensors: dict[str, SensorSlot]
     actuators: dict[str, ActuatorSlot]
     parts: dict[str, Part]
-    services: dict[str, Service]
-    carry: dict[str, Carry]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +39,8 @@ class Member:
         others: whatever else lives and goes with it, as an autopilot.
         is_object: it is a free object, not a vehicle, whatever its model is called.
         led: from outside, as one that follows somebody's poses: it pushes others and yields to nothing.
-        by_path: all of it; made once, as bodies come and go within a tick.
+        offered, carry: services of its components, and what each does.
+        by_path: all the rest of it; made once, as bodies come and go within a tick.
 
     Args:
         services: those of its components, and what they do.
@@ -55,17 +54,19 @@ class Member:
     others: tuple[Part, ...] = ()
     is_object: bool = False
     led: bool = False
+    offered: tuple[Service, ...] = field(init=False, repr=False)
+    carry: tuple[Carry, ...] = field(init=False, repr=False)
     by_path: ByPath = field(init=False, repr=False)
 
     def __post_init__(self, services: Iterable[tuple[Service, Carry]]) -> None:
-        offered = tuple(services)
+        offered, carry = tuple(zip(*services, strict=True)) or ((), ())
+        object.__setattr__(self, "offered", offered)
+        object.__setattr__(self, "carry", carry)
         by_path = ByPath(
             tuple(part for part in self.parts if is_awake(part)),
             {slot.port.path: slot for slot in self.sensors},
             {slot.port.path: slot for slot in self.actuators},
             {part.path: part for part in self.parts},
-            {service.path: service for service, _ in offered},
-            {service.path: carry for service, carry in offered},
         )
         object.__setattr__(self, "by_path", by_path)
 

@@ -168,8 +168,9 @@ class World(InProcess):
             self.sensors |= member.by_path.sensors
             self.actuators |= member.by_path.actuators
             self.parts |= member.by_path.parts
-            services |= member.by_path.services
-            self.carry |= member.by_path.carry
+            offered = {service.path: service for service in member.offered}
+            services |= offered
+            self.carry |= zip(offered, member.carry, strict=True)
         self.services = services
         self.refresh()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from uwserver.physics.dynamics.appendage_params import Appendages
 from uwserver.scenario.load.resolved import Resolved
-from uwserver.scenario.vehicle.body import body_params
+from uwserver.scenario.vehicle.body import params_by_name
 from uwserver.sensors import (
     AcousticModemConfig,
     AltimeterConfig,
@@ -26,8 +26,8 @@ def kernels_of(resolved: Resolved, sea: bool) -> frozenset[str]:
         sea: whether its water is more than a uniform, steady current.
     """
     vehicles, environment = resolved.vehicles.values(), resolved.scenario.environment
-    simulated = [vehicle for vehicle in vehicles if not vehicle.entry.is_external]
-    params = [body_params(vehicle.vehicle, vehicle.devices, environment) for vehicle in simulated]
+    simulated = {each.name: (each.vehicle, each.devices) for each in vehicles if not each.entry.is_external}
+    params = list(params_by_name(simulated, environment).values())
     params += [body.params for body in resolved.objects.values()]
     fins = any(body.appendages != Appendages() for body in params)
     sensors = [config for vehicle in vehicles for config in vehicle.vehicle.sensors.values()]

@@ -22,7 +22,7 @@ from uwserver.scenario.load.counts import MOST_BODIES
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.solids.shapes import missing_engines
 from uwserver.scenario.solids.tables import ObjectEntry
-from uwserver.scenario.vehicle.body import body_params
+from uwserver.scenario.vehicle.body import params_by_name
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors import Pose
 from uwserver.units import rad
@@ -70,11 +70,10 @@ class ScenarioPopulation(Population):
         self._parts: dict[str, tuple[str, ...]] = {}
         self._likes: list[str] = []
         self._made: list[Member | None] = []
-        environment = resolved.scenario.environment
-        files = {id(vehicle.vehicle): vehicle for vehicle in resolved.vehicles.values()}
-        alike = {key: body_params(each.vehicle, each.devices, environment) for key, each in files.items()}
+        vehicles = {name: (each.vehicle, each.devices) for name, each in resolved.vehicles.items()}
+        params = params_by_name(vehicles, resolved.scenario.environment)
         self._params: dict[str, BodyParams] = {
-            name: led_params() if vehicle.entry.is_external else alike[id(vehicle.vehicle)]
+            name: led_params() if vehicle.entry.is_external else params[name]
             for name, vehicle in resolved.vehicles.items()
         } | {name: body.params for name, body in resolved.objects.items()}
 

@@ -8,7 +8,7 @@ from functools import lru_cache
 from typing import NamedTuple, get_args
 
 import numpy as np
-from msgspec import UNSET, UnsetType
+from msgspec import UNSET, UnsetType, msgpack, structs
 
 from uwserver.actuators import ActuatorConfig, Body
 from uwserver.physics.bodies import Hydrodynamics
@@ -96,6 +96,24 @@ def body_params(vehicle: VehicleFile, devices: Mapping[str, ThrusterDevice], env
         length=None if isinstance(vehicle.buoyancy.length_m, UnsetType) else vehicle.buoyancy.length_m,
         near=_near(vehicle.added_mass.near_boundary),
     )
+
+
+Made = tuple[VehicleFile, Mapping[str, ThrusterDevice]]
+"""A checked vehicle, and the devices of its thrusters."""
+
+
+def params_by_name(vehicles: Mapping[str, Made], environment: Environment) -> dict[str, BodyParams]:
+    """`body_params` of several vehicles. Those that differ in what they sense alone have the same ones: a world makes their rows once."""
+    known: dict[int, BodyParams] = {}
+    alike: dict[bytes, BodyParams] = {}
+    for vehicle, devices in vehicles.values():
+        if id(vehicle) not in known:
+            body = structs.replace(vehicle, sensors={}, autopilot=UNSET)
+            key = msgpack.encode((body, dict(devices)))
+            if key not in alike:
+                alike[key] = body_params(vehicle, devices, environment)
+            known[id(vehicle)] = alike[key]
+    return {name: known[id(vehicle)] for name, (vehicle, _) in vehicles.items()}
 
 
 def own_actuators(vehicle: VehicleFile) -> dict[str, ActuatorConfig]:

@@ -21,6 +21,7 @@ from uwserver.scenario.vehicle.body import (
     matrices,
     own_actuators,
     own_rows,
+    params_by_name,
     thruster_params,
 )
 from uwserver.scenario.vehicle.tables import LagTable, ThrusterDevice, VehicleFile
@@ -32,6 +33,28 @@ SEA = Environment(density_kgpm3=1025.0)
 
 def changed(raw: dict[str, Any], **tables: Any) -> VehicleFile:
     return msgspec.convert({**raw, **tables}, VehicleFile)
+
+
+def test_vehicles_that_differ_in_what_they_sense_alone_have_the_same_parameters(
+    raw_vehicle: dict[str, Any], motor: ThrusterDevice
+) -> None:
+    """So that the rows of a swarm are made once, however its vehicles are written down."""
+    tables = {"sensors": {"depth": {"kind": "pressure", "rate_hz": 10}}}
+    slower = replace(motor, name="another")
+    vehicles = {
+        "one": (changed(raw_vehicle), {"left": motor}),
+        "again": (changed(raw_vehicle), {"left": motor}),
+        "senses": (changed(raw_vehicle, **tables), {"left": motor}),
+        "driven": (changed(raw_vehicle), {"left": slower}),
+        "heavy": (
+            changed(raw_vehicle, rigid_body={**raw_vehicle["rigid_body"], "mass_kg": 99.0}), {"left": motor}
+        ),
+    }  # fmt: skip
+    params = params_by_name(vehicles, SEA)
+    assert list(params) == list(vehicles)
+    assert params["one"] is params["again"] is params["senses"]
+    assert len({id(each) for each in params.values()}) == 3
+    assert params["heavy"].weight > 1.5 * params["one"].weight
 
 
 # -- matrices ---------------------------------------------------------------------------------------------------------------------------
