@@ -253,7 +253,8 @@ class Bank:
     def codes(self) -> tuple[int, int, int]:
         """Where the code of `entries.step_all`, `hear_all` and `tell_one` lies, for kernels that call it (`kernel.calling`)."""
         entries = self.entries
-        return address_of(entries.step_all), address_of(entries.hear_all), address_of(entries.tell_one)
+        step, hear, tell = entries.step_all, entries.hear_all, entries.tell_one
+        return address_of(step, "int64"), address_of(hear, "none"), address_of(tell, "int64")
 
     def listener(self) -> Callable[[Any, FloatArray, int, int], None]:
         """`entries.hear_all` for those that lie here now."""

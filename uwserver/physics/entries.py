@@ -47,7 +47,7 @@ def rates_of_change(fitted: bool) -> Callable[..., Any]:
 
 def codes(fitted: bool) -> tuple[int, int]:
     """Where the code of both lies, for kernels that call it (`kernel.calling`)."""
-    return address_of(_advance(fitted)), address_of(_rates_of_change(fitted))
+    return address_of(_advance(fitted), "int64"), address_of(_rates_of_change(fitted), "none")
 
 
 @cache

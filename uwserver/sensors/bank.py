@@ -182,15 +182,12 @@ def load(bank: Bank) -> None:
 
 def codes_of(bank: Bank) -> tuple[int, ...]:
     """Where the code of its loops lies that aim, and of the last one, once they are loaded, for kernels that call it (`kernel.calling`)."""
-    return tuple(address_of(loop) for loop in kernels(bank))
+    *aims, run = kernels(bank)
+    return (*(address_of(aim, "float64") for aim in aims), address_of(run, "none"))
 
 
 class RayRoom:
-    """Room for rays, for one reading after the other: sensors that read by turns need no more than those of one turn.
-
-    Attributes:
-        origin, direction: (n, 3); others after each growth.
-    """
+    """Room for rays, for one reading after the other: `origin` and `direction` (n, 3) are others after each growth."""
 
     def __init__(self) -> None:
         self.origin = self.direction = np.empty((0, 3))

@@ -10,7 +10,7 @@ from functools import partial
 from typing import Literal
 
 from uwserver.logs import place_of
-from uwserver.physics.kernel.right_of_way import RightOfWay
+from uwserver.physics.kernel.right_of_way import NOBODY, RightOfWay
 from uwserver.ports import Call, Event, Json, OnReply, Progress, Refused, Reply
 from uwserver.ports.crossing import Posted, TickOutput
 from uwserver.ports.stops import PAUSE
@@ -23,7 +23,6 @@ from uwserver.simulation.lockstep import Lockstep
 from uwserver.simulation.readers import Readers
 from uwserver.simulation.steering import Steering
 from uwserver.units import NANOSECONDS
-from uwserver.world.agenda import LONGEST
 from uwserver.world.profile import Profile, untimed
 from uwserver.world.saving import in_one_piece
 from uwserver.world.world import Diverged, World
@@ -245,6 +244,7 @@ class Simulation:
         self.lateness.ticks += 1
         if self._way is not None and not is_paced and not self.lockstep.asks:
             self._way.give()
+            self.readers.begin()  # what was wanted meanwhile is made in it
         return self.world.advance(self._intake.for_tick(is_paced))
 
     def _stretch(self) -> TickOutput | None:
@@ -252,20 +252,19 @@ class Simulation:
         is_free = self._hurries() or self.timing.mode == "freerun"
         if not is_free or self.lockstep.asks or self._intake.observer is not None or len(self.mailbox.posted):
             return None
+        before = self.world.tick
         ends = [goal.tick for goal in self._goals] + [tick for tick, _ in self._appointments]
         if self.until_tick is not None:
             ends.append(self.until_tick)
-        most = min(ends, default=self.world.tick + LONGEST) - self.world.tick
+        most = min([end - before for end in ends] + [max(1, self.bus.ahead - self.bus.backlog())])
         if most < 1:
             return None
-        before = self.world.tick
-        if self._way is None:
-            output = self.world.go_on(most)
-        else:
-            output = self.world.go_on(most, self._way.lend())
-            self._way.get_back()
-        self.lateness.ticks += self.world.tick - before
-        return output
+        try:
+            return self.world.go_on(most, NOBODY if self._way is None else self._way.lend())
+        finally:
+            if self._way is not None:
+                self._way.get_back()
+            self.lateness.ticks += self.world.tick - before
 
     def _rest(self) -> None:
         """No tick follows for now: the loop has nobody to wait for."""

@@ -55,7 +55,7 @@ COURSE = np.dtype(
         ("hear", "i8"),  # and listen
         ("tell", "i8"),  # and tell what they believe
         ("find_pairs", "i8"),
-        ("cast", "i8"),
+        ("cast", "i8"),  # rays; 0 in open water, where they meet nothing
         ("move", "i8"),  # bodies
         ("look", "i8"),  # at accelerations
         ("deliver", "i8"),

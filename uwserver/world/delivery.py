@@ -111,9 +111,9 @@ def _log_in(table: Array, told: Any, values: Array, first: int, width: int, text
 
 @compiled
 def _tell(
-    table: Array, values: Array, told_values: Array, k: int, seq: int, t_ns: int, sent: int, valid: int, first: int
-) -> None:
-    """Deliver a sample of stream k, whose values begin at `first` of `values`."""
+    table: Array, values: Array, told_values: Array, k: int, seq: int, t_ns: int, sent: int, valid: int, first: int, texts: int
+) -> None:  # fmt: skip
+    """Deliver a sample of stream k, whose values begin at `first` of `values`; `texts`: which belong to it, 0 for those that wait in Python."""
     stream, numbers, counts = _streams(table)[k], _numbers(table), _counts(table)[0]
     if stream.newest != 0 and t_ns < stream.t_ns:
         # Who reads slowly begins its intervals anew when time goes back far: all are read from here on.
@@ -128,8 +128,8 @@ def _tell(
             told_values[counts.told, i] = values[first + i]
         is_whole = stream.thinning_count == 0 or stream.unordered != 0
         if stream.wanted == READ and (is_whole or _is_taken(table, stream, t_ns)):
-            _log_in(table, told, values, first, stream.width, stream.texts)
-        if stream.wordy != 0 and stream.texts == 0:
+            _log_in(table, told, values, first, stream.width, texts)
+        if stream.wordy != 0 and texts == 0:
             _wordy(table)[counts.wordy] = counts.told
             counts.wordy += 1
         counts.told += 1
@@ -145,7 +145,7 @@ def _arrive(table: Array, values: Array, told_values: Array, t_ns: int) -> None:
         slot = first.slot
         _tell(
             table, flat, told_values, first.stream, first.seq, first.t_ns, first.t_sent_ns, first.valid,
-            slot * values.shape[1],
+            slot * values.shape[1], 0,
         )  # fmt: skip
         counts.pending -= 1
         _sink(pending, counts.pending)
@@ -159,7 +159,7 @@ def _send(table: Array, values: Array, told_values: Array, k: int, seq: int, t_n
     reading = stream.reading
     stamp, sent = max(0, reading.t_ns + reading.stamp_ns), reading.t_ns + reading.delay_ns
     if sent <= t_ns:
-        _tell(table, numbers, told_values, k, seq, stamp, sent, stream.held.valid, stream.first)
+        _tell(table, numbers, told_values, k, seq, stamp, sent, stream.held.valid, stream.first, stream.texts)
         return
     n = counts.pending
     slot = _free(table)[n]
@@ -245,7 +245,7 @@ def deliver(table: Array, due: Array, t_ns: int, begins: bool, values: Array, to
 
 def code() -> int:
     """Where the code of `deliver` lies, once it is loaded, for kernels that call it (`kernel.calling`)."""
-    return address_of(deliver)
+    return address_of(deliver, "int64")
 
 
 def load() -> None:

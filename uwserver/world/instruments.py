@@ -196,7 +196,7 @@ class Instruments:
         self._values[:n][self._used(entries, self._values.shape[1])] = numbers
         self._counted = n, 0
         self._counts["pending"], self._counts["told"], self._counts["order"] = n, 0, order
-        self.next_ns = int(entries["t_sent_ns"][0]) if n else NEVER
+        self._counts["next_ns"] = self.next_ns = int(entries["t_sent_ns"][0]) if n else NEVER
 
     def arriving(self, t_ns: int) -> list[tuple[int, int, int]]:
         """Place, stream and number of each sample that is on its way and due at a time."""

@@ -21,7 +21,7 @@ from uwserver.world.on_their_way import WAY, OnTheirWay
 from uwserver.world.part import Part, Stage
 from uwserver.world.profile import Timer, untimed
 from uwserver.world.sensor_slot import SensorSlot
-from uwserver.world.streams import ENTRY, HEARD, KEPT, READ
+from uwserver.world.streams import ENTRY, HEARD, KEPT, LARGE, READ, SMALL
 from uwserver.world.under_way import UnderWay
 
 Listen = Callable[[Any, FloatArray, int, int], None]
@@ -95,8 +95,7 @@ class Sensing(Part):
 
     def settle(self) -> None:
         """Sensors came or went: give them their places."""
-        slots, self._thinned = self._slots, WHOLE
-        there = dict.fromkeys(slots.values())
+        slots, there, self._thinned = self._slots, dict.fromkeys(self._slots.values()), WHOLE
         gone = [slot for slot in self._there if slot not in there]
         streams = dict(self._streams)
         if gone:
@@ -116,8 +115,9 @@ class Sensing(Part):
         writing = [(slot, slot.sensor.writing) for slot in there]
         self._texts = {k: w.texts for slot, w in writing if w is not None for k in slot.stream_numbers}
         self._origins = {k: Origin(s.port.path, s.columns.width, s.columns.values) for k, s in streams.items()}
+        wordy = {k: SMALL if s.columns.is_small else LARGE for k, s in streams.items() if s.columns.loose}
         self._instruments.streams.rows["wordy"] = 0
-        self._instruments.streams.rows["wordy"][[k for k, stream in streams.items() if stream.columns.loose]] = 1
+        self._instruments.streams.rows["wordy"][[*wordy]] = [*wordy.values()]
         self.under_way.settle(slots.values())
         self._instruments.gather({id(s.wiring): s.wiring for s in slots.values() if s.wiring is not None}.values())
 

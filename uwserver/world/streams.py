@@ -30,7 +30,10 @@ STREAM = np.dtype(
         ("dt", "f8"),
         ("frozen", "i8"),  # 1: a fault makes it repeat itself
         ("wanted", "i8"),  # READ: somebody reads its samples; HEARD: compiled code alone does; KEPT: nobody does
-        ("wordy", "i8"),  # 1: values that are no numbers wait in Python for each of its samples
+        (
+            "wordy",
+            "i8",
+        ),  # SMALL or LARGE: such values, that are no numbers, wait in Python for each of its samples; 0: none do
         (
             "texts",
             "i8",
@@ -81,6 +84,7 @@ COUNTS = np.dtype(
 )
 
 READ, HEARD, KEPT = 1, 2, 3
+SMALL, LARGE = 1, 2
 
 NEVER = np.iinfo(np.int64).max
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from fractions import Fraction
-from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -37,16 +36,6 @@ _BODIES = 256
 """That are moved by a tick in one go, some 1 ms: who posts something waits no longer for the tick in which it is carried out."""
 
 
-@cache
-def _open_water() -> OneByOne:
-    """Nothing is met in it. Found once; who has nothing solid needs it for rays alone."""
-    from uwserver.physics.rays.casting import Rays
-
-    nothing = Rays().one_by_one()
-    assert nothing is not None
-    return nothing
-
-
 class Reached(NamedTuple):
     """Where a stretch has ended: `stage` (`agenda`) of the tick that follows `tick`; `row` of a body whose state is not finite, -1 for none."""
 
@@ -60,6 +49,7 @@ class Stretch:
 
     Attributes:
         scene: solid things of the world; None where nothing is solid.
+        tick: that the last one has reached, also where a kernel raised.
     """
 
     def __init__(
@@ -76,7 +66,9 @@ class Stretch:
         self._ends: IntArray = np.zeros(LONGEST, np.int64)
         self._kept: dict[str, Any] = {}
         self.scene: Scene | None = None
+        self.tick = 0
         self._others: list[Part] = []
+        self._has_rays = False
         self._is_plain = False
         self._go_on: Callable[..., None]
         self._table, self._near, self._usual = _NO_TABLE, 0, 1
@@ -114,15 +106,19 @@ class Stretch:
             return None
         if self._pilots.bank is not None:
             self._pilots.follow_switches()
-        self._go_on(self._table, *instruments.to_deliver(), way, tick, min(most, self._usual), most, *instruments.room)
-        end, stage, row, count, wordy, written = self._reached.tolist()
-        if end == tick and not stage:
+        try:
+            self._go_on(
+                self._table, *instruments.to_deliver(), way, tick, min(most, self._usual), most, *instruments.room
+            )
+        finally:  # a kernel may raise
+            self.tick, stage, row, count, wordy, written = self._reached.tolist()
+            sensing.tell_all(self._ends[:count].tolist(), bool(wordy), bool(written), samples)
+        if self.tick == tick and not stage:
             return None  # no room
-        sensing.tell_all(self._ends[:count].tolist(), bool(wordy), bool(written), samples)
-        self._pilots.stand_at(end + (stage in (AT_PILOTS, AT_CONTACTS)))
+        self._pilots.stand_at(self.tick + (stage in (AT_PILOTS, AT_CONTACTS)))
         if stage == AT_CONTACTS:
             self._near = _NEAR_TICKS
-        return Reached(end, stage, row)
+        return Reached(self.tick, stage, row)
 
     def _is_known(self) -> bool:
         """Whether all lies where it lay."""
@@ -133,29 +129,33 @@ class Stretch:
         bank = self._pilots.bank
         return (
             self._hydro.table, self._instruments.now, self._sensing.schedule_made,
-            None if bank is None else bank.table, *self._solid(),
+            None if bank is None else bank.table, self._hydro.collider, self._finding(), self._instruments.solids, self._met(),
         )  # fmt: skip
 
-    def _solid(self) -> tuple[Finding | None, OneByOne | None]:
-        """How it is found out whether anything may touch, and what rays are cast at; None where compiled code cannot, or nothing may touch."""
-        scene, seen = self.scene, self._instruments.solids
-        finding = scene.finding() if scene is not None and scene is self._hydro.collider else None
-        if isinstance(seen, OpenWater):
-            return finding, _open_water()
-        return finding, scene.one_by_one() if scene is not None and scene is seen else None
+    def _finding(self) -> Finding | None:
+        """How it is found out whether anything may touch; None where nothing may, or compiled code cannot."""
+        return self.scene.finding() if self.scene is not None and self.scene is self._hydro.collider else None
+
+    def _met(self) -> OneByOne | None:
+        """What rays are cast at; None where there are none or they meet nothing, or compiled code cannot."""
+        is_met = self._has_rays and self.scene is not None and self.scene is self._instruments.solids
+        return self.scene.one_by_one() if is_met and self.scene is not None else None
 
     def _settle(self) -> Agenda | None:
         """Find all again: something lies elsewhere, or others are due."""
         from uwserver.world import delivery, ticking
 
-        self._known, self._agenda = self._lies(), None
         hydro, instruments, bank, dues = self._hydro, self._instruments, self._pilots.bank, self._sensing.by_mask()
-        finding, rays = self._solid()
+        # What rays meet is put together when there are some: a scene may be large.
+        self._has_rays = bool(instruments.heads.rows["rays"].any())
+        self._known, self._agenda = self._lies(), None
+        finding, met = self._finding(), self._met()
         move, look = entries.codes(hydro.is_fitted)
         step, hear, tell = (0, 0, 0) if bank is None else bank.codes()
         deliver = delivery.code()
         search, table, margin, pairs = finding or (0, _NO_TABLE, 0.0, _NO_TABLE)
-        cast, solids = rays or (0, _NO_TABLE)
+        cast, solids = met or (0, _NO_TABLE)
+        casts = met is not None or isinstance(instruments.solids, OpenWater)
         needed = [move, look, deliver]
         needed += [step, hear, tell] if bank is not None else []
         needed += [search] if hydro.collider is not None else []
@@ -169,7 +169,7 @@ class Stretch:
             hydro.dt, margin, self._rate.numerator, self._rate.denominator, step, self._pilots.every, hear, tell,
             search, cast, move, look, deliver,
         )  # fmt: skip
-        agenda = agenda_of(*dues, instruments, casts=cast != 0)
+        agenda = agenda_of(*dues, instruments, casts=casts)
         self._kept = agenda.rows | {
             "course": course, "solids": solids, "reached": self._reached, "ends": self._ends, "world": hydro.table, "now": instruments.now,
             "pilots": _NO_TABLE if bank is None else bank.table, "shapes": table, "pairs": pairs,

@@ -22,6 +22,7 @@ from uwserver.physics.rays.raycast import Hits
 from uwserver.sensors import surroundings
 from uwserver.world import agenda, streams
 from uwserver.world.agenda import AT_CONTACTS, AT_PILOTS, DIVERGED, ENDS, ROW, STAGE, STANDS, TICK, WORDY, WRITTEN
+from uwserver.world.streams import LARGE
 
 _course, _plans, _phases = (array_at(agenda.FORMS, name) for name in ("course", "plans", "phases"))
 _readings, _reached, _ends = (array_at(agenda.FORMS, name) for name in ("readings", "reached", "ends"))
@@ -32,7 +33,7 @@ _distance, _normal, _body, _material = (array_at(agenda.FORMS, name) for name in
 _shapes, _pairs, _state = (array_at(agenda.FORMS, name) for name in ("shapes", "pairs", "state"))
 _nu_dot, _tau = (array_at(agenda.FORMS, name) for name in ("nu_dot", "tau"))
 _heads, _numbers, _told = (array_at(streams.FORMS, name) for name in ("heads", "numbers", "told"))
-_counts, _streams = array_at(streams.FORMS, "counts"), array_at(streams.FORMS, "streams")
+_counts, _streams, _pending = (array_at(streams.FORMS, name) for name in ("counts", "streams", "pending"))
 _place = array_at(surroundings.FORMS, "place")
 
 
@@ -61,6 +62,14 @@ def _move(table: Array, tick: int) -> int:
 
 
 @compiled
+def _miss(hits: Hits) -> None:
+    """No ray meets anything."""
+    for k in range(len(hits.distance)):
+        hits.distance[k], hits.body[k], hits.material[k] = np.inf, -1, -1
+        hits.normal[k, 0] = hits.normal[k, 1] = hits.normal[k, 2] = 0.0
+
+
+@compiled
 def _read_by_rays(table: Array, sensors: Array, reading: Any, t: float) -> None:
     """As `sensors.bank.reader` does where rays are cast at what is intersected one by one."""
     course, now, heads, numbers = _course(table)[0], _now(table), _heads(sensors), _numbers(sensors)
@@ -77,7 +86,9 @@ def _read_by_rays(table: Array, sensors: Array, reading: Any, t: float) -> None:
         hits = Hits(distance[:n], normal[:n], body[:n], material[:n])
         for k in range(len(due)):
             past[first[k] : first[k + 1]] = heads[due[k]].body
-        if n > 0:
+        if course.cast == 0:
+            _miss(hits)
+        elif n > 0:
             given = _solids(table), origin[:n], direction[:n], reach, _state(table), past[:n]
             call(course.cast, given + (hits.distance, hits.normal, hits.body, hits.material))  # noqa: RUF005  # as numba joins tuples
     call(reading.code, (heads, rows, numbers, due, now, t, direction, first, hits))
@@ -108,6 +119,16 @@ def _is_frozen(table: Array, sensors: Array, plan: Any) -> bool:
     for k in range(plan.writing_first, plan.writing_first + plan.writing_count):
         frozen += streams[writings[k].stream_first].frozen
     return bool(frozen != 0)
+
+
+@compiled
+def _brings_large(sensors: Array, t_ns: int) -> bool:
+    """Whether something large arrives by a time, as a picture: that comes in a tick by itself."""
+    pending, streams, counts, found = _pending(sensors), _streams(sensors), _counts(sensors)[0], False
+    if t_ns >= counts.next_ns:
+        for k in range(counts.pending):
+            found = found or (pending[k].t_sent_ns <= t_ns and streams[pending[k].stream].wordy == LARGE)
+    return found
 
 
 @compiled
@@ -153,7 +174,7 @@ def go_on(
     course, plans, phases = _course(table)[0], _plans(table), _phases(table)
     reached, ends, counts = _reached(table), _ends(table), _counts(sensors)[0]
     tick, stage, count = first, STANDS, 0
-    reached[ROW], reached[WORDY], reached[WRITTEN] = -1, 0, 0
+    reached[TICK], reached[ENDS], reached[ROW], reached[WORDY], reached[WRITTEN] = first, 0, -1, 0, 0
     called, lent = load_atomic(way, CALLED), 0
     while stage == STANDS:
         asked = load_atomic(way, ASKED)
@@ -164,6 +185,8 @@ def go_on(
         done = tick - first
         if done >= most or (done >= usual and not is_asked) or (done > 0 and load_atomic(way, CALLED) != called):
             break
+        if done > 0 and _brings_large(sensors, _time_of(course, tick + 1)):
+            break
         plan = plans[phases[(tick + 1) % len(phases)]]
         needed = counts.pending + plan.most
         if plan.compiled == 0 or needed > room or counts.logged + needed > log_room or _is_frozen(table, sensors, plan):
@@ -172,6 +195,7 @@ def go_on(
         if stage in (AT_PILOTS, AT_CONTACTS):
             break
         tick += 1
+        reached[TICK], reached[ENDS] = tick, count  # also where a kernel raises
         t_ns = _time_of(course, tick)
         if stage == STANDS and (plan.head_count > 0 or t_ns >= counts.next_ns):
             logged = counts.logged

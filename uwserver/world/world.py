@@ -301,7 +301,11 @@ class World(InProcess):
         if self._profile is not None or self.requests.posted or self.threads.trial is not None:
             return None
         output = TickOutput(self._tick, self.t_ns, [])
-        reached = self._stretch.run(self._tick, most, way, output.made)
+        try:
+            reached = self._stretch.run(self._tick, most, way, output.made)
+        except Exception:  # of a kernel, in the tick that leads here
+            self.tick = self._stretch.tick
+            raise
         if reached is None:
             return None
         self.tick = reached.tick

@@ -368,6 +368,24 @@ def test_ticks_in_one_go_end_where_somebody_waits_for_one(resolved):
         assert rig.simulation.lateness.ticks == 301
 
 
+def test_ticks_in_one_go_are_no_more_than_the_loop_may_be_behind(resolved):
+    """Who asks something waits for no more work of the loop than before."""
+    rig = Rig(resolved, FREE)  # whose loop does nothing
+    rig.bus.ahead = 4
+    lengths = spied(rig.world)
+    thread = threading.Thread(target=rig.simulation.run)
+    thread.start()
+    end = time.monotonic() + PATIENCE_S
+    while rig.bus.backlog() < 4 and time.monotonic() < end:
+        time.sleep(0.001)
+    time.sleep(0.05)
+    behind = rig.bus.backlog()
+    rig.simulation.stop()
+    thread.join()
+    assert behind == 4
+    assert 0 < max(lengths) <= 4
+
+
 def spied(world):
     """How many ticks each call of `go_on` makes from now on."""
     lengths, real = [0], world.go_on

@@ -15,7 +15,7 @@ import uwserver_scenarios
 import uwserver
 from uwserver.physics.kernel.places import ASKED, CALLED, FUTEX, GIVEN, LATE, RUNS, WAITED
 from uwserver.physics.kernel.right_of_way import NOBODY, RightOfWay
-from uwserver.ports import Call, Command, Sample
+from uwserver.ports import Call, Command, Refused, Sample
 from uwserver.ports.thinning import Thinning
 from uwserver.testing import FakeGeometry
 from uwserver.testing.fake_geometry import Plane
@@ -256,6 +256,67 @@ def test_a_reset_a_restore_and_a_load(twins: Twins) -> None:
     twins.step(250)
     assert twins.other.tick == 249 + 1
     assert twins.ticks > 500
+
+
+def test_what_is_on_its_way_in_a_state_comes_in_its_time(tmp_path: Path) -> None:
+    """When the next one would have come in the state that was left does not count: here it is far later."""
+    twins = Twins(tmp_path, rate=480)
+    twins.do(lambda world: world.call("rov/imu/deactivate"))
+    twins.step(482)
+    states = [snapshots.take(world) for world in (twins.one, twins.other)]
+    twins.step(53)
+    for world, state in zip((twins.one, twins.other), states, strict=True):
+        snapshots.restore(world, state)
+    for _ in range(10):
+        twins.step(1)
+    assert twins.ticks > 500
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_whatever_happens(tmp_path: Path, seed: int) -> None:
+    """Commands, modes, missions, switches, rates, faults, bodies, states and readers, at any time and in any order."""
+    rng = np.random.default_rng(seed)
+    copies = ["", "copies = { count = 3, columns = 3, spacing_m = [0.8, 0.9] }"][seed % 2]
+    twins = Twins(tmp_path, copies=copies, depth=[5.0, 19.6][seed // 2], rate=[240, 480][seed % 2], last=LATE_DEPTH)
+    (first, *_), saved, name = twins.one.vehicles, [snapshots.take(w) for w in (twins.one, twins.other)], "f"
+
+    def restore(_: World) -> None:
+        for world, state in zip((twins.one, twins.other), saved, strict=True):
+            snapshots.restore(world, state)
+
+    happens: list[Callable[[World, Any], object]] = [
+        lambda world, r: world.call(f"{first}/autopilot/arm"),
+        lambda world, r: world.call(f"{first}/autopilot/set_mode", mode=["manual", "depth_hold", "stabilise"][r[0] % 3]),
+        lambda world, r: world.command(f"{first}/thrusters", u=[(each % 200) / 100 - 1 for each in r[:8]]),
+        lambda world, r: world.call(f"{first}/{SENSORS[r[0] % 5]}/set", rate_hz=[2, 5, 10, 60][r[1] % 4]),
+        lambda world, r: world.call(f"{first}/{SENSORS[r[0] % 5]}/{['activate', 'deactivate'][r[1] % 2]}"),
+        lambda world, r: world.call(f"{first}/thrusters/set", timeout_s=[0.02, 0.1, 1.0][r[0] % 3]),
+        lambda world, r: world.call(
+            "world/set_fault", name=name, kind=["sensor_silent", "sensor_frozen"][r[0] % 2],
+            target=f"{first}/{['imu', 'dvl', 'autopilot/state'][r[1] % 3]}", parameters={},
+        ),
+        lambda world, r: world.call("world/clear_fault", name=name),
+        lambda world, r: world.call("world/spawn", name=f"s{r[0]}", like=first, p_NB=[r[1] % 9, r[2] % 9, 2 + r[3] % 15]),
+        lambda world, r: world.call("world/remove", name=[*world.vehicles][-1]) if len(world.vehicles) > 1 else None,
+        lambda world, r: world.want([None, (), {f"{first}/imu", f"{first}/depth"}][r[0] % 3]),
+        lambda world, r: world.want({f"{first}/imu"}, {f"{first}/imu": [Thinning(10.0, 0)]}),
+        lambda world, r: restore(world) if world is twins.other else None,
+    ]  # fmt: skip
+
+    def answer(world: World, act: Callable[[World, Any], object], r: list[int]) -> object:
+        try:
+            return act(world, r)
+        except Refused as refused:
+            return str(refused)
+
+    for _ in range(60):
+        act, r = happens[int(rng.integers(len(happens)))], rng.integers(1000, size=8).tolist()
+        twins.do(lambda world, act=act, r=r: answer(world, act, r))  # type: ignore[misc]
+        twins.step(int(rng.integers(1, 90)))
+    assert twins.ticks > 300
+
+
+SENSORS = ("imu", "dvl", "echosounder", "leak", "autopilot/state")
 
 
 def test_vehicles_that_come_and_go(twins: Twins) -> None:

@@ -245,7 +245,9 @@ class Solids:
         if self._is_stale:
             self._rebuild()
         if self._finding is None:
-            self._finding = Finding(address_of(_find_pairs()) if self._gate else 0, self._table, MARGIN, self._pairs)
+            self._finding = Finding(
+                address_of(_find_pairs(), "int64") if self._gate else 0, self._table, MARGIN, self._pairs
+            )
         return self._finding
 
     def _find_lines(self, pairs: Any) -> tuple[IntArray, FloatArray]:

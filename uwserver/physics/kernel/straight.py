@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from typing import Any
+from typing import Any, Literal
 
 
 def straight(kernel: Any) -> Callable[..., Any]:
@@ -24,12 +24,14 @@ def _run_of(kernel: Any) -> Callable[..., Any]:
     return run
 
 
-def address_of(kernel: Any) -> int:
-    """Where the machine code of an entry lies that is loaded (`calling`); 0 where it is not, or for several."""
-    return _address_of(kernel) if len(kernel.overloads) == 1 else 0
+def address_of(kernel: Any, gives: Literal["int64", "float64", "none"]) -> int:
+    """Where the machine code of an entry lies that is loaded and gives such a result (`calling`); 0 where it does not, or is loaded for several."""
+    return _address_of(kernel, gives) if len(kernel.overloads) == 1 else 0
 
 
 @cache
-def _address_of(kernel: Any) -> int:
+def _address_of(kernel: Any, gives: str) -> int:
     (only,) = kernel.overloads.values()
+    if str(only.signature.return_type) != gives:
+        return 0
     return int(only.library.get_pointer_to_function(only.fndesc.llvm_func_name))

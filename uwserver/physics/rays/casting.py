@@ -333,7 +333,7 @@ class Rays:
         simple = Simple(planes(self._static.items()), np.array(rows, CARRIED), np.concatenate(each))
         table = addresses(hits.SIMPLE, simple._asdict())
         is_all = not self._still and all(carried.scene is None for carried in self._moving.values())
-        self._one_by_one = OneByOne(address_of(_intersect_simple()), table) if is_all else None
+        self._one_by_one = OneByOne(address_of(_intersect_simple(), "none"), table) if is_all else None
         self._simple = simple, table
         return self._simple
 

@@ -1,0 +1,146 @@
+"""Ticks in one go with kinds of sensors that a user has written: compiled code calls them as Python does, or leaves them to it."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+import uwserver
+from uwserver.ports import Sample
+from uwserver.world import World
+
+PING = '''
+from uwserver.physics.kernel.deferred import entry
+from uwserver.ports import Field
+from uwserver.sensors import Pose, SensorTable
+from uwserver.sensors.bank import Bank, BankSensor, begins, p_NS, q_NS, reading_of, record, rotate
+
+class PingConfig(SensorTable, tag="ping", kw_only=True, frozen=True):
+    """Downward ray."""
+    def build(self, mount: Pose) -> "Ping":
+        return Ping(mount)
+
+@entry
+def aim(heads, rows, numbers, due, now, t, origin, direction, first, hits):
+    count = 0
+    for n, k in enumerate(due):
+        head = heads[k]
+        first[n] = count
+        if begins(head):
+            origin[count, 0], origin[count, 1], origin[count, 2] = p_NS(head, now)
+            direction[count, 0], direction[count, 1], direction[count, 2] = rotate(q_NS(head, now), (0.0, 0.0, 1.0))
+            count += 1
+    first[len(due)] = count
+    return {reach}
+
+@entry
+def run(heads, rows, numbers, due, now, t, direction, first, hits):
+    for n, k in enumerate(due):
+        if heads[k].number > {most}:
+            raise ValueError("it has had enough")
+        if heads[k].ready:
+            reading_of(heads[k], numbers)[0] = hits.distance[first[n]]
+
+class Ping(BankSensor):
+    doc = "How far the bottom is."
+    fields = (Field("range", "m", "of the ray"),)
+    bank = Bank(record([("x", "f8")]), run, (aim,))
+    rays = 1
+
+    def __init__(self, mount):
+        super().__init__(mount)
+
+SENSORS = (PingConfig,)
+'''
+
+DUMP = '''
+from uwserver.ports import Buffer, Field
+from uwserver.sensors import IdealSensor, Pose, SensorTable
+
+class DumpConfig(SensorTable, tag="dump", kw_only=True, frozen=True):
+    """Bytes."""
+    def build(self, mount: Pose) -> "Dump":
+        return Dump()
+
+class Dump(IdealSensor):
+    doc = "Some bytes."
+    fields = (Field("data", "1", "whatever it is", type="bytes"),)
+
+    def measure(self, scope):
+        return True, [Buffer(data=bytes(8))]
+
+SENSORS = (DumpConfig,)
+'''
+
+WORLD = """
+schema = 1
+extensions = ["kind.py"]
+[world]
+rate_hz = 240
+{bottom}
+[vehicles.rov]
+model = "bluerov2_heavy"
+position_ned_m = [0.0, 0.0, 5.0]
+[vehicles.rov.sensors.own]
+{own}
+"""
+BOTTOM = '[seabed]\nkind = "flat"\ndepth_m = 20'
+
+
+def worlds(folder: Path, code: str, own: str, bottom: str = BOTTOM) -> tuple[World, World]:
+    """The same twice."""
+    (folder / "kind.py").write_text(code, encoding="utf-8")
+    (folder / "world.toml").write_text(WORLD.format(own=own, bottom=bottom), encoding="utf-8")
+    return uwserver.load(folder / "world.toml"), uwserver.load(folder / "world.toml")
+
+
+def ping(reach: str, most: int = 1 << 40) -> str:
+    return PING.replace("{reach}", reach).replace("{most}", str(most))
+
+
+def one_by_one(world: World, ticks: int) -> list[Sample]:
+    return [sample for _ in range(ticks) for sample in world.advance().samples]
+
+
+@pytest.mark.parametrize("reach", ["50.0", "50"], ids=["float", "whole number"])
+@pytest.mark.parametrize("bottom", [BOTTOM, ""], ids=["bottom", "open water"])
+def test_rays_of_a_kind_reach_as_far_as_it_says(tmp_path: Path, reach: str, bottom: str) -> None:
+    """Also where its code gives another type than ours does: then Python calls it."""
+    one, other = worlds(tmp_path, ping(reach), 'kind = "ping"\nrate_hz = 60', bottom)
+    samples = one_by_one(one, 60)
+    assert other.step(60) == samples
+    ranges = [sample.value[0] for sample in samples if sample.port == "rov/own"]
+    assert len(ranges) == 15
+    assert ranges == ([pytest.approx(15.0, abs=0.5)] * 15 if bottom else [math.inf] * 15)
+
+
+def test_a_kernel_that_raises_ends_the_ticks_where_it_does(tmp_path: Path) -> None:
+    one, other = worlds(tmp_path, ping("50.0", 20), 'kind = "ping"\nrate_hz = 60')
+    with pytest.raises(ValueError, match="enough"):
+        one_by_one(one, 200)
+    with pytest.raises(ValueError, match="enough"):
+        other.step(200)
+    assert one.tick == other.tick
+    assert one.t_ns == other.t_ns
+    assert one.hydro.state.tobytes() == other.hydro.state.tobytes()
+    assert one.sensing.newest("rov/imu") == other.sensing.newest("rov/imu")
+
+
+def test_what_may_be_large_comes_in_a_tick_by_itself(tmp_path: Path) -> None:
+    """Who takes samples gets those of one tick at a time."""
+    one, other = worlds(tmp_path, DUMP, 'kind = "dump"\nrate_hz = 10\nlatency_s = 0.05')
+    samples, got, most = one_by_one(one, 240), [], 0
+    while other.tick < 240:
+        before = other.tick
+        output = other.go_on(240 - before) or other.advance()
+        most = max(most, other.tick - before)
+        if output.made:
+            assert {sample.t_sent_ns for sample in output.made} <= set(
+                range(one.ticks.time_of(other.tick - 1) + 1, other.t_ns + 1)
+            )
+        got += output.samples
+    assert [(s.port, s.seq, s.t_sent_ns) for s in got] == [(s.port, s.seq, s.t_sent_ns) for s in samples]
+    assert sum(sample.port == "rov/own" for sample in got) == 9
+    assert most > 5
