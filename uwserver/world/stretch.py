@@ -29,11 +29,9 @@ if TYPE_CHECKING:  # what is solid needs numba to be imported
 
 _NO_TABLE: IntArray = np.zeros((0, 2), np.int64)
 _NEAR_TICKS = 16
-"""Ticks of who is near something, until it is tried again to make several without looking at what may touch."""
-
-
+"""Once bodies have come near something, so many ticks are made one by one before it is tried again."""
 _BODIES = 256
-"""That are moved by a tick in one go, some 1 ms: who posts something waits no longer for the tick in which it is carried out."""
+"""Ticks of one body, or half as many of two: some 1 ms, which is how long who looks from outside waits at most."""
 
 
 class Reached(NamedTuple):
