@@ -28,7 +28,7 @@ BARS = {1: 400.0, 10: 60.0, 100: 6.0}
 """By number of vehicles: simulated over processor time."""
 TWO_CORES_BAR, THRUST_BAR = 10.0, 45.0
 CLIENT_BAR = 0.85
-"""Of BARS, and of the rate without a client; not of that of one vehicle, which costs less than its hundreds of set points a second, each answered."""
+"""Of BARS, and of the rate without a client; not of that of one vehicle, which is so fast that its client sends hundreds of set points a second."""
 NOISE_BAR_US, SAMPLE_BAR_US = 0.3, 0.7
 BANK = 100
 LARGE, LARGE_BAR, LARGE_MEMORY_BAR_MB, LARGE_LOAD_BAR_S = 1000, 1.0, 1500.0, 10.0

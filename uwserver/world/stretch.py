@@ -30,6 +30,9 @@ if TYPE_CHECKING:  # what is solid needs numba to be imported
 _NO_TABLE: IntArray = np.zeros((0, 2), np.int64)
 _NEAR_TICKS = 16
 """Once bodies have come near something, so many ticks are made one by one before it is tried again."""
+_PORTS = 8
+"""Where something has changed, for each so many ports one tick is made by itself before all that may be due is put together: of a swarm that takes as
+long as some dozen ticks, and programs change one thing after the other."""
 _BODIES = 256
 """Ticks of one body, or half as many of two: some 1 ms, which is how long who looks from outside waits at most."""
 
@@ -69,7 +72,7 @@ class Stretch:
         self._has_rays = False
         self._is_plain = False
         self._go_on: Callable[..., None]
-        self._table, self._near, self._usual = _NO_TABLE, 0, 1
+        self._table, self._near, self._usual, self._wait = _NO_TABLE, 0, 1, 0
 
     def line_up(self, awake: Sequence[Part]) -> None:
         """These parts act in a tick, or hear what others measure."""
@@ -99,7 +102,7 @@ class Stretch:
         instruments, sensing = self._instruments, self._sensing
         if instruments.roused or not self._hydro.is_plain or tick > self._last:
             return None
-        agenda = self._agenda if self._is_known() else self._settle()
+        agenda = self._agenda_now()
         if agenda is None or not agenda.ahead[tick % len(agenda.ahead)]:
             return None
         if self._pilots.bank is not None:
@@ -118,10 +121,18 @@ class Stretch:
             self._near = _NEAR_TICKS
         return Reached(self.tick, stage, row)
 
-    def _is_known(self) -> bool:
-        """Whether all lies where it lay."""
+    def _agenda_now(self) -> Agenda | None:
+        """As all lies now; None where there is none, or not yet."""
         now = self._lies()
-        return len(now) == len(self._known) and all(a is b for a, b in zip(now, self._known, strict=True))
+        if len(now) != len(self._known) or any(a is not b for a, b in zip(now, self._known, strict=True)):
+            self._known, self._agenda = now, None
+            self._wait = len(self._sensing.numbers) // _PORTS
+        if self._wait > 0:
+            self._wait -= 1
+        elif self._wait == 0:
+            self._wait -= 1
+            self._agenda = self._settle()
+        return self._agenda
 
     def _lies(self) -> tuple[object, ...]:
         bank = self._pilots.bank
@@ -140,13 +151,13 @@ class Stretch:
         return self.scene.one_by_one() if is_met and self.scene is not None else None
 
     def _settle(self) -> Agenda | None:
-        """Find all again: something lies elsewhere, or others are due."""
+        """Find all again: something lies elsewhere, or others are due. None where that is nothing for compiled code."""
         from uwserver.world import delivery, ticking
 
         hydro, instruments, bank, dues = self._hydro, self._instruments, self._pilots.bank, self._sensing.by_mask()
         # What rays meet is put together when there are some: a scene may be large.
         self._has_rays = bool(instruments.heads.rows["rays"].any())
-        self._known, self._agenda = self._lies(), None
+        self._known = self._lies()
         finding, met = self._finding(), self._met()
         move, look = entries.codes(hydro.is_fitted)
         step, hear, tell = (0, 0, 0) if bank is None else bank.codes()
@@ -173,5 +184,5 @@ class Stretch:
             "pilots": _NO_TABLE if bank is None else bank.table, "shapes": table, "pairs": pairs,
             "state": hydro.state, "nu_dot": instruments.nu_dot, "tau": instruments.tau,
         }  # fmt: skip
-        self._table, self._agenda = addresses(FORMS, self._kept), agenda
+        self._table = addresses(FORMS, self._kept)
         return agenda

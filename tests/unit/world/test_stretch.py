@@ -399,6 +399,23 @@ def _plain(samples: list[Sample]) -> list[tuple[str, int, int, int, str]]:
     return [(s.port, s.seq, s.t_ns, s.t_sent_ns, repr(s.value)) for s in samples]
 
 
+def test_what_changes_often_is_not_put_together_each_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A program that switches one sensor after the other pays for the ticks that it makes between, and not for all that may ever be due."""
+    world = Twins(tmp_path, copies="copies = { count = 12, columns = 4, spacing_m = [5.0, 5.0] }").other
+    world.step(300)
+    made: list[int] = []
+    real = world.sensing._new_plan
+    monkeypatch.setattr(world.sensing, "_new_plan", lambda mask: (made.append(mask), real(mask))[1])
+    for k in range(1, 13):
+        world.call(f"rov_{k}/leak/deactivate")
+        before = len(made)
+        world.step(2)
+        assert len(made) - before <= 2
+    made.clear()
+    world.step(120)
+    assert len(made) > 5
+
+
 # -- when there is none ----------------------------------------------------------------------------------------------------------------
 
 
@@ -411,12 +428,14 @@ def test_none_is_made_of_ticks_that_need_python(twins: Twins, tmp_path: Path) ->
     world.watch(Profile(perf_counter_ns))
     assert world.go_on(5) is None, "each tick is measured"
     world.watch(None)
+    world.step(9)
+    commanded = world.tick
     world.actuators["rov/thrusters"].set_timeout(3)
     world.command("rov/thrusters", u=(0.1,) * 8)
     world.step(1)
     output = world.go_on(50)
     assert output is not None
-    assert output.tick == 4 + 3 + 1 - 1, "up to where a watchdog may expire"
+    assert output.tick == commanded + 3, "up to where a watchdog may expire"
     assert world.go_on(50) is None
 
 
