@@ -237,7 +237,7 @@ def test_an_autopilot_that_a_program_takes_out_flies_and_hears_no_more_until_it_
 def test_an_autopilot_may_be_a_part_of_the_world_itself() -> None:
     world = unread()
     part, a = part_of(world, "a"), world.members["a"]
-    services = [(service, a.by_path.carry[path]) for path, service in a.by_path.services.items()]
+    services = zip(a.offered, a.carry, strict=True)
     world.set_members([replace(a, others=(), services=services), world.members["b"]])
     world.add(part)
     dive(world, "a", "b")

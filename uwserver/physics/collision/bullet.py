@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import weakref
 from functools import cache
 from types import ModuleType
 from typing import Any, cast
@@ -61,14 +62,16 @@ class BulletEngine:
         self._client: int = self._bullet.connect(self._bullet.DIRECT)
         if self._client < 0:
             raise RuntimeError("Bullet gives no further world: close some")
+        # Else what Bullet has of a world that nobody has any more, 29 MB, would stay for as long as the process.
+        self._ended = weakref.finalize(self, self._bullet.disconnect, self._client)
+        self._ended.atexit = False
         self._placed_of: dict[int, Placed] = {}
         self._idle: dict[int, list[int]] = {}
 
     def close(self) -> None:
         """As `Engine`."""
-        if self._client >= 0:
-            self._bullet.disconnect(self._client)
-            self._client = -1
+        self._ended()
+        self._client = -1
 
     def remove(self, handle: int) -> None:
         """As `Engine`."""

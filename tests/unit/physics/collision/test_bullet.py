@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import subprocess
 import sys
 
@@ -50,3 +51,18 @@ def test_the_engine_does_not_greet() -> None:
         capture_output=True, text=True, timeout=60, check=True,
     )  # fmt: skip
     assert done.stderr == ""
+
+
+def test_what_nobody_has_any_more_is_given_back() -> None:
+    """Else each world that was loaded would keep 29 MB, and the thousandth could not be loaded."""
+    gc.collect()
+    clients = []
+    for _ in range(5):
+        engine = BulletEngine()
+        clients.append(engine._client)
+        del engine
+        gc.collect()
+    assert len(set(clients)) == 1
+    closed = BulletEngine()
+    closed.close()
+    closed.close()
