@@ -28,7 +28,7 @@ BARS = {1: 400.0, 10: 60.0, 100: 6.0}
 """By number of vehicles: simulated over processor time."""
 TWO_CORES_BAR, THRUST_BAR = 10.0, 45.0
 CLIENT_BAR = 0.85
-"""Of BARS, and of the rate without a client; not of that of one vehicle, which is so fast that its client sends hundreds of set points a second."""
+"""Of BARS, and of the rate without a client."""
 NOISE_BAR_US, SAMPLE_BAR_US = 0.3, 0.7
 BANK = 100
 LARGE, LARGE_BAR, LARGE_MEMORY_BAR_MB, LARGE_LOAD_BAR_S = 1000, 1.0, 1500.0, 10.0
@@ -135,7 +135,7 @@ def _with_a_client(counts: Sequence[int], repeats: int, seconds: float, say: _Sa
                 "swarm", f"{title}, a client takes {len(PORTS)} ports of each at {RATE_HZ:g} Hz", "x realtime", tuple(crowded),
                 CLIENT_BAR * BARS[count],
             ),
-            Row("swarm", f"{title}: what the client leaves of the rate", "ratio", left, CLIENT_BAR if count > 1 else None),
+            Row("swarm", f"{title}: what the client leaves of the rate", "ratio", left, CLIENT_BAR),
             Row("swarm", f"{title}: what a process that only computes leaves of it", "ratio", left_by_others),
             Row("swarm", f"{title}: samples to the client, a simulated second", "1/s", tuple(samples)),
         ]  # fmt: skip
