@@ -34,4 +34,5 @@ def _address_of(kernel: Any, gives: str) -> int:
     (only,) = kernel.overloads.values()
     if str(only.signature.return_type) != gives:
         return 0
-    return int(only.library.get_pointer_to_function(only.fndesc.llvm_func_name))
+    code = only._asdict()["library"]  # as numba calls machine code that is loaded together
+    return int(code.get_pointer_to_function(only.fndesc.llvm_func_name))
