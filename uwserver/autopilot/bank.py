@@ -69,10 +69,9 @@ class Seat:
     def lie(self, bank: Bank | None, k: int, pilots: Any, devices: Any) -> None:
         """Row k, and these of its devices, are its own from now on; they hold all that it was. `bank`: None for none."""
         self._bank, self.k, self.row, self.devices = bank, k, pilots[k], devices
-        row = self.row
         self._here = pilots[k : k + 1].view(np.uint8)[: REMEMBERED.itemsize]
         for live, name in zip(self._live, "emo", strict=True):
-            live.lie(row[name])
+            live.lie(pilots[name][k : k + 1])
 
     @property
     def bank(self) -> Bank:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from uwserver.autopilot import route
 from uwserver.autopilot.allocation import Given
 from uwserver.autopilot.pilot import Autopilot
-from uwserver.autopilot.state import NAN, STILL, SetPointName
+from uwserver.autopilot.state import NAN, STILL
 from uwserver.autopilot.sticks import wrapped
 from uwserver.ports import Field
 
@@ -41,10 +41,6 @@ def set_points(pilot: Autopilot) -> Iterator[tuple[str, SetPoint]]:
     yield "test", _test(pilot)
 
 
-def _given(pilot: Autopilot, *names: SetPointName) -> None:
-    pilot.orders.given = tuple(sorted({*pilot.orders.given, *names}))
-
-
 def _nothing() -> None:
     """A set point without watchdog stands."""
 
@@ -70,7 +66,7 @@ def _depth(pilot: Autopilot) -> SetPoint:
         if depth is not None:
             (pilot.orders.depth,) = depth
             route.leave_bottom(pilot.orders)
-            _given(pilot, "depth")
+            route.give(pilot.orders, "depth")
             if pilot.orders.mode == "guided":
                 pilot.preempt("a depth was commanded")
 
@@ -83,7 +79,7 @@ def _altitude(pilot: Autopilot) -> SetPoint:
         (altitude,) = value
         if altitude is not None:
             (pilot.orders.altitude,) = altitude
-            _given(pilot, "altitude")
+            route.give(pilot.orders, "altitude")
 
     field = Field("altitude", "m", "above the bottom", minimum=0.0, maximum=_DEEP)
     return SetPoint((field,), "Altitude to hold; it stands until the mode changes.", apply, _nothing)
@@ -96,12 +92,12 @@ def _heading(pilot: Autopilot) -> SetPoint:
         o.turn, o.turn_limit, o.looks = NAN, math.inf, False
         if heading is not None:
             o.heading = wrapped(heading[0])
-            _given(pilot, "heading")
+            route.give(pilot.orders, "heading")
             if rate is not None:
                 o.turn_limit = abs(rate[0])
         elif rate is not None:
             o.turn = rate[0] if rate[0] else NAN
-            _given(pilot, "heading")
+            route.give(pilot.orders, "heading")
 
     fields = (
         Field("heading", "rad", "to hold, from north, clockwise", minimum=-100.0, maximum=100.0),
@@ -152,7 +148,7 @@ def _velocity(pilot: Autopilot) -> SetPoint:
             o.turn = yaw_rate[0] if yaw_rate[0] else NAN
         if heading is not None:
             o.heading, o.turn = wrapped(heading[0]), NAN
-        _given(pilot, "heading")
+        route.give(pilot.orders, "heading")
 
     def neutral() -> None:
         o = pilot.orders
@@ -181,7 +177,7 @@ def _position(pilot: Autopilot) -> SetPoint:
             route.set_course(o, pilot.estimate, (p[0], p[1], p[2]), keep, None, o.radius)
         elif heading is not None:
             o.heading, o.looks = wrapped(heading[0]), False
-            _given(pilot, "heading")
+            route.give(pilot.orders, "heading")
 
     fields = (
         Field("p_N", "m", "place of the body origin", "N", (3,), minimum=-_FAR, maximum=_FAR),

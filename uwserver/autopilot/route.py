@@ -8,7 +8,7 @@ from uwserver.autopilot import flight
 from uwserver.autopilot.craft import Craft
 from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.mission import Hold, Item, SetHeading, SetSpeed, Surface, Waypoint
-from uwserver.autopilot.state import Estimate, Orders
+from uwserver.autopilot.state import Estimate, Orders, SetPointName
 from uwserver.autopilot.sticks import wrapped
 from uwserver.frames import Vec3
 from uwserver.ports import Refused
@@ -48,10 +48,17 @@ def check_altitude(where: Waypoint, craft: Craft, gains: Gains, at: str, key: st
         raise Refused("out_of_range", at + text, key)
 
 
+def give(o: Orders, *names: SetPointName) -> None:
+    """These set points were given."""
+    given = o.given
+    if not all(name in given for name in names):
+        o.given = tuple(sorted({*given, *names}))
+
+
 def set_course(o: Orders, e: Estimate, place: Vec3, heading: float | None, speed: float | None, radius: float) -> None:
     """Go to a place (p_N, m), with a heading (rad) or looking where it goes; the depth is that of the place."""
     o.origin, o.place, o.depth = e.p, place, place[2]
-    o.given = tuple(sorted({*o.given, "place", "depth", "heading"}))
+    give(o, "place", "depth", "heading")
     o.looks = heading is None
     if heading is not None:
         o.heading = heading
@@ -65,7 +72,7 @@ def set_course(o: Orders, e: Estimate, place: Vec3, heading: float | None, speed
 def set_altitude(o: Orders, e: Estimate, altitude: float, sees_bottom: bool) -> None:
     """Go there at this altitude (m): at a depth that follows the bottom. While that is not seen, the depth is that of the place."""
     o.altitude = altitude
-    o.given = tuple(sorted({*o.given, "altitude"}))
+    give(o, "altitude")
     if sees_bottom:
         depth = min(e.bottom - max(altitude, o.gains.min_altitude_m), o.gains.max_depth_m)
         o.place, o.depth = (o.place[0], o.place[1], depth), depth
@@ -73,7 +80,9 @@ def set_altitude(o: Orders, e: Estimate, altitude: float, sees_bottom: bool) -> 
 
 def leave_bottom(o: Orders) -> None:
     """The depth no longer follows the bottom."""
-    o.given = tuple([name for name in o.given if name != "altitude"])
+    given = o.given
+    if "altitude" in given:
+        o.given = tuple([name for name in given if name != "altitude"])
     o.blind = False
     if o.failsafe == "sensor altitude":
         o.failsafe = ""

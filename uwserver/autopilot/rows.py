@@ -6,7 +6,9 @@ Python reads and writes such a row by typed records of the same names (`Live`): 
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache, partial
 from typing import Any, NamedTuple, TypeVar, get_args
 
 import numpy as np
@@ -304,33 +306,69 @@ _FORMS: Mapping[str, Form] = {
 R = TypeVar("R", Estimate, Memory, Orders)
 
 
-class Live:
-    """A typed record that lies in a row: reading a field gives what stands there now, setting it changes that."""
+class _Place(NamedTuple):
+    """Where a field of a record begins, in numbers of 8 bytes; how many it has, 0 for a single one; whether they are integers; and its form."""
 
-    __slots__ = ("_beside", "_kind", "_row")
+    first: int
+    size: int
+    is_whole: bool
+    form: Form | None
+
+
+@cache
+def _places(record: Any) -> Mapping[str, _Place]:
+    """Of the fields of a type of records, but for those that are records themselves."""
+    places = {}
+    for name in record.names:
+        kind, offset = record.fields[name]
+        size = math.prod(kind.shape) if kind.shape else 0
+        if kind.names is None:
+            places[name] = _Place(offset // 8, size, kind.base == np.int64, _FORMS.get(name))
+    return places
+
+
+class Live:
+    """A typed record that lies in a row: reading a field gives what stands there now, setting it changes that.
+
+    It looks at the numbers themselves: numpy takes five times as long for a field of a record.
+    """
+
+    __slots__ = ("_beside", "_kind", "_numbers", "_places", "_row", "_whole")
 
     def __init__(self, kind: type[Struct], beside: Mapping[str, Beside]) -> None:
         """Of a kind of records, some of whose fields lie beside the row."""
         object.__setattr__(self, "_kind", kind)
         object.__setattr__(self, "_beside", beside)
 
-    def lie(self, row: Any) -> None:
-        """It lies there from now on."""
-        object.__setattr__(self, "_row", row)
+    def lie(self, rows: Any) -> None:
+        """It lies in this array of one row from now on."""
+        set_own = partial(object.__setattr__, self)
+        set_own("_row", rows[0])
+        set_own("_places", _places(rows.dtype))
+        set_own("_numbers", memoryview(rows.view(np.float64)))
+        set_own("_whole", memoryview(rows.view(np.int64)))
 
     def __getattr__(self, name: str) -> Any:
-        if name in self._beside:
+        place = self._places.get(name)
+        if place is None:
+            if name not in self._beside:
+                raise AttributeError(f"{self._kind.__name__} has no {name}")
             return self._beside[name].get()
-        if name not in self._kind.__struct_fields__:
-            raise AttributeError(f"{self._kind.__name__} has no {name}")
-        return _value(name, self._row[name].tolist())
+        first, size, is_whole, form = place
+        numbers = self._whole if is_whole else self._numbers
+        return _value(numbers[first : first + size].tolist() if size else numbers[first], form)
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if name in self._beside:
+        place = self._places.get(name)
+        if place is None:
             self._beside[name].set(value)
             return
-        form = _FORMS.get(name)
-        self._row[name] = value if form is None else form.write(value)
+        first, size, is_whole, form = place
+        numbers, plain = self._whole if is_whole else self._numbers, value if form is None else form.write(value)
+        if size:
+            numbers[first : first + size] = array(numbers.format, plain)
+        else:
+            numbers[first] = plain
 
     def read(self) -> Any:
         """A copy, as a record of its kind."""
@@ -348,11 +386,12 @@ def record(kind: type[R], row: Any, beside: Mapping[str, Any]) -> R:
     Raises:
         ValueError: a number in it is the code of nothing.
     """
-    plain = map(_value, row.dtype.names, row.tolist())
-    return kind(**{**dict(zip(row.dtype.names, plain, strict=True)), **beside})
+    names = row.dtype.names
+    plain = map(_value, row.tolist(), map(_FORMS.get, names))
+    return kind(**{**dict(zip(names, plain, strict=True)), **beside})
 
 
-def _value(name: str, plain: Any) -> Any:
+def _value(plain: Any, form: Form | None) -> Any:
     """A number, vector or record of a row as a value; all that is no number is `NAN` itself, so that equal rows give equal records."""
     kind = type(plain)
     if kind is np.ndarray:
@@ -362,5 +401,4 @@ def _value(name: str, plain: Any) -> Any:
         plain = tuple(plain) if total == total else tuple([NAN if x != x else x for x in plain])
     elif plain != plain:
         plain = NAN
-    form = _FORMS.get(name)
     return plain if form is None else form.read(plain)

@@ -5,27 +5,16 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-import numpy as np
-
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.compiled import compiled, entry
+from uwserver.physics.kernel.compiled import entry
 from uwserver.physics.kernel.deferred import Deferred
 from uwserver.physics.kernel.handles import array_at
+from uwserver.physics.rays.hits import miss
 from uwserver.physics.rays.raycast import Hits
 from uwserver.sensors.bank import Bank
 from uwserver.world import streams
 
 _heads, _numbers = array_at(streams.FORMS, "heads"), array_at(streams.FORMS, "numbers")
-
-
-@compiled
-def _nothing_hit(hits: Any) -> None:
-    """In open water no ray meets anything."""
-    for k in range(len(hits.distance)):
-        hits.distance[k] = np.inf
-        hits.body[k] = hits.material[k] = -1
-        for a in range(3):
-            hits.normal[k, a] = 0.0
 
 
 def _part(loop: Deferred) -> Any:
@@ -55,11 +44,11 @@ def _by_rays(bank: Bank) -> Any:
         origin, direction = rays[0], rays[1]
         for i in which:
             heads, records, numbers, now, t = _heads(senses[i]), rows_at(rows[i]), _numbers(senses[i]), nows[i], ts[i]
-            _nothing_hit(hits)
+            miss(hits)
             first_aim(heads, records, numbers, due, now, t, origin, direction, first, hits)
             if aims_twice:
                 last_aim(heads, records, numbers, due, now, t, origin, direction, first, hits)
-                _nothing_hit(hits)
+                miss(hits)
             run(heads, records, numbers, due, now, t, direction, first, hits)
 
     return read

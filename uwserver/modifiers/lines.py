@@ -222,12 +222,9 @@ class LineWriter:
     def _texts_of(self, told: Told, places: IntArray, forms: IntArray) -> list[bytes]:
         """All texts of these samples, in their order."""
         wordy = self._wordy[forms].nonzero()[0]
-        wanted, loose = self._texts, told.log.loose
-        return [
-            _encoded(loose[place][k])
-            for place, form in zip(places[wordy].tolist(), forms[wordy].tolist(), strict=True)
-            for k in wanted[form]
-        ]
+        at, wanted = places[wordy], self._texts
+        which = zip(at.tolist(), *told.log.table[at, 1:3].T.tolist(), forms[wordy].tolist(), strict=True)
+        return [_encoded(told.loose(place, texts, stream)[k]) for place, texts, stream, form in which for k in wanted[form]]
 
 
 @lru_cache(_TEXTS)

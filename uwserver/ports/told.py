@@ -21,21 +21,23 @@ class Origin(NamedTuple):
         path: of the port.
         width: numbers of a sample.
         unpack: makes its values.
+        texts: values that are no numbers, of samples that have one of these.
     """
 
     path: str
     width: int
     unpack: Unpack
+    texts: Sequence[Sequence[Value]] = ()
 
 
 class Log:
     """Samples one behind the other. Who simulates appends to it, others read of it what they were told is there: that is never written again.
 
     Attributes:
-        entries: (n) records of int64: t_sent_ns, which texts belong to it (of no account here), stream, seq, t_ns, valid, and the place of its
-            first number.
+        entries: (n) records of int64: t_sent_ns, which of the texts of its origin it has, from 1, or 0 for none, stream, seq, t_ns, valid, and the
+            place of its first number.
         numbers: (m) float64 of one after the other.
-        loose: by place, of samples that have such: the values that are no numbers.
+        loose: by place, of samples that have others: the values that are no numbers.
     """
 
     __slots__ = ("entries", "loose", "numbers", "table", "whole")
@@ -108,6 +110,10 @@ class Told(Sequence[Sample]):
         """Of each, as `Log.entries` has it."""
         return self.log.table[self._first : self._end].tolist()  # type: ignore[no-any-return]  # numpy's
 
+    def loose(self, place: int, texts: int, stream: int) -> Sequence[Value]:
+        """The values that are no numbers, of a sample in this place of the log, by its entry."""
+        return self.origins[stream].texts[texts - 1] if texts else self.log.loose.get(place, ())
+
     def values(self, entries: Sequence[Sequence[int]]) -> Iterator[tuple[Value, ...]]:
         """Of each of these entries, which follow each other."""
         if not entries:
@@ -115,9 +121,9 @@ class Told(Sequence[Sample]):
         origins, log, place = self.origins, self.log, self._first
         base, last = entries[0][6], entries[-1]
         numbers, whole = log.numbers[base : last[6] + origins[last[2]].width].tolist(), log.whole
-        for _, _, stream, _, _, _, at in entries:
-            _, width, unpack = origins[stream]
-            yield unpack(numbers[at - base : at - base + width], whole, at, log.loose.get(place, ()))
+        for _, texts, stream, _, _, _, at in entries:
+            _, width, unpack, _ = origins[stream]
+            yield unpack(numbers[at - base : at - base + width], whole, at, self.loose(place, texts, stream))
             place += 1
 
     def __iter__(self) -> Iterator[Sample]:

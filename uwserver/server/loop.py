@@ -33,6 +33,12 @@ class ServerLoop(asyncio.SelectorEventLoop):
         self._waits = _Selector()
         super().__init__(self._waits)
 
+    def _write_to_self(self) -> None:
+        """asyncio's own name for what wakes it, after it was told what to do; under another one, it would do that as ever."""
+        way = self._waits.right_of_way
+        if way is None or not way.answer():
+            super()._write_to_self()  # type: ignore[misc]
+
     @property
     def right_of_way(self) -> RightOfWay | None:
         """With the thread that steps the world of this server; None where nobody has begun one."""

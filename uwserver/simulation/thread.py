@@ -67,7 +67,7 @@ class Simulation:
         self._intake = Intake(world, mailbox.posted, time, self._stop)
         self._publish, self._record = bus.publish, self._intake.ticked
         self._appointments: list[tuple[int, Callable[[], None]]] = []
-        self._way = way
+        self._way, self._is_profiled = way, False
 
     # -- from the loop --------------------------------------------------------------------------------------------------------------
 
@@ -134,6 +134,7 @@ class Simulation:
 
     def watch(self, profile: Profile | None) -> None:
         """Let a profile measure ticks from the next on; None for nobody. Simulation thread, between two ticks."""
+        self._is_profiled = profile is not None
         timed = untimed if profile is None else profile.timed
         self._publish = timed("publishing", "to the loop", self.bus.publish)
         self._record = timed("recording", "states", self._intake.ticked)
@@ -250,8 +251,13 @@ class Simulation:
     def _stretch(self) -> TickOutput | None:
         """Ticks in one go, where nothing paces them, nobody looks at each, and nothing is to be done between them; None where that is not so."""
         is_free = self._hurries() or self.timing.mode == "freerun"
-        if not is_free or self.lockstep.asks or self._intake.observer is not None or len(self.mailbox.posted):
+        if not is_free or self.lockstep.asks or self._intake.observer is not None or self._is_profiled:
             return None
+        if len(self.mailbox.posted):  # who asks is answered before these ticks, not behind them
+            if self._way is not None:
+                self._way.give()
+            self.readers.begin()
+            self._carry_out()
         before = self.world.tick
         ends = [goal.tick for goal in self._goals] + [tick for tick, _ in self._appointments]
         if self.until_tick is not None:
@@ -281,14 +287,18 @@ class Simulation:
         self._rest()
         self.pace.release()
         self.mailbox.wake.clear()
-        output: TickOutput = self.world.flush(self._intake.requests(self._is_paced()))
-        self._intake.batch += 1
-        self.bus.publish(output)
+        self._carry_out()
         self.bus.flush()
-        self._follow_jump()
         waiting = len(self._steering) or len(self.mailbox.posted)
         if not (waiting or self._stop.is_set() or self.lockstep.asks):
             self.mailbox.wake.wait(_IDLE_S)
+
+    def _carry_out(self) -> None:
+        """What is posted, without a tick."""
+        output = self.world.flush(self._intake.requests(self._is_paced()))
+        self._intake.batch += 1
+        self.bus.publish(output)
+        self._follow_jump()
 
     def _follow_jump(self) -> None:
         """After a reset or restore deadlines and grants start anew, goals of the old time are gone."""

@@ -15,7 +15,7 @@ from uwserver.world.due import Due
 from uwserver.world.instruments import Instruments
 from uwserver.world.sensor_slot import SensorSlot
 
-USUAL, LONGEST = 64, 128
+USUAL, LONGEST = 64, 256
 """Ticks that are made in one go, some 0.2 ms of one vehicle; and while the loop has the interpreter."""
 
 READING = np.dtype([(name, "i8") for name in ("code", "rows", "row_count", "due", "due_count", "rays")])

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from uwserver.physics.kernel.arrays import FloatArray
-from uwserver.ports import Sample, Value
+from uwserver.ports import Sample
 from uwserver.ports.checks import check_values
 from uwserver.ports.thinning import WHOLE, Thinned
 from uwserver.ports.told import Origin, Told
@@ -73,7 +73,7 @@ class Sensing(Part):
         self._overheard: Collection[str] = ()
         self._listen: Listen | None = None
         self._streams: dict[int, SensorStream] = {}
-        self._wordy, self._texts = list[SensorStream](), dict[int, Sequence[tuple[Value, ...]]]()
+        self._wordy: list[SensorStream] = []
         self._origins: dict[int, Origin] = {}
         self._is_read = self._marked(())
         self._told: Told | None = None
@@ -113,8 +113,10 @@ class Sensing(Part):
         self.numbers = {stream.port.path: k for k, stream in streams.items()}
         self._wordy = [stream for stream in streams.values() if stream.columns.loose]
         writing = [(slot, slot.sensor.writing) for slot in there]
-        self._texts = {k: w.texts for slot, w in writing if w is not None for k in slot.stream_numbers}
-        self._origins = {k: Origin(s.port.path, s.columns.width, s.columns.values) for k, s in streams.items()}
+        texts = {k: w.texts for slot, w in writing if w is not None for k in slot.stream_numbers}
+        self._origins = {
+            k: Origin(s.port.path, s.columns.width, s.columns.values, texts.get(k, ())) for k, s in streams.items()
+        }
         wordy = {k: SMALL if s.columns.is_small else LARGE for k, s in streams.items() if s.columns.loose}
         self._instruments.streams.rows["wordy"] = 0
         self._instruments.streams.rows["wordy"][[*wordy]] = [*wordy.values()]
@@ -275,19 +277,17 @@ class Sensing(Part):
         """
         first = self._instruments.take_over()
         if written:
-            self._take_texts(first, ends[-1] if ends else first)
+            self._take_texts()
         self._tell_of(first, ends, with_words, samples)
 
-    def _take_texts(self, first: int, end: int) -> None:
+    def _take_texts(self) -> None:
         """Know the texts again that belong to what compiled code has written (`sensors.writing.Writing`)."""
-        log, told = self._instruments.log, self._instruments.streams.rows["texts"]
-        for k in np.flatnonzero(told).tolist():
+        told = self._instruments.streams.rows["texts"]
+        (streams,) = told.nonzero()
+        for k, texts in zip(streams.tolist(), told[streams].tolist(), strict=True):
             stream = self._streams[k]
-            stream.fresh = stream.loose = stream.newest = self._texts[k][told[k] - 1]
-        told[:] = 0
-        for place in (first + np.flatnonzero(log.table[first:end, 1])).tolist():
-            _, n, k, *_ = log.table[place].tolist()
-            log.loose[place] = self._texts[k][n - 1]
+            stream.fresh = stream.loose = stream.newest = self._origins[k].texts[texts - 1]
+        told[streams] = 0
 
     def _tell(self, samples: list[Sample]) -> None:
         first, end = self._instruments.logged

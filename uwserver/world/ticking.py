@@ -18,6 +18,7 @@ from uwserver.physics.kernel.giving_way import GIVING, lend, take_back
 from uwserver.physics.kernel.handles import array_at, lay
 from uwserver.physics.kernel.places import ASKED, CALLED, LATE, WAITED
 from uwserver.physics.kernel.right_of_way import NOBODY
+from uwserver.physics.rays.hits import miss
 from uwserver.physics.rays.raycast import Hits
 from uwserver.sensors import surroundings
 from uwserver.world import agenda, streams
@@ -62,14 +63,6 @@ def _move(table: Array, tick: int) -> int:
 
 
 @compiled
-def _miss(hits: Hits) -> None:
-    """No ray meets anything."""
-    for k in range(len(hits.distance)):
-        hits.distance[k], hits.body[k], hits.material[k] = np.inf, -1, -1
-        hits.normal[k, 0] = hits.normal[k, 1] = hits.normal[k, 2] = 0.0
-
-
-@compiled
 def _read_by_rays(table: Array, sensors: Array, reading: Any, t: float) -> None:
     """As `sensors.bank.reader` does where rays are cast at what is intersected one by one."""
     course, now, heads, numbers = _course(table)[0], _now(table), _heads(sensors), _numbers(sensors)
@@ -87,7 +80,7 @@ def _read_by_rays(table: Array, sensors: Array, reading: Any, t: float) -> None:
         for k in range(len(due)):
             past[first[k] : first[k + 1]] = heads[due[k]].body
         if course.cast == 0:
-            _miss(hits)
+            miss(hits)
         elif n > 0:
             given = _solids(table), origin[:n], direction[:n], reach, _state(table), past[:n]
             call(course.cast, given + (hits.distance, hits.normal, hits.body, hits.material))  # noqa: RUF005  # as numba joins tuples
@@ -161,7 +154,7 @@ def go_on(
     """Make ticks until one needs Python.
 
     Where the loop asks for the interpreter meanwhile it has it at once. The world goes on while it does, and waits then as between two ticks. Once
-    somebody has called, no further one is made.
+    somebody has called, and the loop does not have the interpreter which is needed to hear him, no further one is made.
 
     Args:
         table: made by `agenda.FORMS`; its `reached` and `ends` receive what was reached.
@@ -183,7 +176,8 @@ def go_on(
             lent = asked
             lend(way, asked)
         done = tick - first
-        if done >= most or (done >= usual and not is_asked) or (done > 0 and load_atomic(way, CALLED) != called):
+        is_called = load_atomic(way, CALLED) != called
+        if done >= most or (not is_asked and (done >= usual or (done > 0 and is_called))):
             break
         if done > 0 and _brings_large(sensors, _time_of(course, tick + 1)):
             break

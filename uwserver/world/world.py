@@ -275,12 +275,8 @@ class World(InProcess):
         output = TickOutput(tick, self.t_ns, [])
         if self._profile is not None:
             self._profile.begin()
-        for part, before in self._first:
-            if part.next_tick is not None and tick >= part.next_tick:
-                before(tick, self.t_ns)
-        if self.requests.posted or more:
-            self._carry_out(output, more)
-            tick = self._tick  # a restore or reset may have been among it
+        self._begin_tick(output, more)
+        tick = self._tick  # a restore or reset may have been among what was posted
         for part, before in self._before:
             if part.next_tick is not None and tick >= part.next_tick:
                 before(tick, self.t_ns)
@@ -290,6 +286,14 @@ class World(InProcess):
         if self.threads.trial is not None:
             self.threads.end_tick()
         return output
+
+    def _begin_tick(self, output: TickOutput, more: Iterable[Posted]) -> None:
+        tick = self._tick
+        for part, before in self._first:
+            if part.next_tick is not None and tick >= part.next_tick:
+                before(tick, self.t_ns)
+        if self.requests.posted or more:
+            self._carry_out(output, more)
 
     def go_on(self, most: int, way: IntArray = NOBODY) -> TickOutput | None:
         """As many ticks as compiled code can make by itself, up to `most`, bit for bit those of `advance`; None where the next one needs Python.
@@ -342,9 +346,9 @@ class World(InProcess):
             raise Diverged(report(self._tick, self.t_ns, lost, self._commands), output)
 
     def flush(self, more: Iterable[Posted] = ()) -> TickOutput:
-        """Carry out what was posted without a tick: for a paused world, where calls must still be answered."""
+        """Carry out what was posted before the tick: for a paused world, where calls must still be answered, and for ticks in one go."""
         output = TickOutput(self.tick, self.t_ns, [])
-        self.requests.carry_out(output, more)
+        self._begin_tick(output, more)
         self._end_tick(output)
         return output
 

@@ -13,12 +13,14 @@ import numpy as np
 from uwserver.physics.kernel.arrays import Array, IntArray
 from uwserver.physics.kernel.atomics import load_atomic, pause, poll, send, store_atomic
 from uwserver.physics.kernel.compiled import compiled, entry
-from uwserver.physics.kernel.places import ASKED, GIVEN, RUNS, WATCHED
+from uwserver.physics.kernel.places import ANSWERED, ASKED, AWAKE, CALLED, GIVEN, HEARD, RUNS, WATCHED
 
 _ASKING = 4000
 """Turns, some 100 us, for the end of a tick: of a large world it comes later, but that is in compiled code most of the time."""
 GIVING = 20_000
 """Turns, some 500 us, for the loop: nearly all that it does in one go takes less."""
+_ANSWERING = 4000
+"""Turns, some 100 us, for the answer of a world that was called: of a large one it comes later."""
 
 
 @compiled
@@ -38,11 +40,41 @@ def enter(numbers: Array) -> None:
         turns += 1
 
 
+@compiled
+def _is_answered(numbers: Array) -> bool:
+    """The world was called, so that there will soon be an answer: stay awake for it, once for each call, and who brings it has to wake nobody.
+
+    Either `answer` sees that nobody is awake any more, or what it has written is seen here: of two who each write, then read, one sees the other.
+    """
+    called, turns = load_atomic(numbers, CALLED), 0
+    if load_atomic(numbers, RUNS) == 0 or called == load_atomic(numbers, HEARD):
+        return False
+    store_atomic(numbers, HEARD, called)
+    store_atomic(numbers, AWAKE, 1)
+    while load_atomic(numbers, ANSWERED) == 0 and turns < _ANSWERING:
+        pause()
+        turns += 1
+    store_atomic(numbers, AWAKE, 0)
+    is_answered = load_atomic(numbers, ANSWERED) != 0
+    store_atomic(numbers, ANSWERED, 0)
+    return bool(is_answered)
+
+
+@entry
+def answer(numbers: Array) -> bool:
+    """There is something for the loop. Returns whether it is awake, and goes on at once; else somebody must wake it."""
+    if load_atomic(numbers, AWAKE) == 0:
+        return False
+    store_atomic(numbers, ANSWERED, 1)
+    return bool(load_atomic(numbers, AWAKE) != 0)
+
+
 @entry
 def await_event(numbers: Array, milliseconds: int) -> None:
     """What the loop does until there is something to do: see `RightOfWay.sleep`."""
     leave(numbers)
-    poll(numbers, WATCHED, milliseconds)
+    if milliseconds == 0 or not _is_answered(numbers):
+        poll(numbers, WATCHED, milliseconds)
     enter(numbers)
 
 
@@ -86,5 +118,6 @@ def load(numbers: IntArray) -> None:
         (await_event, (numbers, 0)),
         (send_aside, (numbers, 0, np.frombuffer(b"", np.uint8))),
         (give_way, (numbers,)),
+        (answer, (numbers,)),
     ):
         cast("Any", kernel).load(*given)

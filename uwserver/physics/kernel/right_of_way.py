@@ -60,7 +60,7 @@ class RightOfWay:
         self.wake = Wake(self.numbers)
         giving_way.load(self.numbers)
         self._await_event, self._send = straight(giving_way.await_event), straight(giving_way.send_aside)
-        self._give_way = straight(giving_way.give_way)
+        self._give_way, self._answer = straight(giving_way.give_way), straight(giving_way.answer)
         self.numbers[ASKED] = 1  # the loop has the interpreter
         self._seen = self.numbers.data  # quicker to look at than the array
         self._runs = False
@@ -115,6 +115,13 @@ class RightOfWay:
         if self._runs:
             self._runs = False
             self.numbers[RUNS] = 0
+
+    # -- any thread ---------------------------------------------------------------------------------------------------------------
+
+    def answer(self) -> bool:
+        """There is something for the loop. Returns whether it waits for that awake, as for a moment after it has called: to wake it from its sleep
+        costs 20 us."""
+        return bool(self._answer(self.numbers))
 
     # -- the loop -----------------------------------------------------------------------------------------------------------------
 

@@ -32,6 +32,14 @@ SIMPLE: Forms = {"planes": PLANE, "carried": CARRIED, "sides": SIDE}
 _simple_at = arrays_at(Simple, SIMPLE)
 
 
+@compiled
+def miss(hits: Hits) -> None:
+    """Begin an answer: no ray meets anything."""
+    for k in range(len(hits.distance)):
+        hits.distance[k], hits.body[k], hits.material[k] = math.inf, -1, -1
+        hits.normal[k, 0] = hits.normal[k, 1] = hits.normal[k, 2] = 0.0
+
+
 @entry
 def intersect_simple(
     table: Array, origin: Array, direction: Array, limit: float, state: Array, past: Array,
@@ -48,10 +56,7 @@ def intersect_simple(
         distance, normal, body, material: of `Hits`, receive the answer.
     """
     simple, hits = _simple_at(table), Hits(distance, normal, body, material)
-    for i in range(len(distance)):
-        distance[i] = math.inf
-        normal[i, 0] = normal[i, 1] = normal[i, 2] = 0.0
-        body[i] = material[i] = -1
+    miss(hits)
     _intersect_planes(origin, direction, limit, simple.planes, hits)
     _intersect_carried(origin, direction, limit, simple, state, past, hits)
 
