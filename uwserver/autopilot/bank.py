@@ -14,7 +14,8 @@ from uwserver.autopilot.craft import Craft
 from uwserver.autopilot.flight import SHOWN
 from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.mission import Item
-from uwserver.autopilot.rows import DEVICE, FORMS, ORDERS, PILOT, REMEMBERED, SOURCE, Beside, Live, record
+from uwserver.autopilot.records import Beside, Live, record
+from uwserver.autopilot.rows import DEVICE, FORMS, ORDERS, PILOT, REMEMBERED, SOURCE
 from uwserver.autopilot.state import Estimate, Memory, Orders, Remembered
 from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray, IntArray

@@ -224,7 +224,9 @@ class LineWriter:
         wordy = self._wordy[forms].nonzero()[0]
         at, wanted = places[wordy], self._texts
         which = zip(at.tolist(), *told.log.table[at, 1:3].T.tolist(), forms[wordy].tolist(), strict=True)
-        return [_encoded(told.loose(place, texts, stream)[k]) for place, texts, stream, form in which for k in wanted[form]]
+        return [
+            _encoded(told.loose(place, texts, stream)[k]) for place, texts, stream, form in which for k in wanted[form]
+        ]
 
 
 @lru_cache(_TEXTS)

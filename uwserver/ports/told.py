@@ -27,7 +27,7 @@ class Origin(NamedTuple):
     path: str
     width: int
     unpack: Unpack
-    texts: Sequence[Sequence[Value]] = ()
+    texts: Sequence[tuple[Value, ...]] = ()
 
 
 class Log:

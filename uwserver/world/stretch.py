@@ -12,6 +12,7 @@ from uwserver.physics import entries
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.kernel.arrays import IntArray
 from uwserver.physics.kernel.layout import addresses
+from uwserver.physics.kernel.right_of_way import NOBODY
 from uwserver.physics.kernel.straight import straight
 from uwserver.physics.rays.raycast import OpenWater
 from uwserver.ports import Sample
@@ -33,8 +34,9 @@ _NEAR_TICKS = 16
 _PORTS = 8
 """Where something has changed, for each so many ports one tick is made by itself before all that may be due is put together: of a swarm that takes as
 long as some dozen ticks, and programs change one thing after the other."""
-_BODIES = 256
-"""Ticks of one body, or half as many of two: some 1 ms, which is how long who looks from outside waits at most."""
+_BODIES, _BODIES_ALONE = 256, 25_600
+"""Ticks of one body, or half as many of two: some 1 ms, which is how long who looks from outside waits at most; and some 0.1 s, for who breaks off a
+program that steps a world of its own."""
 
 
 class Reached(NamedTuple):
@@ -72,7 +74,8 @@ class Stretch:
         self._has_rays = False
         self._is_plain = False
         self._go_on: Callable[..., None]
-        self._table, self._near, self._usual, self._wait = _NO_TABLE, 0, 1, 0
+        self._table, self._near, self._wait = _NO_TABLE, 0, 0
+        self._usual = self._alone = 1
 
     def line_up(self, awake: Sequence[Part]) -> None:
         """These parts act in a tick, or hear what others measure."""
@@ -80,13 +83,13 @@ class Stretch:
         acting = [part for part in awake if takes_part(type(part))[1]]
         self._is_plain = acting == [self._sensing] and not any(part.hears for part in awake)
 
-    def run(self, tick: int, most: int, way: IntArray, samples: list[Sample]) -> Reached | None:
+    def run(self, tick: int, most: int, way: IntArray | None, samples: list[Sample]) -> Reached | None:
         """Make up to `most` ticks. What was delivered in them, `Sensing` has to tell.
 
         Args:
             tick: at which the world stands, with nothing posted.
             most: 1 or more.
-            way: see `ticking.go_on`.
+            way: see `World.go_on`.
             samples: receives those that `Sensing` does not keep to tell.
 
         Returns:
@@ -107,9 +110,16 @@ class Stretch:
             return None
         if self._pilots.bank is not None:
             self._pilots.follow_switches()
+        usual = min(most, self._alone if way is None else self._usual)
         try:
             self._go_on(
-                self._table, *instruments.to_deliver(), way, tick, min(most, self._usual), most, *instruments.room
+                self._table,
+                *instruments.to_deliver(),
+                NOBODY if way is None else way,
+                tick,
+                usual,
+                most,
+                *instruments.room,
             )
         finally:  # a kernel may raise
             self.tick, stage, row, count, wordy, written = self._reached.tolist()
@@ -172,7 +182,9 @@ class Stretch:
             return None
         ticking.load()
         self._go_on = straight(ticking.go_on)
-        self._usual = min(USUAL, max(1, _BODIES // max(1, len(hydro))))
+        self._usual, self._alone = (
+            min(ticks, max(1, bodies // max(1, len(hydro)))) for ticks, bodies in ((USUAL, _BODIES), (LONGEST, _BODIES_ALONE))
+        )  # fmt: skip
         course = np.zeros(1, COURSE)
         course[0] = (
             hydro.dt, margin, self._rate.numerator, self._rate.denominator, step, self._pilots.every, hear, tell,

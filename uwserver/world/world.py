@@ -11,7 +11,6 @@ from uwserver.environment.water import Water
 from uwserver.frames import Vec3
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.kernel.arrays import IntArray
-from uwserver.physics.kernel.right_of_way import NOBODY
 from uwserver.physics.rays.raycast import Geometry, OpenWater
 from uwserver.ports import Event, Port, Service
 from uwserver.ports.crossing import Answers, Posted, TickOutput
@@ -295,12 +294,12 @@ class World(InProcess):
         if self.requests.posted or more:
             self._carry_out(output, more)
 
-    def go_on(self, most: int, way: IntArray = NOBODY) -> TickOutput | None:
+    def go_on(self, most: int, way: IntArray | None = None) -> TickOutput | None:
         """As many ticks as compiled code can make by itself, up to `most`, bit for bit those of `advance`; None where the next one needs Python.
 
         Args:
             most: 1 or more.
-            way: of a `RightOfWay`, by which the loop may have the interpreter meanwhile.
+            way: of a `RightOfWay`, by which the loop may have the interpreter meanwhile; None where nobody waits for the end of these ticks.
         """
         if self._profile is not None or self.requests.posted or self.threads.trial is not None:
             return None
@@ -348,7 +347,8 @@ class World(InProcess):
     def flush(self, more: Iterable[Posted] = ()) -> TickOutput:
         """Carry out what was posted before the tick: for a paused world, where calls must still be answered, and for ticks in one go."""
         output = TickOutput(self.tick, self.t_ns, [])
-        self._begin_tick(output, more)
+        if self.requests.posted or more:
+            self._begin_tick(output, more)
         self._end_tick(output)
         return output
 

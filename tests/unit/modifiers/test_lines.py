@@ -33,13 +33,15 @@ MIXED = Port(
 )  # fmt: skip
 PLAIN = Port("rov/plain", "sensor", "plain", (Field("x", "m", "x", shape=(3,)),), "Plain.")
 PORTS = (MIXED, PLAIN)
+TEXTS = ("known", 'the "first"'), ("known", None), (None, "third")
 
 
 def told(count: int) -> Told:
-    """Samples of both in turn, now and then without a number or a text; the log begins with one of somebody else."""
+    """Samples of both in turn, now and then without a number or a text, or with texts of their origin; the log begins with one of somebody else."""
     rng = np.random.default_rng(3)
     columns = [columns_of(port.fields) for port in PORTS]
-    origins = {k: Origin(port.path, c.width, c.values) for k, (port, c) in enumerate(zip(PORTS, columns, strict=True))}
+    both = enumerate(zip(PORTS, columns, strict=True))
+    origins = {k: Origin(port.path, c.width, c.values, TEXTS if c.loose else ()) for k, (port, c) in both}
     log, at = Log(np.zeros(count + 1, ENTRY), np.zeros(20 * (count + 1))), 2
     for place in range(1, count + 1):
         k = place % 2
@@ -54,9 +56,10 @@ def told(count: int) -> Told:
                 numbers[0] = None
             text = None if place % 7 == 0 else f'a "text" \u2248 {place % 4}'
             values.append(text if field.type == "str" else tuple(numbers) if field.shape else numbers[0])
-        log.entries[place] = (place * 20 + 3, 0, k, place, -place, place % 4 != 0, at)
+        texts = place // 2 % (len(TEXTS) + 1) if columns[k].loose else 0
+        log.entries[place] = (place * 20 + 3, texts, k, place, -place, place % 4 != 0, at)
         columns[k].pack(values, log.numbers[at : at + columns[k].width])
-        if columns[k].loose:
+        if columns[k].loose and not texts:
             log.loose[place] = columns[k].loose_of(values)
         at += columns[k].width
     return Told(origins, log, 1, count + 1)
@@ -96,7 +99,7 @@ def test_bytes_and_pictures_take_more() -> None:
 
 def test_a_text_without_an_encoding_is_told() -> None:
     writer, samples = LineWriter(), told(2)
-    samples.log.loose[2] = ("\ud800", "")
+    samples.log.entries["order"][2], samples.log.loose[2] = 0, ("\ud800", "")
     values = pieces_of(MIXED)
     assert values is not None
     form = writer.add(values)

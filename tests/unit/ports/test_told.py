@@ -57,6 +57,16 @@ def test_rows_are_samples():
         rows[3]
 
 
+def test_texts_are_those_of_the_origin_or_of_the_sample_itself():
+    log, texts = full(), (("auto",), ("guided",))
+    log.entries["order"][3] = 2
+    origins = {4: told().origins[4], 9: Origin("rov/state", STATE.width, STATE.values, texts)}
+    rows = Told(origins, log, 2, 5)
+    assert rows[1] == Sample("rov/state", 2, 105, 110, False, ("guided", True))
+    assert [rows.loose(3, n, 9) for n in (0, 1, 2)] == [("manual",), ("auto",), ("guided",)]
+    assert rows.loose(2, 0, 4) == ()
+
+
 def test_those_that_follow_each_other_are_told_together():
     log = full()
     first, second, third = ticks_of(log)

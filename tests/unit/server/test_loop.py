@@ -10,7 +10,7 @@ import threading
 
 import pytest
 
-from uwserver.physics.kernel.places import ASKED, RUNS
+from uwserver.physics.kernel.places import ASKED, HEARD, RUNS
 from uwserver.physics.kernel.team import why_alone
 from uwserver.server import loop as server_loop
 from uwserver.server.loop import ServerLoop, begin_way, run
@@ -82,6 +82,59 @@ def test_all_that_a_loop_waits_for_still_comes(is_stepping: bool) -> None:
             writer.write(line)
         writer.close()
 
+    run(asyncio.wait_for(main(), 30.0))
+
+
+@needs_two
+def test_a_loop_that_has_called_hears_each_answer() -> None:
+    """At once or a little late, awake or asleep: none is lost."""
+
+    async def main() -> None:
+        loop, heard, called = asyncio.get_running_loop(), asyncio.Event(), threading.Semaphore(0)
+        way = begin_way(loop)
+        assert way is not None
+        way.numbers[RUNS] = 1
+
+        def answer() -> None:
+            for turn in range(500):
+                called.acquire()
+                for _ in range(300 * (turn % 4)):
+                    pass
+                loop.call_soon_threadsafe(heard.set)
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        for _ in range(500):
+            heard.clear()
+            way.wake.set()
+            called.release()
+            await heard.wait()
+        thread.join()
+        way.rest()
+        assert way.numbers[HEARD] > 0
+
+    run(asyncio.wait_for(main(), 60.0))
+
+
+@needs_two
+@pytest.mark.parametrize("is_awake", [False, True])
+def test_who_finds_the_loop_awake_does_not_wake_it(is_awake: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def main() -> None:
+        loop, heard = asyncio.get_running_loop(), asyncio.Event()
+        way = begin_way(loop)
+        assert way is not None
+        monkeypatch.setattr(way, "answer", lambda: is_awake)
+        await asyncio.sleep(0.0)
+        woken.clear()
+        thread = threading.Timer(0.05, loop.call_soon_threadsafe, (heard.set,))
+        thread.start()
+        while not heard.is_set():
+            await asyncio.sleep(0.1)  # it looks by itself, too
+        thread.join()
+        assert len(woken) == (0 if is_awake else 1)
+
+    woken, real = [], asyncio.SelectorEventLoop._write_to_self  # type: ignore[attr-defined]
+    monkeypatch.setattr(asyncio.SelectorEventLoop, "_write_to_self", lambda loop: (woken.append(1), real(loop)))
     run(asyncio.wait_for(main(), 30.0))
 
 

@@ -368,6 +368,38 @@ def test_ticks_in_one_go_end_where_somebody_waits_for_one(resolved):
         assert rig.simulation.lateness.ticks == 301
 
 
+def test_who_asks_is_answered_before_ticks_in_one_go(resolved):
+    rig = Rig(resolved, FREE)  # whose loop does nothing
+    rig.simulation.until_tick = 100
+    said, real = [], rig.bus.publish
+    rig.bus.publish = rig.simulation._publish = lambda output, wake=True: (
+        said.append((output.tick, [reply.tick for _, reply in output.replies])),
+        real(output, wake),
+    )
+    lengths = spied(rig.world)
+    for item in (Command("rov/thrusters", ((0.5,) * 8,), "me"), Call("world/state_hash", {})):
+        rig.mailbox.post(item, lambda reply: None)
+    rig.simulation.run()
+    assert said[0] == (0, [0, 0])
+    assert not any(replies for _, replies in said[1:])
+    assert max(lengths) > 20
+    assert rig.world.vehicles["rov"].nu[2] > 0.0
+
+
+def test_a_load_among_what_is_asked_is_followed_at_once(resolved):
+    """Ticks in one go end where a run ends, counted from where the world stands then."""
+    rig = Rig(resolved, FREE)
+    for _ in range(90):
+        rig.world.step(1)
+    ahead = in_one_piece(snapshot.to_bytes(rig.world, snapshot.take(rig.world)))
+    rig.world.call("world/reset")
+    rig.simulation.until_tick = 100
+    rig.mailbox.post(Call("world/load", ahead), lambda reply: None)
+    rig.simulation.run()
+    assert rig.world.tick == 100
+    assert rig.simulation.lateness.ticks < 20
+
+
 def test_ticks_in_one_go_are_no_more_than_the_loop_may_be_behind(resolved):
     """Who asks something waits for no more work of the loop than before."""
     rig = Rig(resolved, FREE)  # whose loop does nothing

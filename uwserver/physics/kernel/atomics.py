@@ -96,16 +96,16 @@ def futex(_context: Any, numbers: Any, k: Any, operation: Any, value: Any) -> An
 
 @intrinsic  # type: ignore[untyped-decorator]
 def poll(_context: Any, numbers: Any, k: Any, milliseconds: Any) -> Any:
-    """Sleep until what a number describes, a ``struct pollfd``, has happened, or so long; below 0 without an end."""
+    """Sleep until what a number describes, a ``struct pollfd``, has happened, or so long; below 0 without an end. Returns whether it has: 1, else 0
+    or, where it cannot tell, -1."""
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         place = builder.bitcast(place_of(builder, context, signature.args, args), BYTES)
         kind = ir.FunctionType(_HALF, [BYTES, WORD, _HALF])
         call = cgutils.get_or_insert_function(builder.module, kind, "poll")
-        builder.call(call, [place, WORD(1), builder.trunc(args[2], _HALF)])
-        return context.get_dummy_value()
+        return builder.sext(builder.call(call, [place, WORD(1), builder.trunc(args[2], _HALF)]), WORD)
 
-    return types.none(numbers, types.int64, types.int64), generate
+    return types.int64(numbers, types.int64, types.int64), generate
 
 
 @intrinsic  # type: ignore[untyped-decorator]

@@ -19,8 +19,9 @@ _ASKING = 4000
 """Turns, some 100 us, for the end of a tick: of a large world it comes later, but that is in compiled code most of the time."""
 GIVING = 20_000
 """Turns, some 500 us, for the loop: nearly all that it does in one go takes less."""
-_ANSWERING = 4000
-"""Turns, some 100 us, for the answer of a world that was called: of a large one it comes later."""
+_ANSWERING, _LOOK = 4000, 256
+"""Turns, some 100 us, for the answer of a world that was called: of a large one it comes later; and after how many the loop looks meanwhile whether
+somebody else wants something."""
 
 
 @compiled
@@ -52,6 +53,8 @@ def _is_answered(numbers: Array) -> bool:
     store_atomic(numbers, HEARD, called)
     store_atomic(numbers, AWAKE, 1)
     while load_atomic(numbers, ANSWERED) == 0 and turns < _ANSWERING:
+        if turns % _LOOK == 0 and poll(numbers, WATCHED, 0) != 0:
+            break
         pause()
         turns += 1
     store_atomic(numbers, AWAKE, 0)

@@ -15,12 +15,14 @@ sleep."""
 
 SIZE = 48
 
-ASKED, WATCHED, CALLED, HEARD, AWAKE, GIVEN, RUNS, LATE, WAITED, ANSWERED, WAY_SIZE = 0, 1, 2, 3, 4, 8, 9, 10, 11, 12, 16
+ASKED, WATCHED, CALLED, HEARD, AWAKE = range(5)
+GIVEN, RUNS, LATE, WAITED, ANSWERED = range(8, 13)
+WAY_SIZE = 16
 """The same of a right of way: how often the loop has come or gone, odd while it asks for the interpreter or has it; what it waits for, as a
-``struct pollfd``; how often somebody has called whoever steps the world, and for how many of these calls the loop has waited for an answer; whether it waits for one awake; for
-which of its comings the loop was given the interpreter; whether
-somebody runs who gives it; which time it kept it for so long that nobody waits any more; for how many turns the world has waited for it since
-somebody asked; and whether there is an answer for who waits awake."""
+``struct pollfd``; how often somebody has called whoever steps the world, for how many of these calls the loop has stayed awake to hear the answer,
+and whether it is awake for one now; for which of its comings the loop was given the interpreter; whether somebody runs who gives it; which time it
+kept it for so long that nobody waits any more; for how many turns the world has waited for it since somebody asked; and whether there is an answer
+for who is awake."""
 
 _MACHINE = platform.machine() if sys.platform == "linux" else ""
 FUTEX = {"x86_64": 202, "AMD64": 202, "aarch64": 98}.get(_MACHINE, 0)

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from uwserver.physics.kernel.places import ASKED, FUTEX, GIVEN, RUNS
+from uwserver.physics.kernel.places import ANSWERED, ASKED, AWAKE, CALLED, FUTEX, GIVEN, HEARD, RUNS
 from uwserver.physics.kernel.right_of_way import MOST_CREDIT_NS, RightOfWay
 
 pytestmark = pytest.mark.skipif(not FUTEX, reason="threads wait in compiled code on Linux alone")
@@ -151,6 +151,73 @@ def test_each_has_the_interpreter_in_turn(way: RightOfWay, pair: tuple[socket.so
     thread.join(30.0)
     assert heard == [*(b"%d" % turn for turn in range(200)), b"end"]
     assert ticks >= 200
+
+
+def asleep(way: RightOfWay, pair: tuple[socket.socket, socket.socket]) -> threading.Thread:
+    """A loop that waits for the other end."""
+    thread = threading.Thread(target=way.sleep, args=(pair[0].fileno(), 30.0))
+    thread.start()
+    return thread
+
+
+def test_who_answers_a_loop_that_has_called_need_not_wake_it(
+    way: RightOfWay, pair: tuple[socket.socket, socket.socket]
+) -> None:
+    way.numbers[RUNS] = 1
+    for turn in range(200):  # until this thread has come in time, on a machine with other work
+        way.wake.set()
+        thread = asleep(way, pair)
+        answered = False
+        while not answered and way.numbers[HEARD] != turn + 1:
+            pass
+        while way.numbers[AWAKE] and not answered:
+            answered = way.answer()
+        if answered:
+            thread.join(30.0)
+            assert not thread.is_alive(), "nothing was sent to it"
+            break
+        pair[1].send(b"x")
+        thread.join(30.0)
+        pair[0].recv(1)
+    assert answered
+    assert way.numbers[AWAKE] == way.numbers[ANSWERED] == 0
+
+
+def test_a_loop_stays_awake_once_for_each_call_and_only_where_a_world_runs(
+    way: RightOfWay, pair: tuple[socket.socket, socket.socket]
+) -> None:
+    assert not way.answer(), "it has the interpreter: whoever has something for it must say so as ever"
+    way.wake.set()
+    way.sleep(pair[0].fileno(), 0.001)
+    assert way.numbers[HEARD] == 0, "nobody runs, who would answer at once"
+    way.numbers[RUNS] = 1
+    way.sleep(pair[0].fileno(), 0.001)
+    assert way.numbers[HEARD] == way.numbers[CALLED] == 1
+    thread = asleep(way, pair)
+    assert not way.answer(), "nobody was called since: it sleeps"
+    pair[1].send(b"x")
+    thread.join(30.0)
+    assert not thread.is_alive()
+
+
+def test_an_answer_that_comes_before_it_is_waited_for_ends_the_wait(
+    way: RightOfWay, pair: tuple[socket.socket, socket.socket]
+) -> None:
+    """One that was meant for the last wait, and came late: the loop looks once for nothing."""
+    way.numbers[RUNS] = way.numbers[ANSWERED] = 1
+    way.wake.set()
+    way.sleep(pair[0].fileno(), None)
+    assert way.numbers[ANSWERED] == 0
+
+
+def test_who_sends_something_to_a_loop_that_is_awake_is_heard(
+    way: RightOfWay, pair: tuple[socket.socket, socket.socket]
+) -> None:
+    way.numbers[RUNS] = 1
+    way.wake.set()
+    pair[1].send(b"x")
+    way.sleep(pair[0].fileno(), None)
+    assert pair[0].recv(1) == b"x"
 
 
 def test_a_full_socket_takes_what_it_can_and_a_lost_one_nothing(

@@ -227,6 +227,19 @@ def test_a_fault_meets_the_commands_of_its_tick():
     assert (world.hydro.thrusters["demand"][8:16] == 0.0).all()
 
 
+def test_a_fault_meets_the_commands_that_are_carried_out_before_its_tick():
+    """As those of a world that is paused there, or makes ticks in one go."""
+    world = make(stuck=ThrusterStuck(target="rov/thrusters", at_s=0.5))
+    world.step(120)
+    world.flush()
+    assert world.call("world/faults")[0]["state"] == "waiting", "nothing was asked"
+    world.command("rov/thrusters", u=[0.5] * 8)
+    world.flush()
+    assert world.call("world/faults")[0]["state"] == "active"
+    world.step(2)
+    assert (world.hydro.thrusters["demand"][8:16] == 0.0).all()
+
+
 FAULTS = {
     "dead": ThrusterDead(target="rov/thrusters", members=("t2",), at_s=0.3, until_s=0.9),
     "stuck": ThrusterStuck(target="rov/thrusters", members=("t4",), at_s=0.4, until_s=1.1),
