@@ -110,17 +110,9 @@ class Stretch:
             return None
         if self._pilots.bank is not None:
             self._pilots.follow_switches()
-        usual = min(most, self._alone if way is None else self._usual)
+        usual, way = (self._alone, NOBODY) if way is None else (self._usual, way)
         try:
-            self._go_on(
-                self._table,
-                *instruments.to_deliver(),
-                NOBODY if way is None else way,
-                tick,
-                usual,
-                most,
-                *instruments.room,
-            )
+            self._go_on(self._table, *instruments.to_deliver(), way, tick, min(most, usual), most, *instruments.room)
         finally:  # a kernel may raise
             self.tick, stage, row, count, wordy, written = self._reached.tolist()
             sensing.tell_all(self._ends[:count].tolist(), bool(wordy), bool(written), samples)
