@@ -21,7 +21,7 @@ class Origin(NamedTuple):
         path: of the port.
         width: numbers of a sample.
         unpack: makes its values.
-        texts: values that are no numbers, of samples that have one of these.
+        texts: what the values that are no numbers may be; `Log.entries` says which of them a sample has, if any.
     """
 
     path: str

@@ -333,8 +333,8 @@ class Bus:
                 item = self._crossing.popleft()
             if isinstance(item, TickOutput):
                 ticks = item.told.ticks if item.told is not None else 1
+                self._delivered += ticks if item.told or item.made else 0  # answers by themselves are no tick
                 self._deliver(item)
-                self._delivered += ticks
                 with self._lock:
                     self._waiting_ticks -= ticks
             elif isinstance(item, Event):

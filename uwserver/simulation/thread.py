@@ -191,7 +191,7 @@ class Simulation:
 
     def _is_due(self) -> bool:
         """Wait for the tick's deadline; False when something was posted during a long wait, for instance another speed."""
-        if self.timing.pace is not None and not self._hurries():
+        if self.timing.pace is not None and not self._goals.hurries:
             self._rest()
             late_ns = self.pace.wait(self.world.t_ns, self.mailbox.wake)
             if late_ns is None:
@@ -208,18 +208,14 @@ class Simulation:
                 self._time.wait(_LOOK_S, self._stop)
         return True
 
-    def _hurries(self) -> bool:
-        """Whether a paused world runs steps as fast as it can."""
-        return self._goals.hurries
-
     def _is_paced(self) -> bool:
         """Whether a tick must not be kept waiting."""
-        return self.timing.mode == "realtime" and not self._hurries()
+        return self.timing.mode == "realtime" and not self._goals.hurries
 
     def _tick(self) -> None:
         self.readers.begin()
         try:
-            output = self._stretch() or self._one_tick()
+            output = (self._stretch() if self._is_free() else None) or self._one_tick()
         except Diverged as error:
             self._intake.batch += 1
             self._follow_jump()  # a load may have been in this tick; its failure is the one that follows
@@ -248,20 +244,22 @@ class Simulation:
             self.readers.begin()  # what was wanted meanwhile is made in it
         return self.world.advance(self._intake.for_tick(is_paced))
 
+    def _is_free(self) -> bool:
+        """Whether nothing paces ticks, and nobody looks at each: then they may be made in one go."""
+        is_free = self._goals.hurries or self.timing.mode == "freerun"
+        return is_free and not (self.lockstep.asks or self._intake.observer is not None or self._is_profiled)
+
     def _stretch(self) -> TickOutput | None:
-        """Ticks in one go, where nothing paces them, nobody looks at each, and nothing is to be done between them; None where that is not so."""
-        is_free = self._hurries() or self.timing.mode == "freerun"
-        if not is_free or self.lockstep.asks or self._intake.observer is not None or self._is_profiled:
+        """Ticks in one go, of which none is missed that somebody waits for. Who has asked something is answered before. None where the next tick is
+        to be made by itself, as it needs Python, or where the time was set."""
+        if len(self.mailbox.posted) and self._answer_first():
             return None
-        if len(self.mailbox.posted):  # who asks is answered before these ticks, not behind them
-            if self._way is not None:
-                self._way.give()
-            self.readers.begin()
-            self._carry_out()
         before = self.world.tick
         ends = [goal.tick for goal in self._goals] + [tick for tick, _ in self._appointments]
         if self.until_tick is not None:
             ends.append(self.until_tick)
+        if len(self.mailbox.posted):  # came meanwhile, and nobody calls again
+            ends.append(before + 1)
         most = min([end - before for end in ends] + [max(1, self.bus.ahead - self.bus.backlog())])
         if most < 1:
             return None
@@ -271,6 +269,15 @@ class Simulation:
             if self._way is not None:
                 self._way.get_back()
             self.lateness.ticks += self.world.tick - before
+
+    def _answer_first(self) -> bool:
+        """Carry out what is posted, as at the start of a tick. Returns whether that has set the time."""
+        if self._way is not None:
+            self._way.give()
+        self.readers.begin()
+        jumps = self.world.jumps
+        self._carry_out()
+        return self.world.jumps != jumps
 
     def _rest(self) -> None:
         """No tick follows for now: the loop has nobody to wait for."""
@@ -297,7 +304,7 @@ class Simulation:
         """What is posted, without a tick."""
         output = self.world.flush(self._intake.requests(self._is_paced()))
         self._intake.batch += 1
-        self.bus.publish(output)
+        self.bus.publish(output, wake=False)  # answers and events do that
         self._follow_jump()
 
     def _follow_jump(self) -> None:

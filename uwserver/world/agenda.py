@@ -16,7 +16,7 @@ from uwserver.world.instruments import Instruments
 from uwserver.world.sensor_slot import SensorSlot
 
 USUAL, LONGEST = 64, 256
-"""Ticks that are made in one go, some 0.2 ms of one vehicle; and while the loop has the interpreter."""
+"""Ticks that are made in one go, some 0.2 ms of one vehicle; and while the loop has the interpreter, or where nobody waits for their end."""
 
 READING = np.dtype([(name, "i8") for name in ("code", "rows", "row_count", "due", "due_count", "rays")])
 """Sensors of a kind that read together: where the code of the kind lies, their records, and the numbers of the heads that are due; and the number of

@@ -24,7 +24,7 @@ from uwserver.world.diverged import Diverged, report
 from uwserver.world.in_process import InProcess
 from uwserver.world.instruments import Around, Instruments
 from uwserver.world.members import Member, Population, place_solids
-from uwserver.world.part import Carry, Part, in_turn, is_awake
+from uwserver.world.part import Before, Carry, Part, in_turn, is_awake
 from uwserver.world.piloting import Pilots
 from uwserver.world.profile import Profile, Timer, untimed
 from uwserver.world.requests import Requests
@@ -268,17 +268,13 @@ class World(InProcess):
         8. sensors and the delivery of samples (`Sensing.after` has their order), from the new state;
         9. whoever listens hears what was delivered, and acts on it in the next tick.
         """
-        tick = self._tick
         if self.threads.trial is not None:
             self.threads.trial.begin_tick()
-        output = TickOutput(tick, self.t_ns, [])
+        output = TickOutput(self._tick, self.t_ns, [])
         if self._profile is not None:
             self._profile.begin()
         self._begin_tick(output, more)
-        tick = self._tick  # a restore or reset may have been among what was posted
-        for part, before in self._before:
-            if part.next_tick is not None and tick >= part.next_tick:
-                before(tick, self.t_ns)
+        self._take_turns(self._before)
         self._move(output)
         if self._profile is not None:
             self._profile.end()
@@ -287,12 +283,19 @@ class World(InProcess):
         return output
 
     def _begin_tick(self, output: TickOutput, more: Iterable[Posted]) -> None:
-        tick = self._tick
-        for part, before in self._first:
-            if part.next_tick is not None and tick >= part.next_tick:
-                before(tick, self.t_ns)
+        jumps = self.jumps
+        self._take_turns(self._first)
         if self.requests.posted or more:
             self._carry_out(output, more)
+            if self.jumps != jumps:  # the faults of this tick are others
+                self._take_turns(self._first)
+
+    def _take_turns(self, parts: Iterable[tuple[Part, Before]]) -> None:
+        """Let those of these parts act that have something to do."""
+        tick = self._tick
+        for part, before in parts:
+            if part.next_tick is not None and tick >= part.next_tick:
+                before(tick, self.t_ns)
 
     def go_on(self, most: int, way: IntArray | None = None) -> TickOutput | None:
         """As many ticks as compiled code can make by itself, up to `most`, bit for bit those of `advance`; None where the next one needs Python.
@@ -345,7 +348,8 @@ class World(InProcess):
             raise Diverged(report(self._tick, self.t_ns, lost, self._commands), output)
 
     def flush(self, more: Iterable[Posted] = ()) -> TickOutput:
-        """Carry out what was posted before the tick: for a paused world, where calls must still be answered, and for ticks in one go."""
+        """Carry out what was posted before the tick, and begin and end the faults that it meets: for a paused world, where calls must still be
+        answered, and for ticks in one go. Where nothing was posted, nothing begins."""
         output = TickOutput(self.tick, self.t_ns, [])
         if self.requests.posted or more:
             self._begin_tick(output, more)

@@ -133,6 +133,16 @@ def test_an_unknown_kind_is_told_what_there_is(install):
     assert installed_adapters() == {}
 
 
+def test_packages_are_looked_through_once_for_all(install, monkeypatch):
+    """Where hundreds are installed that takes longer than all else that a world is loaded from; to read whose an adapter is, as long again."""
+    install(a="third_party:Good", b="third_party:Good", c="third_party:Good")
+    looked, real = [], adapter.entry_points
+    monkeypatch.setattr(adapter, "entry_points", lambda group: (looked.append(group), real(group))[1])
+    monkeypatch.setattr(Distribution, "name", property(lambda _: looked.append("name")), raising=False)
+    assert installed_adapters() == dict.fromkeys("abc", GoodTable)
+    assert looked == ["uwserver.adapters"]
+
+
 def test_listing_does_not_import(install):
     install(zeta="missing_module:A", alpha="missing_module:B")
     assert list(adapter_entries()) == ["alpha", "zeta"]

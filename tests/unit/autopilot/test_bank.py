@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from msgspec import structs
 
@@ -167,6 +168,36 @@ def test_what_it_is_can_be_copied_read_and_put_back(seat):
 def test_a_field_that_a_record_has_not_is_no_attribute(seat):
     with pytest.raises(AttributeError, match="Orders has no depht"):
         _ = seat.orders.depht
+    with pytest.raises(AttributeError, match="Orders has no depht"):
+        seat.orders.depht = 1.0
+
+
+def test_what_does_not_fit_changes_nothing(seat):
+    seat.orders.place, seat.orders.depth, seat.orders.index = (1.0, 2.0, 3.0), 4.0, 5
+    kept = seat.read()
+    for name, value in (
+        ("place", (1.0, 2.0)),
+        ("place", 7.0),
+        ("place", (1.0, None, 3.0)),
+        ("depth", None),
+        ("index", 1.5),
+        ("mode", "none"),
+    ):
+        with pytest.raises((TypeError, ValueError)):
+            setattr(seat.orders, name, value)
+        assert seat.read() == kept
+    seat.orders.place, seat.orders.depth, seat.orders.index, seat.orders.armed = (
+        np.arange(3.0),
+        np.float64(6.0),
+        np.int64(7),
+        np.True_,
+    )
+    assert (seat.orders.place, seat.orders.depth, seat.orders.index, seat.orders.armed) == (
+        (0.0, 1.0, 2.0),
+        6.0,
+        7,
+        True,
+    )
 
 
 # -- what a step needs of python --------------------------------------------------------------------------------------------------------------

@@ -301,9 +301,11 @@ def test_how_far_a_world_may_be_ahead_follows_what_the_loop_needs_for_a_tick():
     bus.attach(slow)
     assert MAX_TICKS // 2 < bus.ahead < MAX_TICKS
 
-    def turns(count: int, writing_s: float, idle_s: float = 0.0) -> int:
+    def turns(count: int, writing_s: float, idle_s: float = 0.0, answers: int = 0) -> int:
         for _ in range(count):
             time.pass_time(idle_s)
+            for _ in range(answers):
+                bus.publish(TickOutput(0, 0, [], [(lambda reply: None, Reply(0, 0))]))
             bus.publish(tick(0))
             bus.publish(tick(1))
             time.pass_time(writing_s)
@@ -313,6 +315,7 @@ def test_how_far_a_world_may_be_ahead_follows_what_the_loop_needs_for_a_tick():
     assert turns(40, writing_s=0.0) == pytest.approx(10, abs=1)
     assert turns(40, writing_s=0.0, idle_s=0.1) == pytest.approx(10, abs=1), "nobody waited for it meanwhile"
     assert turns(40, writing_s=0.002) == pytest.approx(5, abs=1)
+    assert turns(40, writing_s=0.0, answers=2) == pytest.approx(10, abs=1), "answers by themselves are no ticks"
     assert turns(40, writing_s=10.0) == 2, "at least one is made while another is delivered"
     assert turns(40, writing_s=0.0) == pytest.approx(10, abs=1)
 

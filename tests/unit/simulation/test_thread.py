@@ -386,6 +386,42 @@ def test_who_asks_is_answered_before_ticks_in_one_go(resolved):
     assert rig.world.vehicles["rov"].nu[2] > 0.0
 
 
+def test_what_comes_while_others_are_answered_waits_for_one_tick(resolved):
+    rig = Rig(resolved, FREE)  # whose loop does nothing
+    rig.simulation.until_tick = 100
+    said, real = [], rig.bus.publish
+
+    def publish(output, wake=True):
+        if output.replies and not said:  # of the first one
+            rig.mailbox.post(Call("world/state_hash", {}), lambda reply: None)
+        said.extend(reply.tick for _, reply in output.replies)
+        real(output, wake)
+
+    rig.bus.publish = rig.simulation._publish = publish
+    lengths = spied(rig.world)
+    rig.simulation.appoint(30, lambda: rig.mailbox.post(Call("world/state_hash", {}), lambda reply: None))
+    rig.simulation.run()
+    assert said == [30, 31]
+    assert rig.world.tick == 100
+    assert max(lengths) > 20
+
+
+def test_what_needs_no_answer_wakes_nobody(resolved):
+    """What samples wait for the loop goes with the next that may wake it."""
+    rig = Rig(resolved, FREE)  # whose loop does nothing
+    rig.simulation.until_tick = 100
+    wakes, real = [], rig.bus.publish
+
+    def publish(output, wake=True):
+        wakes.append((output.tick, wake))
+        real(output, wake)
+
+    rig.bus.publish = rig.simulation._publish = publish
+    rig.mailbox.post(Command("rov/thrusters", ((0.5,) * 8,), "me"), None)
+    rig.simulation.run()
+    assert wakes[0] == (0, False)
+
+
 def test_a_load_among_what_is_asked_is_followed_at_once(resolved):
     """Ticks in one go end where a run ends, counted from where the world stands then."""
     rig = Rig(resolved, FREE)
@@ -394,10 +430,13 @@ def test_a_load_among_what_is_asked_is_followed_at_once(resolved):
     ahead = in_one_piece(snapshot.to_bytes(rig.world, snapshot.take(rig.world)))
     rig.world.call("world/reset")
     rig.simulation.until_tick = 100
+    begun, real = [], rig.world.go_on
+    rig.world.go_on = lambda most, way: (begun.append(rig.world.tick), real(most, way))[1]
     rig.mailbox.post(Call("world/load", ahead), lambda reply: None)
     rig.simulation.run()
     assert rig.world.tick == 100
     assert rig.simulation.lateness.ticks < 20
+    assert begun[0] == 91, "the tick in which the time was set was made by itself"
 
 
 def test_ticks_in_one_go_are_no_more_than_the_loop_may_be_behind(resolved):

@@ -34,7 +34,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 ENTRY_KERNELS = {
     "free": (
         "integrator.advance", "integrator.rates_of_change", "sharing.serve", "sharing.stop",
-        "giving_way.await_event", "giving_way.send_aside", "giving_way.give_way",
+        "giving_way.await_event", "giving_way.send_aside", "giving_way.give_way", "giving_way.answer",
     ),
     "fins": ("integrator.advance_fitted", "integrator.rates_of_change_fitted"),
     "contact": ("step.strike", "step.settle"),

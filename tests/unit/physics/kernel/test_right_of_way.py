@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 import threading
+import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -167,8 +168,8 @@ def test_who_answers_a_loop_that_has_called_need_not_wake_it(
     for turn in range(200):  # until this thread has come in time, on a machine with other work
         way.wake.set()
         thread = asleep(way, pair)
-        answered = False
-        while not answered and way.numbers[HEARD] != turn + 1:
+        answered, end = False, time.monotonic() + 30.0
+        while way.numbers[HEARD] != turn + 1 and time.monotonic() < end:
             pass
         while way.numbers[AWAKE] and not answered:
             answered = way.answer()

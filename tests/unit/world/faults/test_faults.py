@@ -10,7 +10,7 @@ import pytest
 
 from uwserver.modifiers import WhiteNoise
 from uwserver.physics.dynamics.params import rigid_body_inertia
-from uwserver.ports import Refused
+from uwserver.ports import Call, Refused
 from uwserver.scenario.build.world import build
 from uwserver.scenario.builder import ScenarioBuilder
 from uwserver.scenario.files.errors import ScenarioError
@@ -29,6 +29,7 @@ from uwserver.world.faults.table import (
     ThrusterStuck,
     ThrusterWeak,
 )
+from uwserver.world.saving import in_one_piece
 
 RATE = 240
 
@@ -238,6 +239,27 @@ def test_a_fault_meets_the_commands_that_are_carried_out_before_its_tick():
     assert world.call("world/faults")[0]["state"] == "active"
     world.step(2)
     assert (world.hydro.thrusters["demand"][8:16] == 0.0).all()
+
+
+def test_a_fault_begins_in_its_tick_also_where_the_time_is_set_to_that():
+    """Within a tick, and before one."""
+    worlds = [make(stuck=ThrusterDead(target="rov/thrusters", at_s=0.1)) for _ in range(3)]
+    for world in worlds:
+        world.step(24)
+    kept = in_one_piece(snapshot.to_bytes(worlds[0], snapshot.take(worlds[0])))
+    assert worlds[0].call("world/faults")[0]["state"] == "waiting"
+    for world in worlds[1:]:
+        world.step(10)
+        world.submit(Call("world/load", kept))
+    worlds[2].flush()
+    hashes = []
+    for world in worlds:
+        world.step(1)
+        assert world.tick == 25
+        assert world.call("world/faults")[0]["state"] == "active"
+        world.step(9)
+        hashes.append(world.call("world/state_hash")["hash"])
+    assert hashes[0] == hashes[1] == hashes[2]
 
 
 FAULTS = {
