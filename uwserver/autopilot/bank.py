@@ -16,7 +16,8 @@ from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.mission import Item
 from uwserver.autopilot.records import Beside, Live, record
 from uwserver.autopilot.rows import DEVICE, FORMS, ORDERS, PILOT, REMEMBERED, SOURCE
-from uwserver.autopilot.state import Estimate, Memory, Orders, Remembered
+from uwserver.autopilot.state import NAN, Estimate, Memory, Orders, Remembered
+from uwserver.frames import Vec3
 from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.straight import address_of, straight
@@ -151,6 +152,22 @@ class Seat:
         """Set points that no command has given are where the vehicle is."""
         self.bank.entries.stay_one(self.bank.table, self.k)
 
+    def set_course(self, place: Vec3, heading: float | None, speed: float | None, radius: float) -> None:
+        """Go to a place, p_N in m, at its depth.
+
+        Args:
+            place: to go to.
+            heading: rad; None for looking where it goes.
+            speed: m/s; None for that of the gains.
+            radius: within which it has arrived, m.
+        """
+        heading, speed = NAN if heading is None else heading, NAN if speed is None else speed
+        self.bank.go_one(self.bank.table, self.k, *place, heading, speed, radius)
+
+    def leave_bottom(self) -> None:
+        """The depth no longer follows the bottom."""
+        self.bank.leave_bottom_one(self.bank.table, self.k)
+
     def hear(self, port: str, values: Sequence[Any], t_ns: int, now_ns: int) -> None:
         """Take a valid sample of one of its ports into the estimate."""
         place, numbers = self.craft.hearing.numbers(port, values)
@@ -185,7 +202,7 @@ class Bank:
         seats: whose they are.
         table: by which compiled code finds them.
         entries: the compiled code.
-        tell_one: of it, as it is called in ticks.
+        tell_one, go_one, leave_bottom_one: of it, as they are called in ticks.
     """
 
     def __init__(self) -> None:
@@ -193,6 +210,7 @@ class Bank:
 
         self.entries = entries
         self.tell_one, self._step_all = straight(entries.tell_one), straight(entries.step_all)
+        self.go_one, self.leave_bottom_one = straight(entries.go_one), straight(entries.leave_bottom_one)
         self.seats: tuple[Seat, ...] = ()
         self._first: list[int] = []
 

@@ -22,6 +22,7 @@ _thrusters, _servos = array_at(layout.WORLD, "thrusters"), array_at(layout.WORLD
 _wrenches, _team = array_at(layout.WORLD, "wrenches"), array_at(layout.WORLD, "team")
 _LEAST = 6  # that a thread steps at a time: some 5 us
 _update, _fly, _stay = estimator.update.made(), flight.fly.made(), sticks.stay.made()
+_set_course, _leave_bottom = sticks.set_course.made(), sticks.leave_bottom.made()
 _show = flight.show.made()
 
 
@@ -110,6 +111,21 @@ def stay_one(table: Array, k: int) -> None:
 
 
 @entry
+def go_one(
+    table: Array, k: int, north: float, east: float, down: float, heading: float, speed: float, radius: float
+) -> None:
+    """See `sticks.set_course`."""
+    p = _pilots(table)[k]
+    _set_course(p.o, p.e, north, east, down, heading, speed, radius)
+
+
+@entry
+def leave_bottom_one(table: Array, k: int) -> None:
+    """See `sticks.leave_bottom`."""
+    _leave_bottom(_pilots(table)[k].o)
+
+
+@entry
 def show_one(table: Array, k: int, t_ns: int, out: Array) -> None:
     """See `flight.show`."""
     _show(_pilots(table)[k], t_ns, out)
@@ -135,7 +151,17 @@ def tell_one(table: Array, k: int, t_ns: int, out: Array) -> int:
     return int(shown[26]) * len(REASONS) + int(shown[32])
 
 
-ENTRIES: tuple[Any, ...] = (step_all, step_on, hear_all, hear_one, stay_one, show_one, tell_one)
+ENTRIES: tuple[Any, ...] = (
+    step_all,
+    step_on,
+    hear_all,
+    hear_one,
+    stay_one,
+    go_one,
+    leave_bottom_one,
+    show_one,
+    tell_one,
+)
 """All of them."""
 
 
@@ -148,7 +174,8 @@ def load(told: Array) -> None:
     table, number, values = np.zeros((0, 2), np.int64), 0, np.empty(0)
     given = (
         (table, table, number, number), (table, table, number, number, number), (table, told, np.empty((0, 0)), number, number),
-        (table, number, values, number, number), (table, number), (table, number, number, values), (table, number, number, values),
+        (table, number, values, number, number), (table, number), (table, number, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (table, number),
+        (table, number, number, values), (table, number, number, values),
     )  # fmt: skip
     for kernel, like in zip(ENTRIES, given, strict=True):
         kernel.load(*like)

@@ -89,7 +89,7 @@ class Autopilot:
             self._watch(self.known)
             return STEER if o.armed else None  # a fail-safe may have ended a test
         if need == BEGIN:
-            route.begin(o, e, craft.arrival_m, self.known.altitude)
+            route.begin(self.seat, craft.arrival_m, self.known.altitude)
             self._follow_item()
             return STEER
         if need == DONE:
@@ -324,7 +324,7 @@ class Autopilot:
             self.set_mode("guided")
         o, e = self.orders, self.estimate
         near = self.craft.arrival_m if radius is None else radius
-        route.go(o, e, where, heading, speed, near, self.known.altitude)
+        route.go(self.seat, where, heading, speed, near, self.known.altitude)
         o.length = max(route.distance(o, e), 1e-9)
         self._errand, self._errand_name = Later(self._answers), "goto"
         self.seat.row["c"]["errand"], self.seat.row["c"]["silence"] = 1, 0.0

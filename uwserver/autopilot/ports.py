@@ -65,7 +65,7 @@ def _depth(pilot: Autopilot) -> SetPoint:
         (depth,) = value
         if depth is not None:
             (pilot.orders.depth,) = depth
-            route.leave_bottom(pilot.orders)
+            pilot.seat.leave_bottom()
             route.give(pilot.orders, "depth")
             if pilot.orders.mode == "guided":
                 pilot.preempt("a depth was commanded")
@@ -173,8 +173,8 @@ def _position(pilot: Autopilot) -> SetPoint:
         pilot.preempt("a position was commanded")
         if p is not None:
             keep = o.heading if heading is None else wrapped(heading[0])
-            route.leave_bottom(o)
-            route.set_course(o, pilot.estimate, (p[0], p[1], p[2]), keep, None, o.radius)
+            pilot.seat.leave_bottom()
+            pilot.seat.set_course((p[0], p[1], p[2]), keep, None, o.radius)
         elif heading is not None:
             o.heading, o.looks = wrapped(heading[0]), False
             route.give(pilot.orders, "heading")

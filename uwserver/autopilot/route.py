@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 
 from uwserver.autopilot import flight
+from uwserver.autopilot.bank import Seat
 from uwserver.autopilot.craft import Craft
 from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.mission import Hold, Item, SetHeading, SetSpeed, Surface, Waypoint
 from uwserver.autopilot.state import Estimate, Orders, SetPointName
 from uwserver.autopilot.sticks import wrapped
-from uwserver.frames import Vec3
 from uwserver.ports import Refused
 from uwserver.units import rad
 
@@ -55,20 +55,6 @@ def give(o: Orders, *names: SetPointName) -> None:
         o.given = tuple(sorted({*given, *names}))
 
 
-def set_course(o: Orders, e: Estimate, place: Vec3, heading: float | None, speed: float | None, radius: float) -> None:
-    """Go to a place (p_N, m), with a heading (rad) or looking where it goes; the depth is that of the place."""
-    o.origin, o.place, o.depth = e.p, place, place[2]
-    give(o, "place", "depth", "heading")
-    o.looks = heading is None
-    if heading is not None:
-        o.heading = heading
-    o.radius = radius
-    o.speed = o.gains.cruise_mps if speed is None else speed
-    o.frame, o.attitude = "", None
-    o.settled = o.astray = False
-    o.turn, o.turn_limit = math.nan, math.inf
-
-
 def set_altitude(o: Orders, e: Estimate, altitude: float, sees_bottom: bool) -> None:
     """Go there at this altitude (m): at a depth that follows the bottom. While that is not seen, the depth is that of the place."""
     o.altitude = altitude
@@ -78,31 +64,16 @@ def set_altitude(o: Orders, e: Estimate, altitude: float, sees_bottom: bool) -> 
         o.place, o.depth = (o.place[0], o.place[1], depth), depth
 
 
-def leave_bottom(o: Orders) -> None:
-    """The depth no longer follows the bottom."""
-    given = o.given
-    if "altitude" in given:
-        o.given = tuple([name for name in given if name != "altitude"])
-    o.blind = False
-    if o.failsafe == "sensor altitude":
-        o.failsafe = ""
-
-
 def go(
-    o: Orders,
-    e: Estimate,
-    where: Waypoint,
-    heading: float | None,
-    speed: float | None,
-    radius: float,
-    sees_bottom: bool,
+    seat: Seat, where: Waypoint, heading: float | None, speed: float | None, radius: float, sees_bottom: bool
 ) -> None:
-    """Go to the place of a waypoint (`set_course`) at its depth or altitude. `sees_bottom`: the altitude is known."""
+    """Go to the place of a waypoint (`Seat.set_course`) at its depth or altitude. `sees_bottom`: the altitude is known."""
+    o, e = seat.orders, seat.estimate
     north, east, down = where.place
     last = o.depth if "depth" in o.given else e.p[2]
     if where.altitude_m is None:
-        leave_bottom(o)
-    set_course(o, e, (north, east, last if down is None else down), heading, speed, radius)
+        seat.leave_bottom()
+    seat.set_course((north, east, last if down is None else down), heading, speed, radius)
     if where.altitude_m is not None:
         set_altitude(o, e, where.altitude_m, sees_bottom)
 
@@ -112,14 +83,15 @@ def distance(o: Orders, e: Estimate) -> float:
     return math.dist(e.p, o.place)
 
 
-def begin(o: Orders, e: Estimate, arrival_m: float, sees_bottom: bool) -> None:
+def begin(seat: Seat, arrival_m: float, sees_bottom: bool) -> None:
     """Begin the item under way.
 
     Args:
-        o, e: of the vehicle.
+        seat: of the vehicle.
         arrival_m: distance at which a waypoint counts as reached that names no radius.
         sees_bottom: the altitude is known.
     """
+    o, e = seat.orders, seat.estimate
     item = o.items[o.index]
     o.entered, o.waited = True, 0.0
     if isinstance(item, Waypoint):
@@ -131,7 +103,7 @@ def begin(o: Orders, e: Estimate, arrival_m: float, sees_bottom: bool) -> None:
         if speed is None and o.pace == o.pace:
             speed = o.pace
         begun = o.place if o.reached or "place" in o.given else e.p
-        go(o, e, item, heading, speed, radius, sees_bottom)
+        go(seat, item, heading, speed, radius, sees_bottom)
         # From the last place, not from where its circle was entered: the lines are those of the plan.
         o.origin = begun if math.dist(begun, e.p) < 5.0 * max(radius, 1.0) else e.p
     elif isinstance(item, SetSpeed):
@@ -140,7 +112,7 @@ def begin(o: Orders, e: Estimate, arrival_m: float, sees_bottom: bool) -> None:
         o.bound = o.heading = wrapped(rad(item.heading_deg))
         o.looks = False
     elif isinstance(item, Surface):
-        leave_bottom(o)
+        seat.leave_bottom()
         o.depth = 0.0  # another than that of the place: the line there ends
 
 

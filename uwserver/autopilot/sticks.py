@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from uwserver.autopilot.bottom import fall
-from uwserver.autopilot.rows import ALTITUDE_HOLD, GUIDED, MISSION, SURFACE, four, set_three, three
+from uwserver.autopilot.rows import ALTITUDE_HOLD, GUIDED, MISSION, NO_FRAME, SURFACE, four, set_four, set_three, three
 from uwserver.autopilot.rows import rpy_from_quat as rpy
-from uwserver.autopilot.state import GIVEN, NAN, NOWHERE, STILL, Memory, Mode, Orders
+from uwserver.autopilot.state import GIVEN, NAN, NOWHERE, REASONS, STILL, Memory, Mode, Orders
 from uwserver.physics.kernel.deferred import compiled
 
 CENTRED = 0.02
@@ -21,6 +21,7 @@ CENTRED = 0.02
 _LEAD_RAD, _LEAD_M = 0.4, 1.0
 """A stick moves its set point no farther ahead of the vehicle than this."""
 _ALTITUDE, _DEPTH, _HEADING, _PLACE = (1 << GIVEN.index(name) for name in ("altitude", "depth", "heading", "place"))
+_UNSEEN = REASONS.index("sensor altitude")
 _TURN = 2.0 * math.pi
 
 
@@ -68,6 +69,41 @@ def stay(o: Any, e: Any) -> None:
         o.heading = heading_of(e)
     if o.given & _PLACE == 0:
         set_three(o.place, three(e.p))
+
+
+@compiled
+def set_course(
+    o: Any, e: Any, north: float, east: float, down: float, heading: float, speed: float, radius: float
+) -> None:
+    """Go to a place.
+
+    Args:
+        o, e: of the vehicle.
+        north, east, down: p_N of it, m; it tells the depth, too.
+        heading: rad; nan for looking where the vehicle goes.
+        speed: m/s; nan for that of the gains.
+        radius: within which it has arrived, m.
+    """
+    set_three(o.origin, three(e.p))
+    set_three(o.place, (north, east, down))
+    o.depth, o.radius = down, radius
+    o.given |= _PLACE | _DEPTH | _HEADING
+    o.looks = 1 if math.isnan(heading) else 0
+    if o.looks == 0:
+        o.heading = heading
+    o.speed = o.gains.cruise_mps if math.isnan(speed) else speed
+    o.frame, o.settled, o.astray = NO_FRAME, 0, 0
+    set_four(o.attitude, (math.nan, math.nan, math.nan, math.nan))
+    o.turn, o.turn_limit = math.nan, math.inf
+
+
+@compiled
+def leave_bottom(o: Any) -> None:
+    """The depth no longer follows the bottom."""
+    o.given &= ~_ALTITUDE
+    o.blind = 0
+    if o.failsafe == _UNSEEN:
+        o.failsafe = 0
 
 
 @compiled
