@@ -172,6 +172,28 @@ def test_a_field_that_a_record_has_not_is_no_attribute(seat):
         seat.orders.depht = 1.0
 
 
+def test_a_course_is_set_with_all_that_belongs_to_it(seat):
+    before = Orders(
+        gains=Gains(cruise_mps=0.7), mode="guided", given=("altitude",), frame="N", attitude=(1.0, 0.0, 0.0, 0.0), heading=0.5, looks=False,
+        settled=True, astray=True, turn=0.1, turn_limit=0.2, blind=True, failsafe="sensor altitude", velocity=(1.0, 2.0, 3.0), altitude=4.0,
+    )  # fmt: skip
+    seat.write(Estimate(p=(1.0, 2.0, 3.0)), Memory(), before)
+    seat.set_course((10.0, 20.0, 30.0), None, None, 2.0)
+    went = structs.replace(
+        before, origin=(1.0, 2.0, 3.0), place=(10.0, 20.0, 30.0), depth=30.0, given=("altitude", "depth", "heading", "place"), looks=True, speed=0.7,
+        radius=2.0, frame="", attitude=None, settled=False, astray=False, turn=NAN, turn_limit=math.inf,
+    )  # fmt: skip
+    assert seat.read()[2] == went
+    seat.set_course((10.0, 20.0, 30.0), 1.5, 0.3, 2.0)
+    assert seat.read()[2] == structs.replace(went, heading=1.5, looks=False, speed=0.3)
+    seat.leave_bottom()
+    left = seat.read()[2]
+    assert (left.given, left.blind, left.failsafe) == (("depth", "heading", "place"), False, "")
+    seat.orders.failsafe = "battery"
+    seat.leave_bottom()
+    assert seat.orders.failsafe == "battery", "of another reason"
+
+
 def test_what_does_not_fit_changes_nothing(seat):
     seat.orders.place, seat.orders.depth, seat.orders.index = (1.0, 2.0, 3.0), 4.0, 5
     kept = seat.read()
