@@ -11,8 +11,8 @@ Kind = Literal["navigation", "simple", "inertial", "copied"]
 RATE_HZ = 240
 SPACING_M, START_M, BOTTOM_M = 10.0, 5.0, 20.0
 """Between two vehicles; depths of where they begin, and of the flat bottom that DVL and echosounder see."""
-LEG_M, LEGS, SPEED_MPS = 300.0, 12, 0.4
-"""Of a mission, which takes two and a half hours of simulated time."""
+LEG_M, LEGS, SPEED_MPS = 3000.0, 12, 0.4
+"""Of a mission, which takes a day of simulated time: at 1500 times real time that is a minute."""
 
 _HEAD = """\
 schema = 1
@@ -48,7 +48,7 @@ position_ned_m = [{north:.1f}, {east:.1f}, {depth:.1f}]
 """
 
 _PARTS = {
-    # Of the vehicle `bluerov2_qgc`; IMU, pressure and depth are in its vehicle file.
+    # Of the vehicle `bluerov2_qgc`; IMU, pressure and depth are in its vehicle file. With its own pack, empty within seconds, it would surface.
     "navigation": """
 [vehicles.{name}.autopilot]
 
@@ -56,7 +56,7 @@ _PARTS = {
 ahrs = {{ kind = "attitude", profile = "mems_ahrs", rate_hz = 60 }}
 dvl = {{ kind = "dvl", profile = "a50", rate_hz = 8, position_frd_m = [-0.1, 0.0, 0.1] }}
 echosounder = {{ kind = "altimeter", profile = "ping1d", rate_hz = 10, position_frd_m = [0.2, 0.0, 0.1] }}
-battery = {{ kind = "battery", profile = "lipo_4s_18ah", rate_hz = 2 }}
+battery = {{ kind = "battery", profile = "lipo_4s_18ah", capacity_Ah = 1000.0, rate_hz = 2 }}
 leak = {{ kind = "leak", rate_hz = 2 }}
 """,
     "simple": """
