@@ -162,7 +162,7 @@ class Seat:
             radius: within which it has arrived, m.
         """
         heading, speed = NAN if heading is None else heading, NAN if speed is None else speed
-        self.bank.go_one(self.bank.table, self.k, *place, heading, speed, radius)
+        self.bank.set_course_one(self.bank.table, self.k, *place, heading, speed, radius)
 
     def leave_bottom(self) -> None:
         """The depth no longer follows the bottom."""
@@ -202,7 +202,7 @@ class Bank:
         seats: whose they are.
         table: by which compiled code finds them.
         entries: the compiled code.
-        tell_one, go_one, leave_bottom_one: of it, as they are called in ticks.
+        tell_one, set_course_one, leave_bottom_one: of it, as they are called in ticks.
     """
 
     def __init__(self) -> None:
@@ -210,7 +210,10 @@ class Bank:
 
         self.entries = entries
         self.tell_one, self._step_all = straight(entries.tell_one), straight(entries.step_all)
-        self.go_one, self.leave_bottom_one = straight(entries.go_one), straight(entries.leave_bottom_one)
+        self.set_course_one, self.leave_bottom_one = (
+            straight(entries.set_course_one),
+            straight(entries.leave_bottom_one),
+        )
         self.seats: tuple[Seat, ...] = ()
         self._first: list[int] = []
 

@@ -111,7 +111,7 @@ def stay_one(table: Array, k: int) -> None:
 
 
 @entry
-def go_one(
+def set_course_one(
     table: Array, k: int, north: float, east: float, down: float, heading: float, speed: float, radius: float
 ) -> None:
     """See `sticks.set_course`."""
@@ -157,7 +157,7 @@ ENTRIES: tuple[Any, ...] = (
     hear_all,
     hear_one,
     stay_one,
-    go_one,
+    set_course_one,
     leave_bottom_one,
     show_one,
     tell_one,

@@ -67,7 +67,7 @@ class Simulation:
         self._intake = Intake(world, mailbox.posted, time, self._stop)
         self._publish, self._record = bus.publish, self._intake.ticked
         self._appointments: list[tuple[int, Callable[[], None]]] = []
-        self._way, self._is_profiled = way, False
+        self._way = way
 
     # -- from the loop --------------------------------------------------------------------------------------------------------------
 
@@ -134,7 +134,6 @@ class Simulation:
 
     def watch(self, profile: Profile | None) -> None:
         """Let a profile measure ticks from the next on; None for nobody. Simulation thread, between two ticks."""
-        self._is_profiled = profile is not None
         timed = untimed if profile is None else profile.timed
         self._publish = timed("publishing", "to the loop", self.bus.publish)
         self._record = timed("recording", "states", self._intake.ticked)
@@ -247,7 +246,7 @@ class Simulation:
     def _is_free(self) -> bool:
         """Whether nothing paces ticks, and nobody looks at each: then they may be made in one go."""
         is_free = self._goals.hurries or self.timing.mode == "freerun"
-        return is_free and not (self.lockstep.asks or self._intake.observer is not None or self._is_profiled)
+        return is_free and not (self.lockstep.asks or self._intake.observer is not None or self.world.is_watched)
 
     def _stretch(self) -> TickOutput | None:
         """Ticks in one go, of which none is missed that somebody waits for. Who has asked something is answered before. None where the next tick is

@@ -40,9 +40,8 @@ program that steps a world of its own."""
 
 
 class Reached(NamedTuple):
-    """Where a stretch has ended: `stage` (`agenda`) of the tick that follows `tick`; `row` of a body whose state is not finite, -1 for none."""
+    """How a stretch has ended: `stage` (`agenda`) of the tick that follows `Stretch.tick`; `row` of a body whose state is not finite, -1 for none."""
 
-    tick: int
     stage: int
     row: int
 
@@ -121,7 +120,7 @@ class Stretch:
         self._pilots.stand_at(self.tick + (stage in (AT_PILOTS, AT_CONTACTS)))
         if stage == AT_CONTACTS:
             self._near = _NEAR_TICKS
-        return Reached(self.tick, stage, row)
+        return Reached(stage, row)
 
     def _agenda_now(self) -> Agenda | None:
         """As all lies now; None where there is none, or not yet."""

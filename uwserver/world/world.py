@@ -208,6 +208,11 @@ class World(InProcess):
         self.sensing.watch(self._timed)
         self._line_up()
 
+    @property
+    def is_watched(self) -> bool:
+        """Whether a profile measures its ticks."""
+        return self._profile is not None
+
     def follow_slots(self, why: str) -> None:
         """Slots were changed: look at sensors and watchdogs anew, and publish and tell of their ports where these are others."""
         self._commands.next_tick = self.tick
@@ -304,7 +309,7 @@ class World(InProcess):
             most: 1 or more.
             way: of a `RightOfWay`, by which the loop may have the interpreter meanwhile; None where nobody waits for the end of these ticks.
         """
-        if self._profile is not None or self.requests.posted or self.threads.trial is not None:
+        if self.is_watched or self.requests.posted or self.threads.trial is not None:
             return None
         output = TickOutput(self._tick, self.t_ns, [])
         try:
@@ -314,7 +319,7 @@ class World(InProcess):
             raise
         if reached is None:
             return None
-        self.tick = reached.tick
+        self.tick = self._stretch.tick
         if reached.stage in (STANDS, DIVERGED):
             self._end_tick(output, reached.row)
         else:  # within a tick, whose bodies have not moved yet

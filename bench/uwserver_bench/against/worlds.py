@@ -37,6 +37,7 @@ class Probe:
     def __init__(self, process: subprocess.Popen[bytes], side: str) -> None:
         self._process = process
         self._side = side
+        self.built: set[str] = set()
 
     def ask(self, do: str, **task: object) -> float:
         """Carry out a task; returns its processor time, s.
@@ -171,7 +172,6 @@ class Worlds:
                         continue
                     with contextlib.suppress(Unable):
                         self._build(probe, ticks)
-                        self._step(probe, ticks, 1)
                         seconds = self._step(probe, ticks, 2) / 2
                         self._turns[ticks.name] = max(1, round((QUICK_SLICE_S if self._quick else SLICE_S) / seconds))
 
@@ -185,11 +185,10 @@ class Worlds:
             for side in turns[:2]:
                 # The first load of a process imports what it needs; `uwserver check` counts that.
                 probes[side].ask("load", file=str(self.files["open1"]))
-            built: set[tuple[str, str]] = set()
             for ticks in TICKS:
-                self._measure_ticks(ticks, turns, probes, built, pairs)
+                self._measure_ticks(ticks, turns, probes, pairs)
             for title, (name, calls) in CALLS.items():
-                self._measure_calls(Kind("state", title, "ms"), name, calls, turns, probes, built, pairs)
+                self._measure_calls(Kind("state", title, "ms"), name, calls, turns, probes, pairs)
             for name, title in LOADS.items():
                 pairs.measure(
                     Kind("loading", title, "ms"),
@@ -197,32 +196,25 @@ class Worlds:
                     lambda side, name=name: 1e3 * probes[side].ask("load", file=str(self.files[name])),  # type: ignore[misc]
                 )
 
-    def _measure_ticks(
-        self, ticks: Ticks, turns: Sequence[str], probes: Mapping[str, Probe], built: set[tuple[str, str]], pairs: Pairs
-    ) -> None:
+    def _measure_ticks(self, ticks: Ticks, turns: Sequence[str], probes: Mapping[str, Probe], pairs: Pairs) -> None:
         if not pairs.wanted(ticks.kind):
             return
         count = self._turns.get(ticks.name, 1)
 
         def cost(side: str) -> float:
-            if (side, ticks.name) not in built:
-                self._build(probes[side], ticks)
-                self._step(probes[side], ticks, 1)
-                built.add((side, ticks.name))
+            self._build(probes[side], ticks)
             return 1e6 * self._step(probes[side], ticks, count) / (count * EVERY)
 
         pairs.measure(ticks.kind, turns, cost)
 
     def _measure_calls(
         self, kind: Kind, name: str, calls: Calls, turns: Sequence[str],
-        probes: Mapping[str, Probe], built: set[tuple[str, str]], pairs: Pairs,
+        probes: Mapping[str, Probe], pairs: Pairs,
     ) -> None:  # fmt: skip
-        times, ready = 1 if self._quick else 10, set[str]()
+        times, ready, ticks = 1 if self._quick else 10, set[str](), next(each for each in TICKS if each.name == name)
 
         def cost(side: str) -> float:
-            if (side, name) not in built:  # only this is to be measured
-                self._build(probes[side], next(ticks for ticks in TICKS if ticks.name == name))
-                built.add((side, name))
+            self._build(probes[side], ticks)  # where only calls are measured
             if side not in ready:
                 # A restore needs a snapshot.
                 probes[side].ask("call", name=name, calls=[("world/snapshot", {}), *calls])
@@ -232,10 +224,15 @@ class Worlds:
         pairs.measure(kind, turns, cost)
 
     def _build(self, probe: Probe, ticks: Ticks) -> None:
+        """Once in each process."""
+        if ticks.name in probe.built:
+            return
         probe.ask("load", name=ticks.name, file=str(self.files[ticks.name]))
         if ticks.calls:
             self._step(probe, ticks, 1)
             probe.ask("call", name=ticks.name, calls=ticks.calls)
+        self._step(probe, ticks, 1)
+        probe.built.add(ticks.name)
 
     def _step(self, probe: Probe, ticks: Ticks, turns: int) -> float:
         ports = [f"{name}/thrusters" for name in ticks.vehicles]
