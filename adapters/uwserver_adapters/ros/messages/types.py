@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from collections.abc import Mapping
+from functools import cache, cached_property
 from hashlib import md5
 from typing import Any
 
@@ -68,20 +69,14 @@ class Types:
             raise CannotServe(f'no distribution "{distro}", there are: {", ".join(DISTROS)}')
         self.distro = distro
         self.is_ros1 = distro == "noetic"
+        begun, services = _begun(distro)
         self.store: Any = get_typestore(getattr(Stores, DISTROS[distro]))
+        self.store.types.update(begun.types)
+        self.store.fielddefs.update(begun.fielddefs)
         self._defaults: dict[str, dict[str, Any]] = {}
         self._most_bytes: dict[str, int] = {}
-        self._services: set[str] = set()
+        self._services = set(services)
         self.generated: dict[str, str] = {}
-        messages = {**MESSAGES, **(NEWER_MESSAGES if distro == "rolling" else {})}
-        self._register({name: text for name, text in messages.items() if name not in self.store.fielddefs})
-        for name, (request, response) in SERVICES.items():
-            if not (self.is_ros1 and name.startswith("rcl_interfaces/")):
-                newer = NEWER_REQUESTS.get(name) if distro == "rolling" else None
-                self.register_service(name, newer or request, response)
-        if not self.is_ros1:
-            for name, parts in ACTIONS.items():
-                self.register_action(name, *parts)
 
     # -- which types there are ---------------------------------------------------------------------------------------------------------
 
@@ -92,35 +87,20 @@ class Types:
             name: ``package/msg/Name``.
             text: of its .msg file; nested types by their full names.
         """
-        self._register({name: text})
+        _register(self.store, {name: text})
         self.generated[name] = text
 
     def register_service(self, name: str, request: str, response: str) -> None:
         """Add a service type ``package/srv/Name``."""
-        self._register({f"{name}_Request": request, f"{name}_Response": response})
+        _register(self.store, _service(name, request, response))
         self._services.add(name)
 
     def register_action(self, name: str, goal: str, result: str, feedback: str) -> None:
         """Add an action type ``package/action/Name``: the messages and services that it is made of."""
-        key = "unique_identifier_msgs/UUID goal_id"
-        self._register({f"{name}_Goal": goal, f"{name}_Result": result, f"{name}_Feedback": feedback})
-        self._register({f"{name}_FeedbackMessage": f"{key}\n{name}_Feedback feedback"})
-        self.register_service(
-            f"{name}_SendGoal", f"{key}\n{name}_Goal goal", "bool accepted\nbuiltin_interfaces/Time stamp"
-        )
-        self.register_service(f"{name}_GetResult", key, f"int8 status\n{name}_Result result")
-
-    def _register(self, texts: dict[str, str]) -> None:
-        from rosbags.typesys import get_types_from_msg
-
-        made: Any = {}
-        fields: Any
-        for name, text in texts.items():
-            ((constants, fields),) = get_types_from_msg(text.strip() or "\n", name).values()
-            if not fields:
-                fields = [(FILLER, (BASE, ("uint8", 0)))]
-            made[name] = (constants, fields)
-        self.store.register(made)
+        messages, services = _action(name, goal, result, feedback)
+        _register(self.store, messages)
+        for service, parts in services.items():
+            self.register_service(service, *parts)
 
     def __contains__(self, name: str) -> bool:
         """Whether a message type is known, by its full name."""
@@ -323,6 +303,62 @@ class Types:
     def text(self, name: str) -> str:
         """The type's .msg text, those of nested types below it."""
         return str(self.store.generate_msgdef(name, ros_version=1 if self.is_ros1 else 2)[0])
+
+
+@cache
+def _begun(distro: str) -> tuple[Any, frozenset[str]]:
+    """What each `Types` of a distribution begins with: a store of rosbags with our own types in it, which takes a while to make, and the names
+    of services."""
+    from rosbags.typesys import Stores, get_typestore
+
+    store: Any = get_typestore(getattr(Stores, DISTROS[distro]))
+    is_ros1, is_newest = distro == "noetic", distro == "rolling"
+    messages = {**MESSAGES, **(NEWER_MESSAGES if is_newest else {})}
+    texts = {name: text for name, text in messages.items() if name not in store.fielddefs}
+    services = {
+        name: ((NEWER_REQUESTS.get(name) if is_newest else None) or request, response)
+        for name, (request, response) in SERVICES.items()
+        if not (is_ros1 and name.startswith("rcl_interfaces/"))
+    }
+    for name, parts in {} if is_ros1 else ACTIONS.items():
+        own_messages, own_services = _action(name, *parts)
+        texts |= own_messages
+        services |= own_services
+    for name, (request, response) in services.items():
+        texts |= _service(name, request, response)
+    _register(store, texts)
+    return store, frozenset(services)
+
+
+def _action(name: str, goal: str, result: str, feedback: str) -> tuple[dict[str, str], dict[str, tuple[str, str]]]:
+    """Messages and services that an action is made of."""
+    key = "unique_identifier_msgs/UUID goal_id"
+    messages = {
+        f"{name}_Goal": goal, f"{name}_Result": result, f"{name}_Feedback": feedback,
+        f"{name}_FeedbackMessage": f"{key}\n{name}_Feedback feedback",
+    }  # fmt: skip
+    services = {
+        f"{name}_SendGoal": (f"{key}\n{name}_Goal goal", "bool accepted\nbuiltin_interfaces/Time stamp"),
+        f"{name}_GetResult": (key, f"int8 status\n{name}_Result result"),
+    }
+    return messages, services
+
+
+def _service(name: str, request: str, response: str) -> dict[str, str]:
+    return {f"{name}_Request": request, f"{name}_Response": response}
+
+
+def _register(store: Any, texts: Mapping[str, str]) -> None:
+    from rosbags.typesys import get_types_from_msg
+
+    made: Any = {}
+    fields: Any
+    for name, text in texts.items():
+        ((constants, fields),) = get_types_from_msg(text.strip() or "\n", name).values()
+        if not fields:
+            fields = [(FILLER, (BASE, ("uint8", 0)))]
+        made[name] = (constants, fields)
+    store.register(made)
 
 
 def dds_name(name: str) -> str:
