@@ -17,7 +17,7 @@ async def serving(adapter: Any) -> AsyncIterator[FakeContext]:
     task = asyncio.ensure_future(adapter.run(ready))
     try:
         waiting = asyncio.ensure_future(ready.wait())
-        await asyncio.wait([task, waiting], timeout=5.0, return_when=asyncio.FIRST_COMPLETED)
+        await asyncio.wait([task, waiting], timeout=60.0, return_when=asyncio.FIRST_COMPLETED)
         waiting.cancel()
         if task.done():
             task.result()

@@ -24,7 +24,7 @@ class Client:
         await self.socket.send(json.dumps(message))
 
     async def hear(self):
-        data = await asyncio.wait_for(self.socket.recv(), 5)
+        data = await asyncio.wait_for(self.socket.recv(), 30)
         return json.loads(data) if isinstance(data, str) else uncbor(data)[0]
 
     async def call(self, service, args=None, **more):
@@ -51,4 +51,4 @@ async def bridge(count=1, made=None, **config):
 
 
 def run(story):
-    asyncio.run(asyncio.wait_for(story(), 30))
+    asyncio.run(asyncio.wait_for(story(), 120))
