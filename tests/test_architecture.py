@@ -66,7 +66,7 @@ SHARED_BY_ADAPTERS = {
     "uwserver_adapters.native",
     "uwserver_adapters.ros",
     "uwserver_adapters.sil",
-    "uwserver_adapters.zenoh_bus",
+    "uwserver_adapters.zenoh_session",
 }
 """What several adapters need and no kit can hold: the protocol of uwserver's own, the messages of ROS, the simulator interfaces of autopilots,
 and how a session of zenoh is opened."""
@@ -417,7 +417,7 @@ def test_degrees_are_converted_only_at_the_border():
             exceptions = (
                 "uwserver.autopilot.route",
                 "uwserver.autopilot.services",
-                "uwserver.adapter.foxglove.messages",
+                "uwserver.adapter.foxglove.codec",
                 "uwserver.logfiles.si",
             )
             is_report = module.name.startswith("uwserver.recording.report.")  # for people
@@ -509,7 +509,7 @@ TABLES_ALONE = {
 TESTED_WITH = {
     "adapter": {
         "aside": "adapter/test_connection",
-        **{f"foxglove.{name}": "adapter/foxglove/test_messages" for name in ("protobuf", "schemas", "shapes")},
+        **{f"foxglove.{name}": "adapter/foxglove/test_codec" for name in ("protobuf", "schemas", "shapes")},
     },
     "actuators": {
         "ballast": "actuators/test_servos", "base": "actuators/test_policy", "fin": "actuators/test_servos",

@@ -16,6 +16,11 @@ from numpy.typing import NDArray
 
 from uwserver.ports import Buffer, Field, Port, Sample
 
+__all__ = [
+    "EXTRA", "FAR_MM", "MOST_PIXELS", "QUALITY", "Levels", "Pixels", "amplitudes", "can_encode_jpeg", "jpeg", "picture_place", "pixels",
+    "with_jpeg",
+]  # fmt: skip
+
 Pixels = NDArray[np.uint8]
 """``[h, w, 3]`` RGB or ``[h, w]`` grey, contiguous."""
 Levels = NDArray[np.float32]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from uwserver.adapter import AdapterContext, CannotServe, Refusals, Worker, serving
 from uwserver_adapters.ros2.config import Ros2Config
-from uwserver_adapters.zenoh_bus.config import ZenohConfig, is_exposed
+from uwserver_adapters.zenoh_session.config import ZenohConfig, is_exposed
 
 if TYPE_CHECKING:
     from uwserver_adapters.ros2.node import Node
@@ -57,7 +57,7 @@ class Ros2Adapter:
             stats.peers = 0
 
     async def _open(self, sender: Worker, held: list[Any]) -> Any:
-        from uwserver_adapters.zenoh_bus.session import NobodyThere, free, opened
+        from uwserver_adapters.zenoh_session.session import NobodyThere, free, opened
 
         stats, config = self.context.stats, session_of(self.config)
         while True:

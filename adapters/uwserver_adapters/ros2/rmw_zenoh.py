@@ -25,7 +25,7 @@ from uwserver_adapters.ros2.graph import (
     attachment,
     gid,
 )
-from uwserver_adapters.zenoh_bus.publications import LARGE_BYTES, direct
+from uwserver_adapters.zenoh_session.session import LARGE_BYTES, direct
 
 if TYPE_CHECKING:
     import zenoh

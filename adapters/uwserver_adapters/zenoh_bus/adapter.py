@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 from uwserver.adapter import AdapterContext, CannotServe, EncodingName, Inbox, Worker, serving
 from uwserver_adapters.zenoh_bus.codec import ATTACHMENT_LIMIT, PAYLOAD_LIMIT, Codec
-from uwserver_adapters.zenoh_bus.config import ZenohConfig, is_exposed
 from uwserver_adapters.zenoh_bus.keys import KeyScheme
-from uwserver_adapters.zenoh_bus.publications import Publications, direct
+from uwserver_adapters.zenoh_bus.publications import Publications
 from uwserver_adapters.zenoh_bus.requests import CLIENTS, Put, Question, Requests
-from uwserver_adapters.zenoh_bus.session import NobodyThere, free, opened
+from uwserver_adapters.zenoh_session.config import ZenohConfig, is_exposed
+from uwserver_adapters.zenoh_session.session import NobodyThere, direct, free, opened
 
 if TYPE_CHECKING:
     import zenoh

@@ -7,31 +7,21 @@ import contextlib
 import logging
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from uwserver.adapter import AdapterContext, SampleForm, Worker
 from uwserver.adapter.pictures import can_encode_jpeg, picture_place
 from uwserver.ports import Event, Port, Sample
 from uwserver_adapters.zenoh_bus.codec import Codec
 from uwserver_adapters.zenoh_bus.keys import KeyScheme
+from uwserver_adapters.zenoh_session.session import LARGE_BYTES, direct
 
 if TYPE_CHECKING:
     from zenoh import LivelinessToken, MatchingStatus, Publisher, Session
 
 log = logging.getLogger(__name__)
 
-T = TypeVar("T")
-
 JPEG = "image/jpeg"
-LARGE_BYTES = 1 << 15
-"""A payload above this goes out in fragments, for which zenoh may wait: not on the loop."""
-
-
-def direct(callback: Callable[[T], None]) -> Callable[[T], None]:
-    """A callback of zenoh's that only hands over: zenoh needs to start no thread of Python for it."""
-    import zenoh
-
-    return zenoh.handlers.Callback(callback, indirect=False)
 
 
 class _Outlet:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uwserver.adapter.foxglove import messages
+from uwserver.adapter.foxglove import codec
 from uwserver.adapter.foxglove.shapes import Files, entity_of
 from uwserver.adapter.pictures import Levels, amplitudes, can_encode_jpeg, jpeg, picture_place, pixels
 from uwserver.frames import Quat
@@ -23,8 +23,8 @@ _ABREAST = 256
 _HALF = math.sqrt(0.5)
 _NED_IN_ENU: Quat = (0.0, _HALF, _HALF, 0.0)
 _LEVELS = {
-    "fault": messages.WARNING, "watchdog": messages.WARNING, "conflict": messages.WARNING, "diverged": messages.ERROR,
-    "adapter_failed": messages.ERROR,
+    "fault": codec.WARNING, "watchdog": codec.WARNING, "conflict": codec.WARNING, "diverged": codec.ERROR,
+    "adapter_failed": codec.ERROR,
 }  # fmt: skip
 
 
@@ -60,10 +60,10 @@ class SceneChannels:
         self._encoders = {}
         shown = [sensor for sensor in self._sensors.values() if sensor.kind in _FRAMES or sensor.kind in _LOOKING]
         # Each message holds all frames: who jumps to a time reads the newest one alone.
-        self._fixed = messages.transform(0, ROOT, WORLD, (0.0, 0.0, 0.0), _NED_IN_ENU) + b"".join(
-            messages.transform(0, sensor.path.partition("/")[0], sensor.path, sensor.p, sensor.q) for sensor in shown
+        self._fixed = codec.transform(0, ROOT, WORLD, (0.0, 0.0, 0.0), _NED_IN_ENU) + b"".join(
+            codec.transform(0, sensor.path.partition("/")[0], sensor.path, sensor.p, sensor.q) for sensor in shown
         )
-        parts = [messages.delete_all(t_ns)]
+        parts = [codec.delete_all(t_ns)]
         solids = ([] if scene.seabed is None else [scene.seabed]) + list(scene.structures)
         for solid in solids:
             parts.append(entity_of(t_ns, WORLD, solid.name, solid.shapes, solid.looks, self._meshes, self._looks))
@@ -79,13 +79,13 @@ class SceneChannels:
         for k, (body, row) in enumerate(
             zip((*state.cast.vehicles, *state.cast.objects), state.poses.tolist(), strict=True)
         ):
-            parts.append(messages.transform(t_ns, WORLD, body.name, row[:3], row[3:]))
+            parts.append(codec.transform(t_ns, WORLD, body.name, row[:3], row[3:]))
             if k < vehicles:
                 poses.append((body.name, row))
         yield Foreign("/tf", "foxglove.FrameTransforms", t_ns, b"".join(parts))
         for name, row in poses:
             yield Foreign(
-                f"/{name}/pose", "foxglove.PoseInFrame", t_ns, messages.pose_in_frame(t_ns, WORLD, row[:3], row[3:])
+                f"/{name}/pose", "foxglove.PoseInFrame", t_ns, codec.pose_in_frame(t_ns, WORLD, row[:3], row[3:])
             )
 
     def sample(self, port: Port, sample: Sample) -> Foreign | None:
@@ -111,10 +111,8 @@ class SceneChannels:
 
     def event(self, event: Event) -> Foreign:
         """What every client is told."""
-        level = _LEVELS.get(event.event, messages.INFO)
-        return Foreign(
-            "/log", "foxglove.Log", event.t_ns, messages.log_line(event.t_ns, level, event.text, event.event)
-        )
+        level = _LEVELS.get(event.event, codec.INFO)
+        return Foreign("/log", "foxglove.Log", event.t_ns, codec.log_line(event.t_ns, level, event.text, event.event))
 
     def _encoder(self, port: Port) -> _Encode | None:
         make = _FRAMES.get(port.kind) or (_picture if _shows_pictures(port) else None)
@@ -142,7 +140,7 @@ def _gps(port: Port, sensor: SensorView) -> _Encode | None:
         sigmas = (
             (value[across], value[across], value[up]) if value[across] is not None and value[up] is not None else None
         )
-        data = messages.location_fix(sample.t_ns, frame, *place, sigmas)  # type: ignore[arg-type]  # numbers, as its fields say
+        data = codec.location_fix(sample.t_ns, frame, *place, sigmas)  # type: ignore[arg-type]  # numbers, as its fields say
         return Foreign(topic, "foxglove.LocationFix", sample.t_sent_ns, data)
 
     return encode
@@ -158,7 +156,7 @@ def _range_array(port: Port, sensor: SensorView) -> _Encode | None:
     def encode(sample: Sample) -> Foreign | None:
         ranges = sample.value[index]
         told = [math.inf if r is None else r for r in (ranges if isinstance(ranges, tuple) else (ranges,))]
-        data = messages.laser_scan(sample.t_ns, frame, first, last, told)  # type: ignore[arg-type]  # numbers, as its field says
+        data = codec.laser_scan(sample.t_ns, frame, first, last, told)  # type: ignore[arg-type]  # numbers, as its field says
         return Foreign(topic, "foxglove.LaserScan", sample.t_sent_ns, data)
 
     return encode
@@ -181,7 +179,7 @@ def _scanning_sonar(port: Port, sensor: SensorView) -> _Encode | None:
         points = np.zeros((len(heard), 4), dtype=np.float32)
         distance = (heard + 0.5) * (far / max(len(levels), 1))
         points[:, 0], points[:, 1], points[:, 3] = distance * math.cos(theta), distance * math.sin(theta), levels[heard]
-        return Foreign(topic, "foxglove.PointCloud", sample.t_sent_ns, messages.point_cloud(sample.t_ns, frame, points))
+        return Foreign(topic, "foxglove.PointCloud", sample.t_sent_ns, codec.point_cloud(sample.t_ns, frame, points))
 
     return encode
 
@@ -204,7 +202,7 @@ def _side_scan(port: Port, sensor: SensorView) -> _Encode | None:
         points = np.zeros((2 * count, 4), dtype=np.float32)
         across = (np.arange(count) + 0.5) * (far / max(count, 1))
         points[:, 1], points[:, 3] = np.concatenate([-across[::-1], across]), np.concatenate([sides[0][::-1], sides[1]])
-        return Foreign(topic, "foxglove.PointCloud", sample.t_sent_ns, messages.point_cloud(sample.t_ns, frame, points))
+        return Foreign(topic, "foxglove.PointCloud", sample.t_sent_ns, codec.point_cloud(sample.t_ns, frame, points))
 
     return encode
 
@@ -230,7 +228,7 @@ def _profiler(port: Port, sensor: SensorView) -> _Encode | None:
         if None in (theta, r, strength):
             return None
         point = np.array([(r * math.cos(theta), r * math.sin(theta), 0.0, strength)], np.float32)  # type: ignore[operator,arg-type]  # numbers, as its fields say
-        return Foreign(topic, "foxglove.PointCloud", sample.t_sent_ns, messages.point_cloud(sample.t_ns, frame, point))
+        return Foreign(topic, "foxglove.PointCloud", sample.t_sent_ns, codec.point_cloud(sample.t_ns, frame, point))
 
     return encode
 
@@ -249,7 +247,7 @@ def _bathymetry(port: Port, sensor: SensorView) -> _Encode | None:
             return None
         theta, r, level = (row[np.isfinite(told[1])] for row in told)
         points = np.stack([np.zeros_like(r), r * np.sin(theta), r * np.cos(theta), level], axis=1)
-        return Foreign(topic, "foxglove.PointCloud", sample.t_sent_ns, messages.point_cloud(sample.t_ns, frame, points))
+        return Foreign(topic, "foxglove.PointCloud", sample.t_sent_ns, codec.point_cloud(sample.t_ns, frame, points))
 
     return encode
 
@@ -267,7 +265,7 @@ def _picture(port: Port, sensor: SensorView) -> _Encode | None:
         shown = pixels(sample.value[place]) if place is not None else None
         if shown is None:
             return None
-        data = messages.compressed_image(sample.t_ns, frame, jpeg(shown))
+        data = codec.compressed_image(sample.t_ns, frame, jpeg(shown))
         return Foreign(topic, PICTURE, sample.t_sent_ns, data)
 
     return encode

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from uwserver.adapter.foxglove.messages import cube, cylinder, entity, model, sphere, triangles
+from uwserver.adapter.foxglove.codec import cube, cylinder, entity, model, sphere, triangles
 from uwserver.frames import Quat, Vec3, multiply, rotate
 from uwserver.ports import LooksView, ShapeView
 

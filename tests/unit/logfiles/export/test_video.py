@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 from video_rig import CAMERA, DEPTH, HEIGHT, STEP_NS, WIDTH, camera, number_of, picture, psnr, sample
 
-from uwserver.adapter.foxglove import messages
+from uwserver.adapter.foxglove import codec
 from uwserver.adapter.foxglove.channels import Foreign
 from uwserver.adapter.pictures import jpeg
 from uwserver.cli.export import export
@@ -33,7 +33,7 @@ class Viewers:
     def of_sample(self, told: Sample, port: Any) -> Foreign | None:
         if not told.valid or port is DEPTH:
             return None
-        data = messages.compressed_image(told.t_ns, port.path, jpeg(told.value[1].array()))  # type: ignore[union-attr]  # a buffer
+        data = codec.compressed_image(told.t_ns, port.path, jpeg(told.value[1].array()))  # type: ignore[union-attr]  # a buffer
         return Foreign(f"/{port.path}", "foxglove.CompressedImage", told.t_sent_ns, data)
 
 

@@ -1,15 +1,20 @@
-"""How a session of zenoh is opened, for all adapters that have one."""
+"""How a session of zenoh is opened, and what its callbacks and large payloads need."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import TYPE_CHECKING, TypeVar
 
 from uwserver.adapter import CannotServe
-from uwserver_adapters.zenoh_bus.config import ZenohConfig, endpoints, settings
+from uwserver_adapters.zenoh_session.config import ZenohConfig, endpoints, settings
 
 if TYPE_CHECKING:
     import zenoh
 
+T = TypeVar("T")
+
+LARGE_BYTES = 1 << 15
+"""A payload above this goes out in fragments, for which zenoh may wait: not on the loop."""
 REFUSED_PEERS = "error,zenoh_link_tls=warn,zenoh_link_quic=warn"
 """What zenoh logs (on stdout, as it always does) where certificates decide who may enter; RUST_LOG says otherwise."""
 
@@ -72,3 +77,10 @@ def free(config: ZenohConfig) -> tuple[str, ...]:
         raise CannotServe(
             f"cannot listen at {', '.join(config.listen or ())}: {error}; 127.0.0.1 is always there, 0.0.0.0 means all"
         ) from None
+
+
+def direct(callback: Callable[[T], None]) -> Callable[[T], None]:
+    """A callback of zenoh's that only hands over: zenoh needs to start no thread of Python for it."""
+    import zenoh
+
+    return zenoh.handlers.Callback(callback, indirect=False)

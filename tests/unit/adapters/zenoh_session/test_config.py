@@ -6,7 +6,7 @@ import json
 
 import msgspec
 import pytest
-from uwserver_adapters.zenoh_bus.config import ZenohConfig, endpoints, is_exposed, settings
+from uwserver_adapters.zenoh_session.config import ZenohConfig, endpoints, is_exposed, settings
 
 
 def made(**table: object) -> dict[str, object]:

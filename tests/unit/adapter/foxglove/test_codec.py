@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from uwserver.adapter.foxglove import SCHEMAS, messages
+from uwserver.adapter.foxglove import SCHEMAS, codec
 from uwserver.adapter.foxglove.shapes import entity_of
 from uwserver.frames import rotate
 from uwserver.ports import LooksView, ShapeView
@@ -49,23 +49,23 @@ def test_the_sdk_has_the_same_messages() -> None:
         frame_id="gps",
         timestamp=sdk.Timestamp(12, 345),
     )
-    ours = messages.location_fix(T_NS, "gps", math.radians(60.0), math.radians(10.0), -1.0, None)
+    ours = codec.location_fix(T_NS, "gps", math.radians(60.0), math.radians(10.0), -1.0, None)
     assert fix.encode() == ours
     line = sdk.Log(timestamp=sdk.Timestamp(12, 345), level=sdk.LogLevel.Warning, message="m", name="n")
-    assert line.encode() == messages.log_line(T_NS, messages.WARNING, "m", "n")
+    assert line.encode() == codec.log_line(T_NS, codec.WARNING, "m", "n")
 
 
 def test_transforms_and_poses() -> None:
     told = same(
         "FrameTransforms",
-        messages.transform(T_NS, "N", "rov", P, Q) + messages.transform(0, "a", "b", (0, 0, 0), (1, 0, 0, 0)),
+        codec.transform(T_NS, "N", "rov", P, Q) + codec.transform(0, "a", "b", (0, 0, 0), (1, 0, 0, 0)),
     )
     first = told.transforms[0]
     assert (first.timestamp.seconds, first.timestamp.nanos) == (12, 345)
     assert (first.parent_frame_id, first.child_frame_id) == ("N", "rov")
     assert (first.translation.x, first.translation.y, first.translation.z) == P
     assert (first.rotation.w, first.rotation.x, first.rotation.y, first.rotation.z) == Q
-    pose = same("PoseInFrame", messages.pose_in_frame(T_NS, "N", P, Q)).pose
+    pose = same("PoseInFrame", codec.pose_in_frame(T_NS, "N", P, Q)).pose
     assert pose.position.y == -2.0
     assert pose.orientation.x == -0.5
 
@@ -73,7 +73,7 @@ def test_transforms_and_poses() -> None:
 def test_a_fix() -> None:
     fix = same(
         "LocationFix",
-        messages.location_fix(T_NS, "rov/gps", math.radians(63.5), math.radians(-10.25), -0.5, (2.0, 2.0, 3.0)),
+        codec.location_fix(T_NS, "rov/gps", math.radians(63.5), math.radians(-10.25), -0.5, (2.0, 2.0, 3.0)),
     )
     assert fix.latitude == pytest.approx(63.5, abs=1e-12)
     assert fix.longitude == pytest.approx(-10.25, abs=1e-12)
@@ -82,10 +82,10 @@ def test_a_fix() -> None:
 
 
 def test_ranges_and_points() -> None:
-    scan = same("LaserScan", messages.laser_scan(T_NS, "rov/lasers", -0.5, 0.5, [1.0, math.inf, 3.0]))
+    scan = same("LaserScan", codec.laser_scan(T_NS, "rov/lasers", -0.5, 0.5, [1.0, math.inf, 3.0]))
     assert (scan.start_angle, scan.end_angle, list(scan.ranges)) == (-0.5, 0.5, [1.0, math.inf, 3.0])
     points = np.arange(12, dtype=np.float32).reshape(3, 4)
-    cloud = same("PointCloud", messages.point_cloud(T_NS, "rov/sonar", points))
+    cloud = same("PointCloud", codec.point_cloud(T_NS, "rov/sonar", points))
     assert cloud.point_stride == 16
     assert [(f.name, f.offset, f.type) for f in cloud.fields] == [
         ("x", 0, 7),
@@ -97,13 +97,13 @@ def test_ranges_and_points() -> None:
 
 
 def test_a_picture() -> None:
-    picture = same("CompressedImage", messages.compressed_image(T_NS, "rov/camera", b"\xff\xd8jpeg"))
+    picture = same("CompressedImage", codec.compressed_image(T_NS, "rov/camera", b"\xff\xd8jpeg"))
     assert (picture.format, picture.data, picture.frame_id) == ("jpeg", b"\xff\xd8jpeg", "rov/camera")
 
 
 @pytest.mark.parametrize("text", ["", "a fault </script>", "\ud800 half a pair", "x" * 300])
 def test_log_lines(text: str) -> None:
-    line = same("Log", messages.log_line(T_NS, messages.WARNING, text, "fault"))
+    line = same("Log", codec.log_line(T_NS, codec.WARNING, text, "fault"))
     assert line.message == text.encode("utf-8", "replace").decode()
     assert line.level == line.WARNING
 
@@ -123,7 +123,7 @@ TRIANGLE = np.array([3, 1], "<u4").tobytes() + TRIANGLE[8:]
 
 
 def scene(shapes: tuple[ShapeView, ...], looks: LooksView | None = None) -> Any:
-    data = messages.delete_all(T_NS) + entity_of(
+    data = codec.delete_all(T_NS) + entity_of(
         T_NS, "rov", "rov", shapes, looks, {"tri": TRIANGLE}.__getitem__, {"g": b"glTF"}.__getitem__
     )
     return same("SceneUpdate", data)
