@@ -38,7 +38,7 @@ class Stage(NamedTuple):
         """All that comes back for some bytes, until the view closes."""
         reader, writer = await asyncio.open_connection(self.host, self.port)
         writer.write(data)
-        answer = await asyncio.wait_for(reader.read(), 10.0)
+        answer = await asyncio.wait_for(reader.read(), 60.0)
         writer.close()
         return answer
 
@@ -75,7 +75,7 @@ async def ask(page: ClientConnection, method: str, **params: Any) -> dict[str, A
                 return dict(found)
         raise AssertionError(f"the view left after {method}")
 
-    return await asyncio.wait_for(heard(), 10.0)
+    return await asyncio.wait_for(heard(), 60.0)
 
 
 async def call(page: ClientConnection, service: str, **args: Any) -> dict[str, Any]:
@@ -103,7 +103,7 @@ def play(scene: Callable[[Stage], Awaitable[None]], context: FakeContext | None 
         adapter = WebAdapter(WebConfig(port=0, **table), given)
         async with adapter_rig.serving(adapter) as running:
             host, _, port = running.stats.address.removeprefix("http://").rstrip("/").rpartition(":")
-            await asyncio.wait_for(scene(Stage(adapter, given, host, int(port))), 60.0)
+            await asyncio.wait_for(scene(Stage(adapter, given, host, int(port))), 120.0)
 
     asyncio.run(whole())
     return given

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from devices_rig import ATTITUDE, DVL, EPOCH_NS, LOCKED, LOST, ask, make_context, sample
-from uwserver_adapters.devices.water_linked_a50 import WaterLinkedA50, WaterLinkedA50Table
+from uwserver_adapters.devices.water_linked_a50 import LINE_LIMIT, WaterLinkedA50, WaterLinkedA50Table
 
 from uwserver.adapter import CannotServe
 from uwserver.frames import quat_from_rpy
@@ -171,8 +171,8 @@ GARBAGE = (
     b"[1,2]\n",
     b'{"command":7}\n',
     b'{"command":"fly"}\n',
-    b"[" * 5000 + b"\n",
-    b"x" * 9000 + b"\n",
+    b"[" * 2000 + b"\n",
+    b"x" * (LINE_LIMIT + 1) + b"\n",
 )
 
 

@@ -78,7 +78,7 @@ class Peer:
     async def until(self, found: Callable[[], Any]) -> Any:
         """Hear until something is there."""
         while not (it := found()):
-            message = await asyncio.wait_for(self.connection.recv(), 10.0)
+            message = await asyncio.wait_for(self.connection.recv(), 60.0)
             if isinstance(message, str):
                 self.texts.append(json.loads(message))
             else:
@@ -128,7 +128,7 @@ async def running(world: FakeContext, **table: Any) -> AsyncIterator[FoxgloveAda
     adapter = FoxgloveAdapter(FoxgloveConfig(**{"port": 0, **table}), world)
     ready = asyncio.Event()
     task = asyncio.create_task(adapter.run(ready))
-    await asyncio.wait_for(ready.wait(), 10.0)
+    await asyncio.wait_for(ready.wait(), 60.0)
     try:
         yield adapter
     finally:
@@ -138,7 +138,8 @@ async def running(world: FakeContext, **table: Any) -> AsyncIterator[FoxgloveAda
 
 
 def dial(world: FakeContext, path: str = "/", protocol: str = "foxglove.sdk.v1", **options: Any) -> connect:
-    return connect(f"{world.stats.address}{path}", subprotocols=[Subprotocol(protocol)], **options)
+    # An adapter that no longer reads, as some tests make it, does not answer the end of the connection either.
+    return connect(f"{world.stats.address}{path}", subprotocols=[Subprotocol(protocol)], close_timeout=0.2, **options)
 
 
 def run(
@@ -153,7 +154,7 @@ def run(
         async with running(here, **table), dial(here) as connection:
             await test(here, Peer(connection))
 
-    asyncio.run(asyncio.wait_for(whole(), 30.0))
+    asyncio.run(asyncio.wait_for(whole(), 120.0))
     return found[0]
 
 
@@ -188,7 +189,7 @@ def test_samples_of_what_is_subscribed_and_nothing_else() -> None:
 
 
 async def _settled(condition: Callable[[], bool]) -> None:
-    for _ in range(1000):
+    for _ in range(12000):
         if condition():
             return
         await asyncio.sleep(0.005)
@@ -412,7 +413,7 @@ def test_a_player_that_answers_later_has_its_play_bar_too() -> None:
             assert (await peer.text("serverInfo"))["dataEndTime"]["sec"] == 7
             assert (await peer.binary(5))[14] == 1
 
-    asyncio.run(asyncio.wait_for(whole(), 30.0))
+    asyncio.run(asyncio.wait_for(whole(), 120.0))
 
 
 def test_a_world_that_lives_cannot_be_sought_in() -> None:
@@ -479,7 +480,7 @@ def test_who_is_not_let_in(table: dict[str, Any], options: dict[str, Any], path:
                 assert refused.value.response.status_code == status
         assert sum(world.stats.details["refused"].values()) == 1  # type: ignore[union-attr, arg-type, misc]
 
-    asyncio.run(asyncio.wait_for(whole(), 30.0))
+    asyncio.run(asyncio.wait_for(whole(), 120.0))
 
 
 @pytest.mark.parametrize(
@@ -496,7 +497,7 @@ def test_who_is_let_in(table: dict[str, Any], options: dict[str, Any], path: str
             assert connection.subprotocol == protocol
             assert json.loads(await connection.recv())["op"] == "serverInfo"
 
-    asyncio.run(asyncio.wait_for(whole(), 30.0))
+    asyncio.run(asyncio.wait_for(whole(), 120.0))
 
 
 @pytest.mark.parametrize(
@@ -521,7 +522,7 @@ def test_pages_that_the_table_does_not_name_only_watch(origin: str | None, table
             assert len(refused) == (0 if may else 3)
             assert bool([c for c in world.calls if c.service == "rov/gps/set"]) is may
 
-    asyncio.run(asyncio.wait_for(whole(), 30.0))
+    asyncio.run(asyncio.wait_for(whole(), 120.0))
 
 
 def test_who_tries_tokens_is_not_heard_for_a_while() -> None:
@@ -536,7 +537,7 @@ def test_who_tries_tokens_is_not_heard_for_a_while() -> None:
             assert found[:3] == [401] * 3
             assert found[-1] == 429  # with the right one, too
 
-    asyncio.run(asyncio.wait_for(whole(), 30.0))
+    asyncio.run(asyncio.wait_for(whole(), 120.0))
 
 
 def test_another_protocol_is_refused() -> None:
@@ -546,7 +547,7 @@ def test_another_protocol_is_refused() -> None:
             with pytest.raises(InvalidStatus):
                 await dial(world, protocol="mqtt")
 
-    asyncio.run(asyncio.wait_for(whole(), 30.0))
+    asyncio.run(asyncio.wait_for(whole(), 120.0))
 
 
 def test_who_floods_is_told_once_and_not_heard(caplog: pytest.LogCaptureFixture) -> None:
@@ -651,7 +652,7 @@ def test_a_client_that_does_not_read_loses_samples_and_nobody_waits() -> None:
                 client.complain("x")
             await _settled(lambda: not adapter.clients)
 
-    asyncio.run(asyncio.wait_for(whole(), 30.0))
+    asyncio.run(asyncio.wait_for(whole(), 120.0))
 
 
 async def _never(_: str | bytes) -> None:
@@ -670,7 +671,7 @@ def test_beyond_loopback_a_token_is_made(monkeypatch: pytest.MonkeyPatch, caplog
             async with dial(world, f"/{token}") as connection:
                 await Peer(connection).text("serverInfo")
 
-    asyncio.run(asyncio.wait_for(whole(), 30.0))
+    asyncio.run(asyncio.wait_for(whole(), 120.0))
     assert "one was made for this run" in caplog.text
 
 
@@ -688,4 +689,4 @@ def test_silent_strangers_have_few_places_and_the_oldest_makes_way() -> None:
             for _, writer in silent:
                 writer.close()
 
-    asyncio.run(asyncio.wait_for(whole(), 30.0))
+    asyncio.run(asyncio.wait_for(whole(), 120.0))
