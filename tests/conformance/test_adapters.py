@@ -1,4 +1,7 @@
-"""Every installed adapter passes the conformance suite; so does one that is nothing but a folder and an entry point; faulty ones do not."""
+"""Every installed adapter passes the conformance suite; so does one that is nothing but a folder and an entry point; faulty ones do not.
+
+Also of uwserver.testing.traces.
+"""
 
 from __future__ import annotations
 

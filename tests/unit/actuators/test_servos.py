@@ -1,4 +1,4 @@
-"""Fins, propeller, ballast and moving mass: rows, order, limits, neutral; and through the world."""
+"""Fins, propeller, ballast and moving mass: rows, order, limits, neutral; and through the world. Also of uwserver.actuators.servo."""
 
 from __future__ import annotations
 

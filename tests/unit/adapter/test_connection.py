@@ -1,4 +1,4 @@
-"""A connection of the kit: turns, floods, half-open peers, last texts, and the registry of all peers."""
+"""A connection of the kit: turns, floods, half-open peers, last texts, and the registry of all peers. Also of uwserver.adapter.aside."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Autopilots in one bank: each is what it is alone, whoever lies beside it, comes or goes; its rows read as typed records."""
+"""Autopilots in one bank: each is what it is alone, whoever lies beside it, comes or goes; its rows read as typed records.
+
+Also of uwserver.autopilot.entries and uwserver.autopilot.records.
+"""
 
 from __future__ import annotations
 

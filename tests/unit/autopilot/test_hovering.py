@@ -1,4 +1,7 @@
-"""Step responses of vehicles that hover, on simulated sensors: how near, how steady, in a current and at their limits."""
+"""Step responses of vehicles that hover, on simulated sensors: how near, how steady, in a current and at their limits.
+
+Also of uwserver.autopilot.sticks.
+"""
 
 from __future__ import annotations
 

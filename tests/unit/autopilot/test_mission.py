@@ -1,4 +1,4 @@
-"""Missions as clients give them: what is read, what is shown again, and what is said about faults."""
+"""Missions as clients give them: what is read, what is shown again, and what is said about faults. Also of uwserver.autopilot.route."""
 
 from __future__ import annotations
 

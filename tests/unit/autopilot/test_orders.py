@@ -1,4 +1,7 @@
-"""What the autopilot takes and refuses, how it fails safe, and that a snapshot holds all of it."""
+"""What the autopilot takes and refuses, how it fails safe, and that a snapshot holds all of it.
+
+Also of uwserver.autopilot.pilot, uwserver.autopilot.ports, uwserver.autopilot.services and uwserver.autopilot.status.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Copies of a world: each is bit by bit what `uwserver.load` gives, whatever the others do."""
+"""Copies of a world: each is bit by bit what `uwserver.load` gives, whatever the others do.
+
+Also of uwserver.copies.description, uwserver.copies.loops, uwserver.copies.readings and uwserver.copies.rounds.
+"""
 
 import numpy as np
 import pytest

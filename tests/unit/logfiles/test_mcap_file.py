@@ -1,4 +1,4 @@
-"""MCAP files of ours and of others."""
+"""MCAP files of ours and of others. Also of uwserver.logfiles.mcap_records."""
 
 import io
 import json

@@ -1,4 +1,4 @@
-"""The mapping that is found for a log without being told."""
+"""The mapping that is found for a log without being told. Also of uwserver.logfiles.port_rules."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Telemetry logs, against pymavlink's own reader."""
+"""Telemetry logs, against pymavlink's own reader. Also of uwserver.logfiles.indexed."""
 
 import math
 import struct

@@ -1,4 +1,4 @@
-"""All bodies of a world as rows: ranges, views, external wrenches of a tick, and what is saved."""
+"""All bodies of a world as rows: ranges, views, external wrenches of a tick, and what is saved. Also of uwserver.physics.entries."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A player by hand: what it says on the bus, how it is steered, and where it ends."""
+"""A player by hand: what it says on the bus, how it is steered, and where it ends. Also of uwserver.recording.player_deck."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A recording as a track: the same samples at the same times, from any instant, over jumps of time."""
+"""A recording as a track: the same samples at the same times, from any instant, over jumps of time. Also of uwserver.recording.player_items."""
 
 from __future__ import annotations
 

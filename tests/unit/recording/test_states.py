@@ -1,4 +1,4 @@
-"""The channels of a recording from which a run is shown again: who is there, and where."""
+"""The channels of a recording from which a run is shown again: who is there, and where. Also of uwserver.recording.looker."""
 
 from __future__ import annotations
 

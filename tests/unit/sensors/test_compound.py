@@ -1,4 +1,4 @@
-"""Several sensors in one message."""
+"""Several sensors in one message. Also of uwserver.sensors.latest."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A recording behind the context of an adapter: the same description as live, and refusals that say why."""
+"""A recording behind the context of an adapter: the same description as live, and refusals that say why. Also of uwserver.simulation.source."""
 
 from __future__ import annotations
 

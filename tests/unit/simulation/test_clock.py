@@ -1,4 +1,4 @@
-"""Absolute deadlines, overload and the lockstep barrier, on mocked time."""
+"""Absolute deadlines, overload and the lockstep barrier, on mocked time. Also of uwserver.testing.mock_time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The simulation thread: modes, steering, goals, lockstep, faults. Real threads, but bounded and without timing asserts."""
+"""The simulation thread: modes, steering, goals, lockstep, faults. Real threads, but bounded and without timing asserts.
+
+Also of uwserver.simulation.goal.
+"""
 
 from __future__ import annotations
 

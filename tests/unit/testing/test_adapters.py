@@ -1,4 +1,7 @@
-"""The adapter of docs/how-to/write-an-adapter.md runs as printed, and with one fault each it does not pass the checks of calls."""
+"""The adapter of docs/how-to/write-an-adapter.md runs as printed, and with one fault each it does not pass the checks of calls.
+
+Also of uwserver.testing.call_checks.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Ticks that compiled code makes in one go are those of `World.advance`, bit for bit, whatever happens in them and between them."""
+"""Ticks that compiled code makes in one go are those of `World.advance`, bit for bit, whatever happens in them and between them.
+
+Also of uwserver.sensors.writing and uwserver.world.ticking.
+"""
 
 from __future__ import annotations
 

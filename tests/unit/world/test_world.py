@@ -1,4 +1,4 @@
-"""The tick: its order, its time, what a command does and when."""
+"""The tick: its order, its time, what a command does and when. Also of uwserver.world.in_process."""
 
 from __future__ import annotations
 

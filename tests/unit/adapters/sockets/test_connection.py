@@ -1,4 +1,4 @@
-"""What a peer may do to its connection: in memory, with a peer that reads only when it wants."""
+"""What a peer may do to its connection: in memory, with a peer that reads only when it wants. Also of uwserver.testing.loopback."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What can be asked by HTTP, by whom, and what no page of another origin gets."""
+"""What can be asked by HTTP, by whom, and what no page of another origin gets. Also of uwserver.testing.fake_scene."""
 
 from __future__ import annotations
 

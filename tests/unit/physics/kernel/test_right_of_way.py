@@ -1,4 +1,7 @@
-"""Two threads hand the interpreter to each other: each gets it, nobody waits for one that does not come, and sockets are waited for meanwhile."""
+"""Two threads hand the interpreter to each other: each gets it, nobody waits for one that does not come, and sockets are waited for meanwhile.
+
+Also of uwserver.physics.kernel.giving_way.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Loops that threads share: each row is done once, whoever does it; who shares never waits for one who sleeps."""
+"""Loops that threads share: each row is done once, whoever does it; who shares never waits for one who sleeps.
+
+Also of uwserver.physics.kernel.atomics.
+"""
 
 import threading
 

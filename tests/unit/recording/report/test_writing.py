@@ -1,4 +1,4 @@
-"""Reports as files, by the command line too."""
+"""Reports as files, by the command line too. Also of uwserver.recording.report.drawing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of a vehicle's built-in autopilot: rates, gains, names, and something to steer with."""
+"""Checks of a vehicle's built-in autopilot: rates, gains, names, and something to steer with. Also of uwserver.autopilot.config."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The echosounder: the nearest point in its cone, and what noise, blanking, multiples and loss make of it."""
+"""The echosounder: the nearest point in its cone, and what noise, blanking, multiples and loss make of it. Also of uwserver.sensors.acoustic.echo."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Packets between modems: travel time, collisions, half duplex, answers and ranges, motion, and what a state keeps of all that."""
+"""Packets between modems: travel time, collisions, half duplex, answers and ranges, motion, and what a state keeps of all that.
+
+Also of uwserver.scenario.build.modems, uwserver.world.modems.node, uwserver.world.modems.packets and uwserver.world.modems.ways.
+"""
 
 from __future__ import annotations
 

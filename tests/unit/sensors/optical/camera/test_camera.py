@@ -1,4 +1,7 @@
-"""Cameras in a world: pictures in time, exposure that follows the light, lamps and tilt, pairs, and states that go on bit for bit."""
+"""Cameras in a world: pictures in time, exposure that follows the light, lamps and tilt, pairs, and states that go on bit for bit.
+
+Also of uwserver.sensors.optical.camera.kernels.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whole pictures: depth, who is seen, where light comes from, and what the water leaves of it."""
+"""Whole pictures: depth, who is seen, where light comes from, and what the water leaves of it. Also of uwserver.sensors.optical.camera.formation."""
 
 from __future__ import annotations
 
