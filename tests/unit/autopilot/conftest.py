@@ -42,12 +42,19 @@ class Flight:
 
     def run(self, seconds: float, **streams: dict[str, Any]) -> None:
         """Let time pass; `streams` are commands repeated at 10 Hz."""
-        ticks = round(seconds * RATE)
-        for k in range(ticks):
-            if k % 24 == 0:
-                for port, value in streams.items():
-                    self.send(port, **value)
-            output = self.world.advance()
+        left = round(seconds * RATE)
+        while left > 0:
+            for port, value in streams.items():
+                self.send(port, **value)
+            turn = min(left, 24) if streams else left
+            self._advance(turn)
+            left -= turn
+
+    def _advance(self, ticks: int) -> None:
+        """As many as compiled code can make are made in one call, bit for bit those of `advance`."""
+        end = self.world.tick + ticks
+        while self.world.tick < end:
+            output = self.world.go_on(end - self.world.tick) or self.world.advance()
             self.events += [event.text for event in output.events]
             for on_reply, reply in output.replies:
                 on_reply(reply)

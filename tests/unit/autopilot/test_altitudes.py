@@ -55,9 +55,9 @@ def rms(altitudes, wanted):
 # Vehicle, speed, slope: RMS error and least altitude of a way at 5 m, as they are on the page.
 SLOPES = [
     ("bluerov2_heavy", 0.5, 20),
-    ("remus100", 1.5, 10),
+    pytest.param("remus100", 1.5, 10, marks=pytest.mark.slow),
     ("remus100", 1.5, 20),
-    ("lauv", 1.0, 10),
+    pytest.param("lauv", 1.0, 10, marks=pytest.mark.slow),
     ("lauv", 1.0, 20),
 ]
 
