@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -61,6 +61,29 @@ def pytest_configure(config: pytest.Config) -> None:
         command = [sys.executable, "-I", "-S", "-c", UNDERTAKER, f"{MARK}={os.environ[MARK]}"]
         undertaker = subprocess.Popen(command, stdin=subprocess.PIPE, start_new_session=True)
         config.add_cleanup(lambda: undertaker.communicate() and None)
+
+
+BEGIN = pytest.StashKey[float]()
+
+
+def processor_s() -> float:
+    """Of this process and of all that it has waited for."""
+    return sum(os.times()[:4])
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup(item: pytest.Item) -> Iterator[None]:
+    item.stash[BEGIN] = processor_s()
+    return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown(item: pytest.Item) -> Iterator[None]:
+    """What a test took of the processors, with its fixtures, stands in the results (--junitxml): tools/costs_of_tests.py makes a table of it."""
+    try:
+        return (yield)
+    finally:
+        item.user_properties.append(("processor_s", f"{processor_s() - item.stash[BEGIN]:.3f}"))
 
 
 def small_scenario(rate_hz: float = 240.0, seed: int = 5, vehicles: int = 1) -> Resolved:
