@@ -2,8 +2,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import pytest
 import costs_of_tests as tool
+import pytest
 
 RESULTS = """<testsuites><testsuite>
 <testcase classname="tests.unit.world.test_x" name="test_all_go_on[a]" time="2.0"><properties>
