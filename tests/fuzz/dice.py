@@ -1,8 +1,15 @@
-"""Inputs that are nearly right, reproducible from a seed: changed as trees before they are encoded, or as bytes after."""
+"""Inputs that are nearly right, reproducible from a seed: changed as trees before they are encoded, or as bytes after.
+
+`UWSERVER_FUZZ_SEED` is that seed; without it, it is the day (UTC). `UWSERVER_FUZZ_SECONDS` is the processor time that each codec has in the run
+of every day.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import datetime
+import os
+import time
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -19,7 +26,22 @@ PIECES = (
     b"1e999", b"-", b"9" * 40, b"\x00\x00\x00\x05", b"\xff\xff\xff\x7f", b"\xff\xff\xff\xff", b"\xfd", b"\xfe", b"\x91" * 40, b"[" * 40, b"\xc1",
     b"\xdd\xff\xff\xff\xff", b"\xcb\x7f\xf8\x00\x00\x00\x00\x00\x00", b"HTTP/1.1", b"\xe2\x82", b"\xf0\x9f\x98\x80",
 )  # fmt: skip
+SECONDS = float(os.environ.get("UWSERVER_FUZZ_SECONDS", "1"))
 _POOL = 1 << 16
+
+
+def seed_of_the_day() -> int:
+    """A run of another day looks further, one of the same day looks at the same; the seed stands in the output of a test that fails."""
+    today = datetime.datetime.now(datetime.timezone.utc)
+    seed = int(os.environ.get("UWSERVER_FUZZ_SEED") or f"{today:%Y%m%d}")
+    print(f"UWSERVER_FUZZ_SEED={seed}")
+    return seed
+
+
+def for_seconds(seconds: float) -> Callable[[int], bool]:
+    """Whether to go on, after so many inputs: as long as this process has worked less than that."""
+    end = time.process_time() + seconds
+    return lambda _: time.process_time() < end
 
 
 class Dice:

@@ -1,7 +1,7 @@
 """Every codec against inputs that are nearly right (`targets`): no exception, nothing lost or told twice, replies under the id of their request.
 
-`UWSERVER_FUZZ_SECONDS` bounds the run of every day, together with that of `test_sockets_fuzz`; `UWSERVER_FUZZ_INPUTS` is the number of inputs a
-codec in the slow run: a million in `make test-all`, ten millions in `make fuzz`.
+`UWSERVER_FUZZ_SECONDS` bounds the run of every day; `UWSERVER_FUZZ_INPUTS` is the number of inputs a codec in the slow run: a million in
+`make test-all`, ten millions in `make fuzz`.
 """
 
 from __future__ import annotations
@@ -10,46 +10,41 @@ import contextlib
 import os
 import re
 import struct
-import time
+from collections.abc import Callable
 
-import numpy as np
 import pytest
-from dice import Dice
+from dice import SECONDS, Dice, for_seconds, seed_of_the_day
 from targets import TARGETS
 from uwserver_adapters.ardupilot import wire as ardupilot
 
-SECONDS = float(os.environ.get("UWSERVER_FUZZ_SECONDS", "20")) / 2 / len(TARGETS)
 INPUTS = int(os.environ.get("UWSERVER_FUZZ_INPUTS", "1000000"))
 FIRST = 500
 """Inputs that are the same everywhere."""
 
 
-def todays_seed() -> int:
-    seed = int(np.random.SeedSequence().generate_state(1)[0])
-    print("seed", seed)  # in the test's output, where it failed
-    return seed
-
-
-def take(codec: str, seed: int, inputs: int) -> None:
-    """So many inputs."""
+def take(codec: str, seed: int, go_on: Callable[[int], bool]) -> None:
+    """Inputs, as long as asked."""
+    count = 0
     with contextlib.closing(TARGETS[codec](Dice(seed))) as target:
-        for _ in range(inputs):
+        while go_on(count):
             target.once()
+            count += 1
+
+
+def first(count: int) -> bool:
+    return count < FIRST
 
 
 @pytest.mark.parametrize("codec", TARGETS)
 def test_a_codec_for_a_while(codec: str) -> None:
-    take(codec, 1, FIRST)
-    end = time.monotonic() + SECONDS
-    with contextlib.closing(TARGETS[codec](Dice(todays_seed()))) as target:
-        while time.monotonic() < end:
-            target.once()
+    take(codec, 1, first)
+    take(codec, seed_of_the_day(), for_seconds(SECONDS))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("codec", TARGETS)
 def test_a_codec_for_long(codec: str) -> None:
-    take(codec, todays_seed(), INPUTS)
+    take(codec, seed_of_the_day(), lambda count: count < INPUTS)
 
 
 # The targets themselves can fail: a fault in a codec is found within the inputs of every day.
@@ -80,4 +75,4 @@ FAULTS: dict[str, tuple[str, object]] = {
 def test_a_fault_in_a_codec_is_found(codec: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(*FAULTS[codec])
     with pytest.raises((AssertionError, TypeError, struct.error)):
-        take(codec, 1, FIRST)
+        take(codec, 1, first)

@@ -1,21 +1,20 @@
 """Mutated and raw traffic against both codecs and a whole connection: no exception, no endless events, nothing left behind.
 
-`UWSERVER_FUZZ_SECONDS` (default 20) bounds the run of every day, shared by its tests; the marked slow one takes a million inputs.
+`UWSERVER_FUZZ_SECONDS` bounds the run of every day, for each encoding; the marked slow one takes a million inputs.
 """
 
 from __future__ import annotations
 
 import asyncio
 import json
-import os
 import struct
-import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import msgpack
 import numpy as np
 import pytest
+from dice import SECONDS, for_seconds, seed_of_the_day
 from targets import texts
 from uwserver_adapters.native.codec import NEED_DATA, Codec, JsonCodec, MsgpackCodec
 from uwserver_adapters.native.requests import Malformed, Request
@@ -26,8 +25,8 @@ from uwserver.adapter import connection
 from uwserver.testing import FakeContext, Loopback
 from uwserver.testing.codecs import read_all
 
-SECONDS = float(os.environ.get("UWSERVER_FUZZ_SECONDS", "20")) / 2  # the other half is that of `test_codecs_fuzz`
 MILLION = 1_000_000
+FIRST = 1000
 MESSAGES: list[Any] = [
     {"jsonrpc": "2.0", "id": 1, "method": "hello", "params": {"version": 1, "name": "pilot", "token": "x"}},
     {"jsonrpc": "2.0", "id": 2, "method": "describe", "params": {"pattern": "rov/*"}},
@@ -184,38 +183,25 @@ async def run_connections(encoding: str, seed: int, go_on: Callable[[int], bool]
     return count
 
 
-def for_seconds(seconds: float) -> Callable[[int], bool]:
-    end = time.monotonic() + seconds
-    return lambda _: time.monotonic() < end
-
-
-def seed_of_today() -> int:
-    return int(np.random.SeedSequence().generate_state(1)[0])
-
-
 @pytest.fixture(autouse=True)
 def _quiet(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("UWSERVER_TOKEN", raising=False)
     monkeypatch.setattr(connection, "LINGER_S", 0.0)
 
 
-# A fixed seed makes the first inputs the same everywhere; a new one each day's run looks further. The seed is in the test's output.
+# A fixed seed makes the first inputs the same everywhere; that of the day looks further.
 @pytest.mark.parametrize("encoding", ENCODINGS)
 def test_codecs(encoding: str) -> None:
-    assert run_codecs(encoding, 1, lambda count: count < 2000) == 2000
-    seed = seed_of_today()
-    print("seed", seed)
-    run_codecs(encoding, seed, for_seconds(SECONDS / 4))
+    assert run_codecs(encoding, 1, lambda count: count < FIRST) == FIRST
+    run_codecs(encoding, seed_of_the_day(), for_seconds(SECONDS))
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
 def test_connections(encoding: str, caplog: pytest.LogCaptureFixture) -> None:
     async def scene() -> None:
         theatre = Theatre()
-        assert await run_connections(encoding, 1, lambda count: count < 2000, theatre) == 2000
-        seed = seed_of_today()
-        print("seed", seed)
-        await run_connections(encoding, seed, for_seconds(SECONDS / 4), theatre)
+        assert await run_connections(encoding, 1, lambda count: count < FIRST, theatre) == FIRST
+        await run_connections(encoding, seed_of_the_day(), for_seconds(SECONDS), theatre)
         theatre.check(caplog)
 
     asyncio.run(scene())
@@ -224,8 +210,7 @@ def test_connections(encoding: str, caplog: pytest.LogCaptureFixture) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("encoding", ENCODINGS)
 def test_a_million_inputs(encoding: str, caplog: pytest.LogCaptureFixture) -> None:
-    seed = seed_of_today()
-    print("seed", seed)
+    seed = seed_of_the_day()
     run_codecs(encoding, seed, lambda count: count < MILLION // 4)
 
     async def scene() -> None:
