@@ -16,7 +16,7 @@ from uwserver.physics.kernel.fingerprint import fingerprint
 SOURCE = '''
 import math
 import numpy as np
-GAIN, TABLE, NAMES = 2.0, np.array([1.0, 2.0]), frozenset({"a", "b", "c", "d"})
+GAIN, TABLE, NAMES = 2.0, np.array([1.0, 2.0]), frozenset({"a", "b", "c", "d", "f", "g", "h", "i"})
 RECORD = np.dtype([("x", "f8")])
 
 
@@ -82,10 +82,9 @@ def test_it_is_the_same_in_every_process() -> None:
     """Also of a set of texts, whose order is another in each."""
     run = f"scope = {{'__name__': 'elsewhere'}}; exec({SOURCE!r}, scope); print(fingerprint(scope['outer']))"
     code = f"from uwserver.physics.kernel.fingerprint import fingerprint; {run}"
-    for seed in ("1", "2"):
-        environment = os.environ | {"PYTHONHASHSEED": seed}
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, timeout=60)
-        assert done.stdout.strip() == fingerprint(made())
+    environment = os.environ | {"PYTHONHASHSEED": "1"}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, timeout=60)
+    assert done.stdout.strip() == fingerprint(made())
 
 
 def test_functions_of_physics_count_by_name() -> None:

@@ -60,27 +60,16 @@ def test_threads_end_with_a_team_that_is_dropped():
     assert not names()
 
 
-def run(code):
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
-
-
-def test_the_interpreter_ends_with_threads_asleep():
-    found = run(
-        "from uwserver.physics.kernel.team import Team\nt = Team(2); t.begin(); t.shares = True\n"
-        "import threading; print(threading.active_count())"
-    )
-    assert (found.returncode, found.stdout.strip()) == (0, "2"), found.stderr
-
-
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
-def test_a_forked_process_has_one_thread():
-    found = run(
-        "import os\nfrom uwserver.physics.kernel.team import Team\nt = Team(2); t.begin(); t.shares = True\n"
+def test_a_forked_process_has_one_thread_and_the_interpreter_ends_with_threads_asleep():
+    code = (
+        "import os, threading\nfrom uwserver.physics.kernel.team import Team\nt = Team(2); t.begin(); t.shares = True\n"
         "child = os.fork()\n"
         "if child == 0:\n    ok = not t.shares; t.end(); os._exit(0 if ok else 1)\n"
-        "print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), t.shares)"
+        "print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), t.shares, threading.active_count())"
     )
-    assert (found.returncode, found.stdout.strip()) == (0, "0 True"), found.stderr
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
+    assert (found.returncode, found.stdout.strip()) == (0, "0 True 2"), found.stderr
 
 
 def test_why_there_is_one_thread(monkeypatch):
