@@ -22,6 +22,17 @@ def keep_small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(socket.socket, "listen", listen_small)
 
 
+def shorten_suite(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The conformance suite finds the same with fewer samples for who does not read, as buffers are small, and with a flood of few more requests
+    than the 1024 that any adapter of ours keeps of one peer."""
+    keep_small(monkeypatch)
+    monkeypatch.setattr("uwserver.testing.adapters._TICKS_TO_SLOW_PEER", 12_000)
+    monkeypatch.setattr("uwserver.testing.adapters._TICKS_ONCE_SLOW", 100)
+    monkeypatch.setattr("uwserver.testing.call_checks.FLOOD", 1200)
+    for limit in ("START_S", "CANCEL_S", "SETTLE_S"):
+        monkeypatch.setattr(f"uwserver.testing.adapter_kit.{limit}", 30.0)  # a busy machine may take its time
+
+
 def slow_reader(host: str, port: int) -> socket.socket:
     """A connection whose own side takes little, too."""
     stream = socket.socket()

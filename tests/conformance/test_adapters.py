@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from kernel_buffers import shorten_suite
 from uwserver_adapters.devices.water_linked_a50 import WaterLinkedA50Table
 from uwserver_adapters.moos import wire as moos
 from uwserver_adapters.moos.config import CommunityTable
@@ -348,12 +349,12 @@ KITS: dict[str, tuple[dict[str, Any], Connect, bytes]] = {
     ),
     "ardupilot_json": ({"port": 0, "truth": True, "silence_s": 1.0}, UdpPeer.connect, SERVO_FRAME),
     "moos": ({"communities": {name: CommunityTable(port=MOOS_PORT) for name in "abcd"}}, _moos_database, MOOS_WELCOME),
-    "moosdb": ({"port": 0, "queue_bytes": 1 << 20}, TcpPeer.connect, MOOS_HELLO + MOOS_HEAR_ALL),
-    "moos_text": ({"port": 0}, TcpPeer.connect, b"SUBSCRIBE *\n"),
+    "moosdb": ({"port": 0, "queue_bytes": 1 << 18}, TcpPeer.connect, MOOS_HELLO + MOOS_HEAR_ALL),
+    "moos_text": ({"port": 0, "queue_bytes": 1 << 18}, TcpPeer.connect, b"SUBSCRIBE *\n"),
     "morse": ({"port": 0, "stream_port": 0, "queue_bytes": 1 << 16}, _morse_stream, b""),
     "player": ({"port": 0, "queue_bytes": 1 << 16}, TcpPeer.connect, _PLAYER_OPEN),
     "px4_hil": ({"port": 0, "truth": True}, TcpPeer.connect, PX4_HEARTBEAT),
-    "ros2": ({"listen": ("tcp/127.0.0.1:0",), "domain": 0}, _zenoh_transport, b""),
+    "ros2": ({"listen": ("tcp/127.0.0.1:0",), "domain": 0, "config": {"scouting/delay": 1}}, _zenoh_transport, b""),
     "ros1": ({"master": "http://127.0.0.1:9", "queue_bytes": 1 << 16}, _ros1, _ros1_header(topic="/rov/imu")),
     "rosbridge": ({"port": 0}, _rosbridge_client, _web('{"op":"subscribe","topic":"/rov/imu"}')),
     "sockets": ({"port": 0}, TcpPeer.connect, b'{"method":"subscribe","params":{"pattern":"**"}}\n'),
@@ -368,7 +369,11 @@ KITS: dict[str, tuple[dict[str, Any], Connect, bytes]] = {
         _yarp_port("rov/imu:o"),
         _YARP_HELLO + yarp.message(False, "r"),
     ),
-    "zenoh": ({"listen": ("tcp/127.0.0.1:0",), "scouting": False}, _zenoh_transport, b""),
+    "zenoh": (
+        {"listen": ("tcp/127.0.0.1:0",), "scouting": False, "config": {"scouting/delay": 1}},
+        _zenoh_transport,
+        b"",
+    ),
 }
 
 
@@ -613,16 +618,31 @@ FAULTS = {
 }  # fmt: skip
 
 
+@pytest.fixture(autouse=True)
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    shorten_suite(monkeypatch)
+    monkeypatch.setattr("uwserver_adapters.moos.client.adapter.RETRY_S", 0.02)
+    monkeypatch.setattr("uwserver_adapters.zenoh_bus.adapter.TAKEN_S", 0.1)
+    monkeypatch.delenv("UWSERVER_TOKEN", raising=False)
+
+
+BRIEFLY = {
+    "never ready": "START_S",
+    "swallows the cancellation": "CANCEL_S",
+    "does not count its peers back": "SETTLE_S",
+}
+"""Faults that are what does not happen in a time, and what that is called."""
+
+
 def run(check: Callable[[], Awaitable[Any]]) -> Any:
     async def bounded() -> Any:
-        return await asyncio.wait_for(check(), 60)
+        return await asyncio.wait_for(check(), 180)
 
     return asyncio.run(bounded())
 
 
 @pytest.mark.parametrize("kind", sorted(adapter_entries()))
-def test_installed_adapters(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("UWSERVER_TOKEN", raising=False)
+def test_installed_adapters(kind: str) -> None:
     assert kind in KITS, f'adapter "{kind}" has no row in KITS'
     table, connect, greeting = KITS[kind]
     adapter = load_adapter(kind)
@@ -693,8 +713,7 @@ def test_ros2_on_dds() -> None:
 
 @pytest.mark.parametrize("check", ["check_strange_samples", "check_events"])
 @pytest.mark.parametrize("kind", sorted(adapter_entries()))
-def test_pictures_payloads_and_texts_are_no_trouble(kind: str, check: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("UWSERVER_TOKEN", raising=False)
+def test_pictures_payloads_and_texts_are_no_trouble(kind: str, check: str) -> None:
     if kind == "mavlink":
         pytest.importorskip("pymavlink", reason="pymavlink is not installed")
     table, connect, greeting = KITS[kind]
@@ -747,8 +766,11 @@ def test_a_third_party_adapter_is_one_folder(site: Site) -> None:
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_the_suite_sees_a_fault(site: Site, fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("uwserver.testing.adapter_kit.START_S", 0.3)
-    monkeypatch.setattr("uwserver.testing.adapter_kit.SETTLE_S", 0.5)
+    if fault in BRIEFLY:
+        monkeypatch.setattr(f"uwserver.testing.adapter_kit.{BRIEFLY[fault]}", 1.0)
+    monkeypatch.setattr(
+        "uwserver.testing.traces.range", lambda _: range(10), raising=False
+    )  # what is left behind it need not wait for
     right, wrong, phrase = FAULTS[fault]
     assert THIRD_PARTY.count(right) == 1
     site.install("spy", "spy_of_test:Spy", THIRD_PARTY.replace(right, wrong))

@@ -94,7 +94,7 @@ class Bridge:
 
     def ask(self, key, kind, attachment=None, **fields):
         data = self.types.cdr(self.types.make(f"{kind}_Request", **fields)) if fields or attachment else None
-        (reply,) = self.session.get(key, payload=data, attachment=attachment, timeout=20)
+        (reply,) = self.session.get(key, payload=data, attachment=attachment, timeout=60)
         return self.types.from_cdr(reply.ok.payload.to_bytes(), f"{kind}_Response")
 
     def say(self, key, kind, **fields):
@@ -104,7 +104,8 @@ class Bridge:
 @contextlib.asynccontextmanager
 async def bridged(**config):
     made = flying()
-    table = Ros2Config(transport="bridge", listen=("tcp/127.0.0.1:0",), truth=True, **config)
+    at_once = {"scouting/delay": 1}  # not after half a second in which others are looked for
+    table = Ros2Config(transport="bridge", listen=("tcp/127.0.0.1:0",), truth=True, config=at_once, **config)
     async with serving(Ros2Adapter(table, made)):
         loop, pool = asyncio.get_running_loop(), ThreadPoolExecutor(1)
 
@@ -120,11 +121,11 @@ async def bridged(**config):
 
 
 def run(story):
-    asyncio.run(asyncio.wait_for(story(), 60))
+    asyncio.run(asyncio.wait_for(story(), 120))
 
 
 async def until(condition):
-    end = asyncio.get_running_loop().time() + 20
+    end = asyncio.get_running_loop().time() + 60
     while not condition():
         assert asyncio.get_running_loop().time() < end, "it does not come"
         await asyncio.sleep(0.02)

@@ -26,7 +26,9 @@ from uwserver_adapters.ros2 import Ros2Adapter  # noqa: E402
 from uwserver_adapters.ros2.config import Ros2Config  # noqa: E402
 from uwserver_adapters.ros2.graph import Attachment, attachment, gid, parsed_token  # noqa: E402
 
-PATIENCE_S = 20
+PATIENCE_S = 60
+AT_ONCE = {"scouting/delay": 1}
+"""A session that nobody is to be looked for is open at once, and not after half a second."""
 
 
 class Peer:
@@ -109,7 +111,16 @@ class Peer:
 async def node(distro="jazzy", made=None, **config):
     """The world, and a function that runs a call of the peer beside the loop."""
     made = made or context()
-    table = Ros2Config(**{"listen": ("tcp/127.0.0.1:0",), "ros_distro": distro, "domain": 0, "truth": True, **config})
+    table = Ros2Config(
+        **{
+            "listen": ("tcp/127.0.0.1:0",),
+            "ros_distro": distro,
+            "domain": 0,
+            "truth": True,
+            "config": AT_ONCE,
+            **config,
+        }
+    )
     async with serving(Ros2Adapter(table, made)):
         loop, pool = asyncio.get_running_loop(), ThreadPoolExecutor(1)
 
@@ -125,7 +136,7 @@ async def node(distro="jazzy", made=None, **config):
 
 
 def run(story):
-    asyncio.run(asyncio.wait_for(story(), 60))
+    asyncio.run(asyncio.wait_for(story(), 120))
 
 
 async def until(condition):
