@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
-from importlib.util import find_spec
-from pathlib import Path
 
 import pytest
 
@@ -28,14 +25,3 @@ def test_what_is_not_finite_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_each_stage_has_what_compiles_it() -> None:
     assert warm.COMPILE.keys() == ENTRY_KERNELS.keys()
-
-
-def test_each_kernel_that_python_calls_is_compiled_ahead() -> None:
-    """One that is not listed would be compiled where somebody waits for it."""
-    listed = {name for names in ENTRY_KERNELS.values() for name in names}
-    entry, found = re.compile(r"^@entry\ndef ([a-z]\w*)", re.MULTILINE), set()
-    for module in Path(warm.__file__).parent.rglob("*.py"):
-        if module.stem != "tree" or not find_spec("embreex"):
-            found |= {f"{module.stem}.{name}" for name in entry.findall(module.read_text(encoding="utf-8"))}
-    assert len(found) > 20
-    assert found <= listed

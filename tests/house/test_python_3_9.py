@@ -5,12 +5,9 @@ from __future__ import annotations
 import ast
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
-
-PACKAGE = Path(__file__).parents[3] / "clients" / "python" / "uwclient"
-MODULES = sorted(PACKAGE.glob("*.py"))
+from sources import modules
 
 
 def evaluated(tree: ast.AST) -> Iterator[ast.AST]:
@@ -40,15 +37,14 @@ def faults(source: str) -> list[str]:
         names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
         for name in names:
             root = name.split(".")[0]
-            # numpy stands under TYPE_CHECKING only; test_imports proves that.
+            # numpy stands under TYPE_CHECKING only; tests/unit/client/test_imports.py proves that.
             if root not in {"uwclient", "numpy", *sys.stdlib_module_names} or root == "tomllib":
                 found.append(f"line {node.lineno}: imports {name}")
     return found
 
 
-@pytest.mark.parametrize("module", MODULES, ids=lambda module: module.name)
-def test_module_is_for_python_3_9(module: Path) -> None:
-    assert faults(module.read_text(encoding="utf-8")) == []
+def test_modules_are_for_python_3_9() -> None:
+    assert {module.name: found for module in modules("uwclient") if (found := faults(module.text))} == {}
 
 
 @pytest.mark.parametrize(
@@ -65,20 +61,3 @@ def test_module_is_for_python_3_9(module: Path) -> None:
 )
 def test_the_check_finds_what_it_is_for(source: str) -> None:
     assert faults(source)
-
-
-def test_imports_need_nothing_installed(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("numpy", "msgpack", "matplotlib", "uwserver"):
-        monkeypatch.setitem(sys.modules, name, None)
-    for name in [name for name in sys.modules if name.split(".")[0] == "uwclient"]:
-        monkeypatch.delitem(sys.modules, name)
-    import uwclient
-    import uwclient.cli
-
-    assert uwclient.connect == uwclient.Client.connect
-    assert callable(uwclient.cli.main)
-
-
-def test_modules_are_small() -> None:
-    assert len(MODULES) > 10
-    assert {module.name for module in MODULES if len(module.read_text(encoding="utf-8").splitlines()) > 400} == set()

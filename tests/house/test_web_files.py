@@ -13,8 +13,8 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from sources import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "clients/web"
 OWN = sorted(path for path in PAGE.rglob("*.js") if "vendor" not in path.parts)
 LARGEST = 700_000

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 from pathlib import Path
 
 import pytest
+from sources import ROOT
 
-ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs/explanation/security.md"
 HEAD = "| threat | what is promised | test |"
 NAMED = re.compile(r"`(test_\w+)(\.py)?`")
+
+
+@cache
+def files_of_tests() -> tuple[Path, ...]:
+    """Wherever they are."""
+    return tuple((ROOT / "tests").rglob("test_*.py"))
 
 
 def rows() -> list[str]:
@@ -27,7 +34,7 @@ def test_a_threat_names_tests_that_are_there(row: str) -> None:
     texts: list[str] = []
     for name, is_file in named:
         if is_file:
-            texts = [path.read_text() for path in (ROOT / "tests").rglob(f"{name}.py")]
+            texts = [path.read_text() for path in files_of_tests() if path.stem == name]
             assert texts, f"there is no {name}.py"
         else:
             assert any(f"def {name}(" in text for text in texts), f"the file before has no {name}"

@@ -16,8 +16,9 @@ from typing import Any
 
 import msgspec
 import pytest
+from sources import ROOT
 
-SHIPPED = Path(__file__).parents[4] / "scenarios" / "uwserver_scenarios"
+SHIPPED = ROOT / "scenarios" / "uwserver_scenarios"
 FILES = sorted(path for folder in ("vehicles", "devices") for path in (SHIPPED / folder).glob("*.toml"))
 STATUSES = ("measured", "paper", "datasheet", "derived", "guess")
 FREE = re.compile(

@@ -5,14 +5,13 @@ from __future__ import annotations
 import importlib.metadata
 import re
 import runpy
-from pathlib import Path
 from typing import Any
 
 import pytest
 from packaging.requirements import Requirement
 from packaging.version import Version
+from sources import ROOT
 
-ROOT = Path(__file__).parents[2]
 TOOL: dict[str, Any] = runpy.run_path(str(ROOT / "tools" / "lock.py"))
 IMAGE = {
     "python_version": "3.11", "python_full_version": "3.11.9", "sys_platform": "linux", "platform_system": "Linux", "os_name": "posix",
