@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import http.client
 import subprocess
-import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
 
 from uwserver.adapter import installed_adapters
+from uwserver.cli.child import child
 from uwserver.cli.lone_view import ViewFailed, lone_view, seen_alone
 from uwserver.scenario.load.scenario import load
 
@@ -27,7 +30,18 @@ def test_of_the_scenario_s_adapters_none_is_left() -> None:
     assert alone.vehicles is resolved.vehicles
 
 
-def test_its_world_is_shown_to_who_has_the_token_alone() -> None:
+def test_its_world_is_shown_to_who_has_the_token_alone_and_ends_with_its_standard_input(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    started: list[subprocess.Popen[str]] = []
+
+    @contextmanager
+    def watched(*given: Any, **options: Any) -> Iterator[subprocess.Popen[str]]:
+        with child(*given, **options) as process:
+            started.append(process)
+            yield process
+
+    monkeypatch.setattr("uwserver.cli.lone_view.child", watched)
     with lone_view("bluerov2_pool", seed=3) as address:
         parts = urlsplit(address)
         assert parts.hostname == "127.0.0.1"
@@ -37,19 +51,10 @@ def test_its_world_is_shown_to_who_has_the_token_alone() -> None:
             connection.request("GET", "/world.json", headers=headers)
             assert connection.getresponse().status == status
             connection.close()
-
-
-def test_it_ends_with_its_standard_input() -> None:
-    command = [sys.executable, "-m", "uwserver.cli.lone_view", "bluerov2_pool"]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            assert process.stdin is not None
-            assert process.stdout.readline().startswith("http://127.0.0.1:")
-            process.stdin.close()
-            assert process.wait(PATIENCE_S) == 0
-        finally:
-            process.kill()
+        (process,) = started
+        assert process.stdin is not None
+        process.stdin.close()
+        assert process.wait(PATIENCE_S) == 0
 
 
 def test_one_that_does_not_start_is_told(capfd: pytest.CaptureFixture[str]) -> None:

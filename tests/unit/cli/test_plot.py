@@ -6,20 +6,25 @@ import importlib.util
 import math
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
-from matplotlib.collections import QuadMesh
 from playback_rig import recorded
 
-from uwserver.cli.pictures import picture
 from uwserver.cli.plot import plot
 from uwserver.ports import Buffer, Field, Port, Sample
 from uwserver.ports.buffer import Layout
 from uwserver.recording.parts import Rotation
-from uwserver.scenario.authoring.catalogue import sensor_kinds
+from uwserver.scenario.authoring.catalogue import SensorKind, sensor_kinds
+from uwserver.scenario.files.convert import kinds_of
+from uwserver.sensors import SensorConfig
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SCENARIO = """\
 schema = 1
@@ -71,6 +76,19 @@ rate_hz = 8
 """
 
 
+def picture(port: Port, samples: Sequence[Sample]) -> Figure:
+    from uwserver.cli.pictures import picture as drawn_of
+
+    return drawn_of(port, samples)
+
+
+def meshes(axis: Any) -> list[Any]:
+    """What is drawn of cells."""
+    from matplotlib.collections import QuadMesh
+
+    return [each for each in axis.get_children() if isinstance(each, QuadMesh)]
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("plot")
@@ -84,7 +102,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "--mode",
         "freerun",
         "--until",
-        "3",
+        "1.2",
         "--record",
         "x.mcap",
     ]
@@ -98,26 +116,25 @@ def run(folder: Path, *arguments: str) -> Result:
     return CliRunner().invoke(plot, ["sensor", *paths])
 
 
-@pytest.mark.parametrize(
-    ("source", "name"),
-    [
-        ("x.toml", "sonar"),
-        ("x.toml", "imaging"),
-        *(("x.mcap", name) for name in ("sonar", "log", "loud", "imaging", "side", "swath")),
-    ],
-)
-def test_a_picture_from_a_scenario_and_from_a_recording(folder: Path, source: str, name: str) -> None:
-    file = folder / f"{source}.{name}.png"
-    result = run(folder, source, f"rov/{name}", "-o", str(file), "--to", "2")
+def drawn(folder: Path, source: str, name: str, target: str) -> Path:
+    """A picture of the first second."""
+    file = folder / target
+    result = run(folder, source, f"rov/{name}", "-o", str(file), "--to", "1")
     assert result.exit_code == 0, result.output
     assert file.read_bytes().startswith(b"\x89PNG")
     assert "samples" in result.output
+    return file
 
 
-def test_both_sources_give_the_same_picture(folder: Path) -> None:
-    for source in ("x.toml", "x.mcap"):
-        assert run(folder, source, "rov/sonar", "-o", str(folder / f"same.{source}.png"), "--to", "2").exit_code == 0
-    assert (folder / "same.x.toml.png").read_bytes() == (folder / "same.x.mcap.png").read_bytes()
+@pytest.mark.parametrize("name", ["log", "loud", "side", "swath"])
+def test_a_picture_from_a_recording(folder: Path, name: str) -> None:
+    drawn(folder, "x.mcap", name, f"x.{name}.png")
+
+
+@pytest.mark.parametrize("name", ["sonar", "imaging"])
+def test_a_scenario_and_a_recording_give_the_same_picture(folder: Path, name: str) -> None:
+    one, other = (drawn(folder, source, name, f"same.{source}.png") for source in ("x.toml", "x.mcap"))
+    assert one.read_bytes() == other.read_bytes()
 
 
 def test_pictures_of_echoes_are_those_of_the_samples() -> None:
@@ -140,7 +157,7 @@ def test_pictures_of_echoes_are_those_of_the_samples() -> None:
     wave[2, 1] = 3e-6, -4e-6
     azimuth = Buffer.of(np.array([-0.1, 0.1], np.float32))
     figure = picture(fan, [Sample("rov/fan", 0, 0, 0, True, (0.0, 6.0, azimuth, Buffer.of(wave)))])
-    (mesh,) = (each for each in figure.axes[0].collections if isinstance(each, QuadMesh))
+    (mesh,) = meshes(figure.axes[0])
     levels = np.asarray(mesh.get_array())
     assert levels[2, 1] == levels.max() == pytest.approx(20.0 * math.log10(5.0))
     assert levels[0, 0] == pytest.approx(levels.max() - 80.0)
@@ -223,19 +240,44 @@ def samples(port: Port, n: int) -> list[Sample]:
     return told
 
 
-@pytest.mark.parametrize("kind", sensor_kinds().values(), ids=lambda kind: kind.kind)
-def test_every_kind_can_be_drawn(kind, tmp_path: Path) -> None:
-    for output in kind.outputs:
-        port = Port("rov/x", "sensor", kind.kind, output.fields, output.doc, 10.0)
-        picture(port, samples(port, 20)).savefig(tmp_path / "x.png")
-        picture(port, samples(port, 1)).savefig(tmp_path / "x.png")
+@pytest.fixture(scope="module")
+def kinds() -> dict[str, SensorKind]:
+    return sensor_kinds()
+
+
+OWN = "bathymetry", "camera", "multibeam", "scanning_sonar", "side_scan", "dvl", "adcp", "usbl", "lbl"
+"""Kinds that have a picture of their own."""
+
+RENDERED = [*OWN, "contact"]
+"""One of those whose numbers stand over time beside them, of all types of fields."""
+
+
+@pytest.mark.parametrize("kind", kinds_of(SensorConfig))
+def test_every_kind_can_be_drawn(kinds: dict[str, SensorKind], kind: str) -> None:
+    from uwserver.cli.pictures import _PICTURES
+
+    assert _PICTURES.keys() == set(OWN)
+    for output in kinds[kind].outputs:
+        port = Port("rov/x", "sensor", kind, output.fields, output.doc, 10.0)
+        for n in (20, 1):
+            assert picture(port, samples(port, n)).axes
         with pytest.raises(ValueError, match="gave no samples"):
             picture(port, [])
 
 
-def test_a_current_profile_stands_over_time_and_cell() -> None:
+@pytest.mark.parametrize(
+    "kind", [k if k in RENDERED else pytest.param(k, marks=pytest.mark.slow) for k in kinds_of(SensorConfig)]
+)
+def test_what_is_drawn_can_be_rendered(kinds: dict[str, SensorKind], tmp_path: Path, kind: str) -> None:
+    for output in kinds[kind].outputs:
+        port = Port("rov/x", "sensor", kind, output.fields, output.doc, 10.0)
+        for n in (20, 1):
+            picture(port, samples(port, n)).savefig(tmp_path / "x.png")
+
+
+def test_a_current_profile_stands_over_time_and_cell(kinds: dict[str, SensorKind]) -> None:
     """Over ground where it is known, else relative to the device; a single sample is a profile over distance."""
-    fields = sensor_kinds()["adcp"].outputs[0].fields
+    fields = kinds["adcp"].outputs[0].fields
     port = Port("rov/x", "sensor", "adcp", fields, "", 2.0)
     cells = next(f for f in fields if f.name == "distances").size
 
@@ -252,16 +294,16 @@ def test_a_current_profile_stands_over_time_and_cell() -> None:
     for ground, title in ((True, "velocities_N"), (False, "velocities_S")):
         axes = picture(port, told(ground)).axes
         assert axes[0].get_title() == title
-        (image,) = (child for child in axes[1].get_children() if isinstance(child, QuadMesh))
+        (image,) = meshes(axes[1])
         assert image.get_array().reshape(cells, 3)[4].tolist() == [4.0, 14.0, 24.0]
     axis = picture(port, told(True)[:1]).axes[0]
     assert axis.lines[1].get_xdata().tolist() == list(range(cells))
     assert axis.lines[1].get_ydata()[3] == 2.0
 
 
-def test_an_echo_stands_where_it_came_from() -> None:
+def test_an_echo_stands_where_it_came_from(kinds: dict[str, SensorKind]) -> None:
     """One bright bin of one ping: in the picture at its angle and distance, the newest ping of an angle counts."""
-    fields = sensor_kinds()["scanning_sonar"].outputs[0].fields
+    fields = kinds["scanning_sonar"].outputs[0].fields
     port = Port("rov/x", "sensor", "scanning_sonar", fields, "", 10.0)
     told = []
     for turn in range(2):
@@ -272,7 +314,7 @@ def test_an_echo_stands_where_it_came_from() -> None:
             told.append(Sample("rov/x", len(told), len(told) * 10**8, 0, True, (angle, 20.0, 0.0, tuple(bins))))
     axis = picture(port, told).axes[0]
     assert axis.get_theta_direction() == -1
-    images = [child for child in axis.get_children() if isinstance(child, QuadMesh)]
+    images = meshes(axis)
     bright = [(image, image.get_array()) for image in images if image.get_array().max() == 255.0]
     ((image, array),) = bright
     assert sum(int(np.count_nonzero(i.get_array())) for i in images) == 1

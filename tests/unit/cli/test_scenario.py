@@ -4,6 +4,7 @@ import json
 import re
 import sys
 from collections.abc import Iterable, Mapping
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -204,8 +205,9 @@ def test_list_names_everything_with_one_line_each() -> None:
     assert run("list", "boats").exit_code == 2
 
 
-def test_list_sensors_tells_fields_units_frames_keys_and_profiles() -> None:
+def test_list_sensors_tells_fields_units_frames_keys_and_profiles(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of every kind, however it is configured."""
+    monkeypatch.setattr(commands, "sensor_kinds", cache(commands.sensor_kinds))
     text = run("list", "sensors").stdout
     assert re.search(r"^      pressure +scalar +Pa +- +absolute pressure$", text, re.M)
     assert re.search(r"^      depth +scalar  m +- ", text, re.M)

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from chromium_rig import chromium_or_skip
 from click.testing import CliRunner, Result
-from matplotlib import image
 
 from uwserver.cli.chromium import Page
 from uwserver.cli.shot import settle, shot
@@ -42,6 +41,8 @@ def any_chromium(tmp_path: Path) -> Path:
 
 
 def test_the_picture_is_of_what_was_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from matplotlib import image
+
     chromium_or_skip()
     seen: list[object] = []
 

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import matplotlib.image
 import pytest
 from click.testing import CliRunner
 from manoeuvre_rig import FINS, ROV, TORPEDO, vehicle, written
 
 from uwserver.cli import main
-from uwserver.cli.vehicle_picture import vehicle_picture
 from uwserver.scenario.vehicle.body import body_params
 from uwserver.scenario.water.tables import Environment
 from uwserver.validation.manoeuvres.report import resolve
@@ -18,15 +16,19 @@ from uwserver.validation.manoeuvres.report import resolve
 
 @pytest.mark.parametrize("raw", [ROV, TORPEDO])
 def test_a_vehicle_is_drawn(tmp_path: Path, raw: dict[str, object]) -> None:
+    from matplotlib.image import imread
+
     picture = tmp_path / "drawn.png"
     done = CliRunner().invoke(main, ["plot", "vehicle", str(written(tmp_path, raw)), "-o", str(picture)])
     assert (done.exit_code, done.output) == (0, f"wrote {picture}\n")
-    image = matplotlib.image.imread(picture)
+    image = imread(picture)
     red = (image[..., 0] > 0.7) & (image[..., 1] < 0.4)
     assert red.sum() > 100, "thrust is drawn"
 
 
 def test_three_views_name_each_propulsor_and_fin(tmp_path: Path) -> None:
+    from uwserver.cli.vehicle_picture import vehicle_picture
+
     environment = Environment()
     resolved = resolve(str(written(tmp_path, TORPEDO)), environment)
     figure = vehicle_picture(resolved, body_params(resolved.vehicle, resolved.devices, environment))

@@ -3,19 +3,23 @@
 from datetime import datetime, timezone
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 from uwserver.logfiles import LogError
 
 
 def written(file, **columns):
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
     pq.write_table(pa.table(columns), file, row_group_size=7)
     return file
 
 
 def test_rows_become_data_over_row_groups(tmp_path, read_log):
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
     schema = pa.schema(
         [
             pa.field("t_ns", pa.int64()),
@@ -68,6 +72,9 @@ def test_damaged_files_never_crash(tmp_path, read_log):
 
 def test_equal_rows_that_take_no_room_are_refused_before_they_are_unpacked(tmp_path, read_log):
     """A page tells its size as encoded: twenty million equal rows are some kilobytes of file."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
     file = tmp_path / "bomb.parquet"
     n = 3_000_000
     table = pa.table({"t_s": pa.array(np.zeros(n)), "x": pa.array(np.zeros(n))})

@@ -3,12 +3,9 @@
 import csv
 import json
 
-import h5netcdf
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 from logs_made import MadeLog
-from scipy.io import loadmat
 
 from uwserver.logfiles import open_log
 from uwserver.logfiles.export.table_files import write_csv, write_mat, write_netcdf, write_parquet
@@ -45,6 +42,8 @@ def test_csv(log, tmp_path):
 
 
 def test_parquet(log, tmp_path):
+    import pyarrow.parquet as pq
+
     write_parquet(log, topic_tables(log), tmp_path / "out")
     table = pq.read_table(tmp_path / "out" / "rov_dvl.parquet")
     assert table.schema.field("v_S").metadata == {b"unit": b"m/s", b"frame": b"S"}
@@ -54,6 +53,8 @@ def test_parquet(log, tmp_path):
 
 
 def test_netcdf(log, tmp_path):
+    import h5netcdf
+
     write_netcdf(log, topic_tables(log), tmp_path / "out.nc")
     with h5netcdf.File(tmp_path / "out.nc", "r") as file:
         group = file["rov_dvl"]
@@ -65,6 +66,8 @@ def test_netcdf(log, tmp_path):
 
 
 def test_mat(log, tmp_path):
+    from scipy.io import loadmat
+
     write_mat(log, topic_tables(log), tmp_path / "out.mat")
     whole = loadmat(tmp_path / "out.mat", simplify_cells=True)
     assert whole["rov_dvl"]["units"]["v_S"] == "m/s"

@@ -6,7 +6,6 @@ import io
 
 import numpy as np
 import pytest
-from matplotlib.image import imread
 
 from uwserver.physics.geometry.shapes import Box, Cylinder, HalfSpace, Placed, Solid, Sphere, TriangleMesh
 from uwserver.recording.report.bathymetry import SeaFloor, corners, outlines, png, sea_floor
@@ -14,6 +13,8 @@ from uwserver.recording.report.contents import Contents
 
 
 def test_the_floor_under_the_tracks_is_that_of_the_scenario(contents: Contents) -> None:
+    from matplotlib.image import imread
+
     floor = contents.floor
     assert isinstance(floor, SeaFloor)
     # 40 x 40 depths 4 m apart about the origin: 12 + 0.1 i + 0.05 j.
@@ -58,6 +59,8 @@ def test_outlines_are_as_large_as_the_things(shape: Box | Sphere | Cylinder, are
 
 
 def test_a_png_reads_back() -> None:
+    from matplotlib.image import imread
+
     rng = np.random.default_rng(0)
     pixels = rng.integers(0, 256, (5, 7, 4), dtype=np.uint8)
     pixels[..., 3] = 255

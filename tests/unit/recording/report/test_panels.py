@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.image import imread
 from mcap.reader import make_reader
 
 from uwserver.recording.report.columns import ACROSS
@@ -56,6 +55,8 @@ def test_exact_sensors_have_no_plot_of_rounding(contents: Contents) -> None:
 
 
 def test_the_waterfall_is_of_the_pings(contents: Contents, recorded: Recorded) -> None:
+    from matplotlib.image import imread
+
     picture = panel(contents, "sonar range").picture
     bins = recorded.series["rov/sonar"].columns["bins"]
     assert picture is not None
@@ -87,6 +88,8 @@ def test_an_imaging_sonar_has_its_strongest_beam_over_range(contents: Contents, 
 
 def test_a_side_scan_shows_both_sides(contents: Contents, recorded: Recorded, run: Path) -> None:
     """Starboard above, port below, nearest in the middle; the water column between them is dark."""
+    from matplotlib.image import imread
+
     picture = panel(contents, "side range").picture
     assert picture is not None
     assert (picture.low, picture.high, picture.unit) == (-40.0, 40.0, "1")

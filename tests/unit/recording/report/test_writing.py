@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from matplotlib.image import imread
 
 from uwserver.cli.plot import plot
 from uwserver.recording.report import writing
@@ -14,6 +13,8 @@ from uwserver.recording.report.contents import Contents
 
 
 def test_a_page_and_pictures(run: Path, tmp_path: Path) -> None:
+    from matplotlib.image import imread
+
     file = tmp_path / "out.html"
     done = CliRunner().invoke(plot, [str(run), "-o", str(file), "--vehicle", "other", "--png", "--pdf"])
     assert done.exit_code == 0, done.output

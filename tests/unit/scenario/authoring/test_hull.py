@@ -10,8 +10,6 @@ import pytest
 
 from uwserver.scenario.authoring.hull import ellipsoid_added_mass, mesh_hull
 
-trimesh = pytest.importorskip("trimesh")
-
 
 def test_added_mass_of_a_sphere_is_half_its_water() -> None:
     added = ellipsoid_added_mass(np.array([0.5, 0.5, 0.5]))
@@ -38,6 +36,8 @@ def test_a_triaxial_ellipsoid_lies_between() -> None:
 
 
 def test_the_mesh_of_an_ellipsoid_gives_volume_inertia_and_added_mass_of_one(tmp_path: Path) -> None:
+    trimesh = pytest.importorskip("trimesh")
+
     half = np.array([0.8, 0.3, 0.2])
     ball = trimesh.creation.icosphere(subdivisions=5)
     ball.apply_scale(half)

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-import trimesh
 
 from uwserver.environment.geodesy import north_east
 from uwserver.physics.collision import engine
@@ -232,6 +231,8 @@ def test_half_an_origin(problems):
 
 def wedge():
     """Two steps of a stair, not symmetric in any axis; x forward, z up."""
+    import trimesh
+
     parts = [trimesh.creation.box((4, 2, 1)), trimesh.creation.box((2, 2, 1))]
     parts[1].apply_translation((1, 0, 1))
     return trimesh.util.concatenate(parts)
@@ -239,6 +240,8 @@ def wedge():
 
 @pytest.mark.parametrize("suffix", ["glb", "obj", "stl", "ply"])
 def test_mesh_files_are_turned_and_scaled(loaded, tmp_path, suffix):
+    import trimesh
+
     mesh = wedge()
     if suffix == "glb":  # whose y is up
         mesh.apply_transform(trimesh.transformations.rotation_matrix(-np.pi / 2, (1, 0, 0)))
@@ -260,6 +263,8 @@ def test_mesh_files_are_turned_and_scaled(loaded, tmp_path, suffix):
 
 
 def test_hull_of_a_file_and_a_simplified_one(loaded, tmp_path):
+    import trimesh
+
     wedge().export(tmp_path / "stair.stl")
     trimesh.creation.icosphere(subdivisions=4).export(tmp_path / "ball.stl")
     vehicle = '[collision.body]\nkind = "hull"\nfile = "stair.stl"\nscale = 0.1\n[collision.ball]\nkind = "hull"\nfile = "ball.stl"\n'
@@ -317,6 +322,8 @@ def test_a_missing_texture_does_not_matter(loaded, tmp_path):
 
 
 def test_large_meshes_are_cut_into_tiles(loaded, tmp_path):
+    import trimesh
+
     trimesh.creation.icosphere(subdivisions=7).export(tmp_path / "ball.ply")  # 327 680 triangles
     (found,) = [loaded('[structures.it]\nkind = "mesh"\nfile = "ball.ply"\nposition_ned_m = [9, 0, 0]\n').static["it"]]
     sizes = [len(placed.shape.faces) for placed in found.shapes]

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import trimesh
 
 from uwserver.physics.geometry.shapes import HULL_POINTS, TILE_TRIANGLES, BadSolid
 from uwserver.scenario.solids import assets
@@ -54,6 +53,8 @@ def test_the_axis_that_points_up_points_up_here(up: Any, corner: tuple[float, fl
 
 
 def test_a_gltf_has_y_up_by_default(tmp_path: Path) -> None:
+    import trimesh
+
     box = trimesh.creation.box((4.0, 2.0, 1.0))
     box.export(tmp_path / "it.glb")
     (mesh,) = read_mesh(tmp_path / "it.glb", None, 1.0, lambda text: None)
@@ -154,6 +155,8 @@ def test_a_hull_has_the_outer_corners_only(file) -> None:
 
 
 def test_a_hull_of_many_corners_is_simplified_and_says_how_much_is_lost(tmp_path: Path) -> None:
+    import trimesh
+
     trimesh.creation.icosphere(subdivisions=4).export(tmp_path / "ball.stl")
     warned: list[str] = []
     hull = read_hull(tmp_path / "ball.stl", None, 1.0, warned.append)

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
 
 from uwserver.physics.geometry.shapes import BadSolid
 from uwserver.scenario.solids import mesh_checks
@@ -16,6 +15,8 @@ from uwserver.scenario.solids.mesh_checks import checked
 
 @pytest.mark.parametrize("kind", ["stl", "stl_ascii", "ply", "ply_ascii", "obj", "glb", "gltf"])
 def test_a_sound_file_is_read_and_counted(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import trimesh
+
     box = trimesh.creation.box((4.0, 2.0, 1.0))
     path = tmp_path / f"box.{kind.partition('_')[0]}"
     if kind == "gltf":
@@ -35,6 +36,8 @@ def test_a_sound_file_is_read_and_counted(kind: str, tmp_path: Path, monkeypatch
 
 
 def test_an_stl_text_with_a_name_of_another_encoding_is_read(tmp_path: Path) -> None:
+    import trimesh
+
     text = trimesh.creation.box((4.0, 2.0, 1.0)).export(file_type="stl_ascii").replace("solid", "solid B\xf6je", 1)
     (tmp_path / "a.stl").write_bytes(text.encode("latin-1"))
     (mesh,) = read_mesh(tmp_path / "a.stl", "z", 1.0, lambda text: None)

@@ -9,7 +9,6 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-import trimesh
 
 from uwserver.physics.collision import engine
 from uwserver.physics.geometry.shapes import (
@@ -98,6 +97,8 @@ def test_a_grid_lies_beside_the_file_that_names_it(tmp_path: Path, materials: Ma
 
 @pytest.mark.parametrize(("kind", "type_"), [("mesh", TriangleMesh), ("hull", ConvexHull)])
 def test_files_are_turned_and_scaled(kind: str, type_: type, tmp_path: Path, materials: Materials) -> None:
+    import trimesh
+
     trimesh.creation.box((4.0, 2.0, 1.0)).export(tmp_path / "it.stl")
     (placed,) = structure(materials, tmp_path, kind=kind, file="it.stl", scale=0.5, up="y").shapes
     assert isinstance(placed.shape, type_)
@@ -106,6 +107,8 @@ def test_files_are_turned_and_scaled(kind: str, type_: type, tmp_path: Path, mat
 
 
 def test_collision_shapes_sit_on_the_vehicle_and_share_its_surface(tmp_path: Path, materials: Materials) -> None:
+    import trimesh
+
     trimesh.creation.box((0.4, 0.2, 0.1)).export(tmp_path / "body.stl")
     tables = msgspec.convert(
         {
