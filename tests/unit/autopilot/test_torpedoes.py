@@ -1,4 +1,7 @@
-"""Step responses of torpedo-shaped vehicles: speed by the propeller, depth by the stern planes, lines and circles by the rudder."""
+"""Step responses of torpedo-shaped vehicles: speed by the propeller, depth by the stern planes, lines and circles by the rudder.
+
+Also of uwserver.autopilot.torpedo and uwserver.autopilot.tracks.
+"""
 
 from __future__ import annotations
 
