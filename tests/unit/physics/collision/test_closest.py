@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from uwserver.frames import Quat, quat_from_rpy
+from uwserver.frames import Quat, matrix, quat_from_rpy
 from uwserver.physics.collision.closest import shape_distance
 from uwserver.physics.collision.cores import FAR, Cores, core_radius, new_cores
 from uwserver.physics.geometry.rows import part, shapes_of
@@ -30,12 +30,16 @@ SHAPES: dict[str, Shape] = {
 
 def pair(a: Shape, p: Any, q: Quat, b: Shape, q_b: Quat = LEVEL) -> tuple[Shapes, Cores]:
     """Shape a in slot 0 at p, and b in slot 1 at the origin."""
-    shapes, cores = shapes_of([part(Placed(a)), part(Placed(b))]), new_cores()
-    shapes.P[0] = p
-    shapes.R[0], shapes.R[1] = Placed(a, q=q).R, Placed(b, q=q_b).R
+    shapes = shapes_of([part(Placed(a)), part(Placed(b))])
+    return shapes, placed(shapes, p, q, q_b)
+
+
+def placed(shapes: Shapes, p: Any, q: Quat, q_b: Quat) -> Cores:
+    shapes.P[0], shapes.R[0], shapes.R[1] = p, matrix(q), matrix(q_b)
+    cores = new_cores()
     cores.a[0], cores.b[0] = 0, 1
     cores.n[:] = UP
-    return shapes, cores
+    return cores
 
 
 def gap(shapes: Shapes, n: FloatArray) -> float:
@@ -54,10 +58,11 @@ def test_the_gap_along_the_direction_is_as_large_as_the_points_are_apart(a: str,
     """Of convex shapes that is true of the closest points and of nothing else: no gap is larger, no points are nearer (duality)."""
     flat_ends = "cylinder" in (a, b)  # over which the points, not the direction, are less exact
     rng = np.random.default_rng(3)
+    shapes, _ = pair(SHAPES[a], (0.0, 0.0, 0.0), LEVEL, SHAPES[b])
     tried = 0
     while tried < 60:
         q_a, q_b = (quat_from_rpy(*rng.uniform(-3, 3, 3)) for _ in range(2))
-        shapes, cores = pair(SHAPES[a], rng.uniform(-0.6, 0.6, 3), q_a, SHAPES[b], q_b)
+        cores = placed(shapes, rng.uniform(-0.6, 0.6, 3), q_a, q_b)
         distance = shape_distance(shapes, cores, FAR)
         if distance == 0.0:
             continue

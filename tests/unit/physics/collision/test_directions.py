@@ -73,9 +73,9 @@ def test_two_boxes_against_all_their_faces_and_edges() -> None:
     while tried < 100:
         q_a, q_b = (quat_from_rpy(*rng.uniform(-3, 3, 3)) for _ in range(2))
         A, B, p = np.array(matrix(q_a)), np.array(matrix(q_b)), rng.uniform(-0.4, 0.4, 3)
-        axes = [*A.T, *B.T, *(np.cross(u, v) for u in A.T for v in B.T)]
-        ways = [s * unit(axis) for axis in axes for s in (1.0, -1.0)]
-        gaps = [float(((SIGNS * HALF @ A.T + p) @ n).min() - ((SIGNS * HALF @ B.T) @ n).max()) for n in ways]
+        axes = np.concatenate([A.T, B.T, np.cross(A.T[:, None], B.T[None]).reshape(9, 3)])
+        ways = np.concatenate([axes, -axes]) / np.tile(np.linalg.norm(axes, axis=1), 2)[:, None]
+        gaps = ((SIGNS * HALF @ A.T + p) @ ways.T).min(axis=0) - ((SIGNS * HALF @ B.T) @ ways.T).max(axis=0)
         order = np.argsort(gaps)[::-1]
         if not -0.03 < gaps[order[0]] < -1e-6 or gaps[order[0]] - gaps[order[1]] < 5e-3:
             continue

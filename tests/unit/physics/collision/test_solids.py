@@ -113,13 +113,13 @@ def test_a_moved_world_gives_the_contacts_of_a_fresh_one(shape):
     touching = 0
     with world(rough) as moved:
         moved.add_moving(body(shape), 0)
-        for k, pose in enumerate(poses(200, 1)):
+        for k, pose in enumerate(poses(60, 1)):
             first = moved.find_contacts(state(pose), DT)
             with world(rough) as fresh:
                 fresh.add_moving(body(shape), 0)
                 assert same(first, fresh.find_contacts(state(pose), DT)), f"pose {k}"
             touching += len(first.gap) > 0
-    assert touching > 60
+    assert touching > 18
 
 
 def test_the_gate_changes_no_contact():

@@ -34,16 +34,16 @@ def brute_force(corners: FloatArray, origin: FloatArray, direction: FloatArray, 
 def test_it_picks_the_triangle_that_brute_force_picks(count: int) -> None:
     rng = np.random.default_rng(count)
     corners = rng.uniform(-5, 5, (count, 1, 3)) + rng.uniform(-1, 1, (count, 3, 3))
-    origin, direction = rng.uniform(-6, 6, (400, 3)), unit(rng, 400)
+    origin, direction = rng.uniform(-6, 6, (200, 3)), unit(rng, 200)
     # Towards some triangle, so that small trees are hit too.
-    aim = corners[rng.integers(0, count, 400)].mean(axis=1) + rng.normal(scale=0.05, size=(400, 3)) - origin
+    aim = corners[rng.integers(0, count, 200)].mean(axis=1) + rng.normal(scale=0.05, size=(200, 3)) - origin
     direction[::2] = (aim / np.linalg.norm(aim, axis=1)[:, None])[::2]
     tree = TreePicker(corners)
-    for limit in (np.inf, 4.0):
+    for limit in (4.0, np.inf):
         want = brute_force(corners, origin, direction, limit)
-        np.testing.assert_array_equal(tree.pick(origin, direction, np.full(400, limit)), want)
+        np.testing.assert_array_equal(tree.pick(origin, direction, np.full(200, limit)), want)
         assert (want >= 0).any()
-    np.testing.assert_array_equal(tree.pick(origin, direction), brute_force(corners, origin, direction, np.inf))
+    np.testing.assert_array_equal(tree.pick(origin, direction), want)
 
 
 def test_no_ray_slips_through_a_closed_surface() -> None:
