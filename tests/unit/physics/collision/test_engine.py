@@ -68,12 +68,21 @@ def world_of(name: str, a: Shape, b: Shape) -> Solids:
 
 
 def overlaps(reference: Solids, count: int) -> list[FloatArray]:
-    """States (2, 13) in which the two overlap by up to 2 mm, or are as near."""
+    """States (2, 13) in which the two overlap by up to 2 mm, or are as near: one goes out of the other until the gap is as drawn."""
     rng, found = np.random.default_rng(11), []
     while len(found) < count:
         state: Any = np.zeros((2, 13))
-        state[0, :3] = rng.uniform(-0.5, 0.5, 3)
         state[:, 3:7] = [quat_from_rpy(*rng.uniform(-3, 3, 3)) for _ in range(2)]
+        way, wanted = rng.normal(size=3), rng.uniform(-2e-3, 2e-3)
+        way /= np.linalg.norm(way)
+        near, far = 0.0, 1.0
+        for _ in range(11):
+            middle = (near + far) / 2
+            state[0, :3] = middle * way
+            contacts = reference.find_contacts(state, 1e-3)
+            is_near = len(contacts.gap) and contacts.gap.min() < wanted
+            near, far = (middle, far) if is_near else (near, middle)
+        state[0, :3] = near * way
         contacts = reference.find_contacts(state, 1e-3)
         if len(contacts.gap) and -2e-3 < contacts.gap.min() < 2e-3:
             found.append(state)
