@@ -20,29 +20,26 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import kernel_wheel
-import wheel_smoke
+import wheels
+from wheels import ROOT, Fault
 
 import uwserver
-
-ROOT = Path(__file__).parents[1]
 
 
 def check_changelog(text: str, version: str, release: bool) -> None:
     """CHANGELOG.md has a section of this version with something in it: for a release one with a date, before that one that says Unreleased.
 
     Raises:
-        wheel_smoke.Fault: and what to write.
+        Fault: and what to write.
     """
     dated = rf"^## \[{re.escape(version)}\] (?:- )?\d{{4}}-\d\d-\d\d$"
     open_ = rf"^## \[Unreleased\](?: {re.escape(version)})?$"
     found = re.search(dated if release else f"{dated}|{open_}", text, re.MULTILINE)
     if found is None:
-        raise wheel_smoke.Fault(
-            f'CHANGELOG.md has no section "## [{version}] - YYYY-MM-DD"; it is written before a release'
-        )
+        raise Fault(f'CHANGELOG.md has no section "## [{version}] - YYYY-MM-DD"; it is written before a release')
     section = text[found.end() :].partition("\n## ")[0]
     if not re.search(r"^- ", section, re.MULTILINE):
-        raise wheel_smoke.Fault(f'CHANGELOG.md: the section "{found[0]}" says nothing')
+        raise Fault(f'CHANGELOG.md: the section "{found[0]}" says nothing')
 
 
 def remove_old(out: Path) -> None:
@@ -56,11 +53,10 @@ def build(out: Path, pythons: Sequence[str]) -> list[Path]:
     """All files, in a folder.
 
     Raises:
-        wheel_smoke.Fault: a file is missing in a wheel.
+        Fault: a file is missing in a wheel.
         kernel_wheel.NotBuilt: kernels could not be compiled.
     """
-    wheel_smoke.make_schemas()
-    pure = {name: wheel_smoke.build(name, out) for name in wheel_smoke.PACKAGES}
+    pure = wheels.build_all(out)
     for python in pythons:
         wheel = kernel_wheel.build(pure["uwserver"], python, out)
         print(f"{wheel.name}: {wheel.stat().st_size // 1024} KiB, kernels included", flush=True)
@@ -71,7 +67,7 @@ def check(out: Path, files: Sequence[Path], bars: bool) -> None:
     """What the package index would say, a fresh environment, and the first minute.
 
     Raises:
-        wheel_smoke.Fault: a check failed; it has said why.
+        Fault: a check failed; it has said why.
     """
     tools = Path(__file__).parent
     commands = (
@@ -82,7 +78,7 @@ def check(out: Path, files: Sequence[Path], bars: bool) -> None:
     for command in commands:
         done = subprocess.run([sys.executable, *map(str, command)], check=False, env=os.environ)
         if done.returncode != 0:
-            raise wheel_smoke.Fault(f"{command[0]} {command[1]} ended with {done.returncode}")
+            raise Fault(f"{command[0]} {command[1]} ended with {done.returncode}")
 
 
 def main() -> int:
@@ -104,7 +100,7 @@ def main() -> int:
         remove_old(out)
         files = build(out, [] if options.pure else options.python or [sys.executable])
         check(out, files, options.bars)
-    except (wheel_smoke.Fault, kernel_wheel.NotBuilt) as fault:
+    except (Fault, kernel_wheel.NotBuilt) as fault:
         print(f"dist: {fault}", file=sys.stderr)
         return 1
     print(f"{out}: {len(files)} files, ready to publish (docs/how-to/release.md)")

@@ -22,9 +22,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import wheels
+from wheels import ROOT
+
 import uwserver
 
-ROOT = Path(__file__).parents[1]
 FIRST_SAMPLE = ("run", "--port", "0", "--mode", "freerun", "--until", "0.1")
 BARS_S = {
     "wheel to first sample": 40.0,
@@ -86,19 +88,10 @@ def pip_cache() -> str:
     ).stdout.strip()
 
 
-def build_wheels(out: Path) -> None:
-    """Pure wheels of server and client."""
-    for project in (ROOT, ROOT / "clients" / "python"):
-        build = (sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", out, project)
-        subprocess.run(list(map(str, build)), check=True, capture_output=True, timeout=TIMEOUT_S)
-
-
 def of_wheel(work: Path, environment: dict[str, str], dist: Path | None) -> Iterator[Stage]:
     """Wheels, as a user installs them; then all kernels, and another environment of the same version."""
-    if dist is None:
-        build_wheels(work)
     # As from a package index, pip takes the wheel for this platform, if there is one.
-    wanted = ("--quiet", "--find-links", str((dist or work).resolve()), f"uwserver=={uwserver.__version__}")
+    wanted = ("--quiet", "--find-links", str((dist or wheels.folder()).resolve()), f"uwserver=={uwserver.__version__}")
     yield timed("create environment", (sys.executable, "-m", "venv", "one"), environment, work)
     yield timed("pip install", ("one/bin/pip", "install", *wanted), environment, work)
     yield timed("first sample", ("one/bin/uwserver", *FIRST_SAMPLE), environment, work)

@@ -1,9 +1,10 @@
-"""Builds source distributions of uwserver, uwclient and the benchmark and wheels from these, installs the wheels in a fresh environment and uses
-them there; exits with 1 at the first fault. The benchmark comes last: before, `uwserver bench` must say what to install.
+"""Installs the wheels of this checkout (tools/wheels.py) in a fresh environment and uses them there; exits with 1 at the first fault. The
+benchmark comes last: before, `uwserver bench` must say what to install.
 
-By default the environment borrows the dependencies of the environment that runs this script, and only the wheels are installed;
-`--dependencies` installs these too, as a user's pip would, and watches how much that is. `--dist DIR` takes the wheels of a folder, as `make dist`
-left them: those with compiled kernels must not compile anything.
+By default the environment borrows the dependencies of the environment that runs this script, and only the wheels are installed. Kernels are then
+those that this user has, which every environment with the same sources shares, but for one stage that is compiled into an empty cache.
+`--dependencies` installs all dependencies too, as a user's pip would, watches how much that is, and begins with no kernel at all. `--dist DIR`
+does so as well, and takes the wheels of a folder, as `make dist` left them: those with compiled kernels must not compile anything.
 """
 
 from __future__ import annotations
@@ -11,21 +12,21 @@ from __future__ import annotations
 import argparse
 import os
 import re
+import signal
 import subprocess
 import sys
 import sysconfig
 import tempfile
-import zipfile
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
-PACKAGES = {
-    "uwserver": (ROOT, ("uwserver", "adapters/uwserver_adapters", "scenarios/uwserver_scenarios")),
-    "uwclient": (ROOT / "clients" / "python", ("uwclient",)),
-    "uwserver_bench": (ROOT / "bench", ("uwserver_bench",)),
-}
+from wheels import PACKAGES, ROOT, SCHEMAS, TIMEOUT_S, Fault, of_checkout, run
+
 BENCHMARK = "uwserver_bench"
 MODULES = ("uwserver", "uwserver_adapters.sockets", "uwserver_scenarios", "uwclient")
+WHERE = "import sys, importlib; print(*(importlib.import_module(name).__file__ for name in sys.argv[1:]), sep='\\n')"
 COMMANDS = (
     ("uwserver", "--version"),
     ("uwserver", "list"),
@@ -48,81 +49,27 @@ dvl = { kind = "dvl", profile = "a50", rate_hz = 8 }
 COPIED = ("copies.toml", "bluerov2_pool", "bluerov2_open_sea")
 """Of which copies are stepped there too: the first is the scenario `COPIES`."""
 BATCH = "import sys, uwserver; uwserver.batch(sys.argv[1], 2).step(30)"
-SCHEMAS = ("scenario", "vehicle", "device")
-"""Kinds of file whose JSON Schema is made for the wheel; git does not keep them."""
+STAGE = "sea"
+"""Of the stages of kernels the quickest, compiled into an empty cache."""
+COMPILE = f"""
+from uwserver.physics.kernel.compiled import cache_state
+from uwserver.world.builds import kernels_of, prepare, progress
+prepare(["{STAGE}"], progress())
+print(cache_state.folder, *cache_state.missing(kernels_of("{STAGE}")))
+"""
+PAGE = ROOT / "clients" / "web"
+PAGE_KINDS = (".html", ".js", ".css", ".json", ".svg")
 INSTALLED_MB, DOWNLOAD_SLACK = 1000.0, 0.1
 """What all default dependencies may take on the disk, and how far the download may be from the figure in the README."""
-TIMEOUT_S = 300.0
 PAGE_TESTS = "keys_steer or contend"
 """Of the tests of the page, those that are repeated with the installed server."""
-
-
-class Fault(Exception):
-    """What is wrong with a wheel."""
-
-
-def run(*command: str | Path, cwd: Path, environment: dict[str, str] | None = None, timeout: float = TIMEOUT_S) -> str:
-    """Output of a command that must succeed."""
-    done = subprocess.run(
-        list(map(str, command)),
-        cwd=cwd,
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=timeout,
-        check=False,
-    )
-    if done.returncode != 0:
-        raise Fault(f"{' '.join(map(str, command))} ended with {done.returncode}:\n{done.stdout}{done.stderr}")
-    return done.stdout
-
-
-def expected_files(project: Path, folders: tuple[str, ...]) -> set[str]:
-    """Paths that the wheel must hold: every file of the packages in the checkout but byte code, and of the page and of what reports
-    plot with, where the server is."""
-    places = {project / folder: (project / folder).name for folder in folders}
-    if project == ROOT:
-        places[ROOT / "clients" / "web"] = "uwserver_adapters/web/page"
-        places[ROOT / "clients" / "web" / "vendor" / "uplot-1.6.32"] = "uwserver/recording/report/uplot"
-    return {
-        f"{place}/{path.relative_to(folder)}"
-        for folder, place in places.items()
-        for path in folder.rglob("*")
-        if path.is_file() and "__pycache__" not in path.parts
-    }
-
-
-def make_schemas() -> None:
-    """Write the JSON Schemas to where the wheel takes them from, as `make docs` does."""
-    folder = ROOT / "uwserver" / "schemas"
-    folder.mkdir(exist_ok=True)
-    for kind in SCHEMAS:
-        text = run(sys.executable, "-m", "uwserver", "schema", f"--{kind}", cwd=ROOT)
-        (folder / f"{kind}.schema.json").write_text(text, encoding="utf-8")
-
-
-def build(name: str, out: Path) -> Path:
-    """The wheel of a distribution, built from its source distribution, with its contents compared with the checkout."""
-    project, folders = PACKAGES[name]
-    run(sys.executable, "-m", "build", "--no-isolation", "--outdir", out, project, cwd=out)
-    (wheel,) = out.glob(f"{name}-*-py3-none-any.whl")
-    with zipfile.ZipFile(wheel) as archive:
-        inside = {path for path in archive.namelist() if ".dist-info/" not in path}
-        licensed = any(path.endswith("LICENSE") for path in archive.namelist())
-    expected = expected_files(project, folders)
-    if inside != expected or not licensed:
-        raise Fault(
-            f"{wheel.name}: missing {sorted(expected - inside)}, unexpected {sorted(inside - expected)}, LICENSE: {licensed}"
-        )
-    print(f"{wheel.name}: {len(inside)} files, {wheel.stat().st_size // 1024} KiB")
-    return wheel
 
 
 def install(python: Path, wheels: list[Path], dependencies: bool, work: Path) -> None:
     """Put wheels into the environment of a Python."""
     pip = (sys.executable, "-m", "pip", "--python", python)
     if not dependencies:
-        run(*pip, "install", "--quiet", "--no-deps", *wheels, cwd=work)
+        run(*pip, "install", "--quiet", "--no-deps", "--no-compile", *wheels, cwd=work)
         return
     stock = work / "stock"
     run(*pip, "download", "--quiet", "--find-links", wheels[0].parent, "--dest", stock, *wheels, cwd=work)
@@ -161,21 +108,19 @@ def environment_with(wheels: list[Path], folder: Path, dependencies: bool) -> Pa
     return folder / "bin"
 
 
-def clean_environment(work: Path) -> dict[str, str]:
-    """Without the settings of this checkout, and with a kernel cache of its own."""
+def clean_environment(work: Path, fresh: bool) -> dict[str, str]:
+    """Without the settings of this checkout; with a kernel cache of its own, or the user's."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "NUMBA_"))}
-    return environment | {"XDG_CACHE_HOME": str(work / "cache")}
+    return environment | ({"XDG_CACHE_HOME": str(work / "cache")} if fresh else {})
 
 
-def use(scripts: Path, work: Path) -> None:
+def use(scripts: Path, work: Path, fresh: bool) -> None:
     """Import and run what was installed, far from the checkout."""
-    environment = clean_environment(work)
-    for module in MODULES:
-        found = run(
-            scripts / "python", "-c", f"import {module} as m; print(m.__file__)", cwd=work, environment=environment
-        )
-        if not Path(found.strip()).is_relative_to(scripts.parent):
-            raise Fault(f"{module} comes from {found.strip()}, not from its wheel")
+    environment = clean_environment(work, fresh)
+    found = run(scripts / "python", "-c", WHERE, *MODULES, cwd=work, environment=environment).split()
+    for module, place in zip(MODULES, found, strict=True):
+        if not Path(place).is_relative_to(scripts.parent):
+            raise Fault(f"{module} comes from {place}, not from its wheel")
     for name, *arguments in COMMANDS:
         run(scripts / name, *arguments, cwd=work, environment=environment)
         print(f"{name} {' '.join(arguments)}: ok")
@@ -185,11 +130,55 @@ def use(scripts: Path, work: Path) -> None:
             scripts / "uwserver", "schema", f"--{kind}", cwd=work, environment=environment
         ):
             raise Fault(f"{shipped.name} in the wheel is not what `uwserver schema --{kind}` prints")
+    fetch_page(scripts, work, environment)
+
+
+def fetch_page(scripts: Path, work: Path, environment: dict[str, str]) -> None:
+    """The page that the installed server serves is that of the checkout; and the server ends when it is told."""
+    wanted = {f"/{path.relative_to(PAGE)}": path for path in PAGE.rglob("*") if path.suffix in PAGE_KINDS}
+    with served(scripts, work, environment) as address:
+        for place, path in wanted.items() | {("/", PAGE / "index.html")}:
+            with urllib.request.urlopen(address + place, timeout=TIMEOUT_S) as answer:
+                if answer.read() != path.read_bytes():
+                    raise Fault(f"the installed server sends {place} otherwise than it is in the checkout")
+    print(f"page of the installed server: all {len(wanted)} files")
+
+
+@contextmanager
+def served(scripts: Path, work: Path, environment: dict[str, str]) -> Iterator[str]:
+    """The default scenario as installed: the address of its page."""
+    command = (str(scripts / "uwserver"), "run", "--port", "0")
+    with subprocess.Popen(
+        command, cwd=work, env=environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    ) as process:
+        try:
+            assert process.stdout is not None
+            found = next((f for line in process.stdout if (f := re.search(r"http://127\.0\.0\.1:\d+", line))), None)
+            if found is None:
+                raise Fault("the installed server ended without a page")
+            yield found[0]
+            process.send_signal(signal.SIGTERM)
+            if process.wait(TIMEOUT_S) != 0:
+                raise Fault(f"the installed server ended with {process.returncode} when it was told to end")
+        finally:
+            process.kill()
+
+
+def compile_anew(scripts: Path, work: Path) -> None:
+    """With an empty cache the installed server compiles what is asked for, into a folder with the name that it has for the checkout."""
+    told = run(scripts / "python", "-c", COMPILE, cwd=work, environment=clean_environment(work, fresh=True))
+    folder, *missing = told.split()
+    if missing or not Path(folder).is_relative_to(work):
+        raise Fault(f"of the kernels of {STAGE!r} were not compiled into {folder}: {missing}")
+    shared = run(sys.executable, "-c", COMPILE, cwd=work, environment=clean_environment(work, fresh=False)).split()[0]
+    if Path(shared).name != Path(folder).name:
+        raise Fault(f"kernels of the wheel and of the checkout are kept apart: {folder}, {shared}")
+    print(f"kernels of {STAGE!r}: compiled into an empty cache, and shared with the checkout")
 
 
 def use_benchmark(scripts: Path, wheel: Path, work: Path, dependencies: bool) -> None:
     """`uwserver bench` without its distribution, and with it."""
-    environment, command = clean_environment(work), (str(scripts / "uwserver"), "bench", "--help")
+    environment, command = clean_environment(work, fresh=False), (str(scripts / "uwserver"), "bench", "--help")
     alone = subprocess.run(
         command, cwd=work, env=environment, capture_output=True, text=True, timeout=TIMEOUT_S, check=False
     )
@@ -203,13 +192,14 @@ def use_benchmark(scripts: Path, wheel: Path, work: Path, dependencies: bool) ->
 
 def check_nothing_is_compiled(scripts: Path, work: Path) -> None:
     """Run what needs the engines of solid things and most kernels; that environment's cache of kernels stays empty."""
+    environment = clean_environment(work, fresh=True)
     for scenario in FINISHED:
         command = ("run", scenario, "--port", "0", "--until", "0.5", "--mode", "freerun")
-        run(scripts / "uwserver", *command, cwd=work, environment=clean_environment(work))
+        run(scripts / "uwserver", *command, cwd=work, environment=environment)
         print(f"uwserver {' '.join(command)}: ok")
     (work / COPIED[0]).write_text(COPIES, encoding="utf-8")
     for scenario in COPIED:
-        run(scripts / "python", "-c", BATCH, scenario, cwd=work, environment=clean_environment(work))
+        run(scripts / "python", "-c", BATCH, scenario, cwd=work, environment=environment)
         print(f"uwserver.batch of {scenario}: ok")
     compiled = sorted(path.name for path in (work / "cache").rglob("*.kernel"))
     if compiled:
@@ -220,8 +210,7 @@ def check_nothing_is_compiled(scripts: Path, work: Path) -> None:
 def use_page(scripts: Path, work: Path, pictures: Path | None) -> None:
     """Drive the page that the installed server serves, in a browser; this environment brings the tests."""
     # Kernels are those of this user's cache, which all environments share: whether a wheel brings them is looked at elsewhere.
-    kept = {name: os.environ[name] for name in ("XDG_CACHE_HOME",) if name in os.environ}
-    environment = {name: value for name, value in clean_environment(work).items() if name != "XDG_CACHE_HOME"} | kept
+    environment = clean_environment(work, fresh=False)
     environment["UWSERVER_PAGE_PYTHON"] = str(scripts / "python")
     if pictures is not None:
         environment["UWSERVER_PAGE_PICTURES"] = str(pictures.resolve())
@@ -245,9 +234,9 @@ def taken(dist: Path) -> dict[str, Path]:
 
 
 def main() -> int:
-    """Build, install, use."""
+    """Install, use."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--dependencies", action="store_true", help="install the dependencies too")
+    parser.add_argument("--dependencies", action="store_true", help="install the dependencies too, and compile all")
     parser.add_argument("--dist", type=Path, help="take the wheels of this folder")
     parser.add_argument("--page", action="store_true", help="drive the page of the installed server in Chromium")
     parser.add_argument("--pictures", type=Path, help="with --page: the folder for a picture of each test's end")
@@ -255,18 +244,17 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix="uwserver-wheels-") as name:
         out = Path(name)
         try:
-            if options.dist:
-                wheels = taken(options.dist)
-            else:
-                make_schemas()
-                wheels = {distribution: build(distribution, out) for distribution in PACKAGES}
+            wheels = taken(options.dist) if options.dist else of_checkout()
+            fresh = options.dependencies or options.dist is not None
             finished = not wheels["uwserver"].name.endswith("-py3-none-any.whl")
             benchmark, work = wheels.pop(BENCHMARK), out / "work"
             work.mkdir()
             scripts = environment_with([*wheels.values()], out / "venv", options.dependencies)
-            use(scripts, work)
+            use(scripts, work, fresh)
             if finished:
                 check_nothing_is_compiled(scripts, work)
+            elif not fresh:
+                compile_anew(scripts, work)
             if options.page:
                 use_page(scripts, work, options.pictures)
             use_benchmark(scripts, benchmark, work, options.dependencies)

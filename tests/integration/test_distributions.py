@@ -56,13 +56,9 @@ def tool(name: str) -> ModuleType:
 
 
 @pytest.fixture(scope="module")
-def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Source distributions of server and client, and wheels that are built from these, far from the checkout."""
-    out = tmp_path_factory.mktemp("dist")
-    for project in PROJECTS[:2]:
-        command = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(out), str(project)]
-        subprocess.run(command, check=True, capture_output=True, timeout=300, cwd=out)
-    return out
+def built() -> Path:
+    """Source distributions, and wheels that are built from these: of this checkout, as all who need wheels have them."""
+    return Path(tool("wheels").folder())
 
 
 def names_in(wheel: Path) -> set[str]:
@@ -81,18 +77,68 @@ def test_one_file_has_the_version_of_all_distributions(built: Path) -> None:
         table = tomllib.loads((project / "pyproject.toml").read_text())
         assert table["project"]["dynamic"] == ["version"]
         assert (project / table["tool"]["hatch"]["version"]["path"]).resolve() == ROOT / "uwserver/__init__.py"
-    expected = {f"uwserver-{uwserver.__version__}.tar.gz", f"uwclient-{uwserver.__version__}.tar.gz"}
+    names = "uwserver", "uwclient", "uwserver_bench"
+    expected = {f"{name}-{uwserver.__version__}.tar.gz" for name in names}
     assert {path.name for path in built.glob("*.tar.gz")} == expected
 
 
 def test_a_source_distribution_has_all_that_its_wheel_needs(built: Path) -> None:
-    smoke = tool("wheel_smoke")
-    for name in ("uwserver", "uwclient"):
+    wheels = tool("wheels")
+    for name, package in wheels.PACKAGES.items():
         (wheel,) = built.glob(f"{name}-*.whl")
         inside = {path for path in names_in(wheel) if ".dist-info/" not in path}
-        assert inside == smoke.expected_files(*smoke.PACKAGES[name])
+        assert inside == wheels.expected_files(*package)
     with tarfile.open(next(built.glob("uwserver-*.tar.gz"))) as archive:
         assert any(name.endswith("/CHANGELOG.md") for name in archive.getnames())
+
+
+def test_wheels_are_kept_by_a_hash_of_all_that_goes_into_them(built: Path) -> None:
+    wheels = tool("wheels")
+    known = {str(path.relative_to(ROOT)) for path in wheels.sources()}
+    for name, (project, _) in wheels.PACKAGES.items():
+        with tarfile.open(next(built.glob(f"{name}-*.tar.gz"))) as archive:
+            inside = {member.name.partition("/")[2] for member in archive.getmembers() if member.isfile()}
+        ours = inside - {"PKG-INFO", ".gitignore"} - {f"uwserver/schemas/{kind}.schema.json" for kind in wheels.SCHEMAS}
+        assert {str((project / path).relative_to(ROOT)) for path in ours} <= known
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["version"]["path"]
+    assert {version, *(str((project / "pyproject.toml").relative_to(ROOT)) for project in PROJECTS)} <= known
+
+
+@pytest.fixture
+def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """Wheels of a checkout with one file."""
+    wheels = tool("wheels")
+    (tmp_path / "package").mkdir()
+    (tmp_path / "package/one.py").write_text("1")
+    for name, value in {"ROOT": tmp_path, "GO_IN": ("package",), "BUILT": tmp_path / "build"}.items():
+        monkeypatch.setattr(wheels, name, value)
+    monkeypatch.setattr(wheels, "build_all", lambda out: shutil.copy(tmp_path / "package/one.py", out))
+    return wheels
+
+
+def test_wheels_are_built_anew_when_a_file_has_changed_and_only_then(small: ModuleType) -> None:
+    first = small.folder()
+    assert (first / "one.py").read_text() == "1"
+    (first / "seen").touch()
+    (small.ROOT / "package/__pycache__").mkdir()
+    (small.ROOT / "package/__pycache__/one.pyc").touch()
+    assert small.folder() == first
+    assert (first / "seen").exists()
+    for text in "234":
+        (small.ROOT / "package/one.py").write_text(text)
+        assert (small.folder() / "one.py").read_text() == text
+    assert not first.exists()
+    (small.ROOT / "package/one.py").rename(small.ROOT / "package/other.py")
+    with pytest.raises(FileNotFoundError):
+        small.folder()
+    assert len([path for path in small.BUILT.iterdir() if path.is_dir()]) == small.KEPT
+
+
+def test_of_files_that_change_meanwhile_no_wheels_are_kept(small: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(small, "build_all", lambda out: (small.ROOT / "package/one.py").write_text("2"))
+    with pytest.raises(small.Fault, match="changed while"):
+        small.folder()
+    assert not [path for path in small.BUILT.iterdir() if path.is_dir()]
 
 
 def test_the_server_brings_its_client_and_the_client_brings_nothing(built: Path) -> None:
@@ -152,6 +198,7 @@ def test_its_record_is_right_and_it_can_be_installed(finished: Path, tmp_path: P
         "pip",
         "install",
         "--quiet",
+        "--no-compile",
         "--no-deps",
         "--no-index",
         "--target",
