@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from kernel_buffers import shorten_suite
 from uwserver_adapters.sockets import SocketsAdapter
 from uwserver_adapters.sockets.config import SocketsConfig
 from websockets.asyncio.client import connect
@@ -27,7 +28,7 @@ PING = b'{"id":1,"method":"ping","params":5}\n'
 def play(serving: Serving, certificate: tuple[str, str], scene: Callable[[Any], Any], **config: Any) -> None:
     async def whole() -> None:
         async with serving(tls_cert=certificate[0], tls_key=certificate[1], **config) as context:
-            await asyncio.wait_for(scene(context), 20)
+            await asyncio.wait_for(scene(context), 120)
 
     asyncio.run(whole())
 
@@ -40,7 +41,7 @@ async def dial(context: Any, tls: ssl.SSLContext | None) -> TcpPeer:
 async def pong(context: Any, tls: ssl.SSLContext) -> None:
     peer = await dial(context, tls)
     await peer.send(PING)
-    assert json.loads(await asyncio.wait_for(peer.reader.readline(), 5))["result"] == 5
+    assert json.loads(await asyncio.wait_for(peer.reader.readline(), 60))["result"] == 5
     await peer.close()
 
 
@@ -64,7 +65,7 @@ def test_plain_clients_are_closed_and_logged_once(
             peer = await dial(context, None)
             await peer.send(data)
             with contextlib.suppress(ConnectionError):
-                await asyncio.wait_for(peer.reader.read(), 5)
+                await asyncio.wait_for(peer.reader.read(), 60)
             await peer.close()
         await pong(context, trusting)
         assert context.stats.details["refused"] == {"tls plain client": 4}
@@ -76,7 +77,7 @@ def test_plain_clients_are_closed_and_logged_once(
 def test_a_peer_that_says_nothing_is_ended(serving: Serving, certificate: Any) -> None:
     async def scene(context: Any) -> None:
         peer = await dial(context, None)
-        assert await asyncio.wait_for(peer.reader.read(), 5) == b""
+        assert await asyncio.wait_for(peer.reader.read(), 60) == b""
         await peer.close()
         assert context.stats.details["refused"] == {"tls timeout": 1}
 
@@ -89,7 +90,7 @@ def test_handshakes_under_way_are_bounded(serving: Serving, certificate: Any) ->
         await asyncio.sleep(0.05)
         other = await dial(context, None)
         with contextlib.suppress(ConnectionError):
-            assert await asyncio.wait_for(waits.reader.read(), 5) == b"", "the oldest makes way"
+            assert await asyncio.wait_for(waits.reader.read(), 60) == b"", "the oldest makes way"
         assert context.stats.details["refused"] == {"strangers": 1}
         for peer in (waits, other):
             await peer.close()
@@ -146,10 +147,10 @@ def test_a_client_that_was_made_to_fall_back_is_told(
         assert client.stdout
         assert client.stderr
         client.stdin.write(b'{"id":1,"method":"ping","params":5}\n')
-        answer = await asyncio.wait_for(client.stdout.readline(), 15)
+        answer = await asyncio.wait_for(client.stdout.readline(), 60)
         if is_taken:
             client.kill()  # else it waits for more
-        said = await asyncio.wait_for(client.stderr.read(), 15)
+        said = await asyncio.wait_for(client.stderr.read(), 60)
         await client.wait()
         client.stdin.close()
         assert (b'"result":5' in answer) is is_taken, said
@@ -166,7 +167,7 @@ def test_client_certificates(
         answer = b""
         with contextlib.suppress(ssl.SSLError, ConnectionError):
             await peer.send(PING)
-            answer = await asyncio.wait_for(peer.reader.read(), 5)
+            answer = await asyncio.wait_for(peer.reader.read(), 60)
         assert answer == b""
         await peer.close()
         assert context.stats.details["refused"] == {"tls client certificate": 1}
@@ -180,7 +181,7 @@ def test_last_words_reach_the_peer(serving: Serving, certificate: Any, trusting:
     async def scene(context: Any) -> None:
         peer = await dial(context, trusting)
         await peer.send(b'{"id":1,"method":"hello","params":{"version":1,"token":"x"}}\n')
-        assert b'"denied"' in await asyncio.wait_for(peer.reader.read(), 5)
+        assert b'"denied"' in await asyncio.wait_for(peer.reader.read(), 60)
         await peer.close()
 
     play(serving, certificate, scene, token="sesame")
@@ -214,7 +215,9 @@ def test_wrong_files_are_named(
     asyncio.run(scene())
 
 
-def test_conformance(certificate: Any, trusting: ssl.SSLContext) -> None:
+def test_conformance(certificate: Any, trusting: ssl.SSLContext, monkeypatch: pytest.MonkeyPatch) -> None:
+    shorten_suite(monkeypatch)
+
     async def connect_tls(context: FakeContext) -> TcpPeer:
         host, _, port = context.stats.address.rpartition(":")
         stream = socket.socket()
@@ -234,20 +237,21 @@ def test_conformance(certificate: Any, trusting: ssl.SSLContext) -> None:
             misspelt=b"{" + call.replace(b"until", b"untill"),
         )
         checking = check_adapter(SocketsAdapter, table, connect=connect_tls, greeting=greeting, requests=requests)
-        return await asyncio.wait_for(checking, 60)
+        return await asyncio.wait_for(checking, 180)
 
     unsaid = {"check_time_out": "does not apply: the protocol has no time-out of a call"}
     assert asyncio.run(scene()) == dict.fromkeys(CHECKS, PASSED) | unsaid
 
 
 @pytest.mark.parametrize("tls", [False, True])
-def test_conformance_with_plain_peers(certificate: Any, tls: bool) -> None:
+def test_conformance_with_plain_peers(certificate: Any, tls: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Peers that speak no TLS at a TLS port, and ordinary ones while UDP is on."""
+    shorten_suite(monkeypatch)
     files = {"tls_cert": certificate[0], "tls_key": certificate[1]} if tls else {"udp_port": 0}
 
     async def scene() -> None:
         greeting = b'{"method":"subscribe","params":{"pattern":"**"}}\n'
         table = SocketsConfig(port=0, **files)
-        await asyncio.wait_for(check_adapter(SocketsAdapter, table, connect=TcpPeer.connect, greeting=greeting), 60)
+        await asyncio.wait_for(check_adapter(SocketsAdapter, table, connect=TcpPeer.connect, greeting=greeting), 180)
 
     asyncio.run(scene())

@@ -12,6 +12,7 @@ from typing import Any
 import msgpack
 import pytest
 import websockets
+from kernel_buffers import keep_small
 from uwserver_adapters.native.codec import LINE_LIMIT
 from uwserver_adapters.native.limits import WRONG_TOKENS
 from websockets.asyncio.client import connect
@@ -29,7 +30,7 @@ def _short_linger(monkeypatch: pytest.MonkeyPatch) -> None:
 
 async def ask(client: Any, method: str, params: object = None, identity: int = 1) -> dict[str, Any]:
     await client.send(json.dumps({"id": identity, "method": method, "params": params}))
-    while (message := json.loads(await asyncio.wait_for(client.recv(), 5))).get("id") != identity:
+    while (message := json.loads(await asyncio.wait_for(client.recv(), 60))).get("id") != identity:
         pass
     return message
 
@@ -37,7 +38,7 @@ async def ask(client: Any, method: str, params: object = None, identity: int = 1
 def play(serving: Serving, scene: Callable[[Any, str], Any], **config: Any) -> None:
     async def whole() -> None:
         async with serving(**config) as context:
-            await asyncio.wait_for(scene(context, f"ws://{context.stats.address}"), 20)
+            await asyncio.wait_for(scene(context, f"ws://{context.stats.address}"), 120)
 
     asyncio.run(whole())
 
@@ -69,7 +70,7 @@ def test_fragments_pings_and_an_orderly_end(serving: Serving) -> None:
             whole = json.dumps({"id": 7, "method": "ping", "params": "é" * 3000})
             await client.send(whole[start : start + 100] for start in range(0, len(whole), 100))
             assert json.loads(await client.recv()) == {"jsonrpc": "2.0", "id": 7, "result": "é" * 3000}
-            await asyncio.wait_for(await client.ping(b"there?"), 5)
+            await asyncio.wait_for(await client.ping(b"there?"), 60)
             assert context.stats.peers == 1
         assert client.close_code == 1000
         while context.stats.peers:
@@ -96,7 +97,7 @@ def test_messages_that_are_refused(serving: Serving, message: Any, code: int | N
         answer = json.loads(raw) if isinstance(raw, str) else msgpack.unpackb(raw)
         assert answer["error"]["data"]["code"] == error
         if code is None:
-            await asyncio.wait_for(await client.ping(), 5)
+            await asyncio.wait_for(await client.ping(), 60)
             await client.close()
         else:
             with pytest.raises(ConnectionClosed):
@@ -223,16 +224,18 @@ def test_pages_that_may_connect(serving: Serving, config: dict[str, Any], origin
     play(serving, scene, **{key: tuple(value) for key, value in config.items()})
 
 
-def test_a_slow_reader_is_no_burden(serving: Serving) -> None:
+def test_a_slow_reader_is_no_burden(serving: Serving, monkeypatch: pytest.MonkeyPatch) -> None:
+    keep_small(monkeypatch)
+
     async def scene(context: Any, url: str) -> None:
         async with connect(url, max_queue=1) as client:
             await ask(client, "subscribe", {"pattern": "rov/imu"})
             for _ in range(100_000):
                 context.emit("rov/imu")
-                if context.stats.dropped > 1000:
+                if context.stats.dropped > 300:
                     break
                 await asyncio.sleep(0)
-            assert context.stats.dropped > 1000
+            assert context.stats.dropped > 300
             client.transport.abort()
 
     play(serving, scene, queue_samples=50)
@@ -254,7 +257,7 @@ def test_the_protocol_steps_of_the_page_work(serving: Serving) -> None:
                 await client.send(json.dumps(message).replace("bluerov2/", "rov/"))
             seen: list[Any] = []
             while len(seen) < len(sent):
-                seen.append(json.loads(await asyncio.wait_for(client.recv(), 5)))
+                seen.append(json.loads(await asyncio.wait_for(client.recv(), 60)))
             assert all("result" in message for message in seen), seen
             context.emit("rov/depth")
             assert "depth" in json.loads(await client.recv())["params"]["value"]
