@@ -226,20 +226,30 @@ class Sea:
         return depths
 
 
-@pytest.mark.parametrize("hull", HULLS)
-@pytest.mark.parametrize("wanted", [0.0, 5.0])
+@pytest.mark.parametrize(
+    ("hull", "wanted"),
+    [
+        ("lauv", 0.0),
+        ("remus100", 5.0),
+        pytest.param("lauv", 5.0, marks=pytest.mark.slow),
+        pytest.param("remus100", 0.0, marks=pytest.mark.slow),
+    ],
+)
 async def test_a_hull_in_a_mission_without_depth_stays_where_it_shall(hull, wanted):
-    """Two minutes at 2 m/s, with turns."""
+    """At 2 m/s, with turns."""
     sea = Sea(hull, wanted, hold_depth_m=wanted)
-    straight = await sea.sail(60, DESIRED_THRUST=40.0, DESIRED_RUDDER=0.0, DESIRED_ELEVATOR=0.0)
-    turning = await sea.sail(60, DESIRED_THRUST=40.0, DESIRED_RUDDER=8.0)
+    straight = await sea.sail(40, DESIRED_THRUST=40.0, DESIRED_RUDDER=0.0, DESIRED_ELEVATOR=0.0)
+    turning = await sea.sail(40, DESIRED_THRUST=40.0, DESIRED_RUDDER=8.0)
     assert max(abs(depth - wanted) for depth in straight + turning) < 1.0
     assert float(sea.said["NAV_SPEED"]) > 1.0
 
 
 async def test_without_it_a_hull_leaves_its_depth():
     sea = Sea("remus100", 5.0)
-    assert max(abs(depth - 5.0) for depth in await sea.sail(120, DESIRED_THRUST=40.0, DESIRED_RUDDER=20.0)) > 1.0
+    for _ in range(12):
+        if max(abs(depth - 5.0) for depth in await sea.sail(10, DESIRED_THRUST=40.0, DESIRED_RUDDER=20.0)) > 1.0:
+            return
+    raise AssertionError("it stays in two minutes")
 
 
 async def test_the_autopilot_within_the_adapter_drives_a_hull():
