@@ -276,7 +276,7 @@ messages = st.builds(
 )
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(st.lists(messages, max_size=4), st.integers(1, 64))
 def test_what_is_written_is_read(said, step):
     data = wire.packet([wire.encode(message) for message in said])
@@ -284,7 +284,7 @@ def test_what_is_written_is_read(said, step):
     assert read_all(Decoder(), pieces, None) == [Packet(tuple(said))]
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(st.data())
 def test_bytes_changed_at_random_never_raise(data):
     base = bytearray(data.draw(st.sampled_from([row[1] for row in CASES])))
@@ -295,14 +295,14 @@ def test_bytes_changed_at_random_never_raise(data):
     assert all(isinstance(event, Packet | Malformed) for event in events)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(st.binary(max_size=200), st.booleans())
 def test_any_bytes_never_raise(data, expects_hello):
     read_all(Decoder(expects_hello), [data], None)
 
 
 @given(words)
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_any_text_can_be_written(said):
     data = wire.packet([wire.encode(wire.notify(said, said, 0.0, src=said))])
     (event,) = read_all(Decoder(), [data], None)

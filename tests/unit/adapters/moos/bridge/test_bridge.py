@@ -468,7 +468,7 @@ async def test_text_that_is_no_utf_8_is_told_and_what_stands_beside_it_is_done(m
     assert [path for path, _ in bench.commands] == ["auv/rudder"]
 
 
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.lists(
         st.tuples(

@@ -214,14 +214,14 @@ class Sea:
         for _ in range(20 * seconds):
             self.bridge.take([(name, value, "helm", 10.0) for name, value in written.items()])
             await asyncio.sleep(0)  # answers
-            for _ in range(round(float(self.world.rate_hz) / 20)):
-                for command in self.context.commands:
-                    fields = zip(self.world.ports[command.port].fields, command.value, strict=True)
-                    given = {field.name: list(value) if field.shape else value[0] for field, value in fields}
-                    self.world.command(command.port, **given)
-                self.context.commands.clear()
-                if samples := self.world.step(1):
-                    self.bridge.put_samples(samples)
+            for command in self.context.commands:
+                fields = zip(self.world.ports[command.port].fields, command.value, strict=True)
+                self.world.command(
+                    command.port,
+                    **{field.name: list(value) if field.shape else value[0] for field, value in fields},
+                )
+            self.context.commands.clear()
+            self.bridge.put_samples(self.world.step(round(float(self.world.rate_hz) / 20)))  # one of the truth
             depths.append(float(self.said["NAV_DEPTH"]))
         return depths
 

@@ -302,7 +302,7 @@ def test_names_that_writers_claim_are_not_collected(tank):
 texts = st.text(st.characters(exclude_categories=()), max_size=12)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(
     st.lists(
         st.builds(
@@ -489,7 +489,7 @@ def test_glob(pattern, text, fits):
 
 
 @given(st.text("ab*?", max_size=8), st.text("abc", max_size=8))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_glob_is_that_of_the_shell(pattern, text):
     import fnmatch
 

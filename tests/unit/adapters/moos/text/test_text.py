@@ -104,7 +104,7 @@ names = st.from_regex(r"[A-Za-z_*?/.-][^\s=,;\"#\ud800-\udfff]{0,20}", fullmatch
 values = st.one_of(st.floats(allow_nan=False, allow_infinity=False), st.text(st.characters(exclude_categories=("Cs",))))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(names, values)
 def test_what_is_told_can_be_said_back(name, value):
     line = lines.pair_line(name, value)
@@ -114,7 +114,7 @@ def test_what_is_told_can_be_said_back(name, value):
         assert event.pairs == ((name, value),)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(st.lists(st.binary(max_size=60), max_size=5))
 def test_any_bytes_never_raise(pieces):
     read_all(LineDecoder(50), pieces, None)
