@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import math
-import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +12,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 from playback_rig import recorded
+from run_rig import recorded_run
 
 from uwserver.cli.plot import plot
 from uwserver.ports import Buffer, Field, Port, Sample
@@ -93,21 +92,7 @@ def meshes(axis: Any) -> list[Any]:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("plot")
     (folder / "x.toml").write_text(SCENARIO)
-    command = [
-        sys.executable,
-        "-m",
-        "uwserver",
-        "run",
-        "x.toml",
-        "--mode",
-        "freerun",
-        "--until",
-        "1.2",
-        "--record",
-        "x.mcap",
-    ]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
-    assert done.returncode == 0, done.stderr
+    recorded_run(folder / "x.toml", folder / "x.mcap", 1.2)
     return folder
 
 
@@ -248,8 +233,8 @@ def kinds() -> dict[str, SensorKind]:
 OWN = "bathymetry", "camera", "multibeam", "scanning_sonar", "side_scan", "dvl", "adcp", "usbl", "lbl"
 """Kinds that have a picture of their own."""
 
-RENDERED = [*OWN, "contact"]
-"""One of those whose numbers stand over time beside them, of all types of fields."""
+RENDERED = [*OWN, "leak", "range_array"]
+"""Beside them some whose numbers stand over time: true or false, and as lines."""
 
 
 @pytest.mark.parametrize("kind", kinds_of(SensorConfig))

@@ -14,6 +14,7 @@ from uwserver.physics.kernel import compiled
 from uwserver.physics.kernel.compiled import CacheState
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.load.scenario import load
+from uwserver.server.life_cycle import Options
 from uwserver.world import builds
 
 
@@ -23,6 +24,34 @@ def test_times_and_speeds_that_are_none_are_refused(option, value):
     result = CliRunner().invoke(run, [option, value])
     assert result.exit_code == 2
     assert option in result.output
+
+
+@pytest.mark.parametrize("no_foxglove", [False, True])
+def test_what_is_asked_for_is_what_the_server_is_told(
+    no_foxglove: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[Options] = []
+    monkeypatch.setattr("uwserver.cli.run._run_loop", lambda resolved, options: told.append(options) or 0)
+    monkeypatch.setattr("uwserver.logs.set_up_logging", lambda *given: None)
+    monkeypatch.setattr("uwserver.server.signals.end_undisturbed", lambda: None)
+    given = [
+        "bluerov2_open_sea",
+        "--mode",
+        "freerun",
+        "--until",
+        "5",
+        "--seed",
+        "8",
+        "--record",
+        str(tmp_path / "a.mcap"),
+    ]
+    done = CliRunner().invoke(run, [*given, *(["--no-foxglove"] if no_foxglove else [])])
+    assert done.exit_code == 0, done.output
+    (options,) = told
+    assert options.timing is not None
+    assert options.timing.mode == "freerun"
+    assert (options.until_s, options.seed, options.record) == (5.0, 8, tmp_path / "a.mcap")
+    assert options.foxglove is not no_foxglove
 
 
 @pytest.mark.parametrize("rest", [("solids", "echoes"), ()])

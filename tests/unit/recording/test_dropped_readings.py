@@ -20,6 +20,7 @@ from uwserver.scenario.load.scenario import load
 from uwserver.simulation.clock import SystemTime, Timing
 
 PORT, AGAIN = "rov/slow", "rov/slow/late"
+SEERS = "rov/view", "rov/imaging"
 SEEING = """
 schema = 1
 seed = 3
@@ -109,12 +110,19 @@ def test_drops_of_real_time_are_repeated(tmp_path: Path, caplog: pytest.LogCaptu
     assert set(range(max(seen))) - set(seen)
 
 
-@pytest.mark.parametrize("timing", [FREE, Timing(mode="lockstep", lockstep_clients=("me",)), Timing(paused=True)])
-def test_all_modes_give_the_same_pictures_and_states(tmp_path: Path, timing: Timing) -> None:
-    resolved = slow_resolved(tmp_path, "metered = true")
+@pytest.fixture(scope="module")
+def metered(tmp_path_factory: pytest.TempPathFactory) -> tuple[Resolved, list[Sample]]:
+    """A scenario, and what its slow sensor says in a second of a world that is stepped."""
+    resolved = slow_resolved(tmp_path_factory.mktemp("metered"), "metered = true")
     expected = Rig(resolved, FREE).world
     wanted = [s for s in expected.step(240) if s.port in (PORT, AGAIN)]
     expected.end("over")
+    return resolved, wanted
+
+
+@pytest.mark.parametrize("timing", [FREE, Timing(mode="lockstep", lockstep_clients=("me",)), Timing(paused=True)])
+def test_all_modes_give_the_same_pictures_and_states(metered: tuple[Resolved, list[Sample]], timing: Timing) -> None:
+    resolved, wanted = metered
     rig = Rig(resolved, timing)
     rig.start()
     try:
@@ -132,17 +140,26 @@ def test_all_modes_give_the_same_pictures_and_states(tmp_path: Path, timing: Tim
     assert rig.world.instruments.computing.dropped == {}
 
 
-@pytest.mark.parametrize("timing", [Timing(), FREE, Timing(mode="lockstep", lockstep_clients=("me",))])
-def test_a_camera_and_a_sonar_see_the_same_in_all_modes(tmp_path: Path, timing: Timing) -> None:
-    """Bit for bit; in real time but for what was dropped, which shifts no other."""
+@pytest.fixture(scope="module")
+def seen(tmp_path_factory: pytest.TempPathFactory) -> tuple[Resolved, dict[tuple[str, int], Sample]]:
+    """A scenario, and what its camera and its sonar say in 0.6 s of a world that is stepped."""
     pytest.importorskip("embreex")
-    (tmp_path / "seeing.toml").write_text(SEEING)
-    resolved = load(tmp_path / "seeing.toml", adapters={})
+    file = tmp_path_factory.mktemp("seeing") / "seeing.toml"
+    file.write_text(SEEING)
+    resolved = load(file, adapters={})
     free = Rig(resolved, FREE).world
-    ports = ("rov/view", "rov/imaging")
-    whole = {(s.port, s.seq): s for s in free.step(144) if s.port in ports}
+    whole = {(s.port, s.seq): s for s in free.step(144) if s.port in SEERS}
     free.end("over")
-    assert {port for port, _ in whole} == set(ports)
+    assert {port for port, _ in whole} == set(SEERS)
+    return resolved, whole
+
+
+@pytest.mark.parametrize("timing", [Timing(), FREE, Timing(mode="lockstep", lockstep_clients=("me",))])
+def test_a_camera_and_a_sonar_see_the_same_in_all_modes(
+    seen: tuple[Resolved, dict[tuple[str, int], Sample]], timing: Timing
+) -> None:
+    """Bit for bit; in real time but for what was dropped, which shifts no other."""
+    resolved, whole = seen
     rig = Rig(resolved, timing)
     rig.start()
     try:
@@ -153,10 +170,10 @@ def test_a_camera_and_a_sonar_see_the_same_in_all_modes(tmp_path: Path, timing: 
             assert rig.call("world/run_until_tick", tick=144).fault is None
     finally:
         rig.end()
-    found = [s for s in rig.samples if s.port in ports and (s.port, s.seq) in whole]
+    found = [s for s in rig.samples if s.port in SEERS and (s.port, s.seq) in whole]
     if timing.mode == "realtime":
         # What a busy machine did not compute in time is counted, and nothing else is missing.
-        assert len(found) + sum(rig.world.instruments.computing.dropped.values()) >= len(whole) - len(ports)
+        assert len(found) + sum(rig.world.instruments.computing.dropped.values()) >= len(whole) - len(SEERS)
     else:
         assert len(found) == len(whole)
     for sample in found:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 from mcap.reader import make_reader
+from run_rig import recorded_run
 
 from uwserver.recording import foxglove
 from uwserver.recording.foxglove import FoxgloveChannels
@@ -54,22 +53,8 @@ rpy_deg = [0, -90, 0]
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("foxglove")
     (folder / "x.toml").write_text(SCENARIO)
-    for name, options in (("with", []), ("without", ["--no-foxglove"])):
-        command = [
-            sys.executable,
-            "-m",
-            "uwserver",
-            "run",
-            "x.toml",
-            "--mode",
-            "freerun",
-            "--until",
-            "2",
-            "--record",
-            f"{name}.mcap",
-        ]
-        done = subprocess.run([*command, *options], cwd=folder, capture_output=True, text=True, timeout=300)
-        assert done.returncode == 0, done.stderr
+    recorded_run(folder / "x.toml", folder / "with.mcap", 2.0)
+    recorded_run(folder / "x.toml", folder / "without.mcap", 0.1, foxglove=False)
     return folder
 
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from run_rig import recorded_run
 
 from uwserver.recording.report.contents import Contents, contents_of
 from uwserver.recording.report.reading import Recorded, read_recording
@@ -143,24 +142,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "x.toml").write_text(SCENARIO, encoding="utf-8")
     north, east = np.meshgrid(np.arange(40), np.arange(40), indexing="ij")
     np.save(folder / "slope.npy", 12.0 + 0.1 * north + 0.05 * east)
-    command = [
-        sys.executable,
-        "-m",
-        "uwserver",
-        "run",
-        "x.toml",
-        "--mode",
-        "freerun",
-        "--until",
-        "5",
-        "--record",
-        "x.mcap",
-        "--port",
-        "0",
-    ]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stderr
-    return folder / "x.mcap"
+    return recorded_run(folder / "x.toml", folder / "x.mcap", 5.0)
 
 
 @pytest.fixture(scope="session")

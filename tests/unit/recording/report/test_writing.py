@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,11 +13,16 @@ from uwserver.recording.report import writing
 from uwserver.recording.report.contents import Contents
 
 
-def test_a_page_and_pictures(run: Path, tmp_path: Path) -> None:
+def test_a_page_and_pictures(run: Path, contents: Contents, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the panels that look different, one each: there are dozens."""
     from matplotlib.image import imread
 
+    kinds = {(panel.picture is None, panel.band, panel.is_down, len(panel.tables)): panel for panel in contents.panels}
+    assert {(is_plain, band) for is_plain, band, *_ in kinds} == {(True, True), (True, False), (False, False)}
+    fewer = replace(contents, panels=tuple(kinds.values()))
+    monkeypatch.setattr(writing, "report_of", lambda path, vehicles: fewer)
     file = tmp_path / "out.html"
-    done = CliRunner().invoke(plot, [str(run), "-o", str(file), "--vehicle", "other", "--png", "--pdf"])
+    done = CliRunner().invoke(plot, [str(run), "-o", str(file), "--png", "--pdf"])
     assert done.exit_code == 0, done.output
     assert file.read_text(encoding="utf-8").startswith("<!doctype html>")
     assert imread(file.with_suffix(".png")).shape[1] == 880
