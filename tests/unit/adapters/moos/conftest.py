@@ -90,7 +90,7 @@ class Client:
 
     async def read(self) -> None:
         """One more piece of bytes; the end of the stream raises ConnectionError."""
-        data = await asyncio.wait_for(self.reader.read(1 << 16), 5.0)
+        data = await asyncio.wait_for(self.reader.read(1 << 16), 60.0)
         if not data:
             raise ConnectionError("closed")
         self.decoder.receive(data)
@@ -134,7 +134,7 @@ class Client:
 
 
 async def eventually(condition: Callable[[], Any], what: str) -> None:
-    end = asyncio.get_running_loop().time() + 5.0
+    end = asyncio.get_running_loop().time() + 60.0
     while not condition():
         assert asyncio.get_running_loop().time() < end, what
         await asyncio.sleep(0.005)
@@ -142,12 +142,12 @@ async def eventually(condition: Callable[[], Any], what: str) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
-    """Tests of this folder may be coroutines; each gets a loop, and half a minute."""
+    """Tests of this folder may be coroutines; each gets a loop, and two minutes."""
     function = pyfuncitem.obj
     if not inspect.iscoroutinefunction(function):
         return None
     arguments = {name: pyfuncitem.funcargs[name] for name in inspect.signature(function).parameters}
-    asyncio.run(asyncio.wait_for(function(**arguments), 30.0))
+    asyncio.run(asyncio.wait_for(function(**arguments), 120.0))
     return True
 
 

@@ -410,7 +410,7 @@ async def test_a_client_whose_name_is_no_utf_8_is_named_readably(tank, connect, 
         reader, writer = await asyncio.open_connection(*context.stats.address.split(":"))
         hello = Message(wire.DATA, wire.ASYNCHRONOUS, data=b"n\xff", kind=wire.STRING, time=1.0)
         writer.write(wire.HELLO + wire.packet([wire.encode(hello)]) + struct.pack("<iiB", 4, 1, 0))
-        await asyncio.wait_for(reader.read(), 5.0)
+        await asyncio.wait_for(reader.read(), 60.0)
         await until(lambda: context.stats.errors, "told")
         assert msgspec.json.encode(context.stats.last_error).startswith('"n\ufffd: a packet of 4 bytes'.encode())
         writer.close()
@@ -419,9 +419,9 @@ async def test_a_client_whose_name_is_no_utf_8_is_named_readably(tank, connect, 
 
 async def test_a_silent_client_is_disconnected(tank, connect, monkeypatch):
     monkeypatch.setattr("uwserver_adapters.moos.db.adapter.TELL_S", 0.05)
-    async with tank(client_timeout_s=1.0) as context:
+    async with tank(client_timeout_s=1.5) as context:
         silent, lively = await connect(context.stats.address, "silent"), await connect(context.stats.address, "lively")
-        for _ in range(30):
+        while context.stats.peers == 2:
             lively.send(Message(wire.TIMING, wire.TIMING_KEY, 0.0, time=5.0))
             await asyncio.sleep(0.05)
         with pytest.raises(ConnectionError):
@@ -439,7 +439,7 @@ async def test_who_says_no_name_is_disconnected(tank, monkeypatch):
         host, port = context.stats.address.split(":")
         reader, writer = await asyncio.open_connection(host, int(port))
         writer.write(wire.HELLO)
-        assert b"nothing valid came within 0.1 s" in await asyncio.wait_for(reader.read(), 5.0)
+        assert b"nothing valid came within 0.1 s" in await asyncio.wait_for(reader.read(), 60.0)
         writer.close()
         assert context.stats.details["refused"] == {"timeout": 1}
 
@@ -460,7 +460,7 @@ async def test_what_is_no_moos_ends_that_connection_alone(tank, connect, bad):
         host, port = context.stats.address.split(":")
         reader, writer = await asyncio.open_connection(host, int(port))
         writer.write(bad)
-        assert await asyncio.wait_for(reader.read(), 5.0) == b""
+        assert await asyncio.wait_for(reader.read(), 60.0) == b""
         writer.close()
         good.notify(X=1.0)
         good.register("X")

@@ -137,7 +137,7 @@ class User:
         self.writer.write("".join(f"{line}\n" for line in lines).encode())
 
     async def line(self) -> str:
-        return (await asyncio.wait_for(self.reader.readline(), 5.0)).decode().rstrip("\r\n")
+        return (await asyncio.wait_for(self.reader.readline(), 60.0)).decode().rstrip("\r\n")
 
     async def ask(self, line: str) -> str:
         self.say(line)
@@ -383,7 +383,7 @@ async def test_who_sends_and_only_listens_then_is_answered(bridge):
         context.put([POSE])
         user.say("GET NAV_X", "CALL world/echo")
         user.writer.write_eof()
-        data = await asyncio.wait_for(user.reader.read(), 5.0)
+        data = await asyncio.wait_for(user.reader.read(), 60.0)
         assert data == b"NAV_X=20.0\nOK 1\nOK null\n"
 
 
