@@ -90,14 +90,14 @@ def write_outcome(path: Path, outcome: Outcome) -> None:
 
 
 def try_room(fault: Fault, tree: Tree, entry: Entry) -> Trial:
-    """By the test that finds it as far as is known, then by its room."""
-    known = entry.found
-    if known is not None and (tree.root / known.by.partition("::")[0]).is_file():
-        trial = tree.tried(fault, [known.by])
-        if trial.by:
-            return trial
-    room = tests_of(fault.file, tree.root)
-    return tree.tried(fault, room) if room else Trial("survived", commit=tree.commit)
+    """By the test that finds it as far as is known, then by its room, the nearest first: pytest would take a file with the folder that holds it."""
+    known, room = entry.found, tests_of(fault.file, tree.root)
+    there = known is not None and (tree.root / known.by.partition("::")[0]).is_file()
+    trial = Trial("survived", commit=tree.commit)
+    for tests in ((known.by,) if known is not None and there else (), room[:1], room[1:]):
+        if tests and not trial.by:
+            trial = tree.tried(fault, tests)
+    return trial
 
 
 def try_all(fault: Fault, tree: Tree, workers: int) -> Trial:
