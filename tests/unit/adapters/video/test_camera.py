@@ -162,10 +162,10 @@ def test_a_ground_station_finds_the_cameras_of_a_world():
                 assert told.uri == f"{fake.stats.address}back"
                 assert (told.resolution_h, told.resolution_v) == (320, 240)
                 with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
-                    stranger.settimeout(0.3)
+                    stranger.setblocking(False)
                     stranger.sendto(long(512, 269.0), station.peer)
-                    with pytest.raises(TimeoutError):
-                        stranger.recv(2048)
+                    with pytest.raises(asyncio.TimeoutError):
+                        await asyncio.wait_for(asyncio.get_running_loop().sock_recv(stranger, 2048), 0.3)
                 fake.put([sample(0)])
         finally:
             transport.abort()

@@ -13,7 +13,7 @@ from uwserver_adapters.video.datagrams import WAITING, Route, Sender
 
 from uwserver.adapter import AdapterStats
 
-PATIENCE_S = 30.0
+PATIENCE_S = 120.0
 THERE = ("127.0.0.1", 9)
 
 
