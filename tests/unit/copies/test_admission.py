@@ -14,8 +14,15 @@ def begun():
 @pytest.mark.parametrize(
     ("scenario", "names"),
     [
-        (lambda: "pool_inspection", ["seabed", "north_wall"]),
-        (lambda: begun().seabed("flat", depth_m=10).build(), ["solid things.*seabed"]),
+        (
+            lambda: (
+                begun()
+                .seabed("flat", depth_m=10)
+                .structure("wall", "box", size_m=[1, 2, 3], position_ned_m=[9, 0, 5])
+                .build()
+            ),
+            ["solid things.*seabed", "solid things.*wall"],
+        ),
         (lambda: begun().adapter("bus", "zenoh").build(), [r"adapters\.bus \(zenoh\)"]),
         (
             lambda: begun().sensor("rov", "rpm", "rpm", rate_hz=10, members=["t1"]).build(),

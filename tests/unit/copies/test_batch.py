@@ -74,11 +74,12 @@ def fly(batch, worlds, turns, ticks, rng):
             check_equal(batch, k, world)
 
 
-def test_copies_are_what_load_gives_over_thousands_of_ticks():
-    """3000 ticks in waves and gusts, with errors, delays, watchdogs, a battery and a fault: the first copy, and the next with its own seed."""
+@pytest.mark.parametrize("turns", [100, pytest.param(250, marks=pytest.mark.slow)])
+def test_copies_are_what_load_gives_over_a_thousand_ticks(turns):
+    """And over 3000, in waves and gusts, with errors, delays, watchdogs, a battery and a fault: the first copy, and the next with its own seed."""
     batch = uwserver.batch(stormy(), 3)
     worlds = [uwserver.load(stormy()), uwserver.load(stormy(), seed=6)]
-    fly(batch, worlds, 250, 12, np.random.default_rng(1))
+    fly(batch, worlds, turns, 12, np.random.default_rng(1))
     said = {event.event for k, event in batch.events() if k == 0}
     assert said == {"watchdog", "fault"}
     assert not np.array_equal(batch.states()[0], batch.states()[2])
@@ -255,9 +256,11 @@ def test_a_copy_of_many_bodies_has_no_threads_of_its_own():
     assert world.threads.count == 1
 
 
-@pytest.mark.parametrize(("scenario", "turns"), [(stormy, 200), (piloted, 100)])
+@pytest.mark.parametrize(
+    ("scenario", "turns"), [(stormy, 80), (piloted, 60), pytest.param(stormy, 200, marks=pytest.mark.slow)]
+)
 def test_threads_change_no_number(scenario, turns):
-    """Thousands of ticks, with resets on the way that set the copies apart in time."""
+    """A thousand ticks, with resets on the way that set the copies apart in time."""
     ours, theirs = uwserver.batch(scenario(), 5, threads=2), uwserver.batch(scenario(), 5, threads=1)
     assert (ours.threads, theirs.threads, theirs.n) == (2, 1, 5)
     rng = np.random.default_rng(8)

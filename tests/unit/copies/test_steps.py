@@ -126,7 +126,7 @@ def rooms(monkeypatch):
     return seen
 
 
-@pytest.mark.parametrize("threads", [1, 2, 3])
+@pytest.mark.parametrize("threads", [1, pytest.param(2, marks=pytest.mark.slow), 3])
 def test_many_ticks_are_as_many_calls_whatever_happens_within(threads, rooms):
     """Commands and watchdogs at other ticks in each copy, faults, samples long on their way, clocks that differ, and a copy that falls apart."""
     ours, theirs = pair(busy(), N, threads, **DIFFERING)
@@ -174,7 +174,7 @@ def test_other_scenarios_too(scenario, threads):
     ours.close()
 
 
-@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize("threads", [pytest.param(1, marks=pytest.mark.slow), 3])
 def test_events_have_the_order_of_single_ticks_among_all_copies(threads):
     """Though the range of copy 0, whose samples are long on their way, stops for room within a call, while the others go on."""
     given = {"latency": [0.8, 0, 0, 0, 0, 0], "command_latency": [0, 0, 0, 0, 0, 4 / 240]}
@@ -208,7 +208,7 @@ def test_one_call_is_what_load_gives():
     batch.close()
 
 
-@pytest.mark.parametrize("rate_hz", [333.3, 333.333333, 1000 / 7])
+@pytest.mark.parametrize("rate_hz", [pytest.param(333.3, marks=pytest.mark.slow), 333.333333, 1000 / 7])
 def test_rates_that_are_no_whole_numbers_keep_the_times_of_a_world(rate_hz):
     """The last has 14 digits."""
     b = ScenarioBuilder("odd", rate_hz=rate_hz).vehicle("rov", "bluerov2_heavy_von_benzon", position_ned_m=[0, 0, 3])

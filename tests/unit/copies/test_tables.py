@@ -57,8 +57,10 @@ def ground(batch, k):
     return memory._bytes[k * memory._size : (k + 1) * memory._size]
 
 
-@pytest.mark.parametrize("threads", [1, 3])
-@pytest.mark.parametrize("k", [0, 1])
+@pytest.mark.parametrize(
+    ("k", "threads"),
+    [(0, 3), (1, 1), pytest.param(0, 1, marks=pytest.mark.slow), pytest.param(1, 3, marks=pytest.mark.slow)],
+)
 def test_a_copy_with_another_seed_is_what_load_gives_of_it_and_the_others_go_on(k, threads):
     """Also the first, of whose constants the others read, and whose world nobody else has any longer."""
     batch = uwserver.batch(noisy(), 3, threads=threads)
