@@ -1,7 +1,8 @@
 """Writes docs/validation.md and its plots from runs of the production kernel: ``python tools/validation_report.py``.
 
-With ``--check`` nothing is written: the numbers are computed again and compared with those in the document, and the exit status is 1 when
-they differ by more than rounding on another machine can explain.
+With ``--check`` nothing is written: if anything has changed of which the document is made (`made_of`; ``--all``: in any case), the numbers are
+computed again and compared with those in the document, and the exit status is 1 when they differ by more than rounding on another machine can
+explain.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+import made_of
 import numpy as np
 import validation_plots as plots
 from uwserver_bench.proofs.closed_forms import closed_forms, tilt
@@ -38,7 +40,9 @@ from uwserver.units import deg
 from uwserver.validation.oracle import build, load_oracle, run, validate
 
 ROOT = Path(__file__).parents[1]
+TOOL = Path(__file__)
 ORACLES = ROOT / "tests" / "physics" / "oracles"
+PROOFS = ROOT / "bench" / "uwserver_bench" / "proofs"
 DOCUMENT = ROOT / "docs" / "validation.md"
 IMAGES = ROOT / "docs" / "images"
 VEHICLES = tuple(sorted(path.stem for path in (ROOT / "scenarios" / "uwserver_scenarios" / "vehicles").glob("*.toml")))
@@ -49,7 +53,7 @@ SHORT = ("spheroid_1", "spheroid_2", "spheroid_3")
 BARS = {"bluerov2_heavy_6axis_60s": 1e-6, "kirchhoff_free_60s": 1e-6, "work_class_full_60s": 5e-6}
 
 INTRODUCTION = """\
-Written by `python tools/validation_report.py`; do not edit. `--check` computes the numbers again. The same bars are asserted by
+Written by `python tools/validation_report.py`; do not edit. `--check` computes again what has changed. The same bars are asserted by
 `tests/physics`, together with what has no number to show: each force term alone against its formula, a circular turn in a current,
 the Galilean shift by a uniform current (1e-8 m), thruster tables, lag, inflow and immersion, sub-steps and the implicit fallback of
 stiff bodies, fins from attached flow to a plate, propellers by the open-water curves of their source in the first quadrant, and as a Wageningen
@@ -265,57 +269,56 @@ def markdown(sections: Iterable[Section]) -> str:
     return "\n".join(parts)
 
 
-NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+def made() -> str:
+    """Hash of all that the document is made of, and of its own text."""
+    files = [*made_of.code(), *PROOFS.glob("*.py"), *ORACLES.glob("*.json"), TOOL]
+    files += [path for name in VEHICLES for path in made_of.vehicle_files(name)]
+    return made_of.digest(sorted(set(files)), DOCUMENT.read_text(encoding="utf-8"))
 
 
-def differences(old: str, new: str) -> list[str]:
-    """Lines that say something else, or whose numbers differ by more than 5 % and 1e-8 (an iteration may end one step later)."""
-    if len(old.splitlines()) != len(new.splitlines()):
-        return ["the document has another number of lines"]
-    stale = []
-    for before, after in zip(old.splitlines(), new.splitlines(), strict=True):
-        plain = [line.replace("< 1e-11", "0") for line in (before, after)]
-        a, b = ([float(x) for x in NUMBER.findall(line)] for line in plain)
-        same_text = NUMBER.sub("#", plain[0]) == NUMBER.sub("#", plain[1])
-        close = len(a) == len(b) and all(
-            abs(x - y) <= 0.05 * max(abs(x), abs(y)) + 1e-8 for x, y in zip(a, b, strict=True)
-        )
-        if not same_text or not close:
-            stale.append(f"- {before}\n+ {after}")
-    return stale
-
-
-def main() -> int:
-    """Exit status."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--check", action="store_true", help="compare with the document instead of writing it")
-    check: bool = parser.parse_args().check
+def document() -> tuple[str, list[Section]]:
+    """Its text, and the sections that have pictures to draw; half a minute."""
     bodies = [vehicle_params(name) for name in VEHICLES]
     sections = [
         oracle_section(), order_section(), energy_section(), closed_form_section(), contact_section(),
         manoeuvre_section(),
         stability_section(bodies), surface_section(bodies),
     ]  # fmt: skip
-    text = markdown(sections)
-    if not check:
-        for section in sections:
-            if section.draw:
-                section.draw(IMAGES / section.image)
-        DOCUMENT.write_text(text, encoding="utf-8")
-        return 0
-    stale = (
-        differences(DOCUMENT.read_text(encoding="utf-8"), text)
-        if DOCUMENT.is_file()
-        else ["docs/validation.md is missing"]
+    return markdown(sections), sections
+
+
+def write() -> int:
+    """The document, its pictures, and the hash."""
+    text, sections = document()
+    for section in sections:
+        if section.draw:
+            section.draw(IMAGES / section.image)
+    DOCUMENT.write_text(text, encoding="utf-8")
+    made_of.keep({made_of.named(DOCUMENT): made()})
+    return 0
+
+
+def check(everything: bool = False) -> int:
+    """Exit status; nothing is run where the hash is the old one, unless `everything` is."""
+    remedy = f"{made_of.named(DOCUMENT)} is stale: run python tools/validation_report.py"
+    if not DOCUMENT.is_file():
+        return made_of.outcome(made_of.missing(DOCUMENT), (), remedy)
+    old = DOCUMENT.read_text(encoding="utf-8")
+    same = made_of.kept().get(made_of.named(DOCUMENT)) == made()
+    new = old if same and not everything else document()[0]
+    images = [IMAGES / name for name in re.findall(r"images/(\w+\.png)", new)]
+    return made_of.outcome(
+        made_of.differences(old, new) + made_of.missing(*images), [] if same else [made_of.named(DOCUMENT)], remedy
     )
-    stale += [
-        f"docs/{name} is missing"
-        for name in re.findall(r"images/\w+\.png", text)
-        if not (ROOT / "docs" / name).is_file()
-    ]
-    if stale:
-        sys.stderr.write("\n".join(stale) + "\ndocs/validation.md is stale: run python tools/validation_report.py\n")
-    return 1 if stale else 0
+
+
+def main() -> int:
+    """Exit status."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--check", action="store_true", help="compare with the document instead of writing it")
+    parser.add_argument("--all", action="store_true", help="check even if nothing has changed")
+    chosen = parser.parse_args()
+    return check(chosen.all) if chosen.check else write()
 
 
 if __name__ == "__main__":

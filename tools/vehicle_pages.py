@@ -1,16 +1,18 @@
 """Writes docs/vehicles.md, a page and a picture for each shipped vehicle, from runs of its manoeuvres: ``python tools/vehicle_pages.py``.
 
-With ``--check`` nothing is written: all manoeuvres are run again and compared with the pages, and the exit status is 1 when they say something
-else, or numbers differ by more than rounding on another machine can explain.
+With ``--check`` nothing is written: the manoeuvres of vehicles for which anything has changed since (`made_of`; ``--all``: of every vehicle) are
+run again and compared with the pages, and the exit status is 1 when they say something else, or numbers differ by more than rounding on another
+machine can explain.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
-from validation_report import differences
+import made_of
 
 from uwserver.cli.vehicle_picture import vehicle_picture
 from uwserver.scenario.vehicle.body import body_params
@@ -19,6 +21,7 @@ from uwserver.units import deg
 from uwserver.validation.manoeuvres.report import NONE_FOUND, Comparison, Report, markdown, report, resolve
 
 ROOT = Path(__file__).parents[1]
+TOOL = Path(__file__)
 INDEX = ROOT / "docs" / "vehicles.md"
 PAGES = ROOT / "docs" / "vehicles"
 IMAGES = ROOT / "docs" / "images"
@@ -26,7 +29,7 @@ SHIPPED = ROOT / "scenarios" / "uwserver_scenarios" / "vehicles"
 INTRODUCTION = """\
 # Vehicles
 
-Written by `python tools/vehicle_pages.py`; do not edit. `--check` runs all manoeuvres again. Each name leads to a page with the vehicle's
+Written by `python tools/vehicle_pages.py`; do not edit. `--check` runs again what has changed. Each name leads to a page with the vehicle's
 picture, its numbers with their status, and its manoeuvres: open loop, in still water, everything at its supply voltage, as a pilot without an
 autopilot would see them. Beside them stand published figures of the real vehicle (`[[published]]` in the vehicle file), where any were found.
 
@@ -36,8 +39,7 @@ Not here: Iver3 and REMUS 600. A set of numbers for them that is whole could not
 10.1177/02783649231191184) and the model of an Iver2 (doi 10.1007/s00773-014-0259-0) have it, by their summaries; of the REMUS 600 only
 dimensions are published. A REMUS 100 drawn longer would be neither.
 """
-
-
+REMEDY = "docs/vehicles.md is stale: run python tools/vehicle_pages.py"
 HEAD = (
     "vehicle", "what it is", "mass kg", "top speed m/s", "published", "turning diameter m", "published", "largest tilt ahead deg", "guesses",
 )  # fmt: skip
@@ -48,19 +50,21 @@ def shipped() -> list[str]:
     return sorted(path.stem for path in SHIPPED.glob("*.toml"))
 
 
-def index(reports: list[Report]) -> str:
+def index(rows: Sequence[str]) -> str:
     """The page that leads to the others."""
-    lines = [INTRODUCTION, f"| {' | '.join(HEAD)} |", "|" + "---|" * len(HEAD)]
-    for found in reports:
-        mass = next(p.values[0] for p in found.particulars if p.name == "mass")
-        tilts = [row.values[1] for row in found.trial("straight").rows if row.values[1] is not None]
-        cells = (
-            f"[{found.name}](vehicles/{found.name}.md)", found.description.partition(":")[2].strip() or found.description,
-            f"{mass:.4g}", *_pair(found, "ahead_speed_mps"), *_pair(found, "turning_diameter_m"),
-            f"{deg(max(tilts)):.0f}" if tilts else "-", f"{found.guesses} of {found.groups}",
-        )  # fmt: skip
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
+    return "\n".join([INTRODUCTION, f"| {' | '.join(HEAD)} |", "|" + "---|" * len(HEAD), *rows]) + "\n"
+
+
+def row(found: Report) -> str:
+    """A vehicle's row of the index."""
+    mass = next(p.values[0] for p in found.particulars if p.name == "mass")
+    tilts = [row.values[1] for row in found.trial("straight").rows if row.values[1] is not None]
+    cells = (
+        f"[{found.name}](vehicles/{found.name}.md)", found.description.partition(":")[2].strip() or found.description,
+        f"{mass:.4g}", *_pair(found, "ahead_speed_mps"), *_pair(found, "turning_diameter_m"),
+        f"{deg(max(tilts)):.0f}" if tilts else "-", f"{found.guesses} of {found.groups}",
+    )  # fmt: skip
+    return f"| {' | '.join(cells)} |"
 
 
 def _pair(found: Report, quantity: str) -> tuple[str, str]:
@@ -79,37 +83,87 @@ def draw(name: str) -> None:
     resolved = resolve(name, environment)
     figure = vehicle_picture(resolved, body_params(resolved.vehicle, resolved.devices, environment))
     # Without the version of matplotlib in it, the same plot is the same file.
-    figure.savefig(IMAGES / f"vehicle_{name}.png", dpi=110, metadata={"Software": None})
+    figure.savefig(picture_of(name), dpi=110, metadata={"Software": None})
+
+
+def row_of(text: str, name: str) -> str:
+    """A vehicle's row of the index as it stands; empty if it has none."""
+    return next((line for line in text.splitlines() if line.startswith(f"| [{name}](")), "")
+
+
+def page_of(name: str) -> Path:
+    """Where a vehicle's page stands."""
+    return PAGES / f"{name}.md"
+
+
+def picture_of(name: str) -> Path:
+    """Where a vehicle's picture stands."""
+    return IMAGES / f"vehicle_{name}.png"
+
+
+def page(found: Report) -> str:
+    """A vehicle's page."""
+    return markdown(found, f"../images/{picture_of(found.name).name}")
+
+
+def made(names: Sequence[str]) -> dict[str, str]:
+    """Hash of all that each vehicle's page is made of, of its own text and of its row of the index."""
+    code = made_of.digest([*made_of.code(), TOOL])
+    rows = INDEX.read_text(encoding="utf-8") if INDEX.is_file() else ""
+    return {
+        name: made_of.digest(
+            made_of.vehicle_files(name), code, page_of(name).read_text(encoding="utf-8"), row_of(rows, name)
+        )
+        for name in names
+    }
+
+
+def write() -> int:
+    """Pages, pictures and hashes."""
+    reports = [report(name) for name in shipped()]
+    PAGES.mkdir(exist_ok=True)
+    INDEX.write_text(index([row(found) for found in reports]), encoding="utf-8")
+    for found in reports:
+        page_of(found.name).write_text(page(found), encoding="utf-8")
+        draw(found.name)
+    made_of.keep({made_of.named(page_of(name)): value for name, value in made(shipped()).items()})
+    return made_of.outcome(strays(), (), REMEDY)
+
+
+def check(everything: bool = False) -> int:
+    """Exit status; vehicles whose hash is the old one are not run again, unless `everything` is."""
+    there = [name for name in shipped() if page_of(name).is_file()]
+    kept = made_of.kept()
+    old = [name for name, value in made(there).items() if kept.get(made_of.named(page_of(name))) != value]
+    reports = {name: report(name) for name in (there if everything else old)}
+    stale = made_of.missing(INDEX, *map(page_of, shipped()), *map(picture_of, shipped())) + strays()
+    for name, found in reports.items():
+        stale += _told(page_of(name), page(found))
+    if INDEX.is_file():
+        text = INDEX.read_text(encoding="utf-8")
+        stale += _told(INDEX, index([row(reports[n]) if n in reports else row_of(text, n) for n in shipped()]))
+    return made_of.outcome(stale, [made_of.named(page_of(name)) for name in old], REMEDY)
+
+
+def strays() -> list[str]:
+    """What to say of pages of vehicles that are no more."""
+    return [
+        f"{made_of.named(path)} is of no vehicle" for path in sorted(PAGES.glob("*.md")) if path.stem not in shipped()
+    ]
+
+
+def _told(path: Path, text: str) -> list[str]:
+    lines = made_of.differences(path.read_text(encoding="utf-8"), text)
+    return [f"{made_of.named(path)}\n{line}" for line in lines]
 
 
 def main() -> int:
     """Exit status."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--check", action="store_true", help="compare with the pages instead of writing them")
-    check: bool = parser.parse_args().check
-    reports = [report(name) for name in shipped()]
-    pages = {INDEX: index(reports)}
-    pages |= {PAGES / f"{found.name}.md": markdown(found, f"../images/vehicle_{found.name}.png") for found in reports}
-    stale = []
-    for path, text in pages.items():
-        if not check:
-            path.parent.mkdir(exist_ok=True)
-            path.write_text(text, encoding="utf-8")
-        elif not path.is_file():
-            stale.append(f"{path.relative_to(ROOT)} is missing")
-        else:
-            stale += [
-                f"{path.relative_to(ROOT)}\n{line}" for line in differences(path.read_text(encoding="utf-8"), text)
-            ]
-    for name in shipped():
-        if not check:
-            draw(name)
-        elif not (IMAGES / f"vehicle_{name}.png").is_file():
-            stale.append(f"docs/images/vehicle_{name}.png is missing")
-    stale += [f"{path.relative_to(ROOT)} is of no vehicle" for path in sorted(PAGES.glob("*.md")) if path not in pages]
-    if stale:
-        sys.stderr.write("\n".join(stale) + "\ndocs/vehicles.md is stale: run python tools/vehicle_pages.py\n")
-    return 1 if stale else 0
+    parser.add_argument("--all", action="store_true", help="check even those for which nothing has changed")
+    chosen = parser.parse_args()
+    return check(chosen.all) if chosen.check else write()
 
 
 if __name__ == "__main__":
