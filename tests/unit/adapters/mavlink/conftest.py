@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 import inspect
 import math
 from collections.abc import Callable, Mapping
@@ -278,6 +279,10 @@ class Station:
         return int(acks[0].result)
 
 
+dialect = functools.cache(Dialect)
+"""All benches read the same one."""
+
+
 class Bench:
     """A router over a fake world, with a clock that the test moves."""
 
@@ -286,7 +291,7 @@ class Bench:
         self.now = 1000.0
         table.setdefault("origin_deg", (63.44, 10.39))
         config = MavlinkConfig(**table)
-        self.router = Router(config, self.rov, "rov", Dialect(), lambda: self.now, 1_750_000_000.0)
+        self.router = Router(config, self.rov, "rov", dialect(), lambda: self.now, 1_750_000_000.0)
         self.rov.attach(self.router)
 
     @property
@@ -320,7 +325,7 @@ def make_bench() -> Callable[..., Bench]:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
-    """Tests of this folder may be coroutines; each runs within a loop, and has half a minute."""
+    """Tests of this folder may be coroutines; each runs within a loop, and has two minutes."""
     function = pyfuncitem.obj
     arguments = {name: pyfuncitem.funcargs[name] for name in inspect.signature(function).parameters}
 
@@ -329,7 +334,7 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
         if inspect.isawaitable(result):
             await result
 
-    asyncio.run(asyncio.wait_for(within_a_loop(), 30.0))
+    asyncio.run(asyncio.wait_for(within_a_loop(), 120.0))
     return True
 
 

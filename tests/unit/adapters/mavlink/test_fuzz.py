@@ -11,7 +11,7 @@ import pytest
 
 pymavlink = pytest.importorskip("pymavlink.dialects.v20.ardupilotmega")
 
-ROUNDS = 40
+ROUNDS = 20
 EDGES = {
     "float": (0.0, -0.0, 1.0, -1.0, math.nan, math.inf, -math.inf, 3.4e38, -3.4e38, 1e-45, 0.5, 400.0, 21196.0),
     "double": (0.0, math.nan, math.inf),
@@ -72,8 +72,8 @@ async def test_fields_of_any_value(make_bench, name):
         assert all(math.isfinite(x) for field in command.value if field is not None for x in field)
     bench.vehicle.parameters.set("MAV1_EXTRA1", 10.0)
     fresh = bench.station(254)
-    bench.run(2.5)
-    assert len(fresh.of("HEARTBEAT")) >= 2
+    bench.run(1.2)
+    assert fresh.of("HEARTBEAT")
     assert fresh.of("ATTITUDE")
 
 

@@ -41,7 +41,7 @@ def free_port(kind: int = socket.SOCK_DGRAM) -> int:
 
 
 async def until(condition: Callable[[], Any], what: str) -> None:
-    end = asyncio.get_running_loop().time() + 10.0
+    end = asyncio.get_running_loop().time() + 60.0
     while not condition():
         assert asyncio.get_running_loop().time() < end, what
         await asyncio.sleep(0.01)
@@ -58,7 +58,7 @@ def client(url: str, system: int = 255) -> Any:
 
 async def hear(link: Any, name: str) -> Any:
     """The next message of a kind."""
-    for _ in range(1000):
+    for _ in range(6000):
         message = link.recv_match(type=name, blocking=False)
         if message is not None:
             return message
@@ -123,8 +123,8 @@ async def test_a_client_that_connects_later_and_again(serve, make_rov):
             got: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
             server = await asyncio.start_server(lambda r, w, got=got: got.set_result((r, w)), "127.0.0.1", port)
             try:
-                reader, writer = await asyncio.wait_for(got, 5.0)
-                assert (await asyncio.wait_for(reader.readexactly(10), 5.0))[0] == 0xFD
+                reader, writer = await asyncio.wait_for(got, 60.0)
+                assert (await asyncio.wait_for(reader.readexactly(10), 60.0))[0] == 0xFD
                 writer.transport.abort()
             finally:
                 server.close()
@@ -176,7 +176,9 @@ async def test_of_a_flood_by_udp_no_more_is_looked_at_than_a_peer_may_send(serve
     seen = []
     work = Router.work
     monkeypatch.setattr(Router, "work", lambda self, channel: (seen.append(channel.number), work(self, channel))[1])
+    time = asyncio.get_running_loop().time
     async with serve(adapter(make_rov(), "udpin:127.0.0.1:0", frames_per_s=20)) as context:
+        began = time()
         with (
             client(f"udpout:127.0.0.1:{port_of(context)}") as flood,
             client(f"udpout:127.0.0.1:{port_of(context)}", 254) as calm,
@@ -191,7 +193,7 @@ async def test_of_a_flood_by_udp_no_more_is_looked_at_than_a_peer_may_send(serve
             await until(is_calm_heard, "the other is heard")
             assert context.stats.peers == 2
             await until(lambda: context.stats.details.get("counters", {}).get("flood", 0) > 50, "counted")
-            assert len(seen) < 150
+            assert len(seen) <= 2 * 20 * (time() - began + 1.0)
 
 
 async def test_too_many_peers_are_refused_and_told(serve, make_rov, monkeypatch):
