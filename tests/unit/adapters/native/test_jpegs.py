@@ -40,7 +40,7 @@ def encoders(monkeypatch):
 
 async def told(theatre, talker, count: int) -> None:
     theatre.context.put([SHOT])
-    for _ in range(200):
+    for _ in range(6000):
         if theatre.context.stats.encoded >= count:
             break
         await asyncio.sleep(0.01)

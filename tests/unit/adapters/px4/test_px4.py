@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from kernel_buffers import keep_small
 
 mavlink = pytest.importorskip("pymavlink.dialects.v20.common", reason="pymavlink is not installed")
 
@@ -294,7 +295,8 @@ def test_a_stranger_does_not_end_the_autopilot_s_connection(said: bytes) -> None
             assert (b"HTTP/1.1 400 " in answer) == said.startswith(b"POST")
 
 
-def test_an_autopilot_that_does_not_read_is_let_go() -> None:
+def test_an_autopilot_that_does_not_read_is_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
+    keep_small(monkeypatch)
     with rig() as r, connected(r) as px4:
         px4.stream.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         assert r.order() is not None
