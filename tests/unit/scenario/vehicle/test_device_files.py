@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from pathlib import Path
 
 import msgspec
@@ -40,7 +41,7 @@ def use_of(name: str) -> str:
 @pytest.mark.parametrize("name", DEVICES)
 def test_a_device_measures(name, tmp_path):
     world = build(load(scenario(tmp_path, name, use_of(name)), adapters={}))
-    world.step(240)
+    world.step(120)
     kind = read(DEVICES[name]).raw["kind"]
     path = "rov/device/received" if kind.endswith("_modem") else "rov/device"
     assert world.ports[path].kind == kind
@@ -53,21 +54,30 @@ def test_a_device_measures(name, tmp_path):
 
 @pytest.mark.parametrize("name", DEVICES)
 def test_a_misspelt_property_is_refused(name, tmp_path):
-    text = DEVICES[name].read_text()
-    lines = text.split("\n")
-    wrong = []
+    """Those of its head are at once, then those of its properties; and alone those of which nothing is told then."""
+    lines, wrong = DEVICES[name].read_text().split("\n"), {}
     for k, line in enumerate(lines):
         key = line.partition(" = ")[0]
-        if " = " not in line or line.startswith(("#", "source", "status", "modifiers.")):
-            continue
-        copy = tmp_path / "device.toml"
-        copy.write_text("\n".join([*lines[:k], line.replace(key, key[:-1] + "qx", 1), *lines[k + 1 :]]))
+        if " = " in line and not line.startswith(("#", "source", "status", "modifiers.")):
+            wrong[k] = f"{key[:-1]}qx"
+
+    def told(these):
+        changed = [f"{wrong[k]} = {line.partition(' = ')[2]}" if k in these else line for k, line in enumerate(lines)]
+        (tmp_path / "device.toml").write_text("\n".join(changed))
         try:
             load(scenario(tmp_path, "device.toml", use_of(name)), adapters={})
-            wrong.append(line)
-        except ScenarioError:
-            pass
-    assert not wrong
+        except ScenarioError as error:
+            return [problem.text for problem in error.problems]
+        return []
+
+    head = next(k for k, line in enumerate(lines) if line.startswith("["))
+    kind = [k for k in wrong if lines[k].startswith("kind")]  # which decides what the others mean
+    alone = list(kind)
+    for group in ([k for k in wrong if k < head and k not in kind], [k for k in wrong if k > head]):
+        unknown = Counter(text.partition('"')[2].partition('"')[0] for text in told(group))
+        meant = {k: wrong[k].rpartition(".")[2] for k in group}
+        alone += [k for k in group if unknown[meant[k]] < list(meant.values()).count(meant[k])]
+    assert [lines[k] for k in alone if not told([k])] == []
 
 
 def spread(name: str, distance: float, n: int = 1500) -> np.ndarray:
