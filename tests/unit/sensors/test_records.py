@@ -138,7 +138,9 @@ def scope_of(world: World, slot: SensorSlot) -> Scope:
     )  # fmt: skip
 
 
-def test_a_sensor_goes_on_from_any_record_that_passes(everything):
+@pytest.mark.parametrize(("most", "pictures"), [(5, 2), pytest.param(20, 6, marks=pytest.mark.slow)])
+def test_a_sensor_goes_on_from_any_record_that_passes(everything, most, pictures):
+    """So many records of each, and of those that tell pictures."""
     world, rng = everything, np.random.default_rng(6)
     remember = 0
     for path, slot in world.sensors.items():
@@ -148,7 +150,7 @@ def test_a_sensor_goes_on_from_any_record_that_passes(everything):
         memory, settings = sensor.memory, sensor.settings
         remember += sensor.memory is not NOTHING
         scope = scope_of(world, slot)
-        several = 6 if any(field.size > 100 for field in sensor.fields) else 20
+        several = pictures if any(field.size > 100 for field in sensor.fields) else most
         for record in records(memory, sensor, rng, several):
             for kept in records(settings, sensor, rng, 2):
                 sensor.memory, sensor.settings = msgspec.structs.replace(record), kept
@@ -168,7 +170,7 @@ def test_a_modifier_goes_on_from_any_record_that_passes(kind):
     config = kind(**target, **KEYS.get(kind.__struct_config__.tag, {}))
     rng = np.random.default_rng(6)
     built = modifier(config)
-    for record in records(built.memory, built, rng, 200):
+    for record in records(built.memory, built, rng, 60):
         built.memory = msgspec.structs.replace(record)
         for k in (1, 2, 3000):
             values: list[Value] = [7.0, (0.1, -0.2, 0.3), True]

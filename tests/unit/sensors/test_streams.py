@@ -126,7 +126,7 @@ def perfect(sensor):
 
 def test_an_ideal_stream_is_what_an_ideal_device_reads(everything):
     """For all kinds at once; devices that pace themselves by what they see may do so at other instants, which are left out."""
-    streams, exact = told(heavy(everything, with_ideal), 480), told(heavy(everything, perfect), 480)
+    streams, exact = told(heavy(everything, with_ideal), 240), told(heavy(everything, perfect), 240)
     compared = set()
     for port, samples in exact.items():
         side = {sample.t_ns: sample for sample in streams.get(f"{port}/ideal", ())}
@@ -148,8 +148,8 @@ def test_an_ideal_stream_is_what_an_ideal_device_reads(everything):
 
 
 def test_ideal_streams_do_not_change_what_the_devices_tell(everything):
-    alone = told(heavy(everything, lambda sensor: sensor), 240)
-    both = told(heavy(everything, with_ideal), 240)
+    alone = told(heavy(everything, lambda sensor: sensor), 120)
+    both = told(heavy(everything, with_ideal), 120)
     assert {port: both[port] for port in alone} == alone
     plain = [name for name, sensor in everything.vehicles["heavy"].vehicle.sensors.items() if not sensor.modifiers]
     assert len(plain) > 15

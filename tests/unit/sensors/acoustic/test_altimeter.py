@@ -91,13 +91,13 @@ def test_looking_up_it_sees_the_surface(over):
     assert ping(IDEAL, over(q_NB=q)).values[0] == pytest.approx(5.0, abs=1e-9)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_noise(over, seed):
+@pytest.mark.parametrize(("n", "rel"), [(1500, 0.09), pytest.param(9000, 0.04, marks=pytest.mark.slow)])
+def test_noise(over, n, rel):
     config = AltimeterConfig(rate_hz=10, range_sigma_m=0.03, range_sigma_relative=0.002)
-    r = np.array([reading.values[0] for reading in many(config, over(), 4000, seed) if reading.valid])
+    r = np.array([reading.values[0] for reading in many(config, over(), n, 1) if reading.valid])
     sigma = math.hypot(0.03, 0.002 * 20.0)
-    assert r.std() == pytest.approx(sigma, rel=0.04)
-    assert r.mean() == pytest.approx(20.0, abs=4 * sigma / math.sqrt(len(r)))
+    assert r.std() == pytest.approx(sigma, rel=rel)
+    assert r.mean() == pytest.approx(20.0, abs=5 * sigma / math.sqrt(len(r)))
 
 
 def test_a_wrong_sound_speed_stretches_the_range(over):
@@ -111,13 +111,13 @@ def test_half_of_the_echoes_are_found_at_full_range(over):
     config = AltimeterConfig(rate_hz=10, beam_width_deg=1.0)
     far = Plane((0.0, 0.0, 54.999), (0.0, 0.0, -1.0))
 
-    def found(material, plane=far):
+    def found(material, plane=far, n=300):
         instant = over(plane, materials=(material,))
         instant.lambert = lambert(["sediment", "mud", "rock"])
-        readings = many(config, instant, 2000)
+        readings = many(config, instant, n)
         return np.mean([r.valid for r in readings]), np.mean([r.values[1] or 0.0 for r in readings])
 
-    assert found(0)[0] == pytest.approx(0.5, abs=0.04)
+    assert found(0, n=2000)[0] == pytest.approx(0.5, abs=0.06)
     assert found(1)[0] < 0.02
     assert found(2)[0] > 0.98
     assert found(0, Plane((0.0, 0.0, 10.0), (0.0, 0.0, -1.0))) == (1.0, pytest.approx(1.0, abs=0.01))
@@ -142,9 +142,9 @@ def test_within_the_blanking_it_hears_a_multiple(over, height, told):
 
 def test_second_echoes_come_as_often_as_told(over):
     config = AltimeterConfig(rate_hz=10, range_sigma_m=0, multiple_probability=0.1, multiple_loss_db=3)
-    r = np.array([reading.values[0] or 0.0 for reading in many(config, over(), 3000)])
-    assert np.mean(np.isclose(r, 40.0)) == pytest.approx(0.1, abs=0.02)
-    assert np.mean(np.isclose(r, 20.0)) == pytest.approx(0.9, abs=0.02)
+    r = np.array([reading.values[0] or 0.0 for reading in many(config, over(), 1500)])
+    assert np.mean(np.isclose(r, 40.0)) == pytest.approx(0.1, abs=0.04)
+    assert np.mean(np.isclose(r, 20.0)) == pytest.approx(0.9, abs=0.04)
 
 
 def test_timing(over):

@@ -70,10 +70,10 @@ def test_beacons_move_with_vehicles_and_ships(scope):
 def test_multipath_is_late_never_early(scope):
     config = LblConfig(rate_hz=10, beacons={"a": BEACONS["a"]}, multipath_probability=0.2, source_level_db=230.0)
     instant = scope(p_NB=(0.0, 0.0, 20.0))
-    error = np.array([r.values[RANGE] for r in answers(config, instant, 3000)]) - math.dist(PLACES["a"], (0, 0, 20.0))
+    error = np.array([r.values[RANGE] for r in answers(config, instant, 1500)]) - math.dist(PLACES["a"], (0, 0, 20.0))
     image = math.hypot(120.0, 40.0, 80.0) - math.hypot(120.0, 40.0, 40.0)
     late = error > 1.0
-    assert late.mean() == pytest.approx(0.2, abs=0.025)
+    assert late.mean() == pytest.approx(0.2, abs=0.05)
     assert error[late] == pytest.approx(np.full(late.sum(), image), abs=0.1)
     assert np.abs(error[~late]).max() < 0.1
 

@@ -57,19 +57,19 @@ def test_travel_time_through_the_layers(scope):
     assert reading.values[RANGE] == pytest.approx(750.0 * bent.values[2], abs=1e-3)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_range_jitter_follows_the_signal(scope, seed):
+@pytest.mark.parametrize(("n", "rel"), [(1500, 0.09), pytest.param(9000, 0.04, marks=pytest.mark.slow)])
+def test_range_jitter_follows_the_signal(scope, n, rel):
     """1 / (B sqrt snr) for each way."""
     config = LblConfig(rate_hz=10, beacons={"a": BEACONS["a"]}, max_range_m=5000.0)
     instant = scope(p_NB=(0.0, 0.0, 20.0))
-    r = np.array([reading.values[RANGE] for reading in answers(config, instant, 3000, seed)])
+    r = np.array([reading.values[RANGE] for reading in answers(config, instant, n, 1)])
     c, alpha, d = (
         instant.water.sound_speed(20.0),
         instant.water.absorption(26e3, 20.0),
         math.dist(PLACES["a"], (0, 0, 20.0)),
     )
     snr = 10.0 ** (0.1 * (185.0 - 20.0 * math.log10(d) - alpha * d - 50.0 - 10.0 * math.log10(4e3)))
-    assert r.std() == pytest.approx(c / (math.sqrt(2.0) * 4e3 * math.sqrt(snr)), rel=0.04)
+    assert r.std() == pytest.approx(c / (math.sqrt(2.0) * 4e3 * math.sqrt(snr)), rel=rel)
     assert r.mean() == pytest.approx(d, abs=0.03)
 
 

@@ -26,7 +26,7 @@ def test_errors_have_their_size(scope):
     runs = []
     for seed in range(400):
         sensor = started(config, seed, mount=Pose())
-        runs.append([sensor.sense(instant).values[0] for _ in range(50)])
+        runs.append([sensor.sense(instant).values[0] for _ in range(8)])
     errors = np.array(runs) - SEA.sound_speed(5.0)
-    assert errors.mean(axis=1).std() == pytest.approx(0.5, rel=0.08)
-    assert errors.std(axis=1).mean() == pytest.approx(0.02, rel=0.03)
+    assert errors.mean(axis=1).std() == pytest.approx(0.5, rel=0.17)
+    assert np.sqrt(errors.var(axis=1, ddof=1).mean()) == pytest.approx(0.02, rel=0.07)
