@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import os
 import pty
@@ -144,7 +145,7 @@ def test_udp_peers_are_served_for_their_lease_and_targets_always():
         listening, target = await loop.create_datagram_endpoint(Datagrams, local_addr=("127.0.0.1", 0))
         to = f"127.0.0.1:{listening.get_extra_info('sockname')[1]}"
         sounder = Nmea0183Table(altimeter="rov/ping", sentences=("DBT",), udp_to=(to,))
-        async with running(dvl=a50(tcp_port=None, udp_port=0, udp_lease_s=0.2), sounder=sounder) as context:
+        async with running(dvl=a50(tcp_port=None, udp_port=0, udp_lease_s=1.0), sounder=sounder) as context:
             sending, peer = await loop.create_datagram_endpoint(Datagrams, remote_addr=address(context, "dvl", "udp"))
             context.put([sample(ALTIMETER, (5.0, 1.0)), sample(DVL, LOCKED)])
             assert is_sentence((await target.heard.get()).strip())
@@ -152,7 +153,7 @@ def test_udp_peers_are_served_for_their_lease_and_targets_always():
             assert json.loads(await peer.heard.get())["response_to"] == "get_config"
             context.put([sample(DVL, LOCKED)])
             assert json.loads(await peer.heard.get())["type"] == "velocity"
-            await asyncio.sleep(0.3)
+            await asyncio.sleep(1.1)
             sent = context.stats.samples_sent
             context.put([sample(DVL, LOCKED)])
             assert context.stats.samples_sent == sent
@@ -190,17 +191,20 @@ def test_a_serial_line_says_the_same():
             async with running(dvl=a50(tcp_port=None, serial=os.ttyname(theirs))) as context:
                 os.write(ours, b"\x00rubbish\n" + GET)
                 heard = b""
-                while heard.count(b"\n") < 2:
-                    await asyncio.sleep(0.01)
-                    try:
-                        heard += os.read(ours, 4096)
-                    except BlockingIOError:
-                        continue
+
+                async def hear(lines: int) -> None:
+                    nonlocal heard
+                    while heard.count(b"\n") < lines:
+                        await asyncio.sleep(0.01)
+                        with contextlib.suppress(BlockingIOError):
+                            heard += os.read(ours, 4096)
+
+                await hear(2)
                 assert json.loads(heard.splitlines()[1])["response_to"] == "get_config"
                 assert context.stats.peers <= 1
                 context.put([sample(DVL, LOCKED)])
-                await asyncio.sleep(0.01)
-                assert b'"type":"velocity"' in os.read(ours, 4096)
+                await hear(3)
+                assert b'"type":"velocity"' in heard
         finally:
             os.close(ours)
             os.close(theirs)

@@ -9,7 +9,14 @@ from typing import Any
 import pynmea2
 import pytest
 from devices_rig import ALTIMETER, ATTITUDE, DEPTH, DVL, GPS, LOCKED, LOST, ask, make_context, sample
-from uwserver_adapters.devices.nmea0183 import Nmea0183, Nmea0183Table, degrees_minutes, is_sentence, sentence
+from uwserver_adapters.devices.nmea0183 import (
+    LINE_LIMIT,
+    Nmea0183,
+    Nmea0183Table,
+    degrees_minutes,
+    is_sentence,
+    sentence,
+)
 
 from uwserver.adapter import CannotServe
 from uwserver.testing import CodecCase, check_codec
@@ -129,7 +136,7 @@ def test_a_table_that_does_not_fit_is_told(keys: dict[str, Any], text: str):
 def test_sentences_of_peers_are_let_pass_and_garbage_is_counted():
     good = sentence("GPHDT", ("1.0", "T"))
     assert ask(make(gps="rov/gps"), good) == ([], [])
-    garbage = (b"hello\n", b"$GPHDT,1.0,T*00\r\n", b"$*00\r\n", b"\xff\xfe\x00\n", b"$" + b"A" * 5000 + b"*00\n")
+    garbage = (b"hello\n", b"$GPHDT,1.0,T*00\r\n", b"$*00\r\n", b"\xff\xfe\x00\n", b"$" + b"A" * LINE_LIMIT + b"*00\n")
     for junk in garbage[:4]:
         assert len(ask(make(gps="rov/gps"), junk + good)[1]) == 1
     assert is_sentence(good.strip())

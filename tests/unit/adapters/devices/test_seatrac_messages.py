@@ -9,6 +9,7 @@ import pytest
 from msgspec.structs import replace
 from uwserver_adapters.devices.device import Garbage
 from uwserver_adapters.devices.seatrac_messages import (
+    LINE_LIMIT,
     REQU,
     REQX,
     CommandReader,
@@ -38,7 +39,7 @@ GARBAGE = (
     b"#xyzzy!\r\n",
     b"#\xff\xff\r\n",
     b"#C1\r\n",
-    b"x" * 5000 + b"\n",
+    b"x" * (LINE_LIMIT + 1) + b"\n",
     b"#",
 )
 

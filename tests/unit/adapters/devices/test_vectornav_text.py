@@ -9,7 +9,7 @@ from devices_rig import inertial_readings
 from uwserver_adapters.devices.device import Garbage
 from uwserver_adapters.devices.inertial import Fix
 from uwserver_adapters.devices.vectornav import CommandReader
-from uwserver_adapters.devices.vectornav_text import OUTPUTS, Command, Misread, error, line
+from uwserver_adapters.devices.vectornav_text import LINE_LIMIT, OUTPUTS, Command, Misread, error, line
 
 from uwserver.testing import CodecCase, check_codec
 from uwserver.testing.codecs import read_all
@@ -31,7 +31,7 @@ GARBAGE = (
     b"$$$*XX\n",
     b"\xfa\x01\x08\n",
     b"$VNRRG,\xff*XX\n",
-    b"x" * 4000 + b"\n",
+    b"x" * (LINE_LIMIT + 1) + b"\n",
     b"\n",
     b"$VNRRG,8*4",
 )

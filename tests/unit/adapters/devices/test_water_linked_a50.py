@@ -8,11 +8,14 @@ from typing import Any
 
 import pytest
 from devices_rig import ATTITUDE, DVL, EPOCH_NS, LOCKED, LOST, ask, make_context, sample
-from uwserver_adapters.devices.water_linked_a50 import LINE_LIMIT, WaterLinkedA50, WaterLinkedA50Table
+from uwserver_adapters.devices import water_linked_a50
+from uwserver_adapters.devices.device import Garbage
+from uwserver_adapters.devices.water_linked_a50 import WaterLinkedA50, WaterLinkedA50Table
 
 from uwserver.adapter import CannotServe
 from uwserver.frames import quat_from_rpy
 from uwserver.testing import CodecCase, FakeContext, check_codec
+from uwserver.testing.codecs import read_all
 
 # The example of the maker's documentation of json_v3.3, its numbers shortened.
 DOCUMENTED = """{"time":106.39,"vx":-3.7e-05,"vy":5.7e-05,"vz":2.5e-05,"fom":0.00016,"covariance":[[2.4e-08,-3.4e-09,-1.7e-09],
@@ -165,23 +168,34 @@ def test_without_sound_nothing_is_heard_but_pings_that_were_asked_for():
     assert sum(len(device.see(sample(DVL, LOCKED, t / 10))) for t in range(1, 40)) == 15
 
 
+SHORT = 500
+"""Longest line where lines are read byte by byte."""
 GARBAGE = (
     b"\xff\x00\x80 nothing\n",
     b"{}\n",
     b"[1,2]\n",
     b'{"command":7}\n',
     b'{"command":"fly"}\n',
-    b"[" * 2000 + b"\n",
-    b"x" * (LINE_LIMIT + 1) + b"\n",
+    b"[" * 400 + b"\n",
+    b"x" * (SHORT + 1) + b"\n",
 )
 
 
-def test_lines_are_read_whole_and_byte_by_byte_and_after_garbage():
+def test_lines_are_read_whole_and_byte_by_byte_and_after_garbage(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(water_linked_a50, "LINE_LIMIT", SHORT)
     cases = [
         CodecCase("get", b'{"command": "get_config"}\r\n', (b'{"command": "get_config"}',)),
         CodecCase("reset", b'{"command":"reset_dead_reckoning"}\n', (b'{"command":"reset_dead_reckoning"}',)),
     ]
     check_codec(make().reader, cases, need_data=None, garbage=GARBAGE, resynchronises=True)
+
+
+def test_a_line_that_is_too_long_is_garbage():
+    limit, command = water_linked_a50.LINE_LIMIT, b'{"command":"get_config"}'
+    first, *_, last = read_all(make().reader(), [b"x" * (limit + 1) + b"\n" + command + b"\n"], None)
+    assert isinstance(first, Garbage)
+    assert last == command
+    assert len(ask(make(), b"[" * (limit - 1) + b"\n")[1]) == 1, "nested as deep as a line allows"
 
 
 @pytest.mark.parametrize("garbage", GARBAGE[:5])
