@@ -28,7 +28,7 @@ def refusal(tmp_path: Path, text: str) -> str:
 
 
 MANY = {
-    "vehicles": (tables("vehicles", 25_000, 'model = "bluerov2"'), "vehicles: 25000 vehicles, copies counted, and 0 objects"),
+    "vehicles": (tables("vehicles", 2500, 'model = "bluerov2"'), "vehicles: 2500 vehicles, copies counted, and 0 objects"),
     "copies": (
         tables("vehicles", 3, 'model = "bluerov2"\ncopies = {count = 1000}'),
         "vehicles: 3000 vehicles, copies counted, and 0 objects",

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
+from run_rig import recorded_run
 
 from uwserver.recording.replay import NotReplayable, replay
 from uwserver.scenario.build.world import build
@@ -291,21 +290,7 @@ def test_a_fault_refuses_keys_that_do_not_go_together(beside: Path) -> None:
 @pytest.mark.parametrize(("scenario", "extension"), [("pool", "jet"), ("river", "river"), ("trial", "loose")])
 def test_a_recording_is_replayed_bit_for_bit_with_the_file(beside: Path, scenario: str, extension: str) -> None:
     changed(beside / "trial.toml", "at_s = 10", "at_s = 0.5")
-    command = [
-        sys.executable,
-        "-m",
-        "uwserver",
-        "run",
-        f"{scenario}.toml",
-        "--mode",
-        "freerun",
-        "--until",
-        "1.5",
-        "--port",
-        "0",
-    ]
-    done = subprocess.run([*command, "--record", "x.mcap"], capture_output=True, text=True, timeout=120)
-    assert done.returncode == 0, done.stderr
+    recorded_run(beside / f"{scenario}.toml", Path("x.mcap"), 1.5)
     with pytest.raises(NotReplayable, match=rf"its components come from {extension}\.py: give --trust-files"):
         replay(Path("x.mcap"))
     replayed = replay(Path("x.mcap"), [beside / f"{extension}.py"])

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from run_rig import recorded_run
 
 from uwserver.cli.replay import replay as replay_command
 from uwserver.recording.replay import NotReplayable, replay
@@ -46,8 +47,12 @@ def test_the_example_is_part_of_a_snapshot(tank):
 
 
 def test_the_example_in_compiled_code_measures_and_is_part_of_a_snapshot(beside):
+    """Its kernel is there before the first tick: one that compiles would hold up all the others for seconds."""
     world = build(load(beside / "pond.toml", adapters={}))
+    (kernel,) = kernels(world.sensors["rov/oxygen"].sensor.bank)
+    assert len(kernel.signatures) == 1
     samples = world.step(480)
+    assert len(kernel.signatures) == 1
     noisy, ideal = ([s for s in samples if s.port == p] for p in ("rov/oxygen", "rov/oxygen/ideal"))
     assert len(noisy) == len(ideal) == 120
     depth = world.vehicles["rov"].p_NB[2]
@@ -59,15 +64,6 @@ def test_the_example_in_compiled_code_measures_and_is_part_of_a_snapshot(beside)
     first = world.step(60)
     world.call("world/restore")
     assert world.step(60) == first
-
-
-def test_its_kernel_is_there_before_the_first_tick(beside):
-    """A tick that compiles would hold up all the others for seconds."""
-    world = build(load(beside / "pond.toml", adapters={}))
-    (kernel,) = kernels(world.sensors["rov/oxygen"].sensor.bank)
-    assert len(kernel.signatures) == 1
-    world.step(8)
-    assert len(kernel.signatures) == 1
 
 
 def test_a_kernel_that_cannot_be_compiled_is_told_with_its_place(beside):
@@ -219,21 +215,7 @@ def test_a_component_that_fails_while_it_runs_stops_the_simulation_with_its_plac
 
 def test_a_recording_wants_the_file_again(tank, tmp_path):
     recording = tmp_path / "x.mcap"
-    command = [
-        sys.executable,
-        "-m",
-        "uwserver",
-        "run",
-        str(tank),
-        "--mode",
-        "freerun",
-        "--until",
-        "1.5",
-        "--record",
-        str(recording),
-    ]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    recorded_run(tank, recording, 1.5)
     with pytest.raises(NotReplayable, match=r"turbidity\.py: give --trust-files"):
         replay(recording)
     done = replay(recording, [tank.parent / "turbidity.py"])
@@ -244,9 +226,7 @@ def test_a_recording_wants_the_file_again(tank, tmp_path):
 def test_replay_opens_files_that_a_recording_names_only_when_it_is_told_to(tank, tmp_path, monkeypatch):
     """And then beside the recording or in the working folder, nowhere else."""
     recording = tmp_path / "x.mcap"
-    command = [sys.executable, "-m", "uwserver", "run", str(tank), "--mode", "freerun", "--until", "0.5", "--record"]
-    done = subprocess.run([*command, str(recording)], capture_output=True, text=True, timeout=120)
-    assert done.returncode == 0, done.stderr
+    recorded_run(tank, recording, 0.5)
 
     def told(*options: str) -> tuple[int, str]:
         outcome = CliRunner().invoke(replay_command, [str(recording), *options])
