@@ -51,7 +51,7 @@ class FakePx4:
     """What PX4's simulator module does, by hand."""
 
     def __init__(self, address: tuple[str, int]) -> None:
-        self.stream = socket.create_connection(address, timeout=10)
+        self.stream = socket.create_connection(address, timeout=60)
         self.stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.mav = mavlink.MAVLink(None, 1, 1)
         self.mav.robust_parsing = True

@@ -74,7 +74,7 @@ def story(make):
                 await work(rig) if asyncio.iscoroutinefunction(work) else work(rig)
                 await rig.node.close()
 
-            asyncio.run(asyncio.wait_for(told(), 20))
+            asyncio.run(asyncio.wait_for(told(), 120))
 
         test.__name__, test.__doc__ = work.__name__, work.__doc__
         return test

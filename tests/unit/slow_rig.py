@@ -40,7 +40,7 @@ class Shot(Job):
         self.seed, self.depth, self.level, self.fails = seed, depth, level, fails
 
     def run(self):
-        assert Slow.gate.wait(30.0)
+        assert Slow.gate.wait(120.0)
         Slow.runs.append((self.seed, threading.current_thread().name))
         if self.fails:
             raise RuntimeError("the film is torn")

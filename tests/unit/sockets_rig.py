@@ -132,7 +132,7 @@ async def run_adapter(**config: Any) -> AsyncIterator[FakeContext]:
     ready = asyncio.Event()
     task = asyncio.create_task(SocketsAdapter(SocketsConfig(**({"port": 0} | config)), context).run(ready))
     done, _ = await asyncio.wait(
-        [task, asyncio.create_task(ready.wait())], timeout=5, return_when=asyncio.FIRST_COMPLETED
+        [task, asyncio.create_task(ready.wait())], timeout=60, return_when=asyncio.FIRST_COMPLETED
     )
     assert done
     if task.done():
@@ -176,7 +176,7 @@ def make_certificate(folder: Path, name: str) -> tuple[str, str]:
         "-out",
         str(cert),
     ]
-    subprocess.run(command, check=True, capture_output=True, timeout=30)
+    subprocess.run(command, check=True, capture_output=True, timeout=120)
     return str(cert), str(key)
 
 

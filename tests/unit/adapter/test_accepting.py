@@ -67,7 +67,7 @@ def test_without_descriptors_it_waits_and_goes_on(monkeypatch: pytest.MonkeyPatc
             assert await reader.readline() == b"still here\n"
             writer.close()
 
-    asyncio.run(asyncio.wait_for(scene(), 20))
+    asyncio.run(asyncio.wait_for(scene(), 120))
     assert caplog.text.count("ulimit -n") == 1
     assert len(caplog.records) == 1, "no traceback"
 
@@ -76,20 +76,20 @@ def test_who_says_nothing_is_ended(caplog: pytest.LogCaptureFixture):
     async def scene() -> None:
         stats = AdapterStats()
         peers = peers_of(stats)
-        async with serve_tcp(lambda: Echo(peers, 0.05), peers, "127.0.0.1", 0) as listener:
+        async with serve_tcp(lambda: Echo(peers, 0.5), peers, "127.0.0.1", 0) as listener:
             reader, writer = await asyncio.open_connection("127.0.0.1", listener.port)
-            assert await reader.read() == b"nothing valid came within 0.05 s\n"
+            assert await reader.read() == b"nothing valid came within 0.5 s\n"
             writer.close()
             reader, writer = await asyncio.open_connection("127.0.0.1", listener.port)
             writer.write(b"line\n")
             await reader.readline()
-            await asyncio.sleep(0.1)
+            await asyncio.sleep(0.6)
             writer.write(b"again\n")
             assert await reader.readline() == b"again\n", "who was admitted may be silent"
             writer.close()
         assert stats.details["refused"] == {"timeout": 1}
 
-    asyncio.run(asyncio.wait_for(scene(), 20))
+    asyncio.run(asyncio.wait_for(scene(), 120))
 
 
 def test_crowds_of_strangers_leave_room_for_others():
@@ -104,7 +104,7 @@ def test_crowds_of_strangers_leave_room_for_others():
             for _, writer in crowd:
                 writer.transport.abort()
 
-    asyncio.run(asyncio.wait_for(scene(), 20))
+    asyncio.run(asyncio.wait_for(scene(), 120))
 
 
 def test_a_name_is_served_at_all_its_addresses():
@@ -119,7 +119,7 @@ def test_a_name_is_served_at_all_its_addresses():
             async with serve_tcp(lambda: Echo(peers, 10.0), peers, "no.such.host.invalid", 0):
                 pass
 
-    asyncio.run(asyncio.wait_for(scene(), 20))
+    asyncio.run(asyncio.wait_for(scene(), 120))
 
 
 def test_who_cut_the_line_is_written_to_no_more(caplog: pytest.LogCaptureFixture):
@@ -147,7 +147,7 @@ def test_who_cut_the_line_is_written_to_no_more(caplog: pytest.LogCaptureFixture
             while len(peers):
                 await asyncio.sleep(0.001)
 
-    asyncio.run(asyncio.wait_for(scene(), 20))
+    asyncio.run(asyncio.wait_for(scene(), 120))
     assert caplog.records == []
 
 

@@ -72,7 +72,7 @@ class Room:
 
 def within_loop(scene: Callable[[Room], Coroutine[Any, Any, None]]) -> None:
     async def bounded() -> None:
-        await asyncio.wait_for(scene(Room()), 10)
+        await asyncio.wait_for(scene(Room()), 120)
 
     asyncio.run(bounded())
 

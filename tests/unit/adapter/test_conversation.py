@@ -37,7 +37,7 @@ class Talk:
 
 def within_loop(scene: Callable[[Talk], Coroutine[Any, Any, None]]) -> None:
     async def bounded() -> None:
-        await asyncio.wait_for(scene(Talk()), 10)
+        await asyncio.wait_for(scene(Talk()), 120)
 
     asyncio.run(bounded())
 

@@ -39,7 +39,7 @@ def test_bytes_go_both_ways_until_the_other_end_goes():
         assert "it is tried again" in context.stats.last_error
         assert not port.write(b"nobody")
 
-    asyncio.run(asyncio.wait_for(run(), 10.0))
+    asyncio.run(asyncio.wait_for(run(), 120.0))
 
 
 def test_a_device_that_is_not_there_is_logged_once(tmp_path: Path, caplog):

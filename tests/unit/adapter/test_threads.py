@@ -135,14 +135,15 @@ def test_a_worker_works_in_order_and_counts_what_fails_or_is_too_much(monkeypatc
 
 def test_cancelled_work_still_ends_first():
     async def scene() -> None:
-        worker, gate, done = Worker("worker", AdapterStats()), threading.Event(), []
+        worker, begun, gate, done = Worker("worker", AdapterStats()), threading.Event(), threading.Event(), []
 
         def work() -> None:
-            gate.wait(5)
+            begun.set()
+            gate.wait(60)
             done.append(True)
 
         task = asyncio.create_task(worker.run(work))
-        await asyncio.sleep(0.01)
+        await until(begun.is_set)
         task.cancel()
         await asyncio.sleep(0.01)
         assert not task.done()

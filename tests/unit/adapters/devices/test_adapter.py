@@ -29,7 +29,7 @@ GET = b'{"command":"get_config"}\n'
 
 
 def run(scene: Callable[[], Awaitable[None]]) -> None:
-    asyncio.run(asyncio.wait_for(scene(), 10))
+    asyncio.run(asyncio.wait_for(scene(), 120))
 
 
 @asynccontextmanager

@@ -174,7 +174,7 @@ def test_pictures_go_by_tcp_and_the_status_by_udp():
         listener.close()
         return status, data
 
-    status, data = asyncio.run(asyncio.wait_for(scene(), 10))
+    status, data = asyncio.run(asyncio.wait_for(scene(), 120))
     assert (len(status), status[52:56]) == (142, bytes((127, 0, 0, 1)))
     assert layout(data)[4] == COUNTS.tobytes()
     assert data[16] == 2

@@ -47,7 +47,7 @@ def session(
                     break
             return done.result(), context
 
-    return asyncio.run(asyncio.wait_for(scene(), 20))
+    return asyncio.run(asyncio.wait_for(scene(), 120))
 
 
 def by_udp(ping: Any, context: FakeContext) -> None:

@@ -66,7 +66,7 @@ def session(talk: Callable[[Any], Any]) -> tuple[Any, FakeContext]:
                     break
             return done.result(), context
 
-    return asyncio.run(asyncio.wait_for(scene(), 20))
+    return asyncio.run(asyncio.wait_for(scene(), 120))
 
 
 def test_the_makers_library_turns_the_head_and_gets_the_ping_of_that_angle():

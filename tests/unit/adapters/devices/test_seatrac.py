@@ -165,6 +165,6 @@ def test_a_peer_on_tcp_pings():
             assert context.stats.errors == 1
             return lines
 
-    lines = asyncio.run(asyncio.wait_for(scene(), 10))
+    lines = asyncio.run(asyncio.wait_for(scene(), 120))
     assert read(lines[0]) == Message(0x40, b"\x00\x01")
     assert read(lines[-1]).payload[2:4] == b"\x01\x03"

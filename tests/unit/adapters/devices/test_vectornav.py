@@ -176,7 +176,7 @@ def test_a_driver_of_users_reads_the_device_over_a_serial_line():
             return done.result()
 
     try:
-        told = asyncio.run(asyncio.wait_for(scene(), 20))
+        told = asyncio.run(asyncio.wait_for(scene(), 120))
     finally:
         for end in (ours, theirs, second, second_theirs):
             os.close(end)

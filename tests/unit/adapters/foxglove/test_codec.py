@@ -83,7 +83,7 @@ def test_what_the_sdk_says_we_say_too(sdk: tuple[Any, Any, Listener]) -> None:
         async with connect(f"ws://127.0.0.1:{server.port}", subprotocols=protocols) as peer:
 
             async def hear() -> Any:
-                return await asyncio.wait_for(peer.recv(), 10.0)
+                return await asyncio.wait_for(peer.recv(), 60.0)
 
             info = json.loads(await hear())
             ours = codec.server_info(

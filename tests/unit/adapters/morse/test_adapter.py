@@ -33,7 +33,7 @@ async def serving(config: MorseConfig, context: FakeContext) -> AsyncIterator[di
     task = asyncio.ensure_future(MorseAdapter(config, context).run(ready))
     waiting = asyncio.ensure_future(ready.wait())
     try:
-        await asyncio.wait([task, waiting], timeout=10, return_when=asyncio.FIRST_COMPLETED)
+        await asyncio.wait([task, waiting], timeout=60, return_when=asyncio.FIRST_COMPLETED)
         waiting.cancel()
         if task.done():
             task.result()
@@ -45,13 +45,19 @@ async def serving(config: MorseConfig, context: FakeContext) -> AsyncIterator[di
 
 async def connect(port: int) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
-    await asyncio.sleep(0.05)
+    await turns()
     return reader, writer
+
+
+async def turns() -> None:
+    """The loop takes up what has come."""
+    for _ in range(50):
+        await asyncio.sleep(0)
 
 
 def run(story: Callable[[], Awaitable[None]]) -> None:
     async def bounded() -> None:
-        await asyncio.wait_for(story(), 30)
+        await asyncio.wait_for(story(), 120)
 
     asyncio.run(bounded())
 
@@ -68,7 +74,7 @@ def test_a_stream_tells_the_samples_of_its_component_alone() -> None:
             assert set(said) == {"timestamp", "valid", "depth"}
             writer.close()
             await writer.wait_closed()
-            await asyncio.sleep(0.05)
+            await turns()
             assert context.wanted == frozenset()
 
     run(story)

@@ -88,7 +88,7 @@ def tell() -> Callable[[Story], None]:
 
     def run(story: Story) -> None:
         async def whole() -> None:
-            await asyncio.wait_for(story(Asker()), 20)
+            await asyncio.wait_for(story(Asker()), 120)
 
         asyncio.run(whole())
 

@@ -82,7 +82,7 @@ async def serving(config: PlayerConfig, context: FakeContext) -> AsyncIterator[i
     task = asyncio.ensure_future(PlayerAdapter(config, context).run(ready))
     waiting = asyncio.ensure_future(ready.wait())
     try:
-        await asyncio.wait([task, waiting], timeout=10, return_when=asyncio.FIRST_COMPLETED)
+        await asyncio.wait([task, waiting], timeout=60, return_when=asyncio.FIRST_COMPLETED)
         waiting.cancel()
         if task.done():
             task.result()
@@ -94,7 +94,7 @@ async def serving(config: PlayerConfig, context: FakeContext) -> AsyncIterator[i
 
 def run(story: Callable[[FakeContext], Awaitable[None]]) -> None:
     async def bounded() -> None:
-        await asyncio.wait_for(story(FakeContext(ports={port.path: port for port in (*PORTS, VELOCITY, STATE)})), 30)
+        await asyncio.wait_for(story(FakeContext(ports={port.path: port for port in (*PORTS, VELOCITY, STATE)})), 120)
 
     asyncio.run(bounded())
 

@@ -35,7 +35,7 @@ def mounted(made, likes=("rov",), answers=True):
 
 
 def run(story):
-    return asyncio.run(asyncio.wait_for(story(), 20))
+    return asyncio.run(asyncio.wait_for(story(), 120))
 
 
 def heard_of(world, *topics):

@@ -90,7 +90,7 @@ async def serving(config: Ros1Config, context: FakeContext) -> AsyncIterator[Fak
     task = asyncio.ensure_future(Ros1Adapter(config, context).run(ready))
     waiting = asyncio.ensure_future(ready.wait())
     try:
-        await asyncio.wait([task, waiting], timeout=10, return_when=asyncio.FIRST_COMPLETED)
+        await asyncio.wait([task, waiting], timeout=60, return_when=asyncio.FIRST_COMPLETED)
         waiting.cancel()
         if task.done():
             task.result()
@@ -102,13 +102,13 @@ async def serving(config: Ros1Config, context: FakeContext) -> AsyncIterator[Fak
 
 def run(story: Callable[[], Awaitable[None]]) -> None:
     async def bounded() -> None:
-        await asyncio.wait_for(story(), 60)
+        await asyncio.wait_for(story(), 120)
 
     asyncio.run(bounded())
 
 
 async def until(condition: Callable[[], object]) -> None:
-    for _ in range(2000):
+    for _ in range(6000):
         if condition():
             return
         await asyncio.sleep(0.01)

@@ -74,7 +74,7 @@ class Bridge:
         self.session, self.types, self.held = zenoh.open(config), Types(), []
 
     def graph(self):
-        return [str(reply.ok.key_expr) for reply in self.session.liveliness().get("@/*/@ros2_lv/**", timeout=5)]
+        return [str(reply.ok.key_expr) for reply in self.session.liveliness().get("@/*/@ros2_lv/**", timeout=60)]
 
     def announce(self, rest):
         self.held.append(self.session.liveliness().declare_token(f"@/{self.session.zid()}/@ros2_lv/{rest}"))
@@ -144,13 +144,13 @@ def test_topics_and_commands_pass_and_late_comers_get_what_is_latched():
             } <= tokens  # fmt: skip
             assert not [token for token in tokens if "_action" in token]
             static = await aside(peer.hear, "tf_static", latched=True)
-            said = await aside(static.get, timeout=5)
+            said = await aside(static.get, timeout=60)
             transforms = peer.types.from_cdr(said.payload.to_bytes(), "tf2_msgs/msg/TFMessage").transforms
             assert [one.child_frame_id for one in transforms] == ["rov/odom"]
             heard = await aside(peer.hear, "rov/imu")
             await until(lambda: "rov/imu" in world.wanted)
             world.put([sample(PORTS["rov/imu"])])
-            first = await aside(heard.get, timeout=5)
+            first = await aside(heard.get, timeout=60)
             assert peer.types.from_cdr(first.payload.to_bytes(), "sensor_msgs/msg/Imu").linear_acceleration.z == 9.81
             await aside(peer.say, "rov/thrusters/cmd", "std_msgs/msg/Float64MultiArray", data=np.array([0.1, 0.2, 0.3]))
             await until(lambda: world.commands)

@@ -103,7 +103,7 @@ class Peer:
         return self.types.from_cdr(reply.ok.payload.to_bytes(), f"{kind}_Response")
 
     def graph(self):
-        replies = self.session.liveliness().get(f"@ros2_lv/{self.domain}/**", timeout=5)
+        replies = self.session.liveliness().get(f"@ros2_lv/{self.domain}/**", timeout=60)
         return [str(reply.ok.key_expr) for reply in replies]
 
 
@@ -155,14 +155,14 @@ def test_a_topic_is_heard_with_its_attachment(distro):
             await until(lambda: "rov/imu" in world.wanted)
             for _ in range(3):
                 world.put([sample(PORTS["rov/imu"])])
-            first = await aside(heard.get, timeout=5)
+            first = await aside(heard.get, timeout=60)
             imu = peer.types.from_cdr(first.payload.to_bytes(), "sensor_msgs/msg/Imu")
             assert imu.linear_acceleration.z == 9.81
             stamp = imu.header.stamp
             assert stamp.sec * 10**9 + stamp.nanosec == world.world.epoch_ns + T_NS
             attached = [
                 attachment(s.attachment.to_bytes())
-                for s in (first, *[await aside(heard.get, timeout=5) for _ in range(2)])
+                for s in (first, *[await aside(heard.get, timeout=60) for _ in range(2)])
             ]
             assert [one.sequence for one in attached] == [1, 2, 3]
             tokens = await aside(peer.graph)
@@ -196,7 +196,7 @@ def test_a_latched_topic_reaches_late_comers():
     async def story():
         async with node() as (_, peer, aside):
             heard = await aside(peer.hear, "/tf_static", "tf2_msgs/msg/TFMessage", latched=True)
-            said = await aside(heard.get, timeout=5)
+            said = await aside(heard.get, timeout=60)
             transforms = peer.types.from_cdr(said.payload.to_bytes(), "tf2_msgs/msg/TFMessage").transforms
             assert [one.child_frame_id for one in transforms] == ["rov/odom"]
 
@@ -213,7 +213,7 @@ def test_the_clock_runs_while_somebody_listens():
             for k in range(5):
                 world.put([Sample(path, k, k * 10**8, k * 10**8, True, base.value)])
             clocks = [
-                peer.types.from_cdr((await aside(heard.get, timeout=5)).payload.to_bytes(), "rosgraph_msgs/msg/Clock")
+                peer.types.from_cdr((await aside(heard.get, timeout=60)).payload.to_bytes(), "rosgraph_msgs/msg/Clock")
                 for _ in range(5)
             ]
             assert [one.clock.nanosec for one in clocks] == [k * 10**8 for k in range(5)]
@@ -265,7 +265,7 @@ def test_services_are_answered_whatever_was_asked():
             assert answer.result.result == 0
             # Without an attachment it is no client of ROS: its question is dropped, and nobody waits.
             key = peer.key("/world/pause", "std_srvs/srv/Trigger")
-            assert await aside(lambda: list(peer.session.get(key, payload=b"\0\1\0\0\0", timeout=5))) == []
+            assert await aside(lambda: list(peer.session.get(key, payload=b"\0\1\0\0\0", timeout=60))) == []
 
     run(story)
 
@@ -320,7 +320,7 @@ def test_another_domain_does_not_hear():
             peer.domain = 6
             other = await aside(peer.hear, "/rov/imu", "sensor_msgs/msg/Imu")
             world.put([sample(PORTS["rov/imu"])])
-            await aside(heard.get, timeout=5)
+            await aside(heard.get, timeout=60)
             assert other.empty()
 
     run(story)
@@ -349,7 +349,7 @@ def test_a_large_message_comes_whole():
             await until(lambda: "rov/strange" in world.wanted)
             picture = Buffer.of(np.arange(2 * 500_000, dtype=np.uint8).reshape(2, -1))
             world.put([sample(PORTS["rov/strange"], picture=picture)])
-            said = await aside(heard.get, timeout=10)
+            said = await aside(heard.get, timeout=60)
             data = peer.types.from_cdr(said.payload.to_bytes(), "uwserver_msgs/msg/Plankton").picture
             assert data.tobytes() == picture.data
 
@@ -368,7 +368,7 @@ def test_an_action_of_a_client_of_ros():
             sent = await aside(peer.call, below + "send_goal", f"{action}_SendGoal", goal_id=uuid, goal=goal)
             assert sent.accepted
             status = await aside(peer.hear, below + "status", "action_msgs/msg/GoalStatusArray", latched=True)
-            said = await aside(status.get, timeout=5)  # a late comer
+            said = await aside(status.get, timeout=60)  # a late comer
             (told,) = peer.types.from_cdr(said.payload.to_bytes(), "action_msgs/msg/GoalStatusArray").status_list
             assert (told.status, told.goal_info.goal_id.uuid.tolist()) == (2, list(range(16)))
             (call,) = [call for call in world.calls if call.service == "rov/autopilot/goto"]
@@ -378,7 +378,7 @@ def test_an_action_of_a_client_of_ros():
             call.finish(Reply(1, 1, {"distance_m": 0.1}))
             result = await asked
             assert (result.status, result.result.success) == (4, True)
-            moved = await aside(feedback.get, timeout=5)
+            moved = await aside(feedback.get, timeout=60)
             assert peer.types.from_cdr(moved.payload.to_bytes(), f"{action}_FeedbackMessage").feedback.progress == 0.5
             tokens = {(e.kind, e.name): e for e in map(parsed_token, await aside(peer.graph)) if e is not None}
             assert tokens["SS", below + "cancel_goal"].type == "action_msgs::srv::dds_::CancelGoal_"

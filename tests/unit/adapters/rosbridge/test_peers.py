@@ -23,14 +23,14 @@ import json, sys, threading
 import roslibpy
 told = {}
 ros = roslibpy.Ros("127.0.0.1", int(sys.argv[1]))
-ros.run(timeout=20)
+ros.run(timeout=60)
 heard = threading.Event()
 def hear(message):
     told["z"] = message["linear_acceleration"]["z"]
     heard.set()
 listener = roslibpy.Topic(ros, "/rov/imu", "sensor_msgs/Imu", throttle_rate=10, queue_length=1)
 listener.subscribe(hear)
-assert heard.wait(20)
+assert heard.wait(60)
 listener.unsubscribe()
 told["topics"] = "/rov/imu" in ros.get_topics()
 told["type"] = ros.get_topic_type("/rov/imu")
@@ -39,7 +39,7 @@ told["nodes"] = ros.get_nodes()
 told["time"] = ros.get_time()["secs"]
 told["param"] = ros.get_param("/nothing")
 pause = roslibpy.Service(ros, "/world/pause", "std_srvs/Trigger")
-told["pause"] = pause.call(roslibpy.ServiceRequest(), timeout=20)["success"]
+told["pause"] = pause.call(roslibpy.ServiceRequest(), timeout=60)["success"]
 talker = roslibpy.Topic(ros, "/rov/thrusters/cmd", "std_msgs/Float64MultiArray")
 talker.advertise()
 talker.publish(roslibpy.Message({"data": [0.1, 0.2, 0.3]}))
@@ -53,7 +53,7 @@ def summed(response):
     told["sum"] = response["sum"]
     answered.set()
 roslibpy.Service(ros, "/add", "example_interfaces/AddTwoInts").call(roslibpy.ServiceRequest({"a": 2, "b": 3}), callback=summed)
-assert answered.wait(20)
+assert answered.wait(60)
 told["feedback"] = []
 goto = roslibpy.ActionClient(ros, "/rov/goto", "uwserver_msgs/action/Goto")
 moved, ended = threading.Event(), []
@@ -62,18 +62,18 @@ def moving(feedback):
     moved.set()
 goal = roslibpy.Goal({"pose": {"pose": {"position": {"x": 1.0, "y": 2.0, "z": -3.0}, "orientation": {"w": 0.0}}}, "speed": 0.5})
 first = goto.send_goal(goal, ended.append, moving, print)
-goto.wait_goal(first, 20)
+goto.wait_goal(first, 60)
 assert moved.is_set()
 told["first"] = [ended[0]["status"].value, ended[0]["values"]]
 moved.clear()
 second = goto.send_goal(goal, ended.append, moving, print)
-assert moved.wait(20)
+assert moved.wait(60)
 goto.cancel_goal(second)
-goto.wait_goal(second, 20)
+goto.wait_goal(second, 60)
 told["second"] = [ended[1]["status"].value, ended[1]["values"]["message"]]
 failed = []
 wrong = goto.send_goal(roslibpy.Goal({"place": 1}), print, print, failed.append)
-goto.wait_goal(wrong, 20)
+goto.wait_goal(wrong, 60)
 told["failed"] = failed[0]["values"]
 print(json.dumps(told))
 ros.terminate()

@@ -27,7 +27,7 @@ async def running(adapter_class, context: FakeContext, **table):
     task = asyncio.ensure_future(adapter_class(adapter_class.Config(**table), context).run(ready))
     waiting = asyncio.ensure_future(ready.wait())
     try:
-        await asyncio.wait([task, waiting], timeout=10, return_when=asyncio.FIRST_COMPLETED)
+        await asyncio.wait([task, waiting], timeout=60, return_when=asyncio.FIRST_COMPLETED)
         if task.done():
             task.result()
         assert ready.is_set()

@@ -37,6 +37,7 @@ async def until(condition: Callable[[], object]) -> None:
     while not condition():
         assert asyncio.get_running_loop().time() < end
         await asyncio.sleep(0.002)
+    await turns()  # in which the end of a connection is told
 
 
 def last_error(talker: Any) -> tuple[str, str]:

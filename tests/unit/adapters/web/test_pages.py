@@ -227,7 +227,7 @@ def test_after_the_last_viewer_no_pictures_are_made() -> None:
         async with stage.page() as page:
             await ask(page, "view", pictures=["rov/sonar"])
             assert stage.context.wanted == {"rov/sonar"}
-        for _ in range(200):
+        for _ in range(6000):
             if stage.context.wanted == frozenset():
                 return
             await asyncio.sleep(0.01)

@@ -53,7 +53,7 @@ def test_who_loses_the_lease_leaves_its_actuators_neutral() -> None:
         async with stage.page() as page:
             await call(page, "web/lease/take", vehicle="rov")
             await ask(page, "command", **U)
-        for _ in range(100):
+        for _ in range(3000):
             if "rov/thrusters/activate" in called(stage.context):
                 return
             await asyncio.sleep(0.02)

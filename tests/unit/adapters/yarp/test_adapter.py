@@ -81,7 +81,7 @@ async def serving(config: YarpConfig, context: FakeContext) -> AsyncIterator[Cal
     task = asyncio.ensure_future(YarpAdapter(config, context).run(ready))
     waiting = asyncio.ensure_future(ready.wait())
     try:
-        await asyncio.wait([task, waiting], timeout=10, return_when=asyncio.FIRST_COMPLETED)
+        await asyncio.wait([task, waiting], timeout=60, return_when=asyncio.FIRST_COMPLETED)
         waiting.cancel()
         if task.done():
             task.result()
@@ -96,7 +96,7 @@ def run(story: Callable[[FakeContext, NameServer], Awaitable[None]]) -> None:
         async with a_name_server() as server:
             await story(FakeContext(), server)
 
-    asyncio.run(asyncio.wait_for(bounded(), 30))
+    asyncio.run(asyncio.wait_for(bounded(), 120))
 
 
 async def until(true: Callable[[], object]) -> None:

@@ -75,7 +75,7 @@ class Desk:
 
 def within_loop(test: Callable[[Desk], Coroutine[Any, Any, None]]) -> None:
     async def bounded() -> None:
-        await asyncio.wait_for(test(Desk()), 10)
+        await asyncio.wait_for(test(Desk()), 120)
 
     asyncio.run(bounded())
 

@@ -90,7 +90,7 @@ def make(make_auv: Callable[[], FakeContext]) -> Callable[..., Bench]:
 
 
 async def settle(condition) -> None:
-    for _ in range(500):
+    for _ in range(30_000):
         if condition():
             return
         await asyncio.sleep(0.002)

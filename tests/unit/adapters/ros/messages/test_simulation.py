@@ -72,7 +72,7 @@ class World:
 def story(**settings):
     def decorated(work):
         def test():
-            asyncio.run(asyncio.wait_for(work(World(**settings)), 20))
+            asyncio.run(asyncio.wait_for(work(World(**settings)), 120))
 
         test.__name__ = work.__name__
         return test
