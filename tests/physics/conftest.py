@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,25 +16,28 @@ from uwserver.scenario.vehicle.body import body_params
 from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
 from uwserver.scenario.water.tables import Environment
 
+sys.path.insert(0, str(Path(__file__).parent))
+
 SHIPPED = Path(__file__).parents[2] / "scenarios" / "uwserver_scenarios"
 
 LoadVehicle = Callable[..., BodyParams]
 
 
-def read_vehicle(name: str, environment: Environment) -> BodyParams:
-    """Kernel parameters of a shipped vehicle file."""
+@functools.cache
+def read_vehicle(name: str, **environment: float) -> BodyParams:
+    """Kernel parameters of a shipped vehicle file, read once: no test writes to them."""
     vehicle = msgspec.toml.decode((SHIPPED / "vehicles" / f"{name}.toml").read_bytes(), type=VehicleFile)
     devices = {
         thruster: msgspec.toml.decode((SHIPPED / "devices" / f"{entry.device}.toml").read_bytes(), type=ThrusterDevice)
         for thruster, entry in vehicle.thrusters.items()
     }
-    return body_params(vehicle, devices, environment)
+    return body_params(vehicle, devices, Environment(**environment))
 
 
 @pytest.fixture(scope="session")
 def load_vehicle() -> LoadVehicle:
     """`load_vehicle("bluerov2_heavy", density_kgpm3=1000.0)` gives `BodyParams`."""
-    return lambda name, **environment: read_vehicle(name, Environment(**environment))
+    return read_vehicle
 
 
 @pytest.fixture(scope="session")

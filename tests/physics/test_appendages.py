@@ -60,6 +60,13 @@ def actuated(*args: object, **kwargs: object) -> FloatArray:
     return wrench
 
 
+def actuated_at(hydro: Hydrodynamics, u: float, speed: float) -> FloatArray:
+    """The same at a surge (m/s) and shaft speed (rad/s), of a world that is there."""
+    hydro.state[0, NU:], hydro.servos["value"] = (u, 0, 0, 0, 0, 0), speed
+    wrench: FloatArray = hydro.rates_of_change(0.0)[1][0]
+    return wrench
+
+
 def passive(*args: object, **kwargs: object) -> FloatArray:
     """Wrench (6) of the hull: M_RB times the acceleration, without the body's own Coriolis forces."""
     bare = world(Appendages(), *args[1:], **kwargs)  # type: ignore[arg-type]
@@ -231,10 +238,10 @@ def four_quadrants(**changes: object) -> Appendages:
 def test_in_four_quadrants_no_shaft_gives_the_body_more_than_it_takes() -> None:
     """Thrust along the way and the reaction of the torque, at random speeds of shaft and body: P = Q omega - T u >= 0, also of a windmill."""
     rng = np.random.default_rng(5)
-    free = four_quadrants(wake=1.0, deduction=1.0)
+    hydro = world(four_quadrants(wake=1.0, deduction=1.0))
     for _ in range(300):
         u, speed = float(rng.uniform(-3.0, 3.0)), float(rng.uniform(-200.0, 200.0))
-        tau = actuated(free, np.array([u, 0, 0, 0, 0, 0]), speed)
+        tau = actuated_at(hydro, u, speed)
         assert -tau[3] * speed - tau[0] * u > 0.0
 
 
@@ -269,9 +276,10 @@ def test_the_bound_of_the_damping_s_rate_holds_for_a_propeller_in_four_quadrants
     """By differences of the thrust over the speed ahead, against `rate_L + rate_Q |nu|` of a body of 1 kg."""
     appendages = four_quadrants(deduction=1.0)
     row = Hydrodynamics([fixed(appendages, M_RB=np.eye(6))], 0.01).bodies[0]
+    hydro = world(appendages)
     for speed in np.linspace(-200.0, 200.0, 21):
         for u in np.linspace(-4.0, 4.0, 33):
-            low, high = (actuated(appendages, np.array([u + d, 0, 0, 0, 0, 0]), speed)[0] for d in (-1e-4, 1e-4))
+            low, high = (actuated_at(hydro, u + d, speed)[0] for d in (-1e-4, 1e-4))
             assert abs(high - low) / 2e-4 <= 1.001 * (row["rate_L"] + row["rate_Q"][0] * abs(u))
 
 

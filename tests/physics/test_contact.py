@@ -131,9 +131,19 @@ def test_a_dropped_vehicle_comes_to_rest_without_gaining_energy() -> None:
     assert np.abs(hydro.state[0, NU:]).max() < 1e-6
 
 
-@pytest.mark.parametrize("M_A", [DIAGONAL, OFF_DIAGONAL], ids=["diagonal", "off-diagonal"])
-@pytest.mark.parametrize("degrees", range(0, 360, 45))
-def test_coulomb_break_away(degrees: int, M_A: FloatArray) -> None:
+DIRECTIONS = {"diagonal": (DIAGONAL, (45,)), "off-diagonal": (OFF_DIAGONAL, (0, 45, 135, 270))}
+"""Degrees in which each M_A is tried in every run of the tests; in the others those that are slow try it."""
+
+
+@pytest.mark.parametrize(
+    ("M_A", "degrees"),
+    [
+        pytest.param(M_A, degrees, id=f"{name}-{degrees}", marks=() if degrees in often else pytest.mark.slow)
+        for name, (M_A, often) in DIRECTIONS.items()
+        for degrees in range(0, 360, 45)
+    ],
+)
+def test_coulomb_break_away(M_A: FloatArray, degrees: int) -> None:
     """Loose (1 mm/s) at mu N in every direction: a cone, not a box."""
     assert break_away(M_A, math.radians(degrees)) == pytest.approx(0.5 * 20.0, rel=0.02)
 

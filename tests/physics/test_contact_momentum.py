@@ -101,7 +101,7 @@ def two_boxes(seed: int, M_A: FloatArray, spin: float) -> Hydrodynamics:
 @pytest.mark.parametrize("M_A", [ZERO, DIAGONAL, OFF_DIAGONAL], ids=["dry", "diagonal", "off-diagonal"])
 def test_boxes_that_hit_each_other_keep_their_momentum(M_A: FloatArray, friction: float, e: float) -> None:
     """The Kelvin impulse, of bodies and water, through hits and all that follows: sliding, rolling on each other, being in each other."""
-    for seed in range(4):
+    for seed in range(2):
         hydro = two_boxes(seed, M_A, spin=1.0)
         before, hit = momentum(hydro), 0
         with Solids() as solids:

@@ -54,8 +54,7 @@ def test_another_process_has_the_same_bits(load_vehicle: Callable[..., BodyParam
         f"import sys; sys.path[:0] = [{str(here)!r}, *{sys.path!r}]\n"
         "from conftest import read_vehicle\n"
         "from test_reproducibility import digest, drive\n"
-        "from uwserver.scenario.load.tables import Environment\n"
-        "print(digest(drive([read_vehicle(name, Environment()) for name in ('bluerov2_heavy', 'rexrov')])))\n"
+        "print(digest(drive([read_vehicle(name) for name in ('bluerov2_heavy', 'rexrov')])))\n"
     )
     answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
     assert answer.returncode == 0, answer.stderr

@@ -13,11 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from attitudes import rpy_deg, upright
 from uwserver_bench.proofs.closed_forms import table_a1
 
-from uwserver.frames import rpy_from_quat
 from uwserver.physics.bodies import Hydrodynamics
-from uwserver.physics.dynamics.energy import rotations
 from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, Q
@@ -80,10 +79,7 @@ def follow(hydro: Hydrodynamics, seconds: float, command: Callable[[float], None
         assert hydro.advance(k / rate) < 0
         states.append(hydro.state.copy())
     trail = np.array(states)
-    rpy = np.array([[rpy_from_quat(row[Q : Q + 4]) for row in state] for state in trail])
-    rpy[:, :, 2] = np.unwrap(rpy[:, :, 2], axis=0)
-    upright = np.array([rotations(state)[:, 2, 2] for state in trail])
-    return Track(np.degrees(rpy), trail[:, :, NU:], upright)
+    return Track(rpy_deg(trail), trail[:, :, NU:], upright(trail))
 
 
 def ahead(throttles: Sequence[float] = THROTTLES) -> list[dict[str, float]]:

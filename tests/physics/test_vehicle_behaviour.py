@@ -8,8 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from attitudes import rpy_deg
 
-from uwserver.frames import quat_from_rpy, rpy_from_quat
+from uwserver.frames import quat_from_rpy
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.kernel.arrays import FloatArray
@@ -39,13 +40,6 @@ def follow(hydro: Hydrodynamics, seconds: float, command: Callable[[float], None
         assert hydro.advance(k / RATE) < 0
         states.append(hydro.state.copy())
     return np.array(states)
-
-
-def angles(states: FloatArray) -> FloatArray:
-    """(steps, n, 3) roll, pitch and unwrapped yaw, degrees."""
-    rpy = np.array([[rpy_from_quat(tuple(row[Q : Q + 4])) for row in state] for state in states])
-    rpy[:, :, 2] = np.unwrap(rpy[:, :, 2], axis=0)
-    return np.degrees(rpy)
 
 
 def push(
@@ -83,7 +77,7 @@ def surge(body: BodyParams, throttles: tuple[float, ...] = THROTTLES) -> list[di
 def test_rovs_drive_straight_and_level(load_vehicle: LoadVehicle, model: str, ramp: float) -> None:
     """A pilot pushes the stick, slowly or at once, and the vehicle goes there."""
     body = load_vehicle(model)
-    rpy = angles(push(body, surge(body), ramp=ramp))
+    rpy = rpy_deg(push(body, surge(body), ramp=ramp))
     assert np.abs(rpy[:, :, 0]).max() < 5.0
     assert np.abs(rpy[:, :, 1]).max() < (15.0 if ramp else 25.0)
     assert np.abs(rpy[3 * RATE :, :, 1]).max() < 8.0
@@ -99,7 +93,7 @@ def test_rovs_keep_their_course_when_disturbed(load_vehicle: LoadVehicle, model:
     start[:, 0] = push(body, surge(body))[-1, :, NU]
     start[:, 1] = np.abs(start[:, 0]) * math.tan(math.radians(drift_deg))
     start[:, 5] = math.radians(2.0)
-    rpy = angles(push(body, surge(body), ramp=0.0, start=start))
+    rpy = rpy_deg(push(body, surge(body), ramp=0.0, start=start))
     assert np.abs(rpy[:, :, 2]).max() < 20.0
 
 
@@ -108,7 +102,7 @@ def test_with_the_whole_munk_moment_a_rov_leaves_its_course(load_vehicle: LoadVe
     body = load_vehicle("lbv150")
     bare = replace(body, D_S=np.zeros((6, 6)), appendages=replace(body.appendages, derivatives=()))
     start = np.array([[1.3, 0.05, 0.0, 0.0, 0.0, 0.03]])
-    rpy = angles(push(bare, surge(body, (1.0,)), ramp=0.0, start=start))
+    rpy = rpy_deg(push(bare, surge(body, (1.0,)), ramp=0.0, start=start))
     assert np.abs(rpy[:, :, 2]).max() > 60.0
 
 
@@ -150,7 +144,7 @@ def test_turning_on_the_spot(
     """Degrees/s to starboard at full sticks; it stays upright."""
     states = push(load_vehicle(model), [command])
     assert low < math.degrees(states[-1, 0, NU + 5]) < high
-    assert np.abs(angles(states)[:, :, :2]).max() < 30.0
+    assert np.abs(rpy_deg(states)[:, :, :2]).max() < 30.0
 
 
 @pytest.mark.parametrize("model", ROVS)
@@ -161,7 +155,7 @@ def test_rovs_come_to_rest_upright_and_rise_slowly(load_vehicle: LoadVehicle, mo
     hydro.state[0, Q : Q + 4] = quat_from_rpy(1.5, 0.3, 0.0)
     hydro.state[0, NU:] = 0.3, -0.2, 0.1, 0.5, -0.4, 0.6
     end = follow(hydro, 90.0, lambda t: None)[-1]
-    assert np.abs(angles(end[None])[0, 0, :2]).max() < 1.0
+    assert np.abs(rpy_deg(end[None])[0, 0, :2]).max() < 1.0
     assert -0.2 < end[0, NU + 2] < 0.0
     assert np.abs(end[0, NU + 3 :]).max() < 0.01
 
@@ -173,7 +167,7 @@ def test_the_otter_floats_level_at_its_draft(load_vehicle: LoadVehicle) -> None:
     """MSS: 13.4 cm with 55 kg, which is z = 0."""
     rest = push(load_vehicle("otter"), [{}], depth=0.1)[-1]
     assert rest[0, 2] == pytest.approx(0.0, abs=1e-3)
-    assert np.abs(angles(rest[None])).max() < 0.05
+    assert np.abs(rpy_deg(rest[None])).max() < 0.05
 
 
 @pytest.mark.parametrize(("axis", "expected"), [(0, 0.744), (1, 0.690)])
@@ -183,7 +177,7 @@ def test_the_otter_rolls_and_pitches_with_the_periods_of_its_metacentric_heights
     """2 pi sqrt(M / G) of the source's G = m g GM, GM_T = 1.98 m and GM_L = 4.41 m; damped, so a little longer."""
     hydro = Hydrodynamics([load_vehicle("otter")], 1.0 / RATE)
     hydro.state[0, Q : Q + 4] = quat_from_rpy(*(0.1 if k == axis else 0.0 for k in range(3)))
-    tilt = angles(follow(hydro, 3.0, lambda t: None))[:, 0, axis]
+    tilt = rpy_deg(follow(hydro, 3.0, lambda t: None))[:, 0, axis]
     crossings = np.flatnonzero(np.diff(np.sign(tilt)))[:4] / RATE
     assert 2.0 * np.diff(crossings).mean() == pytest.approx(expected, rel=0.15)
 
@@ -196,7 +190,7 @@ def test_the_otter_makes_six_knots_and_stays_on_the_water(load_vehicle: LoadVehi
     states = push(body, surge(body), 30.0, depth=0.0, start=start)
     assert states[-1, THROTTLES.index(1.0), NU] == pytest.approx(6.0 * KNOT, rel=0.05)
     assert np.abs(states[:, :, 2]).max() < 0.03
-    rpy = angles(states)
+    rpy = rpy_deg(states)
     assert np.abs(rpy[:, :, :2]).max() < 3.0
     assert np.abs(rpy[:, :, 2]).max() < 10.0
 
@@ -217,7 +211,7 @@ def test_the_otter_comes_up_and_floats_again(load_vehicle: LoadVehicle) -> None:
 
 @pytest.fixture(scope="module")
 def at_sea() -> tuple[World, list[Sample]]:
-    """A minute on waves half a metre high: an Otter at half throttle whose USBL looks for a LAUV 20 m down."""
+    """Half a minute on waves half a metre high: an Otter at half throttle whose USBL looks for a LAUV 20 m down."""
     builder = ScenarioBuilder("sea", seed=1, rate_hz=240, adapters={})
     builder.waves(significant_height_m=0.5, peak_period_s=5.0, direction_deg=30.0)
     builder.vehicle("ship", "otter", position_ned_m=(0.0, 0.0, 0.0))
@@ -226,7 +220,7 @@ def at_sea() -> tuple[World, list[Sample]]:
     builder.sensor("ship", "usbl", "usbl", profile="seatrac_x150", rate_hz=1, mount="transducer", beacons=beacons)
     world = build(load(builder.build(), adapters={}))
     fixes: list[Sample] = []
-    for _ in range(120):
+    for _ in range(60):
         world.command("ship/thrusters", u=[0.5, 0.5])
         for _ in range(5):
             fixes += [sample for sample in world.step(24) if sample.port == "ship/usbl"]
@@ -240,14 +234,14 @@ def at_sea() -> tuple[World, list[Sample]]:
 def test_the_otter_rides_the_waves_and_makes_way(at_sea: tuple[World, list[Sample]]) -> None:
     """With the surface up and down, leaning with its slope, and ahead all the same; the fixture looks at each tenth of a second."""
     ship = at_sea[0].vehicles["ship"]
-    assert ship.p_NB[0] > 35.0
-    assert abs(ship.p_NB[1]) < 10.0
+    assert ship.p_NB[0] > 15.0
+    assert abs(ship.p_NB[1]) < 5.0
 
 
 def test_the_otter_carries_an_usbl(at_sea: tuple[World, list[Sample]]) -> None:
     """It hears the beacon on the vehicle below each second, and knows how far away it is."""
     world, fixes = at_sea
-    assert len(fixes) > 55
+    assert len(fixes) > 25
     away = math.dist(world.vehicles["ship"].p_NB, world.vehicles["auv"].p_NB)
     assert fixes[-1].value[1] == pytest.approx(away, abs=2.0)
 
