@@ -191,7 +191,7 @@ def test_ctrl_c_ends_cleanly(server: FakeServer, environment: dict[str, str], ve
         first = stream.readline()
         assert first
         process.send_signal(signal.SIGINT)
-        _, err = process.communicate(timeout=20)
+        _, err = process.communicate(timeout=60)
     assert process.returncode == code
     assert "Traceback" not in err
     if verb[0] == "call":
@@ -212,5 +212,5 @@ def test_a_closed_pipe_is_silent(server: FakeServer, environment: dict[str, str]
                 break
             except subprocess.TimeoutExpired:
                 continue
-        assert process.wait(20) == 0
+        assert process.wait(60) == 0
         assert process.stderr.read() == ""

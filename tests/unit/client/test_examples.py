@@ -22,7 +22,7 @@ def uw_drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (line,) = re.findall(r"^cc .*$", (folder / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
     program = tmp_path_factory.mktemp("c") / "uw_drive"
     words = [str(program) if word == "uw_drive" else word for word in line.split()]
-    subprocess.run([words[0], "-Werror", *words[1:]], cwd=folder, check=True, timeout=60)
+    subprocess.run([words[0], "-Werror", *words[1:]], cwd=folder, check=True, timeout=120)
     return program
 
 
@@ -30,7 +30,7 @@ def run(
     *command: str | Path, env: dict[str, str] | None = None, cwd: Path | None = None
 ) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [str(word) for word in command], capture_output=True, text=True, timeout=30, env=env, cwd=cwd, encoding="utf-8"
+        [str(word) for word in command], capture_output=True, text=True, timeout=120, env=env, cwd=cwd, encoding="utf-8"
     )
 
 

@@ -16,11 +16,11 @@ U = [0.1] * 8
 
 
 def connected(server: FakeServer, **options: object) -> Client:
-    return Client.connect(port=server.port, timeout=5.0, **options)
+    return Client.connect(port=server.port, timeout=60.0, **options)
 
 
 def wait_for(condition: object) -> None:
-    deadline = time.monotonic() + 5.0
+    deadline = time.monotonic() + 60.0
     while not condition():
         assert time.monotonic() < deadline
         time.sleep(0.005)
@@ -114,7 +114,7 @@ def test_send_nowait_tells_failures_later(server: FakeServer) -> None:
 @pytest.mark.parametrize("value", [0, False, None, [], "", {"a": [1]}])
 def test_call_returns_the_value_itself(server: FakeServer, value: object) -> None:
     with connected(server) as client:
-        assert client.call("echo", x=value, timeout=5) == {"x": value}
+        assert client.call("echo", x=value, timeout=60) == {"x": value}
         assert client.call("echo", {"timeout": 3, "service": "s", "args": 1}) == {
             "timeout": 3,
             "service": "s",
@@ -129,12 +129,12 @@ def test_world_verbs(server: FakeServer) -> None:
         assert (status["paused"], status["tick"], status["t_ns"]) == (True, 100, 400_000_000)
         assert client.step().tick == 101
         assert client.step(9).tick == 110
-        assert client.wait_until(1.0, timeout=5) == pytest.approx(1.0)
+        assert client.wait_until(1.0, timeout=60) == pytest.approx(1.0)
         assert server.told("call")[-2] == {"service": "world/run_until", "args": {"t": 1.0}}
         client.resume()
         client.reset()
-        assert client.wait_until(1.2, timeout=5) >= 1.2
-        assert client.wait_until(0.5, timeout=5) >= 1.2
+        assert client.wait_until(1.2, timeout=60) >= 1.2
+        assert client.wait_until(0.5, timeout=60) >= 1.2
         with pytest.raises(Timeout, match="did not reach"):
             client.wait_until(1e6, timeout=0.05)
 
@@ -206,7 +206,7 @@ def test_reconnects_and_subscribes_again(server: FakeServer) -> None:
         for _ in range(5):
             client.read()
         server.drop()
-        assert client.read(timeout=5).seq == 0
+        assert client.read(timeout=60).seq == 0
         assert client.reconnects == 1
         assert server.told("hello") == [{"version": 1, "name": "pilot"}] * 2
         assert server.told("subscribe") == [{"pattern": "rov/imu", "rate_hz": 5}] * 2
@@ -219,13 +219,13 @@ def test_reconnects_and_subscribes_again(server: FakeServer) -> None:
 def test_survives_a_restart_of_the_server(server: FakeServer) -> None:
     with connected(server) as client:
         client.subscribe("rov/imu")
-        before = [client.read(timeout=5).seq for _ in range(server.samples)]
+        before = [client.read(timeout=60).seq for _ in range(server.samples)]
         server.stop()
         starter = threading.Timer(0.3, lambda: servers.append(FakeServer(server.port)))
         servers: list[FakeServer] = []
         starter.start()
         try:
-            assert [client.read(timeout=5).seq for _ in before] == before
+            assert [client.read(timeout=60).seq for _ in before] == before
             assert client.reconnects == 1
         finally:
             starter.join()
@@ -290,7 +290,7 @@ def test_server_that_appears_late(unused_port: int) -> None:
     starter = threading.Timer(0.25, lambda: servers.append(FakeServer(unused_port)))
     starter.start()
     try:
-        with Client.connect(port=unused_port, timeout=5.0) as client:
+        with Client.connect(port=unused_port, timeout=60.0) as client:
             assert "rov/imu" in client.ports
             assert client.reconnects == 0
     finally:
@@ -301,7 +301,7 @@ def test_server_that_appears_late(unused_port: int) -> None:
 def test_a_server_that_never_answers_is_left_in_time(server: FakeServer) -> None:
     server.silent.add("hello")
     with pytest.raises(ConnectionLost, match="hello"):
-        Client.connect(port=server.port, timeout=0.2)
+        Client.connect(port=server.port, timeout=1.0)
 
 
 def test_something_else_answers() -> None:
@@ -315,8 +315,8 @@ def test_something_else_answers() -> None:
         thread = threading.Thread(target=serve)
         thread.start()
         with pytest.raises(ProtocolError, match="220 mail ready"):
-            Client.connect(port=listener.getsockname()[1], timeout=5)
-        thread.join(5)
+            Client.connect(port=listener.getsockname()[1], timeout=60)
+        thread.join(60)
 
 
 def test_token_by_argument_and_environment(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -147,7 +147,7 @@ class FakeServer:
         self._listener.close()
         self.drop()
         for thread in self._threads:
-            thread.join(5.0)
+            thread.join(60.0)
             assert not thread.is_alive()
 
     def drop(self) -> None:
