@@ -143,7 +143,7 @@ def prepared(path: Path, struct: Any, folder: Path) -> tuple[Path, Path]:
     copy.write_bytes(path.read_bytes())
     if struct is Scenario:
         return copy, copy
-    model = "mutant.toml" if struct is VehicleFile else "bluerov2"
+    model = "mutant.toml" if struct is VehicleFile else "bluerov2_heavy_von_benzon"
     text = f"schema = 1\n[vehicles.v]\nmodel = '{model}'\n"
     if struct is ThrusterDevice:
         text += "[vehicles.v.override.thrusters.t1]\ndevice = 'mutant.toml'\n"

@@ -20,7 +20,7 @@ from uwserver.scenario.vehicle.profiles import check_profile
 from uwserver.sensors import LblConfig, Pose, Scope, UsblConfig
 
 DEVICES = {name: path for name, path in shipped("devices").items() if read(path).raw["kind"] != "thruster"}
-HEAD = 'schema = 1\n[world]\norigin_lat_deg = 63.4\norigin_lon_deg = 10.4\n[vehicles.rov]\nmodel = "bluerov2_heavy"\nposition_ned_m = [0, 0, 5]\n'
+HEAD = 'schema = 1\n[world]\norigin_lat_deg = 63.4\norigin_lon_deg = 10.4\n[vehicles.rov]\nmodel = "bluerov2_heavy_von_benzon"\nposition_ned_m = [0, 0, 5]\n'
 
 
 BEACON = "[vehicles.rov.sensors.device.beacons.a]\nposition_ned_m = [80.0, 30.0, 20.0]\n"
