@@ -29,6 +29,7 @@ def shorten_suite(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("uwserver.testing.adapters._TICKS_TO_SLOW_PEER", 12_000)
     monkeypatch.setattr("uwserver.testing.adapters._TICKS_ONCE_SLOW", 100)
     monkeypatch.setattr("uwserver.testing.call_checks.FLOOD", 1200)
+    monkeypatch.setattr("uwserver.testing.call_checks._QUIET_S", 0.2)
     for limit in ("START_S", "CANCEL_S", "SETTLE_S"):
         monkeypatch.setattr(f"uwserver.testing.adapter_kit.{limit}", 30.0)  # a busy machine may take its time
 

@@ -337,6 +337,9 @@ RTSP_PLAY = (
     b"PLAY rtsp://h/rov/camera RTSP/1.0\r\nCSeq: 2\r\n\r\n"
 )
 
+AT_ONCE = {"scouting/delay": 1}
+"""A session of zenoh that nobody is to be looked for is open at once, and not after half a second."""
+
 # How a peer asks each adapter for samples. An adapter without a row here fails below: it has to be added.
 KITS: dict[str, tuple[dict[str, Any], Connect, bytes]] = {
     "mavlink": ({"links": ("tcpin:127.0.0.1:0",)}, _mavlink_station, b""),
@@ -354,7 +357,7 @@ KITS: dict[str, tuple[dict[str, Any], Connect, bytes]] = {
     "morse": ({"port": 0, "stream_port": 0, "queue_bytes": 1 << 16}, _morse_stream, b""),
     "player": ({"port": 0, "queue_bytes": 1 << 16}, TcpPeer.connect, _PLAYER_OPEN),
     "px4_hil": ({"port": 0, "truth": True}, TcpPeer.connect, PX4_HEARTBEAT),
-    "ros2": ({"listen": ("tcp/127.0.0.1:0",), "domain": 0, "config": {"scouting/delay": 1}}, _zenoh_transport, b""),
+    "ros2": ({"listen": ("tcp/127.0.0.1:0",), "domain": 0, "config": AT_ONCE}, _zenoh_transport, b""),
     "ros1": ({"master": "http://127.0.0.1:9", "queue_bytes": 1 << 16}, _ros1, _ros1_header(topic="/rov/imu")),
     "rosbridge": ({"port": 0}, _rosbridge_client, _web('{"op":"subscribe","topic":"/rov/imu"}')),
     "sockets": ({"port": 0}, TcpPeer.connect, b'{"method":"subscribe","params":{"pattern":"**"}}\n'),
