@@ -357,7 +357,12 @@ KITS: dict[str, tuple[dict[str, Any], Connect, bytes]] = {
     "morse": ({"port": 0, "stream_port": 0, "queue_bytes": 1 << 16}, _morse_stream, b""),
     "player": ({"port": 0, "queue_bytes": 1 << 16}, TcpPeer.connect, _PLAYER_OPEN),
     "px4_hil": ({"port": 0, "truth": True}, TcpPeer.connect, PX4_HEARTBEAT),
-    "ros2": ({"listen": ("tcp/127.0.0.1:0",), "domain": 0, "config": AT_ONCE}, _zenoh_transport, b""),
+    # Who connects to it says nothing, and the end of a session waits until such are given up.
+    "ros2": (
+        {"listen": ("tcp/127.0.0.1:0",), "domain": 0, "config": {**AT_ONCE, "transport/unicast/accept_timeout": 50}},
+        _zenoh_transport,
+        b"",
+    ),
     "ros1": ({"master": "http://127.0.0.1:9", "queue_bytes": 1 << 16}, _ros1, _ros1_header(topic="/rov/imu")),
     "rosbridge": ({"port": 0}, _rosbridge_client, _web('{"op":"subscribe","topic":"/rov/imu"}')),
     "sockets": ({"port": 0}, TcpPeer.connect, b'{"method":"subscribe","params":{"pattern":"**"}}\n'),
