@@ -8,6 +8,7 @@ import subprocess
 import sys
 import uuid
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -86,8 +87,12 @@ def pytest_runtest_teardown(item: pytest.Item) -> Iterator[None]:
         item.user_properties.append(("processor_s", f"{processor_s() - item.stash[BEGIN]:.3f}"))
 
 
+@cache
 def small_scenario(rate_hz: float = 240.0, seed: int = 5, vehicles: int = 1) -> Resolved:
-    """Deep open water, BlueROV2 Heavies with noisy and delayed sensors and truth, no adapter, no metrics."""
+    """Deep open water, BlueROV2 Heavies with noisy and delayed sensors and truth, no adapter, no metrics.
+
+    Read once in a process: it is frozen, and reading takes three times as long as building a world of it.
+    """
     late = ImuConfig(
         rate_hz=rate_hz / 4,
         modifiers={"noise": WhiteNoise(field="f_S", sigma=0.1), "link": Delay(latency_s=0.02, jitter_s=0.005)},

@@ -84,7 +84,7 @@ def compare(ticks, tmp_path):
 
 
 def test_the_numbers_are_those_of_one_thread(tmp_path):
-    compare(2000, tmp_path)
+    compare(400, tmp_path)
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -34,14 +35,21 @@ from uwserver.world.saving import in_one_piece
 RATE = 240
 
 
-def make(**faults):
+def resolved(**faults):
     imu = ImuConfig(rate_hz=RATE, modifiers={"noise": WhiteNoise(field="f_S", sigma=0.1)})
     vehicles = {
         name: VehicleEntry(model="bluerov2_heavy", position_ned_m=(4.0 * k, 0.0, 20.0), sensors={"fast": imu})
         for k, name in enumerate(("other", "rov"))
     }
     scenario = Scenario(schema=1, vehicles=vehicles, faults=faults, server=Server(metrics=False))
-    return build(load(scenario, adapters={}))
+    return load(scenario, adapters={})
+
+
+without = cache(resolved)
+
+
+def make(**faults):
+    return build(resolved(**faults) if faults else without())
 
 
 def thrust(world, u=0.5, vehicle="rov"):
