@@ -1,10 +1,14 @@
-"""`uwserver bench --quick` runs physics, real servers and their clients to the end. Speed is never judged here."""
+"""`uwserver bench --quick` runs physics, real servers and their clients to the end: one part by day, all of them in the slow tests.
+
+Speed is never judged here.
+"""
 
 from __future__ import annotations
 
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -49,17 +53,17 @@ GROUPS = [
 ]
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, str]:
-    file = tmp_path_factory.mktemp("bench") / "bench.json"
-    command = [sys.executable, "-m", "uwserver", "bench", "--quick", "--json", str(file)]
+def measured(folder: Path, *parts: str) -> tuple[dict, str]:
+    """The report and what is printed."""
+    file = folder / "bench.json"
+    command = [sys.executable, "-m", "uwserver", "bench", *parts, "--quick", "--json", str(file)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
     assert done.returncode == 0, done.stdout + done.stderr
     return json.loads(file.read_text()), done.stdout
 
 
-def test_every_part_is_there_and_every_value_is_positive(run: tuple[dict, str]) -> None:
-    report, _ = run
+def check(report: dict, printed: str) -> None:
+    """Groups in their order, values above zero, and a line for each row."""
     assert report["format"] == "uwserver-bench-1"
     assert report["quick"] is True
     assert [row["group"] for row in report["rows"]] == sorted(
@@ -71,8 +75,28 @@ def test_every_part_is_there_and_every_value_is_positive(run: tuple[dict, str]) 
             assert row["note"]
         elif row["name"] not in MAY_BE_ZERO and not row["name"].endswith(MAY_BE_ZERO_OF_A_FLOOD):
             assert max(row["values"]) > 0.0 <= min(row["values"]), row["name"]
+        assert any(line.startswith(row["name"]) for line in printed.splitlines())
 
 
+def test_one_part_runs_to_its_end(tmp_path: Path) -> None:
+    """That of pages: a server and its clients, in processes of their own."""
+    report, printed = measured(tmp_path, "web")
+    check(report, printed)
+    assert {row["group"] for row in report["rows"]} == {"web"}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, str]:
+    return measured(tmp_path_factory.mktemp("bench"))
+
+
+@pytest.mark.slow
+def test_every_part_is_there_and_every_value_is_positive(run: tuple[dict, str]) -> None:
+    check(*run)
+    assert {row["group"] for row in run[0]["rows"]} == set(GROUPS)
+
+
+@pytest.mark.slow
 def test_each_bar_of_the_specification_is_judged(run: tuple[dict, str]) -> None:
     report, _ = run
     bars = {row["name"]: row["at_least"] or row["at_most"] for row in report["rows"]}
@@ -108,6 +132,7 @@ def test_each_bar_of_the_specification_is_judged(run: tuple[dict, str]) -> None:
     assert bars["`uwserver run` to the first sample at a client"] == 3.0
 
 
+@pytest.mark.slow
 def test_no_sample_or_command_is_counted_twice(run: tuple[dict, str]) -> None:
     report, _ = run
     medians = {row["name"]: row["median"] for row in report["rows"]}
@@ -115,21 +140,10 @@ def test_no_sample_or_command_is_counted_twice(run: tuple[dict, str]) -> None:
     assert medians["their commands, 10 x 50 Hz"] < 1.1 * 10 * 50
 
 
+@pytest.mark.slow
 def test_peers_have_ratios_or_a_reason(run: tuple[dict, str]) -> None:
     report, _ = run
     names = [row["name"] for row in report["rows"] if row["unit"] == "ratio"]
     absent = {row["name"] for row in report["rows"] if row["verdict"] == "absent"}
     for peer in ("pybullet, bare step", "pybullet + numpy a vehicle", "MuJoCo ellipsoid fluid + 8 thrusters"):
         assert peer in absent or sum(peer in name for name in names) == 3
-
-
-def test_the_table_shows_every_row(run: tuple[dict, str]) -> None:
-    report, printed = run
-    assert all(any(line.startswith(row["name"]) for line in printed.splitlines()) for row in report["rows"])
-
-
-def test_an_unknown_part_is_refused() -> None:
-    command = [sys.executable, "-m", "uwserver", "bench", "physiks"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
-    assert done.returncode == 2
-    assert "physics" in done.stderr

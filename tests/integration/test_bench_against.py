@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 PATIENCE_S = 600
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
@@ -34,13 +35,21 @@ def run(venv: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, sub
     return json.loads(file.read_text()), done
 
 
-def test_every_figure_has_a_pair_of_positive_values(run) -> None:
-    report, _ = run
+def test_every_figure_has_a_pair_of_positive_values_and_one_pair_never_says_worse(run) -> None:
+    """Progress goes to stderr and the table to stdout."""
+    report, done = run
     assert report["format"] == "uwserver-bench-against-1"
     assert report["quick"] is True
     for figure in report["figures"]:
         assert len(figure["ours"]) == len(figure["theirs"]) == report["pairs"], figure["name"]
         assert min(*figure["ours"], *figure["theirs"]) > 0.0, figure["name"]
+        assert figure["name"] in done.stdout
+    assert {figure["verdict"] for figure in report["figures"]} <= {"few", "ok", "both miss"}
+    assert done.returncode == 0
+    assert len({facts["folder"] for facts in report["versions"].values()}) == 1
+    assert "same installation" in done.stdout
+    assert "pair 1 of" in done.stderr
+    assert "pair 1 of" not in done.stdout
 
 
 def test_all_that_must_not_get_slower_is_among_them(run) -> None:
@@ -52,33 +61,6 @@ def test_all_that_must_not_get_slower_is_among_them(run) -> None:
     ]  # fmt: skip
     wanted += ["MAVLink"] if find_spec("pymavlink") else []
     assert [name for name in wanted if name not in names] == []
-
-
-def test_it_sees_that_both_sides_are_one(run) -> None:
-    report, done = run
-    folders = {facts["folder"] for facts in report["versions"].values()}
-    assert len(folders) == 1
-    assert "same installation" in done.stdout
-
-
-def test_one_pair_never_says_worse(run) -> None:
-    report, done = run
-    assert {f["verdict"] for f in report["figures"]} <= {"few", "ok", "both miss"}
-    assert done.returncode == 0
-
-
-def test_progress_goes_to_stderr_and_the_table_to_stdout(run) -> None:
-    report, done = run
-    assert "pair 1 of" in done.stderr
-    assert "pair 1 of" not in done.stdout
-    assert all(figure["name"] in done.stdout for figure in report["figures"])
-
-
-def test_a_folder_that_is_no_environment_is_refused(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "uwserver", "bench", "--against", str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
-    assert done.returncode == 1
-    assert "no virtual environment" in done.stderr
 
 
 def test_what_has_a_bar_of_its_own_is_judged_by_it(run) -> None:

@@ -6,9 +6,11 @@ import socket
 from collections import Counter
 
 import msgspec
+import pytest
 from uwserver_bench import beside, cli
 
 
+@pytest.mark.slow
 def test_a_row_for_the_world_and_one_for_each_picture() -> None:
     rows = beside.bench_beside(quick=True, say=lambda line: None)
     assert [row.at_most for row in rows] == [beside.LATENESS_BAR_MS, None, None]

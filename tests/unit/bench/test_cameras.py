@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import pytest
 from uwserver_bench import cameras, cli
 
 
+@pytest.mark.slow
 def test_a_row_for_each_case() -> None:
     rows = cameras.bench_cameras(quick=True, say=lambda line: None)
     assert [row.at_least for row in rows] == [10.0, None, 20.0, None]

@@ -56,6 +56,7 @@ def test_a_failure_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 @pytest.mark.parametrize(
     ("options", "text"),
     [
+        (["physiks"], "physics"),
         (["physics", "--against", "."], "--only"),
         (["--pairs", "3"], "--against"),
         (["--only", "tick"], "--against"),

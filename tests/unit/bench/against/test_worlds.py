@@ -11,7 +11,7 @@ from uwserver_bench.against.pairs import Pairs
 from uwserver_bench.against.worlds import Worlds
 
 
-@pytest.mark.parametrize("only", ["restore", "tick of 1 BlueROV2"])
+@pytest.mark.parametrize("only", ["restore", pytest.param("tick of 1 BlueROV2", marks=pytest.mark.slow)])
 def test_a_figure_can_be_measured_alone(only: str, tmp_path: Path) -> None:
     versions = {"ours": ours(), "theirs": replace(ours(), side="theirs")}
     pairs = Pairs(only)
