@@ -8,6 +8,7 @@ import socket
 from typing import Any
 
 import pytest
+from uwserver_adapters.ardupilot import dvl
 from uwserver_adapters.ardupilot.dvl import DvlTable, MavlinkOut, Movement
 
 from uwserver.adapter import Readings
@@ -118,7 +119,9 @@ def test_a_reset_world_begins_anew() -> None:
     assert len(rig.messages) == sent + 1
 
 
-def test_the_connection_is_made_again() -> None:
+def test_the_connection_is_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dvl, "RETRY_S", 0.05)
+
     async def check() -> None:
         with socket.socket() as probe:
             probe.bind(("127.0.0.1", 0))

@@ -14,7 +14,7 @@ import msgspec
 import pytest
 from msgspec import structs
 from uwserver_adapters.ros.messages.types import Types
-from uwserver_adapters.ros1 import wire
+from uwserver_adapters.ros1 import links, node, wire
 from uwserver_adapters.ros1.adapter import Ros1Adapter
 from uwserver_adapters.ros1.config import Ros1Config
 from uwserver_adapters.ros1.links import ask, place_of
@@ -152,6 +152,8 @@ def test_it_registers_and_comes_back_after_the_master(monkeypatch: pytest.Monkey
 
     # The first master is closed within the story.
     monkeypatch.setattr(Master, "close", _closed_once(Master.close))
+    monkeypatch.setattr(links, "RETRY_S", 0.05)
+    monkeypatch.setattr(node, "LOOK_S", 0.05)
     run(story)
 
 

@@ -503,6 +503,7 @@ def test_ports_that_come_and_go_have_streams_where_no_table_names_them():
 def test_encoders_are_there_before_the_first_camera_is(monkeypatch, codec):
     """Not while the world runs: the import takes as long as hundreds of ticks, and what fails is told before."""
     loaded: list[str] = []
+    monkeypatch.setattr(adapter_module, "SHOW_S", 0.05)
     monkeypatch.setattr(adapter_module, "can_encode_jpeg", lambda: loaded.append("jpeg") or True)
     monkeypatch.setattr(adapter_module.importlib, "import_module", loaded.append)
 

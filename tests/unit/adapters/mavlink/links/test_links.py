@@ -224,6 +224,7 @@ async def test_who_only_listens_by_tcp_makes_way_for_who_speaks(serve, make_rov,
 
 async def test_a_silent_peer_is_forgotten(serve, make_rov, monkeypatch):
     monkeypatch.setattr("uwserver_adapters.mavlink.links.udp.SILENT_S", 0.3)
+    monkeypatch.setattr("uwserver_adapters.mavlink.adapter.RETRY_S", 0.1)
     async with serve(adapter(make_rov(), "udpin:127.0.0.1:0")) as context:
         with client(f"udpout:127.0.0.1:{port_of(context)}") as link:
             link.mav.heartbeat_send(6, 8, 0, 0, 4)
