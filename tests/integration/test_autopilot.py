@@ -23,8 +23,8 @@ PATIENCE_S = 120
 
 @contextmanager
 def served(*options: str) -> Iterator[int]:
-    """A server of the scenario in eight times real time; its port."""
-    command = [sys.executable, "-m", "uwserver", "run", "rov_autopilot", "--port", "0", "--speed", "8", *options]
+    """A server of the scenario in sixteen times real time; its port."""
+    command = [sys.executable, "-m", "uwserver", "run", "rov_autopilot", "--port", "0", "--speed", "16", *options]
     server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     try:
         assert server.stdout is not None
@@ -33,6 +33,14 @@ def served(*options: str) -> Iterator[int]:
     finally:
         server.terminate()
         server.communicate(timeout=PATIENCE_S)
+
+
+@pytest.fixture(scope="module")
+def port() -> Iterator[int]:
+    """Of the server of those who follow the page."""
+    with served() as found:
+        ready(found)
+        yield found
 
 
 def ready(port: int) -> None:
@@ -47,31 +55,27 @@ def listings(port: int) -> list[str]:
     return [code.replace("7600", str(port)) for code in re.findall(r"^```python\n(.*?)^```", page, re.S | re.M)]
 
 
-def test_ten_lines_of_socket_code_command_its_depth(tmp_path):
-    with served() as port:
-        ready(port)
-        code, _ = listings(port)
-        assert len([line for line in code.splitlines() if line]) == 10
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=PATIENCE_S)
-        assert done.returncode == 0, done.stderr
-        assert "error" not in done.stdout
-        with uwclient.connect(port=port) as sim:
-            sim.subscribe("rov/autopilot/state")
-            sim.wait_until(60.0, timeout=PATIENCE_S)
-            state = sim.latest("rov/autopilot/state")
-            assert state is not None
-            assert state.value["depth"] == pytest.approx(5.0, abs=0.1)
-            assert state.value["mode"] == "depth_hold"
+def test_ten_lines_of_socket_code_command_its_depth(port):
+    code, _ = listings(port)
+    assert len([line for line in code.splitlines() if line]) == 10
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=PATIENCE_S)
+    assert done.returncode == 0, done.stderr
+    assert "error" not in done.stdout
+    with uwclient.connect(port=port) as sim:
+        sim.subscribe("rov/autopilot/state")
+        sim.wait_until(sim.status()["t_s"] + 57.0, timeout=PATIENCE_S)
+        state = sim.latest("rov/autopilot/state")
+        assert state is not None
+        assert state.value["depth"] == pytest.approx(5.0, abs=0.1)
+        assert state.value["mode"] == "depth_hold"
 
 
-def test_the_page_tries_a_thruster():
-    with served() as port:
-        ready(port)
-        first, then = listings(port)
-        connection = first.partition("    print(")[0]  # the page goes on with that of its first listing
-        code = connection + textwrap.indent(re.sub("^ask", 'assert "error" not in ask', then, flags=re.M), "    ")
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=PATIENCE_S)
-        assert done.returncode == 0, done.stderr
+def test_the_page_tries_a_thruster(port):
+    first, then = listings(port)
+    connection = first.partition("    print(")[0]  # the page goes on with that of its first listing
+    code = connection + textwrap.indent(re.sub("^ask", 'assert "error" not in ask', then, flags=re.M), "    ")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=PATIENCE_S)
+    assert done.returncode == 0, done.stderr
 
 
 class Peer:

@@ -56,10 +56,10 @@ origin_deg = [63.44, 10.39]
 
 @pytest.fixture(scope="module")
 def tank(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, int]]:
-    """Ports of a running server: tcp and udp."""
+    """Ports of a running server, in four times real time: tcp and udp."""
     file = tmp_path_factory.mktemp("mavlink") / "tank.toml"
     file.write_text(SCENARIO)
-    with serving(file) as served:
+    with serving(file, options=("--speed", "4")) as served:
         address = served.ask(STATUS)["value"]["adapters"]["gcs"]["address"]
         tcp, udp = (int(text.rpartition(":")[2]) for text in address.split(", "))
         yield {"tcp": tcp, "udp": udp}
@@ -146,9 +146,13 @@ def test_guided_and_a_mission(tank: dict[str, int]) -> None:
             gcs.until("MISSION_REQUEST_INT", lambda m, seq=seq: m.seq == seq)
             gcs.mav.mission_item_int_send(1, 1, seq, 1, 16, 0, 1, 0, 0.5, 0, math.nan, x * 10_000, y * 10_000, z, 0)
         assert gcs.until("MISSION_ACK").type == 0
+        reached: list[int] = []  # the first perhaps while the mode is still waited for
+        gcs.link.message_hooks.append(
+            lambda _, m: reached.append(m.seq) if m.get_type() == "MISSION_ITEM_REACHED" else None
+        )
         gcs.mode(3)
-        for seq in (1, 2):
-            gcs.until("MISSION_ITEM_REACHED", lambda m, seq=seq: m.seq == seq)
+        gcs.until("HEARTBEAT", lambda _: len(reached) >= 2)
+        assert reached[:2] == [1, 2]
 
 
 # -- the first messages of ground stations, in their order ---------------------------------------------------------------------------
