@@ -4,8 +4,11 @@ PYTHON ?= $(or $(firstword $(foreach p,python3.11 python3.12 python3.13 python3.
 ARGS ?=
 IMAGE ?= uwserver
 BUILDER ?= docker
-WORKERS ?= 2
-FUZZ_SECONDS ?= 60
+# More than a small machine has cores: many tests wait for a peer, or for a time to pass.
+WORKERS ?= 3
+
+# Tests start Python hundreds of times: byte code is kept, also where the environment says that none is written.
+export PYTHONDONTWRITEBYTECODE =
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -23,10 +26,10 @@ INSTALL = $(BIN)/python -m pip install --quiet --no-compile --disable-pip-versio
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help ready install run test parts test-all fast-tests all-tests fuzz lint types docs-check wheel-smoke other-pythons demo bench docs site dist image lock clean
+.PHONY: help ready install run test test-all quick tests fuzz lint types docs-check wheels wheel-smoke other-pythons $(MORE) demo bench docs site dist image lock clean
 
 help:  ## show this
-	@sed -n 's/^\([a-z-]*\):.*##  *\(.*\)/  make \1\t\2/p' Makefile | expand -t 22
+	@sed -n 's/^\([a-z-]*\):.*##  *\(.*\)/  make \1\t\2/p' Makefile | expand -t 24
 
 ready: $(READY)  ## create .venv with what running needs
 $(READY): pyproject.toml clients/python/pyproject.toml
@@ -47,25 +50,43 @@ $(STAMP): $(READY) bench/pyproject.toml
 run: ready  ## start the default scenario on port 7600 (ARGS="my.toml --port 0" for another)
 	@exec $(BIN)/uwserver run $(ARGS)
 
-PARTS = lint types fast-tests docs-check wheel-smoke other-pythons
-test: $(PARTS)  ## everything that .ci/run checks
+# Of `make test`, each a target of its own; then what `make test-all` adds, in parts of at most half an hour.
+PARTS = lint types tests docs-check wheel-smoke other-pythons
+MORE = slow-unit slow-served slow-fuzz slow-image docs-check-all wheel-smoke-all other-pythons-all
+FIGURES = build/tests
+PYTEST = $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal -q --junitxml $(FIGURES)/$@.xml
 
-parts:
-	@echo install $(PARTS)
+test: install  ## everything that must hold before a change is taken; prints what each part took
+	@$(BIN)/python tools/run_parts.py $(PARTS)
 
-test-all: lint types all-tests docs-check  ## the same and the slow tests: container, long fuzz, peers built for the test
-	$(BIN)/python tools/wheel_smoke.py --dependencies
+# A run that was broken off goes on where it was, as long as no file has changed.
+test-all: install  ## the same and, part by part, what takes long: every variant, container, long fuzz, peers built for the test
+	@$(BIN)/python tools/run_parts.py --kept build/test-all.json $(PARTS) $(MORE)
 
-fast-tests: install
-	# In two runs, as a worker keeps what it compiles: together they would take twice the memory.
-	UWSERVER_FUZZ_SECONDS=$(FUZZ_SECONDS) $(BIN)/python -m pytest -m "not slow" -n $(WORKERS) tests/unit
-	UWSERVER_FUZZ_SECONDS=$(FUZZ_SECONDS) $(BIN)/python -m pytest -m "not slow" -n $(WORKERS) tests --ignore=tests/unit
+CHANGED = { git diff --name-only HEAD; git ls-files --others --exclude-standard; }
+
+quick: install  ## between two edits: ruff, the rules of the house, and the tests of the rooms with changes that are not committed
+	$(BIN)/ruff check --quiet .
+	$(BIN)/ruff format --check --quiet .
+	$(BIN)/python -m pytest -q -x -n 2 --dist worksteal -m "not slow" tests/house $$($(CHANGED) | xargs $(BIN)/python tools/rooms.py)
+
+tests: install
+	$(PYTEST) -m "not slow" tests
+
+slow-unit: install
+	$(PYTEST) -m slow tests --ignore=tests/integration --ignore=tests/fuzz --ignore=tests/soak
+
+slow-served: install
+	$(PYTEST) -m slow tests/integration tests/soak --ignore=tests/integration/test_image.py
+
+slow-fuzz: install
+	$(PYTEST) -m slow tests/fuzz
+
+slow-image: install
+	$(PYTEST) -m slow tests/integration/test_image.py
 
 fuzz: install  ## ten million inputs for each codec (hours)
 	UWSERVER_FUZZ_INPUTS=10000000 $(BIN)/python -m pytest -m slow tests/fuzz/test_codecs_fuzz.py -n $(WORKERS)
-
-all-tests: install
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
 
 lint: install
 	$(BIN)/ruff check .
@@ -80,11 +101,25 @@ docs-check: install
 	$(BIN)/python tools/validation_report.py --check
 	$(BIN)/python tools/vehicle_pages.py --check
 
-wheel-smoke: install  ## use what the wheels bring in a fresh environment, and drive their page where Chromium is installed (pictures: build/page)
-	$(BIN)/python tools/wheel_smoke.py --page --pictures build/page
+docs-check-all: install
+	$(BIN)/python tools/reference_docs.py --check
+	$(BIN)/python tools/validation_report.py --check --all
+	$(BIN)/python tools/vehicle_pages.py --check --all
 
-other-pythons: install  ## try CPython 3.10, 3.12 and 3.13, as far as they are on this machine
+wheels: install  ## build source distributions and wheels of this checkout, once for what is in it, and say where they are
+	@$(BIN)/python tools/wheels.py
+
+wheel-smoke: wheels  ## use what the wheels bring in a fresh environment
+	$(BIN)/python tools/wheel_smoke.py
+
+wheel-smoke-all: wheels  ## the same with all dependencies installed and no kernel there, and the page in Chromium where it is installed (pictures: build/page)
+	$(BIN)/python tools/wheel_smoke.py --dependencies --page --pictures build/page
+
+other-pythons: wheels  ## try what can differ with CPython 3.10, 3.12 and 3.13, as far as they are on this machine
 	$(BIN)/python tools/other_pythons.py
+
+other-pythons-all: wheels
+	$(BIN)/python tools/other_pythons.py --all
 
 demo: install  ## drive a 5 m square by feedback on the simulated sensors and draw it
 	$(BIN)/python tools/demo.py $(ARGS)
