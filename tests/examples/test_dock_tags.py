@@ -76,7 +76,7 @@ def docks(file: Path, *arguments: str) -> tuple[float, float]:
 @pytest.mark.parametrize(
     ("start", "off", "turned_deg"),
     [
-        ((-5.5, 0.0, 0.0, 0.0), 0.15, 2.5),
+        pytest.param((-5.5, 0.0, 0.0, 0.0), 0.15, 2.5, marks=pytest.mark.slow),
         ((-4.0, -2.0, -0.4, 20.0), 0.06, 0.8),
         ((-2.5, 0.1, 0.0, -3.0), 0.02, 0.4),
         ((0.0, 0.0, 0.0, 0.0), 0.01, 0.4),
@@ -114,7 +114,9 @@ def rotated(q: tuple[float, ...], v: np.ndarray) -> np.ndarray:
     return v + 2.0 * np.cross(u, np.cross(u, v) + w * v)
 
 
+@pytest.mark.slow
 def test_it_docks_from_before_the_dock(tmp_path: Path, detector: None) -> None:
+    """What it sees of the dock is tried picture by picture above."""
     pytest.importorskip("matplotlib")
     _, tries = docks(scenario(tmp_path, (-2.7, 0.15, -0.1, 5.0)), "--out", str(tmp_path / "picture.png"))
     assert tries == 1

@@ -1,4 +1,7 @@
-"""Each example, run as its first lines say: a paused server of its scenario, the program, and how well it did what it is for."""
+"""Each example, run as its first lines say: a paused server of its scenario, the program, and how well it did what it is for.
+
+`make test` runs one of them, and of all others sees that the scenario loads and has what the program asks for.
+"""
 
 from __future__ import annotations
 
@@ -37,6 +40,22 @@ def run(scenario: str, program: str, *arguments: str, options: tuple[str, ...] =
     return [float(number) for number in re.findall(r"\d+(?:\.\d+)?", done.stdout.splitlines()[-1])]
 
 
+PROGRAMS = sorted(path.stem for path in EXAMPLES.glob("*.py") if path.with_suffix(".toml").exists())
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_the_scenario_has_what_the_program_asks_for(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    runpy.run_path(str(EXAMPLES / f"{name}.py"))
+    world = uwserver.load(EXAMPLES / f"{name}.toml")
+    said = world.step(24)
+    assert {sample.port.split("/")[0] for sample in said} >= set(world.vehicles)
+    text = (EXAMPLES / f"{name}.py").read_text()
+    heard = re.findall(r'"([\w/]+)"', "".join(re.findall(r"heard = \((.*?)\)", text)))
+    asked = {*re.findall(r'"(rov/[\w/]+)"', text), *(f"rov/{port}" for port in heard)}
+    assert not asked - set(world.ports)
+
+
 @pytest.fixture
 def picture(tmp_path: Path) -> Path:
     pytest.importorskip("matplotlib")
@@ -50,6 +69,7 @@ def test_depth_and_heading_follow_their_set_points(picture: Path) -> None:
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_all_waypoints_are_visited_along_their_legs(picture: Path) -> None:
     seconds, most, half, drift = run("waypoints.toml", "waypoints.py", "--out", str(picture))
     assert 60.0 < seconds < 130.0
@@ -107,6 +127,7 @@ def test_the_pipe_is_found_in_one_picture(
     assert piece.course == pytest.approx(-heading, abs=0.05)
 
 
+@pytest.mark.slow
 def test_it_docks_without_a_bump(picture: Path) -> None:
     _, off, bumps = run("dock.toml", "dock.py", "--out", str(picture))
     assert 0.0 < off < 0.2
@@ -114,6 +135,7 @@ def test_it_docks_without_a_bump(picture: Path) -> None:
     assert picture.exists()
 
 
+@pytest.mark.slow
 def test_a_survey_is_shared_by_modem(picture: Path) -> None:
     cells, known, off = run("share_survey.toml", "share_survey.py", "--out", str(picture))
     assert cells == known == 42
@@ -121,6 +143,7 @@ def test_a_survey_is_shared_by_modem(picture: Path) -> None:
     assert picture.exists()
 
 
+@pytest.mark.slow
 def test_the_page_on_modems_says_what_happens(tmp_path: Path) -> None:
     """Of docs/how-to/modem.md: its listing, and its scenario as it stands there."""
     page = (ROOT / "docs/how-to/modem.md").read_text()
@@ -170,6 +193,7 @@ def test_the_swarm_forms_its_wedge(picture: Path, tmp_path: Path) -> None:
     assert picture.exists()
 
 
+@pytest.mark.slow
 def test_a_mission_is_flown(tmp_path: Path) -> None:
     pytest.importorskip("pymavlink")
     text, port = shipped()["bluerov2_qgc"].read_text(), free_port(socket.SOCK_DGRAM)
@@ -184,6 +208,7 @@ def test_a_mission_is_flown(tmp_path: Path) -> None:
     assert float(off) < 1.0
 
 
+@pytest.mark.slow
 def test_the_notebook_finds_the_drag_of_the_vehicle_file(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     cells = json.loads((EXAMPLES / "drag.ipynb").read_text())["cells"]
@@ -244,6 +269,7 @@ def holds_a_depth(*command: str) -> None:
     assert "usage" in wrong.stderr
 
 
+@pytest.mark.slow
 def test_cpp(tmp_path: Path) -> None:
     if shutil.which("c++") is None or not Path("/usr/include/asio.hpp").exists():
         pytest.skip("no C++ compiler, or no asio (Debian: libasio-dev)")
@@ -254,6 +280,7 @@ def test_cpp(tmp_path: Path) -> None:
     holds_a_depth(str(tmp_path / "depth_hold"), "{host}", "{port}", "2.0")
 
 
+@pytest.mark.slow
 def test_rust(tmp_path: Path) -> None:
     if shutil.which("rustc") is None:
         pytest.skip("no rustc")
@@ -262,6 +289,7 @@ def test_rust(tmp_path: Path) -> None:
     holds_a_depth(str(tmp_path / "depth_hold"), "{host}:{port}", "2.0")
 
 
+@pytest.mark.slow
 def test_octave() -> None:
     if shutil.which("octave-cli") is None:
         pytest.skip("Octave is not installed: depth_hold.m is not run")

@@ -12,6 +12,8 @@ from collections import Counter
 from collections.abc import AsyncIterator
 from pathlib import Path
 
+import pytest
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 sys.path.insert(0, str(EXAMPLES))
 
@@ -132,6 +134,7 @@ async def rounds(one: AsyncClient, two: AsyncClient, carried: Counter[str]) -> N
         assert gap(own, other, vehicle) <= v * (TICKS + 1) / HZ + 1e-4
 
 
+@pytest.mark.slow
 def test_each_server_sees_the_vehicle_of_the_other_also_after_one_was_killed(tmp_path):
     servers = [Server("north", tmp_path), Server("south", tmp_path)]
     try:

@@ -44,6 +44,7 @@ def numbers(report: str) -> dict[str, float]:
     return {a.strip(): float(b) for a, b in re.findall(r"^\| ([^|]+) \| (-?\d[\d.]*)(?: \||,)", report, re.M)}
 
 
+@pytest.mark.slow
 def test_the_vehicle_of_the_page_is_made_trimmed_driven_and_measured(tmp_path: Path) -> None:
     pytest.importorskip("trimesh")
     pytest.importorskip("matplotlib")

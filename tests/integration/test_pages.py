@@ -1,15 +1,28 @@
-"""Readers follow README, tutorial, how-tos and client pages to the letter, each against the server that the page starts."""
+"""Readers follow README, tutorial, how-tos and client pages to the letter, each against the server that the page starts.
+
+All of them do so in `make test-all`. `make test` follows the README and what else is cheap, and reads all pages: each command line by the
+parser of its program, each listing of Python by Python.
+"""
 
 from __future__ import annotations
 
+import ast
+import itertools
 import re
+import shlex
 import shutil
 import socket
+from collections.abc import Iterator
 from pathlib import Path
 
+import click
 import numpy as np
 import pytest
 from reader import ROOT, STARTS, Reader, blocks
+from uwclient import cli as client_cli
+
+import uwserver
+from uwserver.cli import main
 
 FOLLOWED = (
     "README.md",
@@ -20,6 +33,8 @@ FOLLOWED = (
     "docs/how-to/training.md",
 )
 """Pages of which nothing else is asked than that all works; the tests below follow others and look at what they show."""
+CHEAP = ("README.md", "docs/how-to/batch.md")
+"""Of these what `make test` follows."""
 ELSEWHERE = {
     "docs/how-to/ros2.md": "tests/unit/adapters/ros2/test_rmw_zenoh.py",
     "docs/how-to/rosbridge.md": "tests/unit/adapters/rosbridge/test_peers.py",
@@ -61,11 +76,70 @@ def printed(said: dict[str, str], part: str) -> str:
     return found
 
 
-@pytest.mark.parametrize("page", FOLLOWED)
+def pages() -> list[str]:
+    """All that have commands or listings."""
+    found = [ROOT / "README.md", ROOT / "docs/tutorial.md", *(ROOT / "clients").glob("*/README.md")]
+    found += (ROOT / "docs/how-to").glob("*.md")
+    found += (ROOT / "docs/tutorial").glob("*.md")
+    return [str(path.relative_to(ROOT)) for path in found]
+
+
+def commands(page: str) -> Iterator[list[str]]:
+    """The words of each line of a page that calls `uwserver` or `uwclient`."""
+    for block in blocks(page, "sh"):
+        for line in re.sub(r"\\\n\s*", "", block.text).splitlines():
+            if line.startswith(("uwserver ", "uwclient ")):
+                words = shlex.shlex(line, posix=True, punctuation_chars="|&;<>")
+                words.whitespace_split = True
+                yield list(itertools.takewhile(lambda word: not re.match("[|&;<>]", word), words))
+
+
+def parse(words: list[str]) -> None:
+    """Raises what a program raises that does not know a command or an option of the line; nothing is run."""
+    if words[0] == "uwclient":
+        client_cli._parser().parse_args(words[1:])
+        return
+    command: click.Command = main
+    rest = words[1:]
+    context = click.Context(command)
+    while isinstance(command, click.Group) and rest and (inner := command.get_command(context, rest[0])) is not None:
+        command, rest = inner, rest[1:]
+        context = click.Context(command, parent=context)
+    if command is main and rest and not rest[0].startswith("-"):
+        raise click.UsageError(f"no command {rest[0]}")
+    command.make_parser(context).parse_args(list(rest))
+
+
+def test_every_command_line_is_one_that_its_program_takes() -> None:
+    wrong, count = [], 0
+    for page in pages():
+        for words in commands(page):
+            count += 1
+            try:
+                parse(words)
+            except (click.ClickException, SystemExit) as error:
+                wrong.append(f"{page}: {shlex.join(words)}: {error}")
+    assert count > 100
+    assert not wrong, "\n".join(wrong)
+
+
+def test_every_listing_of_python_is_python() -> None:
+    count = 0
+    for page in pages():
+        for block in blocks(page, "python"):
+            compile(block.text, page, "exec", ast.PyCF_ALLOW_TOP_LEVEL_AWAIT, dont_inherit=True)
+            count += 1
+    assert count > 30
+
+
+@pytest.mark.parametrize(
+    "page", [page if page in CHEAP else pytest.param(page, marks=pytest.mark.slow) for page in FOLLOWED]
+)
 def test_a_reader_can_follow_the_page(page, tmp_path):
     assert follow(page, tmp_path)
 
 
+@pytest.mark.slow
 def test_the_tutorial_leads_to_a_controller_that_holds_its_depth(tmp_path):
     said = follow("docs/tutorial.md", tmp_path)
     before, after = (
@@ -100,13 +174,16 @@ def test_camera_and_sonar_are_looked_at_saved_recorded_and_searched(tmp_path):
             assert sum(1 for _ in video.decode(video=0)) > 15
 
 
+@pytest.mark.slow
 def test_the_c_program_is_built_and_run_as_its_page_says(tmp_path):
+    """tests/unit/client/test_examples.py has it speak to a server that is none."""
     if shutil.which("cc") is None:
         pytest.skip("no C compiler: cc is not installed")
     said = follow("clients/c/README.md", tmp_path)
     assert printed(said, "./uw_drive").count('"port":"bluerov2/imu"') == 5
 
 
+@pytest.mark.slow
 def test_own_components_are_checked_served_and_commanded(tmp_path):
     said = follow("docs/how-to/extend.md", tmp_path)
     assert printed(said, "echo rov/turbidity").count("turbidity=") == 5
@@ -115,6 +192,7 @@ def test_own_components_are_checked_served_and_commanded(tmp_path):
     assert "5 passed" in printed(said, "def test_jet")
 
 
+@pytest.mark.slow
 def test_a_dive_is_recorded_read_drawn_and_replayed(tmp_path):
     said = follow("docs/how-to/record.md", tmp_path)
     assert (tmp_path / "dive.mcap").exists()
@@ -122,18 +200,21 @@ def test_a_dive_is_recorded_read_drawn_and_replayed(tmp_path):
     assert "replay" in " ".join(said)
 
 
+@pytest.mark.slow
 def test_a_report_is_written(tmp_path):
     follow("docs/how-to/report.md", tmp_path)
     assert "</html>" in (tmp_path / "dive.html").read_text()
     assert {path.suffix for path in (tmp_path / "results").iterdir()} == {".html", ".png", ".pdf"}
 
 
+@pytest.mark.slow
 def test_the_sea_moves(tmp_path):
     said = follow("docs/how-to/sea.md", tmp_path)
     velocity = re.findall(r"-?\d\.\d+(?:e-\d+)?", printed(said, "ScenarioBuilder"))
     assert any(abs(float(v)) > 1e-3 for v in velocity[:3])
 
 
+@pytest.mark.slow
 def test_something_is_touched(tmp_path):
     said = follow("docs/how-to/touch-something.md", tmp_path)
     crate = [float(place) for place in re.findall(r"crate at ([\d.]+) m", printed(said, "client.send"))]
@@ -142,6 +223,7 @@ def test_something_is_touched(tmp_path):
     assert crate[-1] > 1.5
 
 
+@pytest.mark.slow
 def test_a_state_is_saved_and_loaded(tmp_path):
     said = follow("docs/how-to/states.md", tmp_path)
     assert (tmp_path / "later.uwstate").stat().st_size > 1000
@@ -150,12 +232,14 @@ def test_a_state_is_saved_and_loaded(tmp_path):
     assert [path.name for path in (tmp_path / "states").iterdir()] == ["calm.uwstate"]
 
 
+@pytest.mark.slow
 def test_where_the_time_goes_is_told(tmp_path):
     said = follow("docs/how-to/profile.md", tmp_path)
     assert "altimeter" in printed(said, "call world/profile")
     assert printed(said, "profile.close").startswith("profile of 2400 ticks")
 
 
+@pytest.mark.slow
 def test_a_dive_over_mavlink(tmp_path):
     """The scenario of the page, with the UDP port changed in it and in the listing."""
     pytest.importorskip("pymavlink", reason="pymavlink is not installed")
@@ -185,8 +269,8 @@ def test_what_is_solid_loads_and_a_grid_is_converted(tmp_path):
         "ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 1\nNODATA_value -1\n-1 -2\n-3 -4\n"
     )
     (convert,) = [line for line in blocks(page, "sh")[0].text.splitlines() if line.startswith("python -c")]
+    uwserver.load(tmp_path / "solid.toml")
     with Reader(tmp_path) as reader:
-        reader.type("uwserver check solid.toml")
         reader.type(convert)
     assert np.load(tmp_path / "g.npy").tolist() == [[3.0, 4.0], [1.0, 2.0]]
 
@@ -209,17 +293,12 @@ def test_make_starts_what_the_reader_starts(target, command):
 
 
 def test_every_page_with_a_command_is_followed():
-    pages = [ROOT / "README.md", ROOT / "docs/tutorial.md", *(ROOT / "clients").glob("*/README.md")]
-    pages += (ROOT / "docs/how-to").glob("*.md")
-    pages += (ROOT / "docs/tutorial").glob("*.md")
     here = Path(__file__).read_text()
-    for path in pages:
-        page = str(path.relative_to(ROOT))
+    for page in pages():
         if page in NOT_FOLLOWED:
             continue
         if page in ELSEWHERE:
-            assert (
-                path.name in (ROOT / ELSEWHERE[page]).read_text() or "PAGE" in (ROOT / ELSEWHERE[page]).read_text()
-            ), page
+            text = (ROOT / ELSEWHERE[page]).read_text()
+            assert Path(page).name in text or "PAGE" in text, page
         elif blocks(page, "sh") or blocks(page, "python"):
             assert page in FOLLOWED or f'"{page}"' in here, page
