@@ -88,10 +88,23 @@ def pip_cache() -> str:
     ).stdout.strip()
 
 
+def checkout_wheels() -> Path:
+    """Folder of the pure wheels of this checkout."""
+    try:
+        return wheels.folder()
+    except wheels.Fault as fault:
+        sys.exit(str(fault))
+
+
 def of_wheel(work: Path, environment: dict[str, str], dist: Path | None) -> Iterator[Stage]:
     """Wheels, as a user installs them; then all kernels, and another environment of the same version."""
     # As from a package index, pip takes the wheel for this platform, if there is one.
-    wanted = ("--quiet", "--find-links", str((dist or wheels.folder()).resolve()), f"uwserver=={uwserver.__version__}")
+    wanted = (
+        "--quiet",
+        "--find-links",
+        str((dist or checkout_wheels()).resolve()),
+        f"uwserver=={uwserver.__version__}",
+    )
     yield timed("create environment", (sys.executable, "-m", "venv", "one"), environment, work)
     yield timed("pip install", ("one/bin/pip", "install", *wanted), environment, work)
     yield timed("first sample", ("one/bin/uwserver", *FIRST_SAMPLE), environment, work)

@@ -1,15 +1,20 @@
 """Tries uwserver with the other CPythons of this machine; exits with 1 if anything failed there.
 
-Each gets a fresh environment with the wheels and, there: doctor, checks, the default scenario, every scenario with something solid, the codecs,
-and the contacts with the engine that this Python has. What uwserver depends on is installed once for each Python, into the user's cache, and
-anew when what is needed changes; kernels likewise compile once. Versions that are not on the machine are skipped, with a line that says so.
-The time of each part is printed: on the wall, and of the processors.
+Each gets a fresh environment with the wheels of this checkout, and there what can differ by the version of Python: every module is imported, with
+warnings as errors; doctor, schemas and checks of scenarios, which read all tables; a server with a client; and `TESTS`. A world that is stepped
+needs kernels, and these take minutes of processor time for each Python: the server plays a recording that this Python has made, and the only kernels
+that are compiled are small. `--all` compiles all, runs every scenario with something solid, and the tests of `MORE_TESTS`.
+
+What uwserver depends on is installed once for each Python, into the user's cache, and anew when what is needed changes; kernels likewise compile
+once. Versions that are not on the machine are skipped, with a line that says so. The wall time of each part is printed, and the processor time
+of all.
 """
 
 from __future__ import annotations
 
 import argparse
 import hashlib
+import json
 import os
 import resource
 import shutil
@@ -20,14 +25,35 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import TypeAlias
 
-ROOT = Path(__file__).parents[1]
+from wheels import ROOT, Fault, of_checkout
+
 VERSIONS = ("3.10", "3.12", "3.13")
 EXTRAS = "solid"
 TESTING = ("pytest>=8.2", "hypothesis>=6.100", "msgpack>=1.0", "jsonschema>=4.20", "pyserial>=3.5")
-PROJECTS = {"uwserver": ROOT, "uwclient": ROOT / "clients" / "python"}
+SHIPPED = ROOT / "scenarios" / "uwserver_scenarios"
 SOLID = ("pool_inspection", "subsea_template", "slope", "push_the_crate", "remus_survey", "one_of_everything")
-TESTS = (
+CHECKED = ("bluerov2_pool", "subsea_template", "remus_survey")
+"""Scenarios whose check needs no kernel."""
+TESTS = {
+    "unit/scenario/files/test_documents.py::test_what_cannot_be_read_is_told_with_its_position": "TOML: tomli before 3.11, tomllib then",
+    "unit/logfiles/test_timebase.py::test_instants": "datetime.fromisoformat takes less in 3.10",
+    "unit/adapter/test_contract.py::test_broken_ones_do_not_keep_others_from_loading": "entry points, and what imports raise",
+    "unit/adapter/test_listening.py::test_a_server_ends_with_all_its_peers": "a server of asyncio waits for its connections from 3.12 on",
+    "unit/adapter/test_connection.py::test_the_end_waits_for_peers_but_not_for_those_who_do_not_read": "streams and time limits of asyncio",
+    "unit/adapter/test_threads.py::test_cancelled_work_still_ends_first": "how asyncio cancels, and waits for threads",
+    "unit/adapter/test_tls.py::test_an_authority_makes_certificates_of_clients_a_duty": "3.13 is stricter with certificates",
+    "unit/adapters/native/test_codec.py": "msgspec, json, and numbers as text",
+    "unit/server/test_loop.py": "inner parts of asyncio's loop are replaced; a kernel hands the interpreter from thread to thread",
+    "unit/server/test_signals.py": "signals, on loops that know them and on others",
+    "unit/client/test_sync.py::test_drive_and_read": "sockets and threads of the client",
+    "unit/client/test_aio.py::test_progress_and_cancelled_task": "streams of the client, and how its tasks are cancelled",
+    "unit/physics/kernel/test_fingerprint.py": "kernels are kept by their byte code",
+    "unit/physics/collision/test_coal_engine.py": "the engine from 3.12 on; before it is that of the Python that has all tests",
+}  # fmt: skip
+"""Below tests/: what can differ, and why. No kernels are needed but those of the loop."""
+MORE_TESTS = (
     "tests/unit/ports",
     "tests/unit/adapter",
     "tests/unit/adapters/native",
@@ -36,6 +62,49 @@ TESTS = (
     "tests/unit/physics/collision/test_solids.py",
     "tests/physics/test_contact.py",
 )
+IMPORTS = f"""import importlib, pathlib, pkgutil, re, sys, warnings
+warnings.filterwarnings("error", module="(.*/site-packages/)?uw(server|client)")
+standard, packages = {sorted(sys.stdlib_module_names)!r}, ("uwserver", "uwserver_adapters", "uwserver_scenarios", "uwclient")
+modules, without = [], []
+for package in packages:
+    path = importlib.import_module(package).__path__
+    modules += [found.name for found in pkgutil.walk_packages(path, package + ".") if not found.name.endswith("__main__")]
+for name in modules:
+    try:
+        importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        missing = (error.name or "").partition(".")[0]
+        if missing in packages or missing in standard or missing in sys.stdlib_module_names:
+            raise
+        without.append(missing)  # of an extra that is not installed
+assert len(modules) > 700 and len(without) < 20, (len(modules), without)
+
+import uwserver
+from uwserver.scenario.authoring.json_schema import FILES, json_schema
+for kind in FILES:
+    made = pathlib.Path(uwserver.__file__).with_name("schemas") / f"{{kind}}.schema.json"
+    # From 3.13 on docstrings begin at the margin.
+    there, here = (re.sub(r"(?:\\\\n|\\s)+", " ", text) for text in (made.read_text(encoding="utf-8"), json_schema(kind)))
+    assert there == here, f"the schema of a {{kind}} is another than in the wheel"
+"""
+"""Imports every module, with warnings as errors; what one Python has in its standard library and another has not is no extra. Then the types of all
+tables say what they said to the Python that made the wheel."""
+SERVED = """import re, signal, subprocess, sys
+import uwclient
+command = sys.argv[1], "play", sys.argv[2], "--port", "0", "--loop"
+with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+    try:
+        found = next(found for line in server.stdout if (found := re.search(r"tcp: 127\\.0\\.0\\.1:(\\d+)", line)))
+        with uwclient.connect(port=int(found[1])) as client:
+            client.subscribe("**")
+            ports = {client.read().port for _ in range(300)}
+        server.send_signal(signal.SIGTERM)
+        assert server.wait(60) == 0, server.returncode
+    finally:
+        server.kill()
+assert len(ports) >= 5, ports
+"""
+"""A recording is played until its samples have come, and the server ends when it is told."""
 RUN_TESTS = """import os, sys
 import pytest
 os.chdir(sys.argv[1])
@@ -43,10 +112,18 @@ sys.path.append("bench")  # where the proofs are
 sys.exit(pytest.main(["-q", "-m", "not slow", "-p", "no:cacheprovider", *sys.argv[2:]]))
 """
 """As a file: with `python -m pytest` the checkout would stand before the wheel."""
+PROJECTS = {"uwserver": ROOT, "uwclient": ROOT / "clients" / "python"}
+PIP = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--python")
+FREERUN = ("--port", "0", "--mode", "freerun", "--until")
+RECORDING = "recording.mcap"
 BORROW = "import site; site.addsitedir({!r})\n"
 KEPT = 2
 """Environments kept of each Python; the oldest go."""
 TIMEOUT_S = 900.0
+
+
+Parts: TypeAlias = "tuple[tuple[str, tuple[tuple[str | Path, ...], ...]], ...]"
+"""Names of parts, and the commands of each."""
 
 
 class Failed(Exception):
@@ -76,8 +153,8 @@ def _pyenv_roots() -> Iterator[Path]:
         yield Path(subprocess.run(["pyenv", "root"], capture_output=True, text=True, check=True).stdout.strip())
 
 
-def run(*command: str | Path, cwd: Path) -> str:
-    """Output of a command that must succeed, without the settings of this checkout."""
+def run(*command: str | Path, cwd: Path, fails: bool = False) -> str:
+    """Output of a command that must succeed, unless it says itself what fails; without the settings of this checkout."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
     done = subprocess.run(
         list(map(str, command)),
@@ -88,18 +165,11 @@ def run(*command: str | Path, cwd: Path) -> str:
         timeout=TIMEOUT_S,
         check=False,
     )
-    if done.returncode != 0:
+    if done.returncode != 0 and not fails:
         raise Failed(
             f"{' '.join(map(str, command))} ended with {done.returncode}:\n{done.stdout[-8000:]}{done.stderr[-8000:]}"
         )
     return done.stdout
-
-
-def build_wheels(folder: Path) -> tuple[Path, ...]:
-    """The wheels of uwserver and its client, built by the Python that runs this."""
-    for project in PROJECTS.values():
-        run(sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", folder, project, cwd=folder)
-    return tuple(next(folder.glob(f"{name}-*.whl")) for name in PROJECTS)
 
 
 def cache() -> Path:
@@ -119,14 +189,12 @@ def dependencies(version: str, python: Path, wheels: tuple[Path, ...]) -> Path:
         # Of two that make it at once, the first to end has made it; nobody sees half of one.
         with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f"{version}-part-") as work:
             part = Path(work) / "env"
-            run(python, "-m", "venv", part, cwd=folder.parent)
-            pip = (part / "bin" / "python", "-m", "pip", "--disable-pip-version-check")
+            run(python, "-m", "venv", "--without-pip", part, cwd=folder.parent)
             server, *others = wheels
-            run(
-                *pip, "install", "--quiet", f"uwserver[{EXTRAS}] @ {server.as_uri()}", *others, *TESTING,
-                cwd=folder.parent,
-            )  # fmt: skip
-            run(*pip, "uninstall", "--quiet", "--yes", *PROJECTS, cwd=folder.parent)
+            # Byte code of what is imported comes with the first import: that of all takes longer than the rest.
+            install = (*PIP, part / "bin" / "python", "install", "--quiet", "--no-compile")
+            run(*install, f"uwserver[{EXTRAS}] @ {server.as_uri()}", *others, *TESTING, cwd=folder.parent)
+            run(*PIP, part / "bin" / "python", "uninstall", "--quiet", "--yes", *PROJECTS, cwd=folder.parent)
             if not folder.is_dir():
                 part.rename(folder)
     folder.touch()
@@ -142,30 +210,64 @@ def environment(version: str, python: Path, wheels: tuple[Path, ...], home: Path
     run(python, "-m", "venv", "--without-pip", home, cwd=ROOT)
     own = home / "lib" / f"python{version}" / "site-packages"
     (own / "dependencies.pth").write_text(BORROW.format(str(borrowed)))
-    run(
-        home / "bin" / "python", "-m", "pip", "--disable-pip-version-check", "install", "--quiet", "--no-deps", "--no-index",
-        "--ignore-installed", *wheels, cwd=ROOT,
-    )  # fmt: skip
+    install = (*PIP, home / "bin" / "python", "install", "--quiet", "--no-compile", "--no-deps", "--no-index")
+    run(*install, "--ignore-installed", *wheels, cwd=ROOT)
 
 
-def try_one(version: str, python: Path, wheels: tuple[Path, ...], work: Path) -> None:
-    """Everything with one Python. Raises Failed."""
-    home = work / version
-    inside = home / "bin" / "python"
-    server: tuple[str | Path, ...] = (home / "bin" / "uwserver",)
-    freerun = ("--port", "0", "--mode", "freerun", "--until")
-    tests = work / f"run_tests_{version}.py"
-    tests.write_text(RUN_TESTS)
-    parts: tuple[tuple[str, tuple[tuple[str | Path, ...], ...]], ...] = (
-        ("doctor", ((*server, "doctor"),)),
-        ("check", tuple((*server, "check", name) for name in ("bluerov2_pool", *SOLID))),
-        ("default scenario", ((*server, "run", *freerun, "0.5"),)),
-        ("solid scenarios", tuple((*server, "run", name, *freerun, "0.2") for name in SOLID)),
-        ("codecs and contacts", ((inside, tests, ROOT, *TESTS),)),
+def record(path: Path) -> None:
+    """Write what servers play."""
+    run(sys.executable, "-m", "uwserver", "run", *FREERUN, "1.0", "--record", path, cwd=path.parent)
+
+
+def scripts(work: Path) -> dict[str, Path]:
+    """The programs above as files."""
+    texts = {"imports": IMPORTS, "served": SERVED, "run_tests": RUN_TESTS}
+    for name, text in texts.items():
+        (work / f"{name}.py").write_text(text)
+    return {name: work / f"{name}.py" for name in texts}
+
+
+def daily(home: Path, work: Path) -> Parts:
+    """What can differ by the version of Python."""
+    python, server, program = home / "bin" / "python", home / "bin" / "uwserver", scripts(work)
+    return (
+        ("all modules and schemas", ((python, program["imports"]),)),
+        ("checks", ((server, "check", *CHECKED),)),
+        ("a recording served", ((python, program["served"], server, work / RECORDING),)),
+        ("tests", ((python, program["run_tests"], ROOT, *(f"tests/{test}" for test in TESTS)),)),
     )
+
+
+def all_else(home: Path, work: Path) -> Parts:
+    """With all kernels."""
+    python, server, program = home / "bin" / "python", home / "bin" / "uwserver", scripts(work)
+    shipped = sorted(path.stem for path in SHIPPED.glob("*.toml"))
+    return (
+        ("all checks", ((server, "check", *shipped),)),
+        ("all kernels", ((python, "-m", "uwserver.world.warm"),)),
+        ("default scenario", ((server, "run", *FREERUN, "0.5"),)),
+        ("solid scenarios", tuple((server, "run", name, *FREERUN, "0.2") for name in SOLID)),
+        ("codecs and contacts", ((python, program["run_tests"], ROOT, *MORE_TESTS),)),
+    )
+
+
+def examine(home: Path) -> None:
+    """The doctor finds all that a scenario with every kind of table needs; whoever has the default port is no matter. Raises Failed."""
+    server = home / "bin" / "uwserver"
+    found = json.loads(run(server, "doctor", "--json", "one_of_everything", cwd=home, fails=True))["findings"]
+    faults = [finding for finding in found if finding["level"] == "fault" and not finding["name"].startswith("port")]
+    if faults:
+        raise Failed(f"{server} doctor: {faults}")
+
+
+def try_one(version: str, python: Path, wheels: tuple[Path, ...], work: Path, everything: bool) -> None:
+    """All parts with one Python. Raises Failed."""
+    home = work / version
     with timed(version, "environment"):
         environment(version, python, wheels, home)
-    for name, commands in parts:
+    with timed(version, "doctor"):
+        examine(home)
+    for name, commands in (*daily(home, work), *(all_else(home, work) if everything else ())):
         with timed(version, name):
             for command in commands:
                 run(*command, cwd=work)
@@ -191,12 +293,14 @@ def _processor_s() -> float:
     return used.ru_utime + used.ru_stime
 
 
-def main(versions: tuple[str, ...]) -> int:
-    """Try all versions, as many at a time as there are cores; returns 1 if one failed."""
+def main(versions: tuple[str, ...], everything: bool) -> int:
+    """Try some versions, as many at a time as there are cores; returns 1 if one failed."""
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
-        with timed(f"{sys.version_info[0]}.{sys.version_info[1]}", "wheels"):
-            wheels = build_wheels(work)
+        with timed(f"{sys.version_info[0]}.{sys.version_info[1]}", "wheels and a recording"):
+            built = of_checkout()
+            wheels = tuple(built[name] for name in PROJECTS)
+            record(work / RECORDING)
 
         def succeeds(version: str) -> bool:
             python = interpreter(version)
@@ -205,7 +309,7 @@ def main(versions: tuple[str, ...]) -> int:
                 return True
             try:
                 with timed(version, "all"):
-                    try_one(version, python, wheels, work)
+                    try_one(version, python, wheels, work, everything)
             except (Failed, subprocess.TimeoutExpired) as error:
                 print(error, file=sys.stderr, flush=True)
                 return False
@@ -218,6 +322,13 @@ def main(versions: tuple[str, ...]) -> int:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("versions", nargs="*", default=VERSIONS, help=f"default: {' '.join(VERSIONS)}")
-    sys.exit(main(tuple(parser.parse_args().versions)))
+    parser.add_argument(
+        "--all", action="store_true", help="with all kernels, scenarios and tests: minutes for each Python"
+    )
+    options = parser.parse_args()
+    try:
+        sys.exit(main(tuple(options.versions), options.all))
+    except (Failed, Fault) as fault:
+        sys.exit(str(fault))

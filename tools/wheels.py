@@ -80,7 +80,9 @@ def make_schemas() -> None:
     folder.mkdir(exist_ok=True)
     for kind in SCHEMAS:
         text = run(sys.executable, "-m", "uwserver", "schema", f"--{kind}", cwd=ROOT)
-        (folder / f"{kind}.schema.json").write_text(text, encoding="utf-8")
+        path = folder / f"{kind}.schema.json"
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
 
 
 def build(name: str, out: Path) -> Path:

@@ -296,6 +296,15 @@ def test_without_what_may_go_all_is_the_same(tmp_path: Path) -> None:
     assert printed("python", "-c", STATE) == before
 
 
+def test_what_other_pythons_try_is_there() -> None:
+    """A test that has another name now would be missed only on machines that have these Pythons."""
+    others = tool("other_pythons")
+    for test in (*(f"tests/{name}" for name in others.TESTS), *others.MORE_TESTS):
+        path, _, name = test.partition("::")
+        assert (ROOT / path).exists(), test
+        assert not name or f"\ndef {name}(" in (ROOT / path).read_text(), test
+
+
 def test_all_is_every_extra_that_a_server_can_use() -> None:
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     (line,) = extras["all"]
