@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
+import json
 import math
 import os
 import shutil
@@ -19,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from uwserver_bench.processes import serving
+from uwserver_bench.processes import Served, serving
 from uwserver_bench.server import STATUS
 
 mavutil = pytest.importorskip("pymavlink.mavutil", reason="pymavlink is not installed")
@@ -55,14 +56,38 @@ origin_deg = [63.44, 10.39]
 
 
 @pytest.fixture(scope="module")
-def tank(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, int]]:
-    """Ports of a running server, in four times real time: tcp and udp."""
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     file = tmp_path_factory.mktemp("mavlink") / "tank.toml"
     file.write_text(SCENARIO)
-    with serving(file, options=("--speed", "4")) as served:
-        address = served.ask(STATUS)["value"]["adapters"]["gcs"]["address"]
-        tcp, udp = (int(text.rpartition(":")[2]) for text in address.split(", "))
-        yield {"tcp": tcp, "udp": udp}
+    with serving(file) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def tank(served: Served) -> dict[str, int]:
+    """Ports of a running server: tcp and udp."""
+    address = served.ask(STATUS)["value"]["adapters"]["gcs"]["address"]
+    tcp, udp = (int(text.rpartition(":")[2]) for text in address.split(", "))
+    return {"tcp": tcp, "udp": udp}
+
+
+@pytest.fixture
+def hurried(served: Served) -> Iterator[None]:
+    """Four times real time, for what takes long."""
+    faster, back = (
+        json.dumps(
+            {
+                "jsonrpc": "2.0",
+                "id": 1,
+                "method": "call",
+                "params": {"service": "world/set_speed", "args": {"speed": speed}},
+            }
+        )
+        for speed in (4.0, 1.0)
+    )
+    served.ask(faster)
+    yield
+    served.ask(back)
 
 
 class Station:
@@ -134,7 +159,7 @@ def test_a_dive(tank: dict[str, int], url: str) -> None:
         gcs.until("SERVO_OUTPUT_RAW", lambda m: m.servo5_raw != 1500 != m.servo8_raw)
 
 
-def test_guided_and_a_mission(tank: dict[str, int]) -> None:
+def test_guided_and_a_mission(tank: dict[str, int], hurried: None) -> None:
     with station(f"tcp:127.0.0.1:{tank['tcp']}") as gcs:
         gcs.mode(4)
         assert gcs.command(400, 1.0) == 0
