@@ -63,7 +63,7 @@ def test_ten_lines_of_socket_code_command_its_depth(port):
     assert "error" not in done.stdout
     with uwclient.connect(port=port) as sim:
         sim.subscribe("rov/autopilot/state")
-        sim.wait_until(sim.status()["t_s"] + 57.0, timeout=PATIENCE_S)
+        sim.wait_until(sim.status()["t_s"] + 30.0, timeout=PATIENCE_S)
         state = sim.latest("rov/autopilot/state")
         assert state is not None
         assert state.value["depth"] == pytest.approx(5.0, abs=0.1)
