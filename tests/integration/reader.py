@@ -14,10 +14,14 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
+from nursery import Warm, command, nursery, ran
+
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 120
 STARTS = {"make run": "uwserver run"}
 """What a target of make starts, as a test says that reads the Makefile."""
+OURS = ("uwserver", "uwclient")
+"""Commands that are forks of one process, in which most of what they import is there."""
 NOT_TYPED = ("make ", "pip install ")
 SILENT = ("cc ", "python -c ")
 _BLOCK = re.compile(
@@ -51,8 +55,16 @@ class Reader:
         self.port = 0
         self.said: dict[str, str] = {}
         self._server: subprocess.Popen[str] | None = None
-        (folder / ".venv").mkdir()
-        (folder / ".venv" / "bin").symlink_to(Path(sys.executable).parent)
+        venv = Path(sys.executable).parents[1]
+        self._programs = folder / ".venv" / "bin"
+        self._programs.mkdir(parents=True)
+        for part in ("lib", "pyvenv.cfg"):
+            (folder / ".venv" / part).symlink_to(venv / part)
+        for program in (venv / "bin").iterdir():
+            if program.name not in OURS or not nursery():
+                (self._programs / program.name).symlink_to(program)
+            else:
+                command(self._programs / program.name, program.name)
         (folder / "tests").symlink_to(ROOT / "tests")
 
     def __enter__(self) -> Reader:
@@ -96,7 +108,7 @@ class Reader:
         self.end_server()
         words = [sys.executable, "-m", *command.split(), "--port", "0"]
         with (self.folder / "server.log").open("w") as log:
-            self._server = subprocess.Popen(words, cwd=self.folder, stdout=subprocess.PIPE, stderr=log, text=True)
+            self._server = Warm(words, cwd=self.folder, stdout=subprocess.PIPE, stderr=log, text=True)
         assert self._server.stdout is not None
         for line in self._server.stdout:
             self.said[command] = self.said.get(command, "") + line
@@ -120,7 +132,7 @@ class Reader:
         if re.search(r"^def test_", code, re.M):
             (self.folder / "test_page.py").write_text(ported, encoding="utf-8")
             words = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_page.py"]
-        done = subprocess.run(words, cwd=self.folder, capture_output=True, text=True, timeout=PATIENCE_S)
+        done = ran(words, cwd=self.folder, timeout=PATIENCE_S)
         assert done.returncode == 0, f"{code}\n{done.stdout}\n{done.stderr}"
         assert done.stdout.strip(), f"prints nothing:\n{code}"
         self.said[code] = done.stdout
@@ -165,5 +177,5 @@ class Reader:
         return line.replace("7600", str(self.port)).replace("localhost", "127.0.0.1")
 
     def _environment(self) -> dict[str, str]:
-        beside = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+        beside = f"{self._programs}{os.pathsep}{os.environ['PATH']}"
         return os.environ | {"PATH": beside, "COLUMNS": "120"}
