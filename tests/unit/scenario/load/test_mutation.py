@@ -67,10 +67,10 @@ TOGETHER = 50
 
 
 def together(keys: list[KeyPath], lines: Mapping[KeyPath, int]) -> Iterator[list[KeyPath]]:
-    """Keys in groups whose faults do not hide each other: none below another, no two in a line, none that chooses beside others."""
-    groups: dict[tuple[int, bool], list[list[KeyPath]]] = {}
+    """Keys in groups whose faults do not hide each other: none below another, no two in a line, those that choose beside their like alone."""
+    groups: dict[tuple[int, object], list[list[KeyPath]]] = {}
     for key in keys:
-        alike = groups.setdefault((len(key), key[-1] in CHOOSING), [])
+        alike = groups.setdefault((len(key), key[-1] if key[-1] in CHOOSING else ""), [])
         for group in alike:
             of_this_table = {mutated(str(other[-1])) for other in group if other[:-1] == key[:-1]}
             in_lines = {lines[other] for other in group}
