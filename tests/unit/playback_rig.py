@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from uwserver.testing.mock_time import MockTime
 from uwserver.world.lookout import Lookout
 
 
+@cache
 def pool() -> Resolved:
     vehicle = VehicleEntry(model="bluerov2_heavy", position_ned_m=(0.0, 0.0, 1.0))
     return load(Scenario(schema=1, title="test", seed=3, vehicles={"rov": vehicle}), adapters={})

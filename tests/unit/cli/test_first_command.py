@@ -9,8 +9,8 @@ import msgspec
 import numpy as np
 import pytest
 
-import uwserver
 from uwserver.cli.first_command import first_command
+from uwserver.scenario.build.world import build
 from uwserver.scenario.builder import ScenarioBuilder
 from uwserver.scenario.files.documents import shipped
 from uwserver.scenario.load.scenario import load
@@ -23,13 +23,14 @@ BUOYANCY_ALONE = {"slocum"}
 def test_the_proposed_command_moves_the_vehicle(model):
     depth = 0.0 if model == "otter" else 10.0
     scenario = ScenarioBuilder("a", seed=1).vehicle("rov", model, position_ned_m=(0.0, 0.0, depth)).build()
-    command = first_command(load(scenario, adapters={}).vehicles["rov"])
+    resolved = load(scenario, adapters={})
+    command = first_command(resolved.vehicles["rov"])
     if model in BUOYANCY_ALONE:
         assert command == ""
         return
     port, assignment, *_, seconds = command.split()
     name, _, value = assignment.partition("=")
-    driven, left = uwserver.load(scenario), uwserver.load(scenario)
+    driven, left = build(resolved), build(resolved)
     for _ in range(10 * int(seconds)):
         driven.command(port, **{name: json.loads(value.strip("'"))})
         driven.step(24)
