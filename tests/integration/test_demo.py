@@ -7,14 +7,20 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 TRACK_M, DEPTH_M = 0.13, 0.02
 """What the controller of the example holds, about twice what it does."""
 
 
-def test_the_demo_drives_its_square_and_draws_it(tmp_path):
+def test_make_runs_the_demo():
     recipe = subprocess.run(["make", "-n", "demo"], cwd=ROOT, capture_output=True, text=True, check=True, timeout=30)
     assert "tools/demo.py" in recipe.stdout
+
+
+@pytest.mark.slow
+def test_the_demo_drives_its_square_and_draws_it(tmp_path):
     picture = tmp_path / "square.png"
     command = [sys.executable, str(ROOT / "tools/demo.py"), "--out", str(picture)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=240)

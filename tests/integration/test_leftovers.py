@@ -34,7 +34,7 @@ def lives(pid: int) -> bool:
     return False
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_nothing_outlives_a_run_that_is_aborted(tmp_path, how):
     (tmp_path / "conftest.py").write_text(CONFTEST.read_text())
     (tmp_path / "test_waits.py").write_text(TEST)

@@ -80,6 +80,7 @@ SIDES: dict[str, tuple[tuple[float, float], tuple[Vec3, ...]]] = {
 """Which way each anode faces, north and east, and how one gets there from the one before without a touch."""
 
 
+@pytest.mark.slow
 def test_the_anodes_can_be_inspected() -> None:
     pilot, task = Pilot("inspect_the_anodes"), task_of("inspect_the_anodes", "anodes")
     assert isinstance(task, Inspect)
@@ -140,14 +141,33 @@ def test_a_saved_state_goes_on_in_the_middle_of_a_look() -> None:
     assert ends[0].found == "anode_1"
 
 
+def test_the_first_finding_of_the_pipe_is_reached_and_marked() -> None:
+    pilot, _ = along_the_pipe(lambda pilot: bool(pilot.told.found))
+    told = pilot.told
+    assert (told.state, told.collisions, told.lost) == ("running", 0, 0.0)
+    assert 0.0 < told.part < 0.5
+    assert told.score > 0.0
+
+
+@pytest.mark.slow
 def test_the_pipe_can_be_followed_and_its_findings_are_marked() -> None:
+    pilot, task = along_the_pipe(lambda pilot: False)
+    end = pilot.told
+    assert (end.state, end.part, end.missing, end.collisions, end.lost) == ("done", 1.0, 0, 0, 0.0)
+    assert set(end.found.split(", ")) == set(task.findings)
+    assert end.score == pytest.approx(600.0 + 150.0 + 0.5 * end.left)
+    assert end.left > 200.0
+
+
+def along_the_pipe(is_enough: Callable[[Pilot], bool]) -> tuple[Pilot, Follow]:
+    """Follow the pipe, and mark what is found, until it is enough or done."""
     pilot, task = Pilot("follow_the_pipe"), task_of("follow_the_pipe", "pipe")
     assert isinstance(task, Follow)
     pilot.world.command("rov/camera_tilt", tilt=-0.5)
     begin = task.path_ned_m[0]
     pilot.fly((begin[0], begin[1], begin[2] - 1.5), 0.0, lambda away: away < 0.5)
     left = dict(task.findings)
-    while pilot.told.state == "running":
+    while pilot.told.state == "running" and not is_enough(pilot):
         p = pilot.world.vehicles["rov"].p_NB
         here = task.nearest(p)
         (north, east, _), ahead = task.at(here.s + 1.0), task.at(here.s + 2.5)
@@ -156,11 +176,7 @@ def test_the_pipe_can_be_followed_and_its_findings_are_marked() -> None:
             if abs(task.nearest(finding.position_ned_m).s - here.s - 2.0) < 0.2:
                 pilot.world.call("rov/training/set", mark=True)
                 del left[name]
-    end = pilot.told
-    assert (end.state, end.part, end.missing, end.collisions, end.lost) == ("done", 1.0, 0, 0, 0.0)
-    assert set(end.found.split(", ")) == set(task.findings)
-    assert end.score == pytest.approx(600.0 + 150.0 + 0.5 * end.left)
-    assert end.left > 200.0
+    return pilot, task
 
 
 def test_the_way_of_the_task_is_the_axis_of_the_pipe() -> None:

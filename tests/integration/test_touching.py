@@ -74,10 +74,21 @@ def test_it_loads_without_warnings(name: str) -> None:
     assert all("M_A is not symmetric" in problem.text for problem in load(name, adapters=installed_adapters()).warnings)
 
 
+@pytest.mark.parametrize("name", SOLID)
+def test_nothing_diverges(name: str) -> None:
+    """With random commands at the limits once a second."""
+    live(name, 1 if name == "swarm_100" else 8, True)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("commanded", [False, True])
-@pytest.mark.parametrize(("name", "seconds"), [(name, 5 if name == "swarm_100" else 60) for name in SOLID])
-def test_nothing_diverges(name: str, seconds: int, commanded: bool) -> None:
-    """With nobody there, and with random commands at the limits once a second."""
+@pytest.mark.parametrize("name", SOLID)
+def test_nothing_diverges_for_long(name: str, commanded: bool) -> None:
+    """With nobody there too."""
+    live(name, 5 if name == "swarm_100" else 60, commanded)
+
+
+def live(name: str, seconds: int, commanded: bool) -> None:
     world, rng = uwserver.load(name), np.random.default_rng(7)
     for _ in range(seconds):
         for path, port in world.ports.items() if commanded else ():
@@ -112,7 +123,9 @@ def test_a_wall_of_the_pool_stops_the_vehicle(axis: int, wall: float, u: tuple[f
 def test_on_the_floor_of_the_pool_it_rests_with_its_weight() -> None:
     """Nobody commands: the vehicle is 1 N heavier than fresh water. It sinks, and lies still."""
     world = uwserver.load("pool_inspection")
-    world.step(240 * 100)
+    state_of(world, "bluerov2")[2] = 2.3
+    assert corners(world, "bluerov2")[:, 2].max() < 2.8
+    world.step(240 * 30)
     low = corners(world, "bluerov2")[:, 2].max()
     assert abs(low - 3.0) < 1e-3
     assert np.abs(state_of(world, "bluerov2")[7:]).max() < 1e-5
