@@ -119,7 +119,7 @@ RECORDING = "recording.mcap"
 BORROW = "import site; site.addsitedir({!r})\n"
 KEPT = 2
 """Environments kept of each Python; the oldest go."""
-TIMEOUT_S = 900.0
+TIMEOUT_S = 1800.0
 
 
 Parts: TypeAlias = "tuple[tuple[str, tuple[tuple[str | Path, ...], ...]], ...]"

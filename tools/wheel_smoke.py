@@ -149,14 +149,17 @@ def served(scripts: Path, work: Path, environment: dict[str, str]) -> Iterator[s
     """The default scenario as installed: the address of its page."""
     command = (str(scripts / "uwserver"), "run", "--port", "0")
     with subprocess.Popen(
-        command, cwd=work, env=environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        command, cwd=work, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
     ) as process:
         try:
-            assert process.stdout is not None
-            found = next((f for line in process.stdout if (f := re.search(r"http://127\.0\.0\.1:\d+", line))), None)
-            if found is None:
-                raise Fault("the installed server ended without a page")
-            yield found[0]
+            told: list[str] = []
+            for line in process.stdout or ():
+                told.append(line)
+                if found := re.match(r"Open (http://127\.0\.0\.1:\d+)/", line):
+                    break
+            else:
+                raise Fault(f"the installed server ended without a page:\n{''.join(told)}")
+            yield found[1]
             process.send_signal(signal.SIGTERM)
             if process.wait(TIMEOUT_S) != 0:
                 raise Fault(f"the installed server ended with {process.returncode} when it was told to end")
@@ -215,9 +218,7 @@ def use_page(scripts: Path, work: Path, pictures: Path | None) -> None:
     if pictures is not None:
         environment["UWSERVER_PAGE_PICTURES"] = str(pictures.resolve())
     command = (sys.executable, "-m", "pytest", "-q", "-n", "0", "-rs", ROOT / "tests/integration/test_web_page.py")
-    told = (
-        run(*command, "-k", PAGE_TESTS, cwd=ROOT, environment=environment, timeout=3.0 * TIMEOUT_S).strip().splitlines()
-    )
+    told = run(*command, "-k", PAGE_TESTS, cwd=ROOT, environment=environment).strip().splitlines()
     print(f"page of the installed server: {told[-1]}")
 
 

@@ -36,7 +36,7 @@ SCHEMAS = ("scenario", "vehicle", "device")
 BUILT = ROOT / "build" / "wheels"
 KEPT = 2
 """Folders of wheels that stay; the oldest go."""
-TIMEOUT_S = 300.0
+TIMEOUT_S = 900.0
 
 
 class Fault(Exception):
