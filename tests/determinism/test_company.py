@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import pytest
@@ -13,6 +14,7 @@ from uwserver.adapter import installed_adapters
 from uwserver.modifiers import Dropout, GaussMarkov, WhiteNoise
 from uwserver.ports import Sample
 from uwserver.scenario.build.world import build
+from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.load.scenario import load
 from uwserver.sensors.base import StreamTable
 from uwserver.world import World
@@ -57,9 +59,14 @@ CHANGES = {
 }
 
 
+@cache
+def whole() -> Resolved:
+    return load("one_of_everything", adapters=installed_adapters())
+
+
 def world_of(change: Callable[[Sensors], Sensors] = dict, others: tuple[str, ...] = (), seed: int = 5) -> World:
     """One of everything, with other sensors of `heavy`, and with more vehicles, which stand before those that there are."""
-    resolved = load("one_of_everything", adapters=installed_adapters())
+    resolved = whole()
     heavy, small = resolved.vehicles["heavy"], resolved.vehicles["small"]
     far = structs.replace(small.entry, position_ned_m=(400.0, 300.0, 3.0))
     vehicles = {name: replace(small, name=name, entry=far) for name in others} | dict(resolved.vehicles)
