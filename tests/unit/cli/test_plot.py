@@ -244,8 +244,7 @@ def test_every_kind_can_be_drawn(kinds: dict[str, SensorKind], kind: str) -> Non
     assert _PICTURES.keys() == set(OWN)
     for output in kinds[kind].outputs:
         port = Port("rov/x", "sensor", kind, output.fields, output.doc, 10.0)
-        for n in (20, 1):
-            assert picture(port, samples(port, n)).axes
+        assert picture(port, samples(port, 20)).axes
         with pytest.raises(ValueError, match="gave no samples"):
             picture(port, [])
 

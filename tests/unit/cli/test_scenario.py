@@ -49,12 +49,14 @@ class NamingTable(AdapterTable, tag="naming", kw_only=True, frozen=True):
             yield ("port",), f'no port "{self.port}"'
 
 
+_kinds = cache(commands.sensor_kinds)
 _ADAPTERS = {"sockets": SocketsTable, "several": SeveralTable, "naming": NamingTable}
 
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(commands, "installed_adapters", lambda: _ADAPTERS)
+    monkeypatch.setattr(commands, "sensor_kinds", _kinds)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -205,9 +207,8 @@ def test_list_names_everything_with_one_line_each() -> None:
     assert run("list", "boats").exit_code == 2
 
 
-def test_list_sensors_tells_fields_units_frames_keys_and_profiles(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_list_sensors_tells_fields_units_frames_keys_and_profiles() -> None:
     """Of every kind, however it is configured."""
-    monkeypatch.setattr(commands, "sensor_kinds", cache(commands.sensor_kinds))
     text = run("list", "sensors").stdout
     assert re.search(r"^      pressure +scalar +Pa +- +absolute pressure$", text, re.M)
     assert re.search(r"^      depth +scalar  m +- ", text, re.M)

@@ -92,9 +92,10 @@ def _force(resolved: Any) -> float:
 
 
 @pytest.mark.parametrize("name", list(shipped()))
-def test_shipped_scenarios_load_and_come_back_from_toml(
+def test_shipped_scenarios_load_come_back_from_toml_and_are_explained(
     name: str, adapters: Adapters, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """In the explanation each default stands, and each source and status."""
     resolved = load(name, adapters=adapters)
     assert resolved.name == name
     path = tmp_path / "again.toml"
@@ -106,11 +107,6 @@ def test_shipped_scenarios_load_and_come_back_from_toml(
     again = load(resolved.scenario, adapters=adapters)
     assert again.scenario == resolved.scenario
     assert again.path is None
-
-
-@pytest.mark.parametrize("name", list(shipped()))
-def test_explain_is_toml_with_every_default_source_and_status(name: str, adapters: Adapters) -> None:
-    resolved = load(name, adapters=adapters)
     whole = tomllib.loads(explain(resolved))
     assert whole["world"]["clock"]["speed"] == resolved.scenario.world.clock.speed
     assert whole["server"]["metrics_port"] == 9600

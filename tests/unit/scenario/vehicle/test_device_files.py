@@ -20,7 +20,14 @@ from uwserver.scenario.vehicle.profiles import check_profile
 from uwserver.sensors import LblConfig, Pose, Scope, UsblConfig
 
 DEVICES = {name: path for name, path in shipped("devices").items() if read(path).raw["kind"] != "thruster"}
-HEAD = 'schema = 1\n[world]\norigin_lat_deg = 63.4\norigin_lon_deg = 10.4\n[vehicles.rov]\nmodel = "bluerov2_heavy_von_benzon"\nposition_ned_m = [0, 0, 5]\n'
+HEAD = """schema = 1
+[world]
+origin_lat_deg = 63.4
+origin_lon_deg = 10.4
+[vehicles.rov]
+model = "bluerov2_heavy_von_benzon"
+position_ned_m = [0, 0, 5]
+"""
 
 
 BEACON = "[vehicles.rov.sensors.device.beacons.a]\nposition_ned_m = [80.0, 30.0, 20.0]\n"
@@ -38,16 +45,28 @@ def use_of(name: str) -> str:
     return USES.get(read(DEVICES[name]).raw["kind"], "")
 
 
-@pytest.mark.parametrize("name", DEVICES)
-def test_a_device_measures(name, tmp_path):
-    world = build(load(scenario(tmp_path, name, use_of(name)), adapters={}))
+@pytest.fixture(scope="module")
+def equipped(tmp_path_factory):
+    """A vehicle that has every device, half a second old."""
+    path = tmp_path_factory.mktemp("devices") / "x.toml"
+    tables = (
+        f'[vehicles.rov.sensors.{name}]\nprofile = "{name}"\nrate_hz = 8\n{use_of(name).replace(".device.", f".{name}.")}'
+        for name in DEVICES
+    )
+    path.write_text(HEAD + "".join(tables))
+    world = build(load(path, adapters={}))
     world.step(120)
+    return world
+
+
+@pytest.mark.parametrize("name", DEVICES)
+def test_a_device_measures(name, equipped):
     kind = read(DEVICES[name]).raw["kind"]
-    path = "rov/device/received" if kind.endswith("_modem") else "rov/device"
-    assert world.ports[path].kind == kind
-    assert world.sensors[path].number > 0 or world.sensors[path].held is None
+    path = f"rov/{name}/received" if kind.endswith("_modem") else f"rov/{name}"
+    assert equipped.ports[path].kind == kind
+    assert equipped.sensors[path].number > 0 or equipped.sensors[path].held is None
     if use_of(name) == BEACON:
-        sample = world.read("rov/device")
+        sample = equipped.read(f"rov/{name}")
         assert sample.valid
         assert sample.value[1] == pytest.approx(87.0, abs=2.0)
 
