@@ -31,9 +31,9 @@ def test_speed_depth_and_heading(fly, model):
     f.call("set_mode", mode="velocity")
     f.send("depth", depth=13.0)
     order = {"v_B": [SPEEDS[model], 0, 0], "heading": 0.8}
-    f.run(90.0, velocity=order)
+    f.run(65.0, velocity=order)
     off, worst = 0.0, 0.0
-    for _ in range(20):
+    for _ in range(15):
         f.run(1.0, velocity=order)
         off = max(off, abs(f.vehicle.p_NB[2] - 13.0))
         worst = max(worst, f.off_heading(0.8))
@@ -46,7 +46,7 @@ def test_speed_depth_and_heading(fly, model):
 @pytest.mark.parametrize("model", TAILS)
 def test_a_mission_reaches_every_waypoint_within_its_radius(fly, model):
     f = under_way(fly, model, current=(0.05, 0.1, 0.0))
-    places = [(80.0, 0.0, 12.0), (80.0, 80.0, 12.0), (0.0, 80.0, 10.0)]
+    places = [(70.0, 0.0, 12.0), (70.0, 70.0, 12.0), (0.0, 70.0, 10.0)]
     items = [{"kind": "speed", "speed_mps": FAST[model]}]
     items += [{"kind": "waypoint", "position_ned_m": list(p), "radius_m": 3.0} for p in places]
     f.call("set_mission", items=items)
@@ -61,9 +61,9 @@ def test_a_mission_reaches_every_waypoint_within_its_radius(fly, model):
     assert max(nearest) < 4.0
     assert f.state["reached"] == 4
     # It stays: round the last place.
-    f.run(30.0)
+    f.run(20.0)
     far = 0.0
-    for _ in range(60):
+    for _ in range(50):
         f.run(1.0)
         far = max(far, math.dist(f.vehicle.p_NB[:2], places[-1][:2]))
     assert far < 60.0
@@ -83,9 +83,9 @@ def test_a_place_that_is_too_near_to_turn_to_is_approached_again(fly):
 def test_it_keeps_its_line_in_a_cross_current(fly):
     f = under_way(fly, "remus100", current=(0.0, 0.2, 0.0))
     f.post("goto", position_ned_m=[300.0, 0.0, 10.0], radius_m=5.0, speed_mps=1.5)
-    f.run(80.0)
+    f.run(50.0)
     across = 0.0
-    for _ in range(60):
+    for _ in range(50):
         f.run(1.0)
         across = max(across, abs(f.vehicle.p_NB[1]))
     assert across < 1.0
