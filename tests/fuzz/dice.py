@@ -26,7 +26,7 @@ PIECES = (
     b"1e999", b"-", b"9" * 40, b"\x00\x00\x00\x05", b"\xff\xff\xff\x7f", b"\xff\xff\xff\xff", b"\xfd", b"\xfe", b"\x91" * 40, b"[" * 40, b"\xc1",
     b"\xdd\xff\xff\xff\xff", b"\xcb\x7f\xf8\x00\x00\x00\x00\x00\x00", b"HTTP/1.1", b"\xe2\x82", b"\xf0\x9f\x98\x80",
 )  # fmt: skip
-SECONDS = float(os.environ.get("UWSERVER_FUZZ_SECONDS", "1"))
+SECONDS = float(os.environ.get("UWSERVER_FUZZ_SECONDS", "0.5"))
 _POOL = 1 << 16
 
 

@@ -110,6 +110,7 @@ def test_every_command_and_call_gets_exactly_one_reply(traced, wire, clients, pa
     assert all(set(count.values()) == {1} for count in replies)
 
 
+@pytest.mark.slow
 def test_a_reader_that_never_reads_loses_samples_and_the_others_none():
     """The world runs free, so that the kernel's buffers are soon full."""
     with tracing("freerun") as server, contextlib.ExitStack() as stack:
@@ -177,7 +178,7 @@ def test_what_zenoh_drops_for_a_stopped_client_is_told_by_the_client_and_counted
             reader.kill()
 
 
-@pytest.mark.parametrize("wire", ["TCP msgpack", "WebSocket", ZENOH])
+@pytest.mark.parametrize("wire", ["TCP msgpack", pytest.param("WebSocket", marks=pytest.mark.slow), ZENOH])
 def test_killed_clients_are_forgotten_and_new_ones_served(traced, wire):
     adapter = "zenoh" if wire == "zenoh" else "tcp"
     peers = lambda: status(traced)["adapters"][adapter]["peers"]  # noqa: E731
@@ -194,6 +195,7 @@ def test_killed_clients_are_forgotten_and_new_ones_served(traced, wire):
         assert next_sample(successor)["port"] == "rov/imu"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wire", [ZENOH])
 def test_a_router_that_was_killed_and_comes_back_serves_the_same_client(wire):
     endpoint = free_endpoint()

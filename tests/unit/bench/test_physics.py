@@ -73,7 +73,7 @@ def test_the_bullet_peer_reaches_the_terminal_velocity_of_its_push() -> None:
     peer = BulletWithNumpy(2)
     try:
         peer._push[:] = [PUSH[0], 0, 0, 0, 0, 0]
-        peer.run(240 * 20)
+        peer.run(240 * 10)
         velocity, _ = peer._bullet.getBaseVelocity(peer._bodies[1], physicsClientId=peer._client)
     finally:
         peer.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import platform
 import shutil
 import subprocess
@@ -13,6 +14,7 @@ import pytest
 
 import uwserver
 from uwserver.physics.kernel import compiled, store
+from uwserver.physics.kernel.caches import EntryCache
 from uwserver.physics.kernel.compiled import LEVELS
 
 CALL = """
@@ -35,72 +37,97 @@ def call(tree: Path) -> list[str]:
     return done.stdout.split()
 
 
-@pytest.fixture(scope="module")
-def compiled_tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the sources, with a cache in which the kernel is."""
-    tree = tmp_path_factory.mktemp("sources") / "one"
-    shutil.copytree(Path(uwserver.__file__).parent, tree / "uwserver", ignore=shutil.ignore_patterns("__pycache__"))
+def test_another_place_with_the_same_sources_compiles_nothing(tmp_path: Path) -> None:
+    tree = tmp_path / "one"
+    half_written = shutil.ignore_patterns("*.pyc.*")  # byte code, by another process
+    shutil.copytree(Path(uwserver.__file__).parent, tree / "uwserver", ignore=half_written)
     assert call(tree) == ["6.0", "0", "1", "True"]
-    return tree
+    (kept,) = (tree / "cache/uwserver").glob("kernels-*/linear.dot-*.kernel")
+    assert kept.parent.stat().st_mode & 0o777 == 0o700
+    other = tree.rename(tree.with_name("two"))
+    os.utime(other / "uwserver/physics/kernel/linear.py", (1e9, 1e9))
+    assert call(other) == ["6.0", "1", "0", "True"]
+
+
+def double(x: float) -> float:
+    return 2.0 * x
 
 
 @pytest.fixture
-def tree(compiled_tree: Path, tmp_path: Path) -> Path:
-    """Both, somewhere else."""
-    return shutil.copytree(compiled_tree, tmp_path / "two")
+def own(tmp_path: Path) -> Path:
+    """A folder of the user's, in which a kernel is."""
+    folder = tmp_path / "kernels-0123"
+    folder.mkdir(mode=0o700)
+    assert hits((), folder) == 0
+    return folder
 
 
-def kernel_of(tree: Path) -> Path:
-    (found,) = (tree / "cache/uwserver").glob("kernels-*/linear.dot-*.kernel")
+def hits(packaged: tuple[Path, ...], own: Path | None) -> int:
+    """How often a kernel that is called once was found in these folders."""
+    kernel = compiled.Entry(double)
+    kernel._cache = EntryCache(double, packaged, own, kept=own is not None)
+    assert kernel(3.0) == 6.0
+    assert sum(kernel.stats.cache_hits.values()) + sum(kernel.stats.cache_misses.values()) == 1
+    return sum(kernel.stats.cache_hits.values())
+
+
+def the_file(folder: Path) -> Path:
+    (found,) = folder.glob("test_caches.double+*.kernel")
     return found
 
 
-def put_into_package(tree: Path, level: str) -> Path:
-    """Puts the kernel into the tree's package for a level, as wheels have it."""
-    path = kernel_of(tree)
-    body = store.read(path.parent, path.name)
+def packaged(own: Path) -> Path:
+    """The kernel in a folder as wheels have it."""
+    folder = own.with_name("0123-x86-64")
+    folder.mkdir()
+    body = store.read(own, the_file(own).name)
     assert body is not None
-    finished = tree / "uwserver/physics/kernel/finished" / f"{path.parent.name.split('-')[1]}-{level}"
-    finished.mkdir(parents=True)
-    store.write(finished, path.name, body)
-    return finished / path.name
+    store.write(folder, the_file(own).name, body)
+    return folder
 
 
-def test_another_place_with_the_same_sources_compiles_nothing(tree: Path) -> None:
-    assert kernel_of(tree).parent.stat().st_mode & 0o777 == 0o700
-    os.utime(tree / "uwserver/physics/kernel/linear.py", (1e9, 1e9))
-    assert call(tree) == ["6.0", "1", "0", "True"]
+def test_kernels_of_the_package_serve_without_a_folder_of_the_user(own: Path) -> None:
+    folder = packaged(own)
+    assert hits((folder,), None) == 1
+    assert hits((own.with_name("nothing"), folder), None) == 1
 
 
-def test_a_folder_that_others_can_write_is_neither_read_nor_written(tree: Path) -> None:
-    kept = kernel_of(tree)
-    kept.parent.chmod(0o777)
-    before = kept.stat().st_mtime_ns
-    assert call(tree) == ["6.0", "0", "1", "True"]
-    assert kept.stat().st_mtime_ns == before
+def test_a_kernel_that_is_kept_serves(own: Path) -> None:
+    assert hits((own.with_name("nothing"),), own) == 1
+
+
+def test_a_file_of_the_package_that_is_damaged_is_as_none(own: Path) -> None:
+    folder = packaged(own)
+    code = bytearray(the_file(folder).read_bytes())
+    begin = code.index(b"\x7fELF") + 64  # behind the header of the machine code
+    code[begin : begin + 64] = bytes(64)
+    the_file(folder).write_bytes(code)
+    assert hits((folder,), None) == 0
+    assert hits((folder,), own) == 1
+
+
+@pytest.mark.parametrize("body", [b"", b"sound, but no pickle", pickle.dumps((1, 2, 3)), pickle.dumps(None)])
+def test_a_file_that_does_not_fit_is_written_anew(own: Path, body: bytes) -> None:
+    store.write(own, the_file(own).name, body)
+    assert hits((), own) == 0
+    assert hits((), own) == 1
+
+
+def test_a_folder_that_others_can_write_is_neither_read_nor_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    found = compiled._find_cache()
+    assert found.folder is not None
+    assert found.folder.parent == tmp_path
+    found.folder.chmod(0o777)
+    found = compiled._find_cache()
+    assert found.folder is None
+    assert "chmod 700" in found.reason
+    assert hits((), None) == 0
 
 
 of_x86_64 = pytest.mark.skipif(platform.machine() != "x86_64", reason="levels of x86-64")
-
-
-@of_x86_64
-def test_kernels_of_the_package_serve(tree: Path) -> None:
-    put_into_package(tree, "x86-64")
-    shutil.rmtree(tree / "cache")
-    assert call(tree)[1] == "1"
-
-
-@of_x86_64
-def test_files_that_do_not_fit_are_compiled_anew(tree: Path) -> None:
-    """One of the package that is damaged, and then a whole one of the user that holds something else."""
-    path, kept = put_into_package(tree, "x86-64"), kernel_of(tree)
-    code = bytearray(path.read_bytes())
-    begin = code.index(b"\x7fELF") + 64  # behind the header of the machine code
-    code[begin : begin + 256] = bytes(256)
-    path.write_bytes(code)
-    store.write(kept.parent, kept.name, b"sound, but no pickle")
-    assert call(tree) == ["6.0", "0", "1", "True"]
-    assert len(store.read(kept.parent, kept.name) or b"") > 1000, "what was compiled is kept in its place"
 
 
 @of_x86_64

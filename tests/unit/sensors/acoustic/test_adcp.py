@@ -85,7 +85,7 @@ def fields_of(sensor, reading):
 def test_contract():
     for keys in ({}, {"ideal": True}, {"axial_beam": True, "pings": 4}, {"beam_azimuth_deg": (0.0, 120.0, 240.0)}):
         check_sensor(
-            AdcpConfig(rate_hz=2, cells=5, scale_sigma=0.01, heading_sigma_deg=1, **keys), instants=scopes()[::2]
+            AdcpConfig(rate_hz=2, cells=5, scale_sigma=0.01, heading_sigma_deg=1, **keys), instants=scopes()[::4]
         )
 
 
@@ -365,7 +365,7 @@ def test_the_surface_spoils_the_last_cells_of_a_device_that_looks_up(deep):
 # -- noise ------------------------------------------------------------------------------------------------------------------------------
 
 
-def spread(config, instant, count=600, cells=4, **settings):
+def spread(config, instant, count=300, cells=4, **settings):
     """Standard deviations over ensembles of x, y, z, the error velocity and one beam, of the first cells."""
     sensor = config.build(Pose())
     sensor.change(settings)
@@ -390,20 +390,20 @@ def test_noise_of_a_janus(deep):
     """sigma_xy = sigma_b / (sqrt 2 sin theta), sigma_z = sigma_b / (2 cos theta); the error velocity is scaled to be as the horizontal."""
     x, y, z, e, b = spread(NOISY, deep())
     horizontal = 0.02 / (math.sqrt(2.0) * math.sin(THETA))
-    assert (x, y, e) == pytest.approx((horizontal,) * 3, rel=0.07)
-    assert (z, b) == pytest.approx((0.02 / (2.0 * math.cos(THETA)), 0.02), rel=0.07)
+    assert (x, y, e) == pytest.approx((horizontal,) * 3, rel=0.1)
+    assert (z, b) == pytest.approx((0.02 / (2.0 * math.cos(THETA)), 0.02), rel=0.1)
 
 
 def test_noise_goes_down_with_cell_size_and_pings(deep):
-    assert spread(NOISY, deep(), cell_size=2.0)[4] == pytest.approx(0.01, rel=0.07)
-    assert spread(NOISY, deep(), cell_size=0.5)[4] == pytest.approx(0.04, rel=0.07)
-    assert spread(NOISY, deep(), pings=16)[4] == pytest.approx(0.005, rel=0.07)
+    assert spread(NOISY, deep(), cell_size=2.0)[4] == pytest.approx(0.01, rel=0.1)
+    assert spread(NOISY, deep(), cell_size=0.5)[4] == pytest.approx(0.04, rel=0.1)
+    assert spread(NOISY, deep(), pings=16)[4] == pytest.approx(0.005, rel=0.1)
 
 
 def test_a_weak_echo_is_noisier(deep):
     """At the end of the range the correlation is halved: sqrt((16 - 1) / (4 - 1)) times the noise."""
     config = change(NOISY, cells=1, cell_size_m=1.0, blanking_m=19.0, max_range_m=20.0 + 1e-6, frequency_hz=6e5)
-    assert spread(config, deep(), 1500, 1)[4] == pytest.approx(0.02 * math.sqrt(5.0), rel=0.09)
+    assert spread(config, deep(), 800, 1)[4] == pytest.approx(0.02 * math.sqrt(5.0), rel=0.12)
 
 
 def test_near_the_ambiguity_pings_fall_to_both_sides(deep):
@@ -450,14 +450,14 @@ def test_bottom_track_ends_at_its_largest_altitude_and_speed(deep):
 def test_noise_of_bottom_track(deep):
     sensor, instant = change(bottom_sigma_mps=0.01, bottom_range_sigma_m=0.05, cells=1).build(Pose()), deep(20.0)
     found = []
-    for number in range(1000):
+    for number in range(500):
         sensor.begin(number)
         sensor.memory = msgspec.structs.replace(sensor.memory, ready=0.0)
         seen = fields_of(sensor, (True, sensor.sense(instant).values))
         found.append([*seen["v_S"], seen["beam_ranges"][2]])
     horizontal = 0.01 / (math.sqrt(2.0) * math.sin(THETA))
     expected = (horizontal, horizontal, 0.01 / (2.0 * math.cos(THETA)), 0.05)
-    assert np.std(found, axis=0) == pytest.approx(expected, rel=0.11)
+    assert np.std(found, axis=0) == pytest.approx(expected, rel=0.15)
 
 
 def test_an_ensemble_lasts_as_long_as_its_pings(deep):

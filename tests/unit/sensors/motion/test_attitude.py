@@ -41,11 +41,11 @@ def test_heading_errors_and_the_secant_of_the_latitude(scope, secant, factor):
         rate_hz=10, heading_sigma_deg=0.3, heading_turn_on_deg=0.4, tilt_sigma_deg=0.2, secant_latitude=secant
     )
     instant = at(scope, 0.0, q_NB=quat_from_rpy(0, 0, 1.0))
-    readings = [started(config, seed, mount=Pose()).sense(instant).values for seed in range(3000)]
+    readings = [started(config, seed, mount=Pose()).sense(instant).values for seed in range(1000)]
     heading = np.array([r[1] for r in readings]) - 1.0
-    assert deg(heading.std()) == pytest.approx(0.5 * factor, rel=0.05)
+    assert deg(heading.std()) == pytest.approx(0.5 * factor, rel=0.11)
     tilt = [2.0 * math.hypot(r[0][1], r[0][2]) for r in readings]
-    assert deg(math.sqrt(np.mean(np.square(tilt)) / 2)) == pytest.approx(0.2, rel=0.05)
+    assert deg(math.sqrt(np.mean(np.square(tilt)) / 2)) == pytest.approx(0.2, rel=0.08)
 
 
 def test_a_gyrocompass_settles_first(scope):

@@ -89,7 +89,7 @@ def test_gps_errors_have_their_size_and_their_memory(scope):
     tracks, speeds = [], []
     for seed in range(40):
         gps = started(config, seed, dt=10.0)
-        readings = [gps.sense(instant).values for _ in range(200)]
+        readings = [gps.sense(instant).values for _ in range(100)]
         north, east = north_east(
             np.array([r[0] for r in readings]), np.array([r[1] for r in readings]), EARTH.latitude, EARTH.longitude
         )

@@ -164,8 +164,15 @@ def grade(errors: TriadErrors, latitude: float) -> float:
     return rate / (EARTH_RATE * math.cos(latitude))
 
 
-@pytest.mark.parametrize("latitude_deg", [-20.0, 50.0])
-@pytest.mark.parametrize("profile", ["fog_imu", "tactical_imu"])
+@pytest.mark.parametrize(
+    ("profile", "latitude_deg"),
+    [
+        ("fog_imu", -20.0),
+        ("tactical_imu", 50.0),
+        pytest.param("fog_imu", 50.0, marks=pytest.mark.slow),
+        pytest.param("tactical_imu", -20.0, marks=pytest.mark.slow),
+    ],
+)
 def test_a_still_unit_finds_north_as_well_as_its_grade_can(scope, profile, latitude_deg):
     b = placed(latitude_deg)
     b.vehicle("auv", "bluerov2_heavy").sensor("auv", "imu", "imu", rate_hz=0.5, profile=profile)

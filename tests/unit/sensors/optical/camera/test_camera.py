@@ -81,7 +81,7 @@ def test_exposure_follows_the_light(tmp_path: Path, lux: float) -> None:
     assert samples[-1].value[1] < 0.09 or lux < 1000.0
 
 
-@pytest.mark.parametrize("mode", ["rgb", "mono", "depth", "segmentation"])
+@pytest.mark.parametrize("mode", ["rgb", pytest.param("mono", marks=pytest.mark.slow), "depth", "segmentation"])
 def test_a_picture_is_the_same_bits_where_another_camera_works_between_its_pieces(tmp_path: Path, mode: str) -> None:
     world = make(tmp_path, f'mode = "{mode}"\nwidth = 640\nheight = 160\nsnow_pm3 = 50.0\nbaseline_m = 0.2')
     world.command("rov/lights", levels=(1.0, 1.0))
