@@ -54,7 +54,7 @@ def printed(program: str, level: str | None) -> str:
     return done.stdout
 
 
-@pytest.mark.parametrize("level", [*LEVELS, None])
+@pytest.mark.parametrize("level", ["x86-64-v3", pytest.param("x86-64", marks=pytest.mark.slow), None])
 def test_multiplication_and_addition_are_never_fused(level: str | None, capsys: pytest.CaptureFixture[str]) -> None:
     if level is None:
         exec(MADD, {"__name__": "here"})
@@ -65,6 +65,7 @@ def test_multiplication_and_addition_are_never_fused(level: str | None, capsys: 
     assert "vfmadd" not in code
 
 
+@pytest.mark.slow  # numba's own affair, but for the settings
 def test_code_for_a_level_has_nothing_of_the_builders_cpu() -> None:
     best, least = printed(MADD, "x86-64-v3"), printed(MADD, "x86-64")
     assert "%ymm" in best
