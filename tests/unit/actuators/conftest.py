@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
+from scenario_rig import read_once
 
 from uwserver.actuators import Body
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.scenario.build.world import build
-from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors.truth import Truth
@@ -32,7 +32,7 @@ def make_world() -> MakeWorld:
             )
             for name, x in (("first", -9.0), ("rov", 0.0))
         }
-        return build(load(Scenario(schema=1, vehicles=entries), adapters={}))
+        return build(read_once(Scenario(schema=1, vehicles=entries)))
 
     return make
 

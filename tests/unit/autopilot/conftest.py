@@ -7,13 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from scenario_rig import read_once
 
 from uwserver.ports import Call, Command, Progress, Reply
 from uwserver.scenario.build.world import build
 from uwserver.scenario.builder import ScenarioBuilder
-from uwserver.scenario.load.resolved import Resolved
-from uwserver.scenario.load.scenario import load
-from uwserver.scenario.load.tables import Scenario
 from uwserver.world import World
 
 RATE = 240
@@ -119,20 +117,9 @@ def flight(model: str, *, start: tuple[float, float, float] = (0.0, 0.0, 3.0), y
         if "altimeter" not in without:
             builder.sensor("v", "altimeter", "altimeter", rate_hz=10)
     builder.sensor("v", "leak", "leak", rate_hz=4)
-    built = Flight(build(_loaded(builder.build())))
+    built = Flight(build(read_once(builder.build())))
     built.run(0.5)
     return built
-
-
-_LOADED: dict[str, Resolved] = {}
-
-
-def _loaded(scenario: Scenario) -> Resolved:
-    """Many flights begin in the same one, and to read it takes longer than to build it."""
-    key = repr(scenario)
-    if key not in _LOADED:
-        _LOADED[key] = load(scenario, adapters={})
-    return _LOADED[key]
 
 
 @pytest.fixture
