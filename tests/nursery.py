@@ -1,10 +1,10 @@
 """Processes of ours that begin warm: forks of one that has imported what they need and loaded the kernels, which takes it seconds.
 
-For tests whose subject is not how a process begins. `Warm` is a `subprocess.Popen` of `[sys.executable, "-m", "uwserver", ...]`, of "uwclient" or
-of `[sys.executable, "-c", ...]`; `command` writes a program that does the same, for shells. Where something of the environment must be known
-before the imports, or the system has no such forks, they are ordinary processes.
+For tests whose subject is not how a process begins or how Python ends. `python()` is a program that stands for `sys.executable`, and `command`
+writes one that stands for `python -m` of a module. What must be known when Python begins, as some variables of the environment, and all but `-m`
+and `-c`, is left to an ordinary process; so is everything where the system has no such forks.
 
-Run as a program this file is the process that is forked; it ends with its standard input.
+Run as a program this file is the process that is forked. It ends with its standard input.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import atexit
 import contextlib
 import functools
 import gc
-import json
+import marshal
 import os
 import runpy
 import select
@@ -25,91 +25,37 @@ import tempfile
 import threading
 import traceback
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
-KNOWN_EARLY = ("PYTHON", "NUMBA", "XDG_CACHE", "OMP", "OPENBLAS", "LC_", "LANG", "HOME")
+EARLY = ("PYTHON", "NUMBA", "XDG_CACHE", "OMP_", "OPENBLAS", "LC_", "LANG", "HOME")
 """Beginnings of names of variables that count when Python and its modules are loaded."""
+LATE = ("PYTHONUNBUFFERED",)
+"""Of these, what a fork does too."""
 MOST_BYTES = 1 << 20
 WARMING = ("rov_autopilot", "push_the_crate", "remus_survey")
-COMMAND = """#!{python} -IS
-import json, os, signal, socket, sys
-line = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+# Of modules that are there at once.
+PROGRAM = """#!{python} -IS
+import _signal, _socket, marshal, posix, sys
+environment, words = dict(posix.environ), [{words} *sys.argv[1:]]
+early = {{name: value for name, value in environment.items() if name.startswith({early}) and name not in {late}}}
+if early != {here} or not words or words[0] not in ("-m", "-c"):
+    posix.execve({python!r}, [{python!r}, *words], environment)
+line = _socket.socket(_socket.AF_UNIX, _socket.SOCK_SEQPACKET)
 line.connect({door!r})
-told = {{"words": ["-m", {module!r}, *sys.argv[1:]], "folder": os.getcwd(), "environment": dict(os.environ)}}
-socket.send_fds(line, [json.dumps(told).encode()], [0, 1, 2])
-pid = json.loads(line.recv({most}))["pid"]
-for number in signal.SIGINT, signal.SIGTERM:
-    signal.signal(number, lambda number, frame: os.kill(pid, number))
-code = os.waitstatus_to_exitcode(json.loads(line.recv({most}))["status"])
-sys.exit(code if code >= 0 else 128 - code)
+files = b"".join(number.to_bytes(4, sys.byteorder) for number in (0, 1, 2))
+told = marshal.dumps((words, posix.getcwd(), environment))
+line.sendmsg([told], [(_socket.SOL_SOCKET, _socket.SCM_RIGHTS, files)])
+pid = marshal.loads(line.recv(100))
+for number in 1, 2, 10, 12, 15:
+    _signal.signal(number, lambda number, frame: posix.kill(pid, number))
+code = posix.waitstatus_to_exitcode(marshal.loads(line.recv(100)))
+if code < 0:
+    _signal.signal(-code, 0) if code != -9 else None
+    posix.kill(posix.getpid(), -code)
+posix._exit(code)
 """
 
 # -- the process that is forked --------------------------------------------------------------------------------------------------------
-
-
-def serve(path: str) -> list[str]:
-    """Fork for each who connects, and tell him how his process ended. Comes back in the forks, with what they are asked to run."""
-    children: dict[int, socket.socket] = {}
-    reader, writer = os.pipe()
-    os.set_blocking(writer, False)
-    signal.signal(signal.SIGCHLD, lambda number, frame: None)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for who runs the tests
-    signal.set_wakeup_fd(writer)
-    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:
-        listener.bind(path)
-        listener.listen(64)
-        os.write(1, b".")  # it is warm
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-        while True:
-            ready, _, _ = select.select([listener, reader, 0], [], [])
-            if 0 in ready:
-                os._exit(0)
-            if reader in ready:
-                os.read(reader, 4096)
-                tell_of_ended(children)
-            if listener not in ready:
-                continue
-            peer, _ = listener.accept()
-            told, files, _, _ = socket.recv_fds(peer, MOST_BYTES, 3)
-            pid = os.fork()
-            if pid == 0:
-                for each in (peer, *children.values()):
-                    each.close()
-                os.close(reader)
-                signal.set_wakeup_fd(-1)
-                os.close(writer)
-                break
-            children[pid] = peer
-            for file in files:
-                os.close(file)
-            peer.send(json.dumps({"pid": pid}).encode())
-    return become(json.loads(told), files)
-
-
-def tell_of_ended(children: dict[int, socket.socket]) -> None:
-    while children:
-        pid, status, usage = os.wait4(-1, os.WNOHANG)
-        if pid == 0:
-            return
-        with children.pop(pid) as peer:
-            try:
-                peer.send(json.dumps({"status": status, "used_s": usage.ru_utime + usage.ru_stime}).encode())
-            except OSError:
-                continue  # nobody waits for it any more
-
-
-def become(told: dict[str, Any], files: list[int]) -> list[str]:
-    """Take over the files, the folder, the environment and the signals that were asked for."""
-    for number, file in enumerate(files):
-        os.dup2(file, number)
-        os.close(file)
-    os.chdir(told["folder"])
-    os.environ.clear()
-    os.environ.update(told["environment"])
-    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    words: list[str] = told["words"]
-    return words
 
 
 def warm() -> None:
@@ -134,6 +80,77 @@ def warm() -> None:
         world.end("warm")
     gc.collect()
     gc.freeze()
+
+
+class Nursery:
+    """Forks for each who connects, and tells him how his process ended; who leaves before has it killed."""
+
+    def __init__(self, path: str) -> None:
+        self.peers: dict[int, socket.socket] = {}
+        self.ended, self._wake = os.pipe()
+        os.set_blocking(self._wake, False)
+        signal.signal(signal.SIGCHLD, lambda number, frame: None)
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for who runs the tests
+        signal.set_wakeup_fd(self._wake)
+        self.door = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self.door.bind(path)
+        self.door.listen(64)
+
+    def serve(self) -> list[str]:
+        """Comes back in the forks, with what they are asked to run."""
+        while True:
+            ready, _, _ = select.select([0, self.ended, self.door, *self.peers.values()], [], [])
+            if 0 in ready:
+                for pid in self.peers:
+                    os.kill(pid, signal.SIGKILL)
+                os._exit(0)
+            for pid, peer in list(self.peers.items()):
+                if peer in ready and not peer.recv(1):
+                    os.kill(pid, signal.SIGKILL)
+                    self.peers.pop(pid).close()
+            if self.ended in ready:
+                os.read(self.ended, 4096)
+                self._tell()
+            if self.door in ready and (words := self._fork()):
+                return words
+
+    def _tell(self) -> None:
+        with contextlib.suppress(ChildProcessError):
+            while True:
+                pid, status = os.waitpid(-1, os.WNOHANG)
+                if pid == 0:
+                    return
+                if pid in self.peers:
+                    with self.peers.pop(pid) as peer, contextlib.suppress(OSError):
+                        peer.send(marshal.dumps(status))
+
+    def _fork(self) -> list[str]:
+        peer, _ = self.door.accept()
+        told, files, _, _ = socket.recv_fds(peer, MOST_BYTES, 3)
+        pid = os.fork()
+        if pid:
+            self.peers[pid] = peer
+            for file in files:
+                os.close(file)
+            peer.send(marshal.dumps(pid))
+            return []
+        for each in (self.door, peer, *self.peers.values()):
+            each.close()
+        signal.set_wakeup_fd(-1)
+        os.close(self.ended)
+        os.close(self._wake)
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        for number, file in enumerate(files):
+            os.dup2(file, number)
+            os.close(file)
+        words, folder, environment = marshal.loads(told)
+        os.chdir(folder)
+        os.environ.clear()
+        os.environ.update({os.fsdecode(name): os.fsdecode(value) for name, value in environment.items()})
+        if "PYTHONUNBUFFERED" in os.environ:
+            sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]
+        return words  # type: ignore[no-any-return]
 
 
 def run(words: list[str]) -> None:
@@ -171,16 +188,17 @@ def run_to_the_end(words: list[str]) -> NoReturn:
 
 
 @functools.cache
-def nursery() -> str:
-    """Where the process listens that is forked; "" where there is none."""
+def nursery() -> Path | None:
+    """The folder of the process that is forked, which is begun by who asks first; None where there is none."""
     if sys.platform != "linux":
-        return ""
+        return None
     folder = tempfile.TemporaryDirectory(prefix="nursery")
-    path = f"{folder.name}/door"
-    process = subprocess.Popen([sys.executable, __file__, path], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    process = subprocess.Popen(
+        [sys.executable, __file__, f"{folder.name}/door"], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
     assert process.stdin is not None
     assert process.stdout is not None
-    process.stdout.read(1)
+    process.stdout.read(1)  # it is warm
     process.stdout.close()
 
     def end() -> None:
@@ -188,74 +206,43 @@ def nursery() -> str:
         folder.cleanup()
 
     atexit.register(end)
-    return path
+    return Path(folder.name)
 
 
-def command(file: Path, module: str) -> None:
-    """Write a program that runs a module as `python -m` does, in a fork."""
-    file.write_text(COMMAND.format(python=sys.executable, door=nursery(), module=module, most=MOST_BYTES))
+def command(file: Path, *words: str) -> None:
+    """Write a program that does what `python` does with these words and its own."""
+    place = nursery()
+    assert place is not None
+    here = {k: v for k, v in os.environb.items() if k.startswith(_bytes(EARLY)) and k not in _bytes(LATE)}
+    file.write_text(
+        PROGRAM.format(
+            python=sys.executable,
+            words="".join(f"{word!r}," for word in words),
+            early=_bytes(EARLY),
+            late=_bytes(LATE),
+            here=here,
+            door=str(place / "door"),
+        )
+    )
     file.chmod(0o755)
 
 
-used_s = 0.0
-"""Processor time of the forks that have ended: the system counts it to the one that was forked, until that ends."""
+def _bytes(names: tuple[str, ...]) -> tuple[bytes, ...]:
+    return tuple(name.encode() for name in names)
 
 
-class Warm(subprocess.Popen[Any]):
-    """A fork; to who starts it the same as an ordinary process, but that it is no child of his."""
-
-    def __new__(cls, args: list[str], **keys: Any) -> Any:
-        environment = keys.get("env") or os.environ
-        early = {name for name in {*environment, *os.environ} if name.startswith(KNOWN_EARLY)}
-        is_alike = all(environment.get(name) == os.environ.get(name) for name in early)
-        if args[0] != sys.executable or args[1] not in ("-m", "-c") or not is_alike or not nursery():
-            return subprocess.Popen(args, **keys)
-        return super().__new__(cls)
-
-    def _execute_child(self, args, executable, preexec_fn, close_fds, pass_fds, cwd, env, info, flags, shell, *more):  # type: ignore[no-untyped-def]
-        pipes = more[:6]
-        stdin, _, _, stdout, _, stderr = pipes
-        files = [number if file == -1 else file for number, file in enumerate((stdin, stdout, stderr))]
-        told = {"words": args[1:], "folder": str(cwd or Path.cwd()), "environment": dict(env or os.environ)}
-        self._line = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self._line.connect(nursery())
-        socket.send_fds(self._line, [json.dumps(told).encode()], files)
-        self.pid = json.loads(self._line.recv(MOST_BYTES))["pid"]
-        self._child_created = True
-        self._close_pipe_fds(*pipes)  # type: ignore[attr-defined]
-
-    def _try_wait(self, wait_flags: int) -> tuple[int, int]:
-        global used_s
-        try:
-            told = self._line.recv(MOST_BYTES, socket.MSG_DONTWAIT if wait_flags else 0)
-        except BlockingIOError:
-            return 0, 0
-        self._line.close()
-        end = json.loads(told)
-        used_s += end["used_s"]
-        return self.pid, end["status"]
-
-    def _internal_poll(self, *_: object, **__: object) -> int | None:
-        if self.returncode is None and self._waitpid_lock.acquire(blocking=False):  # type: ignore[attr-defined]
-            try:
-                if self.returncode is None and (ended := self._try_wait(os.WNOHANG))[0]:
-                    self._handle_exitstatus(ended[1])  # type: ignore[attr-defined]
-            finally:
-                self._waitpid_lock.release()  # type: ignore[attr-defined]
-        return self.returncode
-
-
-def ran(args: list[str], *, timeout: float | None = None, **keys: Any) -> subprocess.CompletedProcess[Any]:
-    """What `subprocess.run` does with `capture_output=True, text=True`."""
-    with Warm(args, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **keys) as process:
-        try:
-            out, errors = process.communicate(timeout=timeout)
-        except BaseException:
-            process.kill()
-            raise
-    return subprocess.CompletedProcess(args, process.returncode, out, errors)
+@functools.cache
+def python() -> str:
+    """A program that stands for `sys.executable`."""
+    if (place := nursery()) is None:
+        return sys.executable
+    command(place / "python")
+    return str(place / "python")
 
 
 if __name__ == "__main__":
     warm()
-    run_to_the_end(serve(sys.argv[1]))
+    house = Nursery(sys.argv[1])
+    os.write(1, b".")
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    run_to_the_end(house.serve())

@@ -7,9 +7,10 @@ import os
 import re
 import signal
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
+
+import nursery
 
 from uwserver.cli.chromium import PATIENCE_S, Page
 
@@ -19,9 +20,10 @@ PROBES = Path(__file__).parent / "page_probes.js"
 
 
 @contextlib.contextmanager
-def served(scenario: str | Path, folder: Path) -> Iterator[tuple[str, subprocess.Popen[str]]]:
-    """A server of a scenario (a file, or the name of a shipped one): the address of its page, and its process."""
-    python = os.environ.get(PYTHON, sys.executable)
+def served(scenario: str | Path, folder: Path, program: str = "") -> Iterator[tuple[str, subprocess.Popen[str]]]:
+    """A server of a scenario (a file, or the name of a shipped one): the address of its page, and its process, which is a fork unless it is said
+    of what program it is to be one."""
+    python = os.environ.get(PYTHON) or program or nursery.python()
     there = {
         key: value for key, value in os.environ.items() if PYTHON not in os.environ or not key.startswith("PYTHON")
     }

@@ -9,20 +9,21 @@ import selectors
 import signal
 import socket
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from nursery import python
+
 PATIENCE_S = 120.0
 
 
 @contextlib.contextmanager
-def serving(scenario: str | Path, *options: str) -> Iterator[tuple[tuple[str, int], int]]:
-    """A server; gives its address and the number of its process."""
-    command = [sys.executable, "-m", "uwserver", "run", str(scenario), "--port", "0", *options]
+def serving(scenario: str | Path, *options: str, program: str = "") -> Iterator[tuple[tuple[str, int], int]]:
+    """A server, if it is to be one by another program than `nursery.python()`; gives its address and the number of its process."""
+    command = [program or python(), "-m", "uwserver", "run", str(scenario), "--port", "0", *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
         try:
             assert process.stdout is not None

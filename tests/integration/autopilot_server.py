@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import re
 import signal
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO, Any
 
 import pytest
+from nursery import python
 
 PATIENCE_S = 60.0
 
@@ -117,8 +118,9 @@ def free_port(kind: socket.SocketKind) -> int:
 
 def run(scenario: str, folder: Path, errors: IO[str]) -> subprocess.Popen[str]:
     """`uwserver run` in a folder."""
-    command = [sys.executable, "-u", "-m", "uwserver", "run", scenario]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True, cwd=folder)
+    command = [python(), "-m", "uwserver", "run", scenario]
+    environment = os.environ | {"PYTHONUNBUFFERED": "1"}
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True, cwd=folder, env=environment)
 
 
 def addresses(process: subprocess.Popen[str], errors: IO[str]) -> dict[str, tuple[str, int]]:

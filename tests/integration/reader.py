@@ -14,7 +14,7 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
-from nursery import Warm, command, nursery, ran
+from nursery import command, nursery, python
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 120
@@ -61,10 +61,10 @@ class Reader:
         for part in ("lib", "pyvenv.cfg"):
             (folder / ".venv" / part).symlink_to(venv / part)
         for program in (venv / "bin").iterdir():
-            if program.name not in OURS or not nursery():
+            if program.name not in OURS or nursery() is None:
                 (self._programs / program.name).symlink_to(program)
             else:
-                command(self._programs / program.name, program.name)
+                command(self._programs / program.name, "-m", program.name)
         (folder / "tests").symlink_to(ROOT / "tests")
 
     def __enter__(self) -> Reader:
@@ -106,9 +106,9 @@ class Reader:
     def start(self, command: str) -> None:
         """Start a server, on a free port, and wait until it listens; the one before is ended."""
         self.end_server()
-        words = [sys.executable, "-m", *command.split(), "--port", "0"]
+        words = [python(), "-m", *command.split(), "--port", "0"]
         with (self.folder / "server.log").open("w") as log:
-            self._server = Warm(words, cwd=self.folder, stdout=subprocess.PIPE, stderr=log, text=True)
+            self._server = subprocess.Popen(words, cwd=self.folder, stdout=subprocess.PIPE, stderr=log, text=True)
         assert self._server.stdout is not None
         for line in self._server.stdout:
             self.said[command] = self.said.get(command, "") + line
@@ -128,11 +128,11 @@ class Reader:
     def run_python(self, code: str) -> None:
         """Run a listing of Python; it has to print something, or to pass."""
         ported = re.sub(r"\.connect\(\)", f".connect(port={self.port})", code).replace("7600", str(self.port))
-        words = [sys.executable, "-c", ported]
+        words = [python(), "-c", ported]
         if re.search(r"^def test_", code, re.M):
             (self.folder / "test_page.py").write_text(ported, encoding="utf-8")
             words = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_page.py"]
-        done = ran(words, cwd=self.folder, timeout=PATIENCE_S)
+        done = subprocess.run(words, cwd=self.folder, capture_output=True, text=True, timeout=PATIENCE_S)
         assert done.returncode == 0, f"{code}\n{done.stdout}\n{done.stderr}"
         assert done.stdout.strip(), f"prints nothing:\n{code}"
         self.said[code] = done.stdout

@@ -20,6 +20,8 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+sys.path.append(str(Path(__file__).parents[1]))
+
 from autopilot_server import ardusub_scenario, serving
 from ground_station import Gcs, ardusub
 

@@ -16,6 +16,8 @@ import tempfile
 import threading
 from pathlib import Path
 
+sys.path.append(str(Path(__file__).parents[1]))
+
 from autopilot_server import serving
 from pymavlink.dialects.v20 import common as mavlink
 from test_real_px4 import PARAMS, Station, arm, px4, scenario, wait_for_estimator

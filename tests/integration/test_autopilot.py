@@ -6,7 +6,6 @@ import asyncio
 import json
 import re
 import subprocess
-import sys
 import textwrap
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,6 +13,7 @@ from pathlib import Path
 
 import pytest
 import uwclient
+from nursery import python
 
 from uwserver.recording.replay import replay
 
@@ -24,7 +24,7 @@ PATIENCE_S = 120
 @contextmanager
 def served(*options: str) -> Iterator[int]:
     """A server of the scenario in sixteen times real time; its port."""
-    command = [sys.executable, "-m", "uwserver", "run", "rov_autopilot", "--port", "0", "--speed", "16", *options]
+    command = [python(), "-m", "uwserver", "run", "rov_autopilot", "--port", "0", "--speed", "16", *options]
     server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     try:
         assert server.stdout is not None
@@ -58,7 +58,7 @@ def listings(port: int) -> list[str]:
 def test_ten_lines_of_socket_code_command_its_depth(port):
     code, _ = listings(port)
     assert len([line for line in code.splitlines() if line]) == 10
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=PATIENCE_S)
+    done = subprocess.run([python(), "-c", code], capture_output=True, text=True, timeout=PATIENCE_S)
     assert done.returncode == 0, done.stderr
     assert "error" not in done.stdout
     with uwclient.connect(port=port) as sim:
@@ -74,7 +74,7 @@ def test_the_page_tries_a_thruster(port):
     first, then = listings(port)
     connection = first.partition("    print(")[0]  # the page goes on with that of its first listing
     code = connection + textwrap.indent(re.sub("^ask", 'assert "error" not in ask', then, flags=re.M), "    ")
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=PATIENCE_S)
+    done = subprocess.run([python(), "-c", code], capture_output=True, text=True, timeout=PATIENCE_S)
     assert done.returncode == 0, done.stderr
 
 

@@ -9,7 +9,6 @@ import contextlib
 import json
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,6 +16,7 @@ from typing import Any
 
 import pytest
 from autopilot_server import PATIENCE_S, PRESSURE_50_HZ, SCENARIO, Server, ardusub_scenario, free_port, serving, until
+from nursery import python
 from uwserver_bench.ardupilot_peer import ArduPilotPeer
 
 
@@ -211,7 +211,7 @@ def test_what_does_not_fit_is_told_at_the_start(tmp_path: Path, wrong: str, righ
     file = tmp_path / "wrong.toml"
     file.write_text(text.replace(wrong, right))
     done = subprocess.run(
-        [sys.executable, "-m", "uwserver", "run", str(file)], capture_output=True, text=True, timeout=PATIENCE_S
+        [python(), "-m", "uwserver", "run", str(file)], capture_output=True, text=True, timeout=PATIENCE_S
     )
     assert done.returncode == 1
     assert phrase in done.stderr

@@ -9,7 +9,6 @@ import re
 import shutil
 import socket
 import subprocess
-import sys
 import threading
 import xmlrpc.client
 from collections.abc import Iterator
@@ -19,6 +18,7 @@ from typing import Any
 import pytest
 import uwclient
 from browser_rig import SENT
+from nursery import python
 from uwserver_adapters.moos import wire
 from uwserver_adapters.player import wire as player
 from uwserver_adapters.ros1 import wire as tcpros
@@ -77,7 +77,7 @@ class Server:
         (folder / "all.toml").write_text(SCENARIO)
         self.log = folder / "log"
         with self.log.open("w") as log:
-            command = [sys.executable, "-m", "uwserver", "run", str(folder / "all.toml")]
+            command = [python(), "-m", "uwserver", "run", str(folder / "all.toml")]
             self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True)
         self.ports: dict[str, int] = {}
         assert self.process.stdout is not None

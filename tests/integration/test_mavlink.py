@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from nursery import python
 from uwserver_bench.processes import Served, serving
 from uwserver_bench.server import STATUS
 
@@ -59,7 +60,7 @@ origin_deg = [63.44, 10.39]
 def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     file = tmp_path_factory.mktemp("mavlink") / "tank.toml"
     file.write_text(SCENARIO)
-    with serving(file) as running:
+    with serving(file, python=python()) as running:
         yield running
 
 

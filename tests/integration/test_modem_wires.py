@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import pytest
+from nursery import python
 from uwserver_adapters.moos import wire as moos
 from uwserver_bench.processes import serving
 from uwserver_bench.wires import Message, Peer, Refusal, ZenohPeer, ask, connect
@@ -80,7 +81,10 @@ def adapters(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Mapping[str, 
     """What `world/status` says of them, while the world runs."""
     file = tmp_path_factory.mktemp("modems") / "modems.toml"
     file.write_text("\n".join(tables()))
-    with serving(file) as served, contextlib.closing(connect("TCP JSON", f"{served.host}:{served.port}")) as driver:
+    with (
+        serving(file, python=python()) as served,
+        contextlib.closing(connect("TCP JSON", f"{served.host}:{served.port}")) as driver,
+    ):
         yield ask(driver, "call", service="world/status")["value"]["adapters"]
 
 

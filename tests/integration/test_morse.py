@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from nursery import python
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/how-to/morse.md").read_text()
@@ -32,7 +33,7 @@ def port(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
     free = first.replace('kind = "morse"', 'kind = "morse"\nport = 0\nstream_port = 0')
     free_ports = ardupilot.replace("60900", "0").replace("60901", "0")
     scenario.write_text(free + names + free_ports + "[server]\nweb = false\nmetrics_port = 0\n")
-    command = [sys.executable, "-m", "uwserver", "run", str(scenario)]
+    command = [python(), "-m", "uwserver", "run", str(scenario)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout is not None
     assert process.stderr is not None

@@ -24,6 +24,7 @@ from typing import Any, Protocol
 
 import pytest
 from middlewares import CLIENTS, IMU, POSE, SINGLE, Client, moment
+from nursery import python
 from uwserver_adapters.moos import wire as moos
 from uwserver_bench.processes import serving
 from uwserver_bench.wires import Message, Peer, ZenohPeer, ask, connect
@@ -347,7 +348,7 @@ TURNED = [0.0, 0.0, 0.4, 0.0, 0.0, -0.25, 0.0, 0.0]
 @pytest.fixture(scope="module")
 def heard(scenario: Path, made: tuple[list[Sample], Any]) -> Heard:
     """What came over each wire, all of them listening at once; then what each of them turned."""
-    with serving(scenario) as served, contextlib.ExitStack() as stack:
+    with serving(scenario, python=python()) as served, contextlib.ExitStack() as stack:
         room = _everybody(stack, f"{served.host}:{served.port}")
         everything: dict[str, list[Message]] = {name: [] for name in room.peers}
         variables: dict[str, list[tuple[str, float | str]]] = {name: [] for name in room.tellers}

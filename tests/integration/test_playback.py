@@ -8,7 +8,6 @@ import re
 import signal
 import struct
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,6 +15,7 @@ import pytest
 import uwclient
 from chromium_rig import chromium_or_skip
 from mcap.reader import make_reader
+from nursery import python
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
@@ -52,7 +52,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A free-running dive of twenty seconds, by the command."""
     folder = tmp_path_factory.mktemp("recording")
     (folder / "dive.toml").write_text(SCENARIO)
-    command = [sys.executable, "-m", "uwserver", "run", str(folder / "dive.toml"), "--port", "0", "--mode", "freerun"]
+    command = [python(), "-m", "uwserver", "run", str(folder / "dive.toml"), "--port", "0", "--mode", "freerun"]
     command += ["--until", "20", "--record", str(folder / "run.mcap"), "--log-level", "error"]
     subprocess.run(command, check=True, timeout=PATIENCE_S, stdout=subprocess.DEVNULL)
     return folder / "run.mcap"
@@ -71,7 +71,7 @@ def playing(path: Path, *options: str) -> Iterator[tuple[int, str]]:
 @contextlib.contextmanager
 def playing_said(path: Path, *options: str) -> Iterator[str]:
     """`uwserver play`: what it says at its start."""
-    command = [sys.executable, "-m", "uwserver", "play", str(path), "--port", "0", *options]
+    command = [python(), "-m", "uwserver", "play", str(path), "--port", "0", *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
         try:
             assert process.stdout is not None

@@ -10,7 +10,6 @@ import re
 import signal
 import struct
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from datetime import datetime, timezone
@@ -21,6 +20,7 @@ import pytest
 import uwclient
 from mcap.reader import make_reader
 from middlewares import CLIENTS, IMU, POSE, SINGLE, Numbers, moment
+from nursery import python
 
 PATIENCE_S = 60.0
 END_S = 4.0
@@ -104,7 +104,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Four seconds of a dive, by the command."""
     folder = tmp_path_factory.mktemp("recording")
     (folder / "dive.toml").write_text(SCENARIO)
-    command = [sys.executable, "-m", "uwserver", "run", str(folder / "dive.toml"), "--port", "0"]
+    command = [python(), "-m", "uwserver", "run", str(folder / "dive.toml"), "--port", "0"]
     command += ["--until", str(END_S), "--record", str(folder / "run.mcap"), "--log-level", "error"]
     subprocess.run(command, check=True, timeout=PATIENCE_S, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     return folder / "run.mcap"
@@ -113,7 +113,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @contextlib.contextmanager
 def playing(path: Path, *options: str) -> Iterator[tuple[uwclient.Client, dict[str, Any]]]:
     """`uwserver play` without a word about its adapters: a client, and the state of these."""
-    command = [sys.executable, "-m", "uwserver", "play", str(path), "--port", "0", "--log-level", "error", *options]
+    command = [python(), "-m", "uwserver", "play", str(path), "--port", "0", "--log-level", "error", *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None

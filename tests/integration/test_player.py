@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from nursery import python
 from uwserver_bench.processes import Served, serving
 
 ROOT = Path(__file__).parents[2]
@@ -26,7 +27,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     (found,) = re.findall(r"```toml\n(.*?)```", (ROOT / "docs/how-to/player.md").read_text(), re.DOTALL)
     file = tmp_path_factory.mktemp("player") / "sea.toml"
     file.write_text(found.replace('kind = "player"\n', 'kind = "player"\nport = 0\n') + SOCKETS)
-    with serving(file) as server:
+    with serving(file, python=python()) as server:
         yield server
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from nursery import python
 from server_process import PATIENCE_S, Peer
 
 from uwserver.recording.replay import replay
@@ -32,9 +33,9 @@ web = false
 
 
 @contextmanager
-def served(folder: Path, *command: str) -> Iterator[tuple[Peer, subprocess.Popen[str]]]:
+def served(folder: Path, *command: str, program: str = "") -> Iterator[tuple[Peer, subprocess.Popen[str]]]:
     """A client of a server that is started in a folder."""
-    line = [sys.executable, "-m", "uwserver", *command, "--port", "0"]
+    line = [program or python(), "-m", "uwserver", *command, "--port", "0"]
     pipes: Any = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "text": True}
     with subprocess.Popen(line, cwd=folder, **pipes) as process:
         try:
@@ -69,7 +70,7 @@ def has_grown(peer: Peer, size: int) -> None:
 
 
 def test_a_killed_server_leaves_a_recording_that_replays_to_its_last_chunk(dive: Path) -> None:
-    with served(dive, "run", "dive.toml") as (peer, process):
+    with served(dive, "run", "dive.toml", program=sys.executable) as (peer, process):
         began = peer.call("recording/start", name="run")["result"]["value"]
         assert began == {"name": "run.mcap", "path": str(dive / "recordings/run.mcap"), "t_ns": began["t_ns"]}
         has_grown(peer, recorder(peer)["bytes"])

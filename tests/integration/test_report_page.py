@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-import sys
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
 from chromium_rig import chromium_or_skip
+from nursery import python
 
 from uwserver.cli.chromium import Page, browsing
 
@@ -59,7 +59,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
     np.save(folder / "floor.npy", 10.0 + 0.1 * np.arange(900.0).reshape(30, 30) / 30.0)
     for command in (["run", "x.toml", "--mode", "freerun", "--until", "4", "--record", "x.mcap"], ["plot", "x.mcap"]):
         done = subprocess.run(
-            [sys.executable, "-m", "uwserver", *command], cwd=folder, capture_output=True, text=True, timeout=300
+            [python(), "-m", "uwserver", *command], cwd=folder, capture_output=True, text=True, timeout=300
         )
         assert done.returncode == 0, done.stderr
     # Alone in its folder: nothing beside it is needed.

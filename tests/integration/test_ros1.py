@@ -7,12 +7,12 @@ import re
 import shutil
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from nursery import python
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 TOOLS = ("rosmaster", "rostopic", "rosservice", "rosnode", "rosbag")
@@ -42,7 +42,7 @@ class Graph:
         (scenario,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
         (folder / "sea.toml").write_text(scenario + "[server]\nweb = false\nmetrics_port = 0\n")
         self.server = subprocess.Popen(
-            [sys.executable, "-m", "uwserver", "run", str(folder / "sea.toml")],
+            [python(), "-m", "uwserver", "run", str(folder / "sea.toml")],
             env={**os.environ, "ROS_MASTER_URI": self.env["ROS_MASTER_URI"]},
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip

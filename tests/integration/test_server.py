@@ -19,15 +19,16 @@ from collections.abc import Iterator
 
 import pytest
 import uwclient
+from nursery import python
 
 PATIENCE_S = 60
 
 
 class Server:
-    """`uwserver run` in a process of its own."""
+    """`uwserver run` in a process of its own, one of `program` or a fork."""
 
-    def __init__(self, *args: str, env: dict[str, str] | None = None) -> None:
-        command = [sys.executable, "-m", "uwserver", "run", *args]
+    def __init__(self, *args: str, env: dict[str, str] | None = None, program: str = "") -> None:
+        command = [program or python(), "-m", "uwserver", "run", *args]
         environment = os.environ | (env or {})
         self.process = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
@@ -56,8 +57,8 @@ class Server:
 
 
 @contextlib.contextmanager
-def serving(*args: str, env: dict[str, str] | None = None) -> Iterator[Server]:
-    server = Server(*args, "--port", "0", env=env)
+def serving(*args: str, env: dict[str, str] | None = None, program: str = "") -> Iterator[Server]:
+    server = Server(*args, "--port", "0", env=env, program=program)
     try:
         server.wait_ready()
         yield server
@@ -202,7 +203,7 @@ def test_a_person_with_nc_gets_help(pool):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_it_in_order(number):
-    with serving("bluerov2_pool") as server:
+    with serving("bluerov2_pool", program=sys.executable) as server:
         client = server.connect(reconnect=False)
         client.subscribe("**")
         status, errors = server.end(number)
@@ -220,7 +221,7 @@ def test_shutdown_by_service_and_recording_intact(tmp_path):
             client.call("world/shutdown")
         assert server.process.wait(PATIENCE_S) == 0
     replay = subprocess.run(
-        [sys.executable, "-m", "uwserver", "replay", str(file)], capture_output=True, text=True, timeout=120
+        [python(), "-m", "uwserver", "replay", str(file)], capture_output=True, text=True, timeout=120
     )
     assert replay.returncode == 0, replay.stdout + replay.stderr
 
@@ -231,7 +232,7 @@ def test_health_and_metrics(tmp_path):
         'schema = 1\n[vehicles.rov]\nmodel = "bluerov2_heavy"\nposition_ned_m = [0, 0, 5]\n'
         '[adapters.tcp]\nkind = "sockets"\nport = 0\n[server]\nmetrics_port = 0\n'
     )
-    command = [sys.executable, "-m", "uwserver", "run", str(scenario), "--log-json"]
+    command = [python(), "-m", "uwserver", "run", str(scenario), "--log-json"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         assert process.stderr is not None
@@ -256,7 +257,7 @@ def test_health_and_metrics(tmp_path):
 
 def test_a_port_in_use_is_told(pool):
     ended = subprocess.run(
-        [sys.executable, "-m", "uwserver", "run", "bluerov2_pool", "--port", str(pool.port)],
+        [python(), "-m", "uwserver", "run", "bluerov2_pool", "--port", str(pool.port)],
         capture_output=True, text=True, timeout=PATIENCE_S,
     )  # fmt: skip
     assert ended.returncode == 1
@@ -268,7 +269,7 @@ def test_a_faulty_scenario_is_told_with_its_place(tmp_path):
     scenario = tmp_path / "tank.toml"
     scenario.write_text('schema = 1\n[world]\nrate_hzz = 240\n[vehicles.rov]\nmodel = "bluerov3"\n')
     ended = subprocess.run(
-        [sys.executable, "-m", "uwserver", "run", str(scenario)], capture_output=True, text=True, timeout=PATIENCE_S
+        [python(), "-m", "uwserver", "run", str(scenario)], capture_output=True, text=True, timeout=PATIENCE_S
     )
     assert ended.returncode == 1
     assert 'tank.toml:3:1: world: unknown key "rate_hzz" (did you mean "rate_hz"?)' in ended.stderr
@@ -277,7 +278,7 @@ def test_a_faulty_scenario_is_told_with_its_place(tmp_path):
 
 def test_freerun_until_ends_by_itself():
     ended = subprocess.run(
-        [sys.executable, "-m", "uwserver", "run", "bluerov2_open_sea", "--port", "0", "--mode", "freerun", "--until", "2"],
+        [python(), "-m", "uwserver", "run", "bluerov2_open_sea", "--port", "0", "--mode", "freerun", "--until", "2"],
         capture_output=True, text=True, timeout=PATIENCE_S,
     )  # fmt: skip
     assert ended.returncode == 0, ended.stderr
@@ -347,6 +348,6 @@ def test_a_client_by_tls(tmp_path):
                 return await client.status()
 
         assert asyncio.run(asked())["paused"]
-        command = [sys.executable, "-m", "uwclient", "--port", str(server.port), "--ca", ca, "topics"]
+        command = [python(), "-m", "uwclient", "--port", str(server.port), "--ca", ca, "topics"]
         topics = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
         assert "rov/imu" in topics.stdout, topics.stderr

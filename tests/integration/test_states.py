@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 import uwclient
 from click.testing import CliRunner
+from nursery import python
 from uwserver_bench.processes import serving
 
 from uwserver.cli import main
@@ -90,7 +91,7 @@ def test_a_time_that_is_never_reached_is_told(scenario: Path, tmp_path: Path) ->
 
 @pytest.fixture
 def client(scenario: Path) -> Iterator[uwclient.Client]:
-    with serving(str(scenario)) as server, uwclient.connect(server.host, server.port) as client:
+    with serving(str(scenario), python=python()) as server, uwclient.connect(server.host, server.port) as client:
         yield client
 
 

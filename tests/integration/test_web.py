@@ -10,13 +10,13 @@ import signal
 import socket
 import struct
 import subprocess
-import sys
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from nursery import python
 from websockets.asyncio.client import ClientConnection, connect
 
 PATIENCE_S = 120.0
@@ -40,7 +40,7 @@ metrics = false
 def running(folder: Path, text: str = SCENARIO, *options: str) -> Iterator[list[str]]:
     """A server; gives what it has said until peers can connect."""
     (folder / "pool.toml").write_text(text)
-    command = [sys.executable, "-m", "uwserver", "run", str(folder / "pool.toml"), *options]
+    command = [python(), "-m", "uwserver", "run", str(folder / "pool.toml"), *options]
     with (
         (folder / "log").open("w") as log,
         subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True) as process,

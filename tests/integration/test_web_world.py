@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -417,7 +418,7 @@ def test_a_page_that_may_keep_nothing_works_all_the_same(browser: Browser, addre
 def test_a_server_that_says_nothing_is_given_up_and_found_again(browser: Browser, tmp_path: Path) -> None:
     """As when a network goes, or a laptop slept: nothing closes the connection."""
     (tmp_path / "dive.toml").write_text(SCENARIO)
-    with served(tmp_path / "dive.toml", tmp_path) as (address, process):
+    with served(tmp_path / "dive.toml", tmp_path, sys.executable) as (address, process):
         page = ready(browser.open(f"{address}?fps=4#quality=low"))
         assert page.ask("uw.pilot.take()")
         process.send_signal(signal.SIGSTOP)

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from nursery import python
 from uwserver_bench.processes import Served, serving
 
 ROOT = Path(__file__).parents[2]
@@ -31,7 +32,7 @@ def scenario(folder: Path, name_server: str) -> Path:
 @pytest.fixture(scope="module")
 def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     """No name server is there: peers that know the address do without."""
-    with serving(scenario(tmp_path_factory.mktemp("yarp"), "127.0.0.1:9")) as found:
+    with serving(scenario(tmp_path_factory.mktemp("yarp"), "127.0.0.1:9"), python=python()) as found:
         yield found
 
 

@@ -6,7 +6,6 @@ import contextlib
 import json
 import re
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Any
 
 import pytest
 import uwclient
+from nursery import python
 
 pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed")
 import zenoh
@@ -203,7 +203,7 @@ def _moves(client: uwclient.Client) -> bool:
 
 def test_the_command_line_over_zenoh(tank):
     def run(*verb: str) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-m", "uwclient", "--zenoh", "--connect", tank.endpoint, *verb]
+        command = [python(), "-m", "uwclient", "--zenoh", "--connect", tank.endpoint, *verb]
         return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
 
     assert "rov/thrusters" in run("topics").stdout
@@ -357,7 +357,7 @@ def test_without_the_package_the_others_still_serve(tmp_path):
     )
     for required, status in (("false", 0), ("true", 1)):
         (tmp_path / "tank.toml").write_text(ROV + TCP + BUS + f"required = {required}\n")
-        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=PATIENCE_S)
+        done = subprocess.run([python(), "-c", program], capture_output=True, text=True, timeout=PATIENCE_S)
         assert done.returncode == status, done.stderr
         assert "pip install uwserver" in done.stderr
 
@@ -369,9 +369,9 @@ def test_the_programs_and_the_command_of_the_guide_run(tmp_path):
     endpoint = free_endpoint()
     with serving(tmp_path, ROV + table.replace("tcp/127.0.0.1:7447", endpoint)) as server:
         text = program.replace("tcp/127.0.0.1:7447", endpoint)
-        done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, timeout=PATIENCE_S)
+        done = subprocess.run([python(), "-c", text], capture_output=True, text=True, timeout=PATIENCE_S)
         (line,) = re.findall(r"^uwclient (.*)$", guide, re.MULTILINE)
-        words = [sys.executable, "-m", "uwclient", *line.replace("tcp/127.0.0.1:7447", endpoint).split()]
+        words = [python(), "-m", "uwclient", *line.replace("tcp/127.0.0.1:7447", endpoint).split()]
         listed = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE_S)
         sync, later = re.findall(r"^client = (?:await )?(uwclient.*?)  #", guide, re.MULTILINE)
         clients = f"""import asyncio, uwclient
@@ -379,7 +379,7 @@ with {sync} as client: print("blocking", len(client.ports))
 async def main():
     async with await {later} as client: print("async", len(client.ports))
 asyncio.run(main())""".replace("tcp/127.0.0.1:7447", endpoint)
-        used = subprocess.run([sys.executable, "-c", clients], capture_output=True, text=True, timeout=PATIENCE_S)
+        used = subprocess.run([python(), "-c", clients], capture_output=True, text=True, timeout=PATIENCE_S)
         server.end()
     assert (listed.returncode, listed.stderr) == (0, "")
     assert "rov/depth" in listed.stdout

@@ -7,7 +7,6 @@ import json
 import re
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import Any
 
 import pytest
 import uwclient
+from nursery import python
 
 zenoh = pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed")
 
@@ -36,7 +36,7 @@ class Server:
     """`uwserver run` in a process of its own."""
 
     def __init__(self, scenario: Path) -> None:
-        command = [sys.executable, "-m", "uwserver", "run", str(scenario)]
+        command = [python(), "-m", "uwserver", "run", str(scenario)]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         self.addresses: dict[str, str] = {}
         assert self.process.stdout is not None
@@ -123,5 +123,5 @@ def ended(folder: Path, text: str) -> subprocess.CompletedProcess[str]:
     """A server that cannot start."""
     scenario = folder / "ended.toml"
     scenario.write_text(text)
-    command = [sys.executable, "-m", "uwserver", "run", str(scenario)]
+    command = [python(), "-m", "uwserver", "run", str(scenario)]
     return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
