@@ -22,7 +22,8 @@ PATIENCE_S = 120.0
 
 @contextlib.contextmanager
 def serving(scenario: str | Path, *options: str, program: str = "") -> Iterator[tuple[tuple[str, int], int]]:
-    """A server, if it is to be one by another program than `nursery.python()`; gives its address and the number of its process."""
+    """A server; gives its address and the number of its process, which is that of the server itself where `program` is `sys.executable`, and no
+    fork."""
     command = [program or python(), "-m", "uwserver", "run", str(scenario), "--port", "0", *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
         try:

@@ -22,7 +22,7 @@ from xmlrpc.server import SimpleXMLRPCServer
 
 from uwserver.frames import attitude_enu_flu, quat_from_rpy
 
-PATIENCE_S = 30
+PATIENCE_S = 120
 IMU, POSE, THRUSTERS = "one/imu", "one/truth/pose", "one/thrusters"
 Numbers = tuple[float, ...]
 

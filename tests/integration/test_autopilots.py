@@ -223,7 +223,7 @@ def test_px4_hand_made(tmp_path: Path) -> None:
     text = SCENARIO.format(rate=1000, imu=250, port=0, depth=5.0, clock="", sensors=PRESSURE_50_HZ, adapter=adapter)
     with (
         serving(tmp_path, text) as server,
-        socket.create_connection(server.addresses["autopilot"], timeout=10) as stream,
+        socket.create_connection(server.addresses["autopilot"], timeout=PATIENCE_S) as stream,
     ):
         stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         server.follow("rov/truth/velocity")

@@ -66,7 +66,7 @@ SAMPLES = (
     Sample(HEARD.path, 1, 5, 6, True, (Buffer(data=PAYLOAD), "nörd", SEEN)),
     Sample(HEARD.path, 2, 7, 8, False, (None, None, None)),
 )
-PATIENCE_S = 30.0
+PATIENCE_S = 120.0
 HAS_ZENOH = importlib.util.find_spec("zenoh") is not None
 
 

@@ -17,7 +17,7 @@ from uwserver_bench.wires import Peer, ask, connect
 from uwserver.adapter import SampleForm
 from uwserver.testing import FakeContext
 
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 TICKS = 5
 
 

@@ -24,7 +24,7 @@ from uwserver.sensors import AcousticModemConfig, Pose
 from uwserver.sensors.modem import Modem
 from uwserver.world.modems.send import Send
 
-PATIENCE_S = 30.0
+PATIENCE_S = 120.0
 PAYLOAD = bytes(range(256))
 SHORT = bytes(range(128))
 """Of what carries no more at a time."""
@@ -89,7 +89,7 @@ def adapters(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Mapping[str, 
 
 
 def until(look: Callable[[], Any]) -> Any:
-    """What it finds, when it finds something."""
+    """What it finds, as soon as it finds something."""
     end = time.monotonic() + PATIENCE_S
     while time.monotonic() < end:
         if (found := look()) is not None:
@@ -97,9 +97,12 @@ def until(look: Callable[[], Any]) -> Any:
     raise AssertionError("nothing came in time")
 
 
-def heard(peer: Peer, port: str = "two/modem/received") -> Any:
+def heard(peer: Peer, port: str = "two/modem/received", send: Callable[[], object] = lambda: None) -> Any:
+    """The value of the first sample of a port, after something was sent, again and again."""
+
     def look() -> Any:
-        said = [m.body["params"] for m in peer.receive(0.1) if m.body.get("method") == "sample"]
+        send()
+        said = [m.body["params"] for m in peer.receive(1.0) if m.body.get("method") == "sample"]
         return next((each["value"] for each in said if each["port"] == port), None)
 
     return until(look)
@@ -120,12 +123,17 @@ def own(adapters: Mapping[str, Any], wire: str) -> Peer:
 def test_own_protocols(adapters, wire):
     with contextlib.closing(own(adapters, wire)) as peer:
         ask(peer, "subscribe", pattern="two/modem/received")
-        if wire == "zenoh":
-            time.sleep(1.0)  # until the server knows that somebody subscribes
         packed = wire in ("TCP msgpack", "zenoh")
         data: object = PAYLOAD if packed else {"base64": base64.b64encode(PAYLOAD).decode()}
-        ask(peer, "command", port="one/modem/send", value={"destination": 2, "data": data})
-        value = heard(peer)
+
+        def send() -> None:
+            ask(peer, "command", port="one/modem/send", value={"destination": 2, "data": data})
+
+        if wire == "zenoh":  # the server may not know yet that somebody subscribes
+            value = heard(peer, send=send)
+        else:
+            send()
+            value = heard(peer)
     told = value["data"] if packed else base64.b64decode(value["data"]["base64"])
     assert (value["event"], value["source"], value["destination"], told) == ("data", 1, 2, PAYLOAD)
 
@@ -300,9 +308,14 @@ def test_ros2(adapters):
     with zenoh.open(config) as session:
         came: queue.Queue[bytes] = queue.Queue()
         session.declare_subscriber(key("two/modem/received", heard_type), lambda s: came.put(s.payload.to_bytes()))
-        time.sleep(1.0)  # until the server knows that somebody subscribes
         given = types.make(send_type, destination=2.0, data=np.frombuffer(PAYLOAD, np.uint8), acknowledge=0.0)
         meta = struct.pack("<qqB16s", 1, time.time_ns(), 16, bytes(16))
-        session.put(key("one/modem/send/cmd", send_type), types.cdr(given), attachment=meta)
-        told = types.from_cdr(came.get(timeout=PATIENCE_S), heard_type)
+
+        def look() -> bytes | None:  # the server may not know yet that somebody subscribes
+            session.put(key("one/modem/send/cmd", send_type), types.cdr(given), attachment=meta)
+            with contextlib.suppress(queue.Empty):
+                return came.get(timeout=1.0)
+            return None
+
+        told = types.from_cdr(until(look), heard_type)
     assert (told.event, told.source, told.destination, bytes(told.data)) == ("data", 1, 2, PAYLOAD)

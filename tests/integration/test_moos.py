@@ -25,7 +25,7 @@ import pytest
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.wire import Message
 
-PATIENCE_S = 30.0
+PATIENCE_S = 120.0
 BIN = Path(os.environ["UWSERVER_MOOS_BIN"]) if os.environ.get("UWSERVER_MOOS_BIN") else None
 PYMOOS = os.environ.get("UWSERVER_PYMOOS_PYTHON") or (sys.executable if importlib.util.find_spec("pymoos") else "")
 MISSIONS = BIN.resolve().parent / "ivp" / "missions" if BIN else None

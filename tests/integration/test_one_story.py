@@ -34,7 +34,7 @@ from uwserver.ports import Field, Sample
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 
-PATIENCE_S = 30
+PATIENCE_S = 120
 ROUNDS, TICKS = 8, 60
 """So many rounds of a command for each vehicle and so many steps; few enough steps that no datagram is lost."""
 HAS_ZENOH = importlib.util.find_spec("zenoh") is not None
@@ -443,7 +443,7 @@ def _everybody(stack: contextlib.ExitStack, address: str) -> Room:
     clients: dict[str, Client] = {}
     for name in THERE:
         clients[name] = stack.enter_context(contextlib.closing(CLIENTS[name][0](adapters, epoch.timestamp())))
-    time.sleep(1.0)  # zenoh tells a publisher a little later that somebody subscribes, and nobody can ask
+    time.sleep(3.0)  # zenoh tells a publisher a little later that somebody subscribes, and nobody can ask
     ask(driver, "call", service="world/status")  # answered after what the server was told until now
 
     def newcomer(name: str) -> Peer:

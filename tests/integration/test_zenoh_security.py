@@ -36,7 +36,7 @@ class Authority:
         command = ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes"]
         command += ["-days", "2", "-subj", f"/CN={name}", "-addext", constraints, "-addext", extension, *signer]
         command += ["-keyout", self.file(f"{name}.key"), "-out", self.file(f"{name}.pem")]
-        subprocess.run(command, check=True, capture_output=True, timeout=30)
+        subprocess.run(command, check=True, capture_output=True, timeout=PATIENCE_S)
 
 
 @pytest.fixture(scope="module")

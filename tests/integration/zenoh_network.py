@@ -18,7 +18,7 @@ from nursery import python
 
 zenoh = pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed")
 
-PATIENCE_S = 30.0
+PATIENCE_S = 120.0
 ROV = 'schema = 1\n[vehicles.rov]\nmodel = "bluerov2_heavy"\nposition_ned_m = [0, 0, 5]\n[server]\nmetrics = false\n'
 TCP = '[adapters.tcp]\nkind = "sockets"\nport = 0\n'
 BUS = '[adapters.bus]\nkind = "zenoh"\nscouting = false\n'

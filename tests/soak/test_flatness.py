@@ -8,8 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from gauges import own_usage, processor_s, usage
-from server_process import Audience, Peer, serving
+from gauges import Usage, own_usage, processor_s, usage
+from server_process import PATIENCE_S, Audience, Peer, serving
 
 import uwserver
 from uwserver.world import World
@@ -86,7 +86,8 @@ def test_the_gauge_sees_what_is_left_behind() -> None:
 
 def come_and_go(cycles: int) -> tuple[float, int, int]:
     """Growth of a server: bytes a client, descriptors and threads in all."""
-    with serving("pool_inspection", "--speed", "2") as (address, pid):
+    with serving("pool_inspection", "--speed", "2", program=sys.executable) as (address, pid):
+        clerk = Peer(address)
 
         def visit(n: int) -> None:
             peer = Peer(address)
@@ -98,10 +99,11 @@ def come_and_go(cycles: int) -> tuple[float, int, int]:
 
         for n in range(150):
             visit(n)
-        before = _settled(pid)
+        before = _settled(pid, clerk)
         for n in range(cycles):
             visit(n)
-        after = _settled(pid)
+        after = _settled(pid, clerk)
+        clerk.close()
     return (
         (after.memory - before.memory) / cycles,
         after.descriptors - before.descriptors,
@@ -109,16 +111,13 @@ def come_and_go(cycles: int) -> tuple[float, int, int]:
     )
 
 
-def _settled(pid: int):
-    """Once the last visitors are gone, which takes their connections a moment."""
-    least = usage(pid)
-    for _ in range(20):
-        time.sleep(0.1)
-        now = usage(pid)
-        if now.descriptors >= least.descriptors:
-            return now
-        least = now
-    return least
+def _settled(pid: int, clerk: Peer) -> Usage:
+    """Once all but one are gone, which takes their connections a moment."""
+    end = time.monotonic() + PATIENCE_S
+    while clerk.call("world/status")["result"]["value"]["adapters"]["tcp"]["peers"] > 1:
+        assert time.monotonic() < end, "visitors are still there"
+        time.sleep(0.05)
+    return usage(pid)
 
 
 def test_clients_that_come_and_go_leave_nothing() -> None:
@@ -179,7 +178,7 @@ def tick_cost(pid: int, peer: Peer, seconds: float) -> float:
 def test_a_hundred_slow_subscribers_delay_no_tick(tmp_path: Path) -> None:
     path = tmp_path / "crowded.toml"
     path.write_text(CROWDED)
-    with serving(path) as (address, pid):
+    with serving(path, program=sys.executable) as (address, pid):
         peer = Peer(address)
         alone = tick_cost(pid, peer, 10.0)
         audience = Audience(address, 100, pause_s=0.01)

@@ -73,7 +73,7 @@ class Crew:
 def soak(seconds: float) -> tuple[list[tuple[float, Usage, dict[str, Any]]], int]:
     """What was seen at each look: seconds since the start, usage and status; and commands refused."""
     looks = []
-    with serving(SCENARIO) as (address, pid):
+    with serving(SCENARIO, program=sys.executable) as (address, pid):
         crew = Crew(address)
         begin = time.monotonic()
         try:

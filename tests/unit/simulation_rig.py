@@ -14,7 +14,7 @@ from uwserver.simulation.bus import Bus, Mailbox
 from uwserver.simulation.clock import SystemTime, Timing
 from uwserver.simulation.thread import Simulation
 
-PATIENCE_S = 30.0
+PATIENCE_S = 120.0
 FREE = Timing(mode="freerun")
 
 

@@ -17,7 +17,7 @@ from uwserver.server import life_cycle as server_module
 from uwserver.server.life_cycle import Options, Server, StartFailed
 from uwserver.simulation.thread import Timing
 
-PATIENCE_S = 30
+PATIENCE_S = 120
 
 
 class TestAdapter:

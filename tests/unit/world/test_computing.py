@@ -11,7 +11,7 @@ from uwserver.ports import Value
 from uwserver.sensors.job import Job, Pieces, whole
 from uwserver.world.computing import Computing, Work, settled
 
-PATIENCE_S = 30.0
+PATIENCE_S = 120.0
 
 
 class Noted(Job):
