@@ -262,7 +262,11 @@ def test_one_at_a_time_and_there_must_be_one_to_stop(resolved: Resolved) -> None
     serve(resolved, script, STILL)
 
 
-def test_who_begins_and_ends_all_the_time_is_bounded(resolved: Resolved, folder: Path) -> None:
+def test_who_begins_and_ends_all_the_time_is_bounded(
+    resolved: Resolved, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "MAX_WAITING", 8)
+
     async def script(client: Client) -> None:
         asked = [client.ask(f"recording/{'stop' if k % 2 else 'start'}") for k in range(3 * module.MAX_WAITING)]
         answers = await asyncio.gather(*asked, return_exceptions=True)
