@@ -47,11 +47,13 @@ class Client:
 
     Attributes:
         told: port -> moment of the measurement -> its numbers in the world's axes: f_S and w_S, or p_NB and q_NB.
+        again: whether a sample may come more than once: a player tells who comes later the newest of what it has told.
         rounds: what the protocol makes of a number.
         adapter: name of the adapter that serves it.
     """
 
     adapter = ""
+    again = False
     rounds: Callable[[float], float] = staticmethod(lambda number: number)
 
     def __init__(self, epoch_s: float) -> None:
@@ -61,8 +63,11 @@ class Client:
     def hear(self, port: str, utc_s: float, *parts: Sequence[float]) -> None:
         """Keep a sample."""
         key = moment(utc_s - self._epoch_s)
-        assert key not in self.told[port], f"{port} at {utc_s} came twice"
-        self.told[port][key] = tuple(number for part in parts for number in part)
+        numbers = tuple(number for part in parts for number in part)
+        if key in self.told[port]:
+            assert self.again, f"{port} at {utc_s} came twice"
+            assert self.told[port][key] == numbers
+        self.told[port][key] = numbers
 
     def count(self) -> int:
         """Samples that came."""
