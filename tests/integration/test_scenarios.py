@@ -31,7 +31,7 @@ def _small(field):
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_it_runs_through_the_command(name):
-    program = sys.executable if name == "one_of_everything" else python()
+    program = sys.executable if name == "bluerov2_pool" else python()
     command = [program, "-m", "uwserver", "run", name, "--port", "0", "--mode", "freerun", "--until", "0.5"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
