@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.client
 import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -13,7 +14,7 @@ import pytest
 
 from uwserver.adapter import installed_adapters
 from uwserver.cli.child import child
-from uwserver.cli.lone_view import ViewFailed, lone_view, seen_alone
+from uwserver.cli.lone_view import ViewFailed, _main, lone_view, seen_alone
 from uwserver.scenario.load.scenario import load
 
 PATIENCE_S = 120.0
@@ -57,9 +58,13 @@ def test_its_world_is_shown_to_who_has_the_token_alone_and_ends_with_its_standar
         assert process.wait(PATIENCE_S) == 0
 
 
-def test_one_that_does_not_start_is_told(capfd: pytest.CaptureFixture[str]) -> None:
+def test_one_that_does_not_start_is_told(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """The process says why, and who started it that there is no address."""
+    with monkeypatch.context() as patched:
+        patched.setattr("uwserver.logs.set_up_logging", lambda *given: None)
+        patched.setattr("uwserver.server.signals.end_undisturbed", lambda: None)
+        assert _main("no_such_scenario") == 1
+    assert capsys.readouterr().err.startswith('uwserver: no_such_scenario: unknown scenario "no_such_scenario"')
+    monkeypatch.setattr(sys, "executable", "false")
     with pytest.raises(ViewFailed, match="ended before"), lone_view("no_such_scenario"):
         pass
-    told = capfd.readouterr().err
-    assert "no_such_scenario" in told
-    assert "Traceback" not in told
