@@ -39,7 +39,7 @@ def tick(seq: int, **parts) -> TickOutput:
 
 def test_one_wake_up_however_many_ticks_wait():
     wakes: list = []
-    bus = Bus(wakes.append)
+    bus = Bus(wakes.append, MockTime())
     notes = Notes()
     bus.attach(notes)
     for k in range(5):
@@ -53,14 +53,14 @@ def test_one_wake_up_however_many_ticks_wait():
 
 def test_an_empty_tick_wakes_nobody():
     wakes: list = []
-    Bus(wakes.append).publish(TickOutput(0, 0, []))
+    Bus(wakes.append, MockTime()).publish(TickOutput(0, 0, []))
     assert wakes == []
 
 
 def test_what_waits_goes_with_the_next_tick_that_may_wake_also_an_empty_one():
     """Else the sample of a slow sensor would wait until one meets such a tick by chance."""
     wakes: list = []
-    bus = Bus(wakes.append)
+    bus = Bus(wakes.append, MockTime())
     bus.publish(tick(0), wake=False)
     bus.publish(TickOutput(1, 1, []), wake=False)
     assert wakes == []
@@ -82,7 +82,7 @@ def made(bus: Bus) -> str:
 
 
 def test_what_is_wanted_is_what_all_readers_want_together():
-    bus = Bus(lambda _: None)
+    bus = Bus(lambda _: None, MockTime())
     bus.expect(PORTS)
     assert made(bus) == ""
     one, two = Wanting("a"), Wanting("a", "b")
@@ -103,7 +103,7 @@ def test_what_is_wanted_is_what_all_readers_want_together():
 
 def test_a_second_reader_of_the_same_gives_the_world_nothing_to_do():
     """Which would mark all its streams anew: somebody may come and go in every tick."""
-    bus = Bus(lambda _: None)
+    bus = Bus(lambda _: None, MockTime())
     bus.expect(PORTS)
     bus.attach(Wanting("a"))
     wanted = bus.wanted
@@ -115,7 +115,7 @@ def test_a_second_reader_of_the_same_gives_the_world_nothing_to_do():
 
 
 def test_what_readers_have_not_heard_of_is_wanted_until_they_have():
-    bus, heard = Bus(lambda _: None), Wanting("a")
+    bus, heard = Bus(lambda _: None, MockTime()), Wanting("a")
     assert made(bus) == "abc"
     bus.attach(heard)
     assert made(bus) == "abc"
@@ -130,7 +130,7 @@ def test_what_readers_have_not_heard_of_is_wanted_until_they_have():
 
 
 def test_what_was_not_wanted_meanwhile_is_not_the_newest():
-    bus, reader = Bus(lambda _: None), Wanting("a", "b")
+    bus, reader = Bus(lambda _: None, MockTime()), Wanting("a", "b")
     bus.attach(reader)
     both = [Sample(path, 1, 1, 1, True, (1.0,)) for path in "ab"]
     bus.publish(TickOutput(1, 1, both, ports=PORTS))
@@ -151,7 +151,7 @@ def test_a_reader_that_cannot_say_what_it_wants_harms_no_other(caplog: pytest.Lo
         def wanted(self):
             raise ValueError("confused")
 
-    bus, notes = Bus(lambda _: None), Wanting("a")
+    bus, notes = Bus(lambda _: None, MockTime()), Wanting("a")
     bus.attach(notes)
     leave = bus.attach(Confused())
     bus.expect(PORTS)
@@ -165,7 +165,7 @@ def test_ports_are_those_of_what_is_delivered():
     """The world may have taken a vehicle out, and put another kind under its name, while samples of the old one still wait."""
     old = Port("rov/imu", "sensor", "imu", (Field("f", "1", "x"),), "x", 10.0)
     faster, other = replace(old, rate_hz=20.0), replace(old, fields=(Field("depth", "m", "x"),))
-    bus, seen = Bus(lambda _: None), []
+    bus, seen = Bus(lambda _: None, MockTime()), []
 
     class Look(Notes):
         def put_samples(self, samples) -> None:
@@ -184,7 +184,7 @@ def test_ports_are_those_of_what_is_delivered():
 
 
 def test_order_is_that_of_the_simulation():
-    bus, notes, answers = Bus(lambda _: None), Notes(), []
+    bus, notes, answers = Bus(lambda _: None, MockTime()), Notes(), []
     bus.attach(notes)
     bus.reply(answers.append, Progress(0.5, 0))
     bus.publish(tick(1, replies=[(answers.append, Reply(1, 1))], events=[Event("reset", 1, 1, "")]))
@@ -195,7 +195,7 @@ def test_order_is_that_of_the_simulation():
 
 
 def test_a_loop_that_stalls_costs_samples_but_no_reply_and_no_event():
-    bus, notes, answers = Bus(lambda _: None), Notes(), []
+    bus, notes, answers = Bus(lambda _: None, MockTime()), Notes(), []
     bus.attach(notes)
     for k in range(MAX_TICKS + 10):
         bus.publish(tick(k, replies=[(answers.append, Reply(k, k))], events=[Event("reset", k, k, "")]))
@@ -208,7 +208,7 @@ def test_a_loop_that_stalls_costs_samples_but_no_reply_and_no_event():
 
 
 def test_a_tick_that_lost_all_it_held_does_not_wait():
-    bus = Bus(lambda _: None)
+    bus = Bus(lambda _: None, MockTime())
     for k in range(MAX_TICKS + 10):
         bus.publish(tick(k))
     assert bus.dropped == 10
@@ -219,7 +219,7 @@ def test_a_broken_sink_and_a_broken_asker_hurt_nobody(caplog):
     def fails(_: object) -> None:
         raise RuntimeError("broken asker")
 
-    bus, notes, answers = Bus(lambda _: None), Notes(), []
+    bus, notes, answers = Bus(lambda _: None, MockTime()), Notes(), []
     bus.attach(Broken())
     bus.attach(notes)
     bus.publish(tick(1, replies=[(fails, Reply(1, 1)), (answers.append, Reply(1, 1))]))
@@ -232,7 +232,7 @@ def test_a_broken_sink_and_a_broken_asker_hurt_nobody(caplog):
 
 
 def test_a_detached_sink_hears_no_more():
-    bus, notes = Bus(lambda _: None), Notes()
+    bus, notes = Bus(lambda _: None, MockTime()), Notes()
     detach = bus.attach(notes)
     detach()
     bus.publish(tick(1))
@@ -322,7 +322,7 @@ def test_how_far_a_world_may_be_ahead_follows_what_the_loop_needs_for_a_tick():
 
 def test_the_loop_is_woken_before_a_world_that_nothing_paces_has_to_wait_for_it():
     wakes: list = []
-    bus = Bus(wakes.append)
+    bus = Bus(wakes.append, MockTime())
     bus.attach(Notes())
     while not wakes:
         bus.publish(tick(0), wake=False)
@@ -336,7 +336,7 @@ class Sending(Notes):
 
 def test_what_waits_is_sent_together():
     wakes: list = []
-    bus, sending, notes = Bus(wakes.append), Sending(), Notes()
+    bus, sending, notes = Bus(wakes.append, MockTime()), Sending(), Notes()
     bus.attach(notes)
     detach = bus.attach(sending)
     for k in range(3):
@@ -353,7 +353,7 @@ def test_what_waits_is_sent_together():
 def test_the_newest_of_a_thinned_port_is_not_kept_for_who_wants_all():
     """It may be older than the newest; who comes later waits for the next."""
     wakes: list = []
-    bus, slow = Bus(wakes.append), Wanting("rov/imu")
+    bus, slow = Bus(wakes.append, MockTime()), Wanting("rov/imu")
     slow.thinned = {"rov/imu": (Thinning(10.0, 0),)}
     bus.attach(slow)
     bus.publish(tick(1))
@@ -392,7 +392,7 @@ def test_requests_that_keep_much_are_few():
 
 
 def test_rows_become_samples_once_where_several_read_them_and_not_before_where_one_does():
-    bus = Bus(lambda call: None)
+    bus = Bus(lambda call: None, MockTime())
     seen: list[object] = []
     sinks = [Notes(), Notes()]
     for sink in sinks:
@@ -413,7 +413,7 @@ def test_rows_become_samples_once_where_several_read_them_and_not_before_where_o
 
 
 def test_rows_for_which_there_is_no_room_are_counted():
-    bus = Bus(lambda call: None)
+    bus = Bus(lambda call: None, MockTime())
     for k in range(MAX_TICKS):
         bus.publish(tick(k))
     bus.publish(TickOutput(1, 1, [], told=told()))
@@ -434,7 +434,7 @@ def rows_of_ticks(count: int, **parts) -> list[TickOutput]:
 
 
 def test_who_is_alone_gets_the_rows_of_some_ticks_at_once():
-    bus = Bus(lambda dispatch: None)
+    bus = Bus(lambda dispatch: None, MockTime())
     rows = Rows()
     bus.attach(rows)
     for output in rows_of_ticks(3):
@@ -448,7 +448,7 @@ def test_who_is_alone_gets_the_rows_of_some_ticks_at_once():
 
 def test_who_comes_while_some_ticks_wait_as_one_misses_none_of_them():
     """They were put together for who takes rows; a sink that takes samples gets each once, tick by tick."""
-    bus = Bus(lambda dispatch: None)
+    bus = Bus(lambda dispatch: None, MockTime())
     rows, notes = Rows(), Notes()
     bus.attach(rows)
     first, second, third = rows_of_ticks(3)
@@ -464,7 +464,7 @@ def test_who_comes_while_some_ticks_wait_as_one_misses_none_of_them():
 
 def test_ticks_that_were_made_in_one_go_count_and_are_told_one_by_one():
     """A world that is ahead waits by ticks; and who takes samples gets those of one tick at a time."""
-    bus = Bus(lambda dispatch: None)
+    bus = Bus(lambda dispatch: None, MockTime())
     rows, notes = Rows(), Notes()
     bus.attach(rows)
     bus.attach(notes)
@@ -479,7 +479,7 @@ def test_ticks_that_were_made_in_one_go_count_and_are_told_one_by_one():
 
 @pytest.mark.parametrize("what", ["made", "events", "replies", "jumps", "ports"])
 def test_a_tick_that_gives_more_is_by_itself(what: str):
-    bus = Bus(lambda dispatch: None)
+    bus = Bus(lambda dispatch: None, MockTime())
     rows = Rows()
     bus.attach(rows)
     replied: list = []
@@ -501,7 +501,7 @@ def test_a_tick_that_gives_more_is_by_itself(what: str):
 
 
 def test_who_wants_nothing_is_told_of_events_alone_and_another_is_alone():
-    bus = Bus(lambda dispatch: None)
+    bus = Bus(lambda dispatch: None, MockTime())
     rows, idle = Rows(), Notes()
     idle.wanted = set()
     bus.attach(rows)
@@ -524,7 +524,7 @@ def test_who_wants_nothing_is_told_of_events_alone_and_another_is_alone():
 
 
 def test_where_others_read_too_it_is_tick_by_tick():
-    bus = Bus(lambda dispatch: None)
+    bus = Bus(lambda dispatch: None, MockTime())
     rows, *notes = Rows(), Notes(), Notes()
     leave = [bus.attach(sink) for sink in (rows, *notes)][1:]
     for output in rows_of_ticks(2):
