@@ -19,7 +19,11 @@ from uwserver.scenario.load.scenario import load
 from uwserver.scenario.vehicle.profiles import check_profile
 from uwserver.sensors import LblConfig, Pose, Scope, UsblConfig
 
-DEVICES = {name: path for name, path in shipped("devices").items() if read(path).raw["kind"] != "thruster"}
+_RAW = {name: read(path).raw for name, path in shipped("devices").items()}
+DEVICES = {name: path for name, path in shipped("devices").items() if _RAW[name]["kind"] != "thruster"}
+_LENGTHS = {name: sum(map(len, _RAW[name]["properties"].values())) for name in DEVICES}
+_LONGEST = {_RAW[name]["kind"]: name for name in sorted(DEVICES, key=_LENGTHS.__getitem__)}
+"""Of each kind the device with most properties."""
 HEAD = """schema = 1
 [world]
 origin_lat_deg = 63.4
@@ -42,13 +46,12 @@ def scenario(folder: Path, profile: str, rest: str = "") -> Path:
 
 def use_of(name: str) -> str:
     """What a scenario must say of a device beside its profile."""
-    return USES.get(read(DEVICES[name]).raw["kind"], "")
+    return USES.get(_RAW[name]["kind"], "")
 
 
-@pytest.fixture(scope="module")
-def equipped(tmp_path_factory):
-    """A vehicle that has every device, half a second old."""
-    path = tmp_path_factory.mktemp("devices") / "x.toml"
+def test_all_devices_measure(tmp_path):
+    """On one vehicle, which is half a second old."""
+    path = tmp_path / "x.toml"
     tables = (
         f'[vehicles.rov.sensors.{name}]\nprofile = "{name}"\nrate_hz = 8\n{use_of(name).replace(".device.", f".{name}.")}'
         for name in DEVICES
@@ -56,22 +59,21 @@ def equipped(tmp_path_factory):
     path.write_text(HEAD + "".join(tables))
     world = build(load(path, adapters={}))
     world.step(120)
-    return world
+    for name in DEVICES:
+        kind = _RAW[name]["kind"]
+        port = f"rov/{name}/received" if kind.endswith("_modem") else f"rov/{name}"
+        assert world.ports[port].kind == kind
+        assert world.sensors[port].number > 0 or world.sensors[port].held is None, name
+        if use_of(name) == BEACON:
+            sample = world.read(port)
+            assert sample.valid, name
+            assert sample.value[1] == pytest.approx(87.0, abs=2.0), name
 
 
-@pytest.mark.parametrize("name", DEVICES)
-def test_a_device_measures(name, equipped):
-    kind = read(DEVICES[name]).raw["kind"]
-    path = f"rov/{name}/received" if kind.endswith("_modem") else f"rov/{name}"
-    assert equipped.ports[path].kind == kind
-    assert equipped.sensors[path].number > 0 or equipped.sensors[path].held is None
-    if use_of(name) == BEACON:
-        sample = equipped.read(f"rov/{name}")
-        assert sample.valid
-        assert sample.value[1] == pytest.approx(87.0, abs=2.0)
-
-
-@pytest.mark.parametrize("name", DEVICES)
+@pytest.mark.parametrize(
+    "name",
+    [name if name in _LONGEST.values() else pytest.param(name, marks=pytest.mark.slow) for name in DEVICES],
+)
 def test_a_misspelt_property_is_refused(name, tmp_path):
     """Those of its head are at once, then those of its properties; and alone those of which nothing is told then."""
     lines, wrong = DEVICES[name].read_text().split("\n"), {}
