@@ -76,6 +76,18 @@ def test_a_step_of_heading_overshoots_little(fly, model):
     assert f.off_heading(math.pi / 2) < 2.0
 
 
+@pytest.mark.parametrize(("start", "wanted"), [(170.0, -170.0), (-170.0, 170.0)])
+def test_it_turns_the_short_way_across_south(fly, start, wanted):
+    f = fly("bluerov2", yaw_deg=start)
+    settled(f, "depth_hold", heading={"heading": math.radians(wanted)})
+    furthest = 0.0
+    for _ in range(20):
+        f.run(0.2)
+        furthest = max(furthest, f.off_heading(math.radians(wanted)))
+    assert furthest < 21.0
+    assert f.off_heading(math.radians(wanted)) < 3.0
+
+
 @pytest.mark.parametrize("current", [(0.0, -0.5, 0.0), (0.3, 0.3, 0.0)])
 def test_a_vehicle_without_thrust_sideways_turns_to_its_place_and_is_not_carried_away(fly, current):
     # It circles the place, 6 to 9 m away, as it can push only along its bow; a current of 0.5 m/s would carry it 50 m in this time.

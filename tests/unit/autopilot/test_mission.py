@@ -64,3 +64,14 @@ def test_a_deep_value_is_refused():
         deep = [deep]
     with pytest.raises(Refused):
         read_items([{"kind": "waypoint", "position_ned_m": deep}])
+
+
+@pytest.mark.parametrize(("own", "speed"), [({}, 0.2), ({"speed_mps": 0.4}, 0.4)])
+def test_the_speed_of_a_mission_is_that_of_waypoints_without_their_own(fly, own, speed):
+    f = fly("bluerov2")
+    way = {"kind": "waypoint", "position_ned_m": [20.0, 0.0, 3.0], **own}
+    f.call("set_mission", items=[{"kind": "speed", "speed_mps": 0.2}, way])
+    f.call("arm")
+    f.call("start_mission")
+    f.run(6.0)
+    assert f.vehicle.nu[0] == pytest.approx(speed, abs=0.04)

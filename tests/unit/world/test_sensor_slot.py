@@ -21,6 +21,9 @@ from sensing_rig import (
 )
 
 from uwserver.modifiers import Bias, WhiteNoise
+from uwserver.ports import Port
+from uwserver.sensors import GpsConfig, Pose
+from uwserver.world.components import SensorStream
 from uwserver.world.sensor_slot import SensorSlot
 
 
@@ -126,6 +129,22 @@ def test_a_sensor_goes_on_from_its_state(kind: type[Counter]) -> None:
     assert told(rigs[1], 4) == told(rigs[0], 4) != []
     first.load(state)
     assert first.save() == state, "a state must not change with the sensor that it was taken of"
+
+
+def test_a_compiled_sensor_measures_with_the_settings_of_the_state_that_it_goes_on_from() -> None:
+    """A receiver in the air tells how many satellites it sees: that is its setting."""
+    sensor = GpsConfig(rate_hz=10, satellites=12).build(Pose((0.0, 0.0, -1.0)))
+    sensor.start(1)
+    port = Port("rov/gps", "sensor", "gps", sensor.fields, "", float(RATE_HZ))
+    slot = SensorSlot(sensor, (SensorStream(port, ()),), 0, RATE_HZ, 1, latency_ns=-3)
+    rig = Rig(slot)
+    state = slot.save()
+    seen = [told(rig, 1)[0][-1][7]]
+    sensor.change({"satellites": 7})
+    seen += [told(rig, 2)[0][-1][7]]
+    slot.load(state)
+    seen += [told(rig, 3)[0][-1][7]]
+    assert seen == [12, 7, 12]
 
 
 def test_who_goes_and_comes_back_goes_on() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 import pty
+import struct
 from collections.abc import Callable
 from typing import Any, cast
 
@@ -154,6 +155,17 @@ def test_the_speed_of_sound_reaches_the_sensor_and_is_told_at_once_until_it_refu
         context.calls[0].finish(Answer(0, 0, fault=Fault("internal", "no")))
         assert replies[1][4:6] == b"\x02\x00"
         assert device.settings.speed_of_sound == 1_500_000
+
+    asyncio.run(scene())
+
+
+def test_a_scan_that_begins_farther_off_is_listened_to_until_its_end():
+    async def scene() -> None:
+        device, context = make()
+        scan = struct.pack("<II", 2_000, 5_000)
+        replies, _ = ask(device, encode(Frame(1001, scan)) + encode(Frame(1204)))
+        assert [dict(call.args) for call in context.calls] == [{"range": 7.0, "sound_speed": None}]
+        assert encode(Frame(1204, scan, 1)) in replies
 
     asyncio.run(scene())
 

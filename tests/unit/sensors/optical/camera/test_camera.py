@@ -5,6 +5,7 @@ Also of uwserver.sensors.optical.camera.kernels.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -96,6 +97,20 @@ def test_a_picture_is_the_same_bits_where_another_camera_works_between_its_piece
     split = whole(left.job.pieces(), lambda: pauses.append(right.job.run()))
     assert [part.array().tobytes() for part in split if isinstance(part, Buffer)] == alone
     assert len(pauses) >= 4
+
+
+@pytest.mark.parametrize(("keys", "way"), [("", 0.04), ("rolling_shutter = false", 0.0)])
+def test_rows_are_read_from_above_down_while_the_vehicle_goes_on(tmp_path: Path, keys: str, way: float) -> None:
+    """At 2 m/s to the right, with 20 ms from the first row to the last, and the stamp in the middle."""
+    world = make(tmp_path, f"read_out_s = 0.02\n{keys}")
+    world.step(1)
+    scope = world.instruments.scopes(world.t_ns, False)(world.vehicles["rov"].row, None)
+    moving = replace(scope, q_NB=(1.0, 0.0, 0.0, 0.0), v_NB_B=(0.0, 2.0, 0.0), w_NB_B=(0.0, 0.0, 0.0))
+    camera = world.sensors["rov/cam"].sensor
+    view = camera.sense(moving).job.view
+    middle = moving.position(camera._mount.p)[1]
+    assert view.first.p[1] == pytest.approx(middle - 0.5 * way, abs=1e-12)
+    assert view.last.p[1] == pytest.approx(middle + 0.5 * way, abs=1e-12)
 
 
 def test_settings_stop_the_automatic(tmp_path: Path) -> None:
