@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 
 import pytest
+from lock_rig import Keeper
 from msgspec.structs import replace
 from unit.ports.test_told import SAMPLES, full, told
 
@@ -49,6 +50,34 @@ def test_one_wake_up_however_many_ticks_wait():
     assert notes.seen == [[0], [1], [2], [3], [4]]
     bus.publish(tick(5))
     assert len(wakes) == 1
+
+
+@pytest.mark.parametrize("answer", [{"replies": [(print, Reply(1, 1))]}, {"events": [Event("reset", 1, 1, "")]}])
+def test_an_answer_wakes_the_loop_also_in_a_tick_that_wakes_nobody(answer: dict):
+    """Nobody knows when the next tick comes that does: the world may wait for who asked."""
+    wakes: list = []
+    bus = Bus(wakes.append, MockTime())
+    bus.publish(tick(0), wake=False)
+    assert wakes == []
+    bus.publish(tick(1, **answer), wake=False)
+    assert wakes == [bus.dispatch]
+
+
+def test_what_waits_is_touched_under_the_lock_alone():
+    """Else the loop could deliver a tick while the simulation lets it take in the next, which would be lost."""
+    wakes: list = []
+    bus, notes = Bus(wakes.append, MockTime()), Notes()
+    bus.attach(notes)
+    lock = bus._lock = Keeper(bus, "_crossing", "_waiting_ticks", "_awake")
+    bus.publish(tick(0), wake=False)
+    bus.flush()
+    bus.publish(tick(1))
+    bus.reply(notes.seen.append, Progress(0.5, 0))
+    bus.say(Event("paused", 1, 1, ""))
+    wakes.pop()()
+    assert notes.seen == [[0], [1], Progress(0.5, 0), "paused"]
+    with lock:
+        assert (wakes, bus.backlog()) == ([], 0)
 
 
 def test_an_empty_tick_wakes_nobody():

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Sequence
 
 import pytest
+from lock_rig import Door
 from msgspec.structs import replace
 from simulation_rig import PATIENCE_S, Rig, running
 
@@ -193,6 +194,29 @@ def test_a_driver_that_is_let_go_is_not_called_any_more(resolved):
         seat(rig, other)
         other.step()
         assert not rig.simulation.failure
+
+
+def test_who_lets_a_driver_go_waits_until_it_is_called_no_more():
+    """Its socket is closed then."""
+    lockstep, door, inside, seen = Lockstep(LOCKED, MockTime(), Bus(print), print, print), Door(), threading.Event(), []
+
+    class Busy(Hand):
+        def order(self, wait_s: float) -> Order | None:
+            inside.set()
+            door.waited.wait(PATIENCE_S)
+            seen.append("called")
+            return None
+
+    leave = lockstep.drive("a", "sil:a", Busy(), print)
+    lockstep._seats["a"].held = door
+    simulation = threading.Thread(target=lambda: list(lockstep.orders(1, {})))
+    simulation.start()
+    assert inside.wait(PATIENCE_S)
+    leave()
+    seen.append("gone")
+    door.waited.set()
+    simulation.join()
+    assert seen == ["called", "gone"]
 
 
 def test_a_driver_that_fails_is_told_and_the_world_waits(resolved):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from lock_rig import Keeper
 
 from uwserver.ports import Refused
 from uwserver.simulation.turns import FREE_PLACES, MAX_BYTES, MAX_WAITING, MAX_WAITING_OF_ALL, Turns
@@ -27,6 +28,16 @@ def test_clients_take_turns_and_each_keeps_its_order() -> None:
     turns.put("b", "b1")
     assert taken(turns) == ["b0", "c0", "a1", "b1", "c1", "a2", "a3"]
     assert (turns.take(), len(turns)) == (None, 0)
+
+
+def test_queues_are_touched_under_the_lock_alone() -> None:
+    """Else a request could go into a queue that is just taken away as an empty one, and be lost."""
+    turns: Turns[str] = Turns()
+    turns._lock = Keeper(turns, "_queues", "_bytes")  # type: ignore[assignment]
+    turns.put("a", "a0")
+    assert turns.overtake("a", "a-stop", lambda item: True) == ["a0"]
+    turns.put("b", "b0", first=True)
+    assert (turns.take(), turns.take(), turns.take()) == ("b0", "a-stop", None)
 
 
 def test_whose_turn_is_next_still_keeps_its_own_order() -> None:
