@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import subprocess
@@ -62,6 +63,17 @@ def pytest_configure(config: pytest.Config) -> None:
         command = [sys.executable, "-I", "-S", "-c", UNDERTAKER, f"{MARK}={os.environ[MARK]}"]
         undertaker = subprocess.Popen(command, stdin=subprocess.PIPE, start_new_session=True)
         config.add_cleanup(lambda: undertaker.communicate() and None)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection(session: pytest.Session) -> Iterator[None]:
+    """What is collected, tests by the thousand and all modules, stays to the end: looking through it for garbage again and again costs seconds."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 BEGIN = pytest.StashKey[float]()
