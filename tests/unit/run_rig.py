@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,8 @@ from uwserver.scenario.load.scenario import load
 from uwserver.server.life_cycle import Options, Server
 from uwserver.server.loop import run
 from uwserver.simulation.clock import Timing
+
+PATIENCE_S = 120.0
 
 
 def recorded_run(scenario: Path, record: Path, until_s: float, **options: Any) -> Path:
@@ -29,7 +32,7 @@ def recorded_run(scenario: Path, record: Path, until_s: float, **options: Any) -
 
     async def serve() -> int:
         given = Options(timing=Timing("freerun"), record=record, until_s=until_s, **options)
-        return await Server(alone, given).run()
+        return await asyncio.wait_for(Server(alone, given).run(), PATIENCE_S)
 
     assert run(serve()) == 0
     return record
