@@ -94,6 +94,7 @@ def test_the_hash_sees_every_part_of_the_state(make_world):
     assert changed(nothing) == hashes[0]
 
 
+@pytest.mark.slow
 def test_equal_runs_hash_equally_in_another_process(make_world):
     script = (
         "import sys; sys.path.insert(0, sys.argv[1])\n"

@@ -179,7 +179,7 @@ def differ_elsewhere(names: Sequence[str], exchanges: int) -> list[str]:
 
 def test_scenarios_and_exchanges_under_way_go_on_in_another_process(tmp_path: Path) -> None:
     """Those that together have a part of each kind, with missions, contacts, fins, and a body that follows a log."""
-    chosen = ("filter_review", "one_of_everything", "push_the_crate", "remus_survey", "rov_autopilot")
+    chosen = ("filter_review", "one_of_everything", "push_the_crate")
     assert not differ_elsewhere([*chosen, str(extended(tmp_path))], 1)
 
 

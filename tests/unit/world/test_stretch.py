@@ -393,9 +393,13 @@ def fall(step: Callable[[], Any], samples: list[Sample]) -> None:
 
 
 SHIPPED = sorted(path.stem for path in Path(uwserver_scenarios.__file__).parent.glob("*.toml"))
+UNLIKE = ("filter_review", "follow_the_pipe", "one_of_everything", "remus_survey", "slope", "swarm_100")
+"""Those in which something is that is in no other of them; the others are alike."""
 
 
-@pytest.mark.parametrize("name", SHIPPED)
+@pytest.mark.parametrize(
+    "name", [name if name in UNLIKE else pytest.param(name, marks=pytest.mark.slow) for name in SHIPPED]
+)
 def test_every_world_that_ships_is_the_same(name: str) -> None:
     one, other = twice(name)
     samples = [sample for _ in range(150) for sample in one.advance().samples]

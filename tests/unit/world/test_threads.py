@@ -71,25 +71,25 @@ def run(world, ticks):
     return digest.hexdigest(), touching
 
 
-def compare(ticks, tmp_path):
+def compare(ticks, tmp_path, counts):
     found = {}
-    for count in (1, 2, 3):
+    for count in counts:
         world = world_with(count, tmp_path)
         assert world.threads.count == count
         found[count], touching = run(world, ticks)
         assert touching > 10
         world.end("over")
         assert world.threads.count == 1
-    assert found[1] == found[2] == found[3]
+    assert len(set(found.values())) == 1
 
 
 def test_the_numbers_are_those_of_one_thread(tmp_path):
-    compare(400, tmp_path)
+    compare(400, tmp_path, (1, 3))
 
 
 @pytest.mark.slow
 def test_the_numbers_are_those_of_one_thread_for_long(tmp_path):
-    compare(100_000, tmp_path)
+    compare(100_000, tmp_path, (1, 2, 3))
 
 
 def kernel_threads():

@@ -7,11 +7,12 @@ from functools import cache
 
 import pytest
 
-import uwserver
+from uwserver.adapter import installed_adapters
 from uwserver.modifiers import Delay, Dropout, GaussMarkov, WhiteNoise
 from uwserver.ports import Sample
 from uwserver.ports.thinning import Thinning
 from uwserver.scenario.build.world import build
+from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.entry import VehicleEntry
@@ -23,7 +24,7 @@ from uwserver.world import World, instruments, snapshot
 TICKS = 240
 
 
-def small() -> World:
+def small() -> Resolved:
     """Noise, drift, delay, jitter and loss; a stream without errors; and one that repeats the others."""
     link = {
         "noise": WhiteNoise(field="f_S", sigma=0.1),
@@ -37,13 +38,16 @@ def small() -> World:
         "both": CompoundConfig(rate_hz=30.0, members=("far", "near")),
     }
     entry = VehicleEntry(model="bluerov2_heavy", position_ned_m=(0.0, 0.0, 10.0), sensors=sensors)
-    return build(
-        load(Scenario(schema=1, seed=7, world=WorldTable(rate_hz=240.0), vehicles={"rov": entry}), adapters={})
-    )
+    return load(Scenario(schema=1, seed=7, world=WorldTable(rate_hz=240.0), vehicles={"rov": entry}), adapters={})
+
+
+@cache
+def resolved(name: str) -> Resolved:
+    return small() if name == "small" else load(name, adapters=installed_adapters())
 
 
 def world_of(name: str) -> World:
-    return small() if name == "small" else uwserver.load(name)
+    return build(resolved(name))
 
 
 @cache
