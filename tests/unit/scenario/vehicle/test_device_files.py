@@ -9,7 +9,6 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from scipy import optimize
 
 from uwserver.environment.water import Water
 from uwserver.scenario.build.world import build
@@ -122,6 +121,8 @@ def spread(name: str, distance: float, n: int = 1500) -> np.ndarray:
 
 def at_snr(name: str, snr_db: float) -> float:
     """Distance (m) at which the device has this signal over noise."""
+    from scipy import optimize
+
     keys = check_profile(read(DEVICES[name]).raw, lambda *problem: pytest.fail(str(problem)))
     water = Water(1025.0, 9.81, 10.0, 101_325.0, (0.0, 0.0, 0.0))
     alpha = lambda r: np.mean([water.absorption(keys["frequency_hz"], 5.0 + k * r / 200) for k in range(201)])  # noqa: E731
