@@ -17,6 +17,7 @@ import marshal
 import os
 import runpy
 import select
+import shutil
 import signal
 import socket
 import subprocess
@@ -87,6 +88,7 @@ class Nursery:
 
     def __init__(self, path: str) -> None:
         self.peers: dict[int, socket.socket] = {}
+        self._folder = Path(path).parent
         self.ended, self._wake = os.pipe()
         os.set_blocking(self._wake, False)
         signal.signal(signal.SIGCHLD, lambda number, frame: None)
@@ -103,6 +105,7 @@ class Nursery:
             if 0 in ready:
                 for pid in self.peers:
                     os.kill(pid, signal.SIGKILL)
+                shutil.rmtree(self._folder, ignore_errors=True)  # whose maker may have been killed
                 os._exit(0)
             for pid, peer in list(self.peers.items()):
                 if peer in ready and not peer.recv(1):
@@ -192,21 +195,16 @@ def nursery() -> Path | None:
     """The folder of the process that is forked, which is begun by who asks first; None where there is none."""
     if sys.platform != "linux":
         return None
-    folder = tempfile.TemporaryDirectory(prefix="nursery")
+    folder = tempfile.mkdtemp(prefix="nursery")
     process = subprocess.Popen(
-        [sys.executable, __file__, f"{folder.name}/door"], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        [sys.executable, __file__, f"{folder}/door"], stdin=subprocess.PIPE, stdout=subprocess.PIPE
     )
     assert process.stdin is not None
     assert process.stdout is not None
     process.stdout.read(1)  # it is warm
     process.stdout.close()
-
-    def end() -> None:
-        process.communicate()
-        folder.cleanup()
-
-    atexit.register(end)
-    return Path(folder.name)
+    atexit.register(process.communicate)
+    return Path(folder)
 
 
 def command(file: Path, *words: str) -> None:
