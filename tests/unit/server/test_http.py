@@ -204,6 +204,9 @@ def test_an_address_in_use_is_said():
 def test_no_head_takes_long_and_a_bare_line_feed_is_refused():
     service = http.Service(lambda: STATUS, lambda: b"", (), Refusals("x", AdapterStats(), time.monotonic))
     for value, status in ((" " * 900 + "\n", b"400"), ("a\nHost: b", b"400"), ("a" + " " * 15_000 + "b", b"200")):
-        before = time.process_time()
-        assert service.answer(f"GET /health HTTP/1.1\r\nx:{value}\r\nHost: \t localhost ").split()[1] == status
-        assert time.process_time() - before < 0.05
+        took_s = []
+        for _ in range(5):  # something else may be done meanwhile, as a collection of garbage
+            before = time.process_time()
+            assert service.answer(f"GET /health HTTP/1.1\r\nx:{value}\r\nHost: \t localhost ").split()[1] == status
+            took_s.append(time.process_time() - before)
+        assert min(took_s) < 0.05
