@@ -84,6 +84,12 @@ def test_a_fix_without_what_is_not_known():
     assert (without[2], struct.unpack("<h", without[-2:])[0]) == (0x07, 92)
 
 
+def test_what_surrounds_the_beacon_is_told_in_its_units():
+    """Tenths of a degree, thousandths of a bar, decimetres, decimetres a second."""
+    told = replace(LOCAL, temperature=12.3, pressure=141_400.0).environment()
+    assert told == bytes.fromhex("0000 7b00 86050000 2a000000 d039")
+
+
 def test_what_is_too_large_for_its_field_is_the_largest():
     far = Found(1e6, 1e3, 0.0, 0.0, (1e6, -1e6, 1e6))
     assert struct.unpack("<3h", fix(15, 3, REQU + 1, LOCAL, far)[-6:]) == (-32768, 32767, 32767)

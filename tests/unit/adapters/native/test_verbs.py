@@ -241,6 +241,20 @@ def test_notifications_get_no_reply_but_their_faults(stage: Stage, encoding: str
     asyncio.run(scene())
 
 
+@pytest.mark.parametrize("shown", [{}, {"token": None}, {"token": ["sesame"]}, {"token": "sesam"}, {"token": ""}])
+def test_who_does_not_show_the_token_is_not_let_in(stage: Stage, shown: dict[str, object]) -> None:
+    async def scene() -> None:
+        stranger, friend = (stage(token="sesame").talker() for _ in range(2))
+        stranger.send({"id": 1, "method": "hello", "params": {"version": 1, **shown}})
+        (answer,) = stranger.heard()
+        assert answer["error"]["data"] == {"code": "denied", "where": "token"}
+        assert stranger.transport.eof_written
+        friend.send({"id": 1, "method": "hello", "params": {"version": 1, "token": "sesame"}})
+        assert "result" in friend.heard()[0]
+
+    asyncio.run(scene())
+
+
 REFUSALS: list[tuple[str, object, str, str]] = [
     ("pong", None, "unknown_method", 'did you mean "ping"?'),
     ("hello", None, "bad_argument", 'needs "version": 1'),
