@@ -1,9 +1,9 @@
 """Tries uwserver with the other CPythons of this machine; exits with 1 if anything failed there.
 
 Each gets a fresh environment with the wheels of this checkout, and there what can differ by the version of Python: every module is imported, with
-warnings as errors; doctor, schemas and checks of scenarios, which read all tables; a server with a client; and `TESTS`. A world that is stepped
+warnings as errors; schemas, and the doctor at a scenario with every kind of table; a server with a client; and `TESTS`. A world that is stepped
 needs kernels, and these take minutes of processor time for each Python: the server plays a recording that this Python has made, and the only kernels
-that are compiled are small. `--all` compiles all, runs every scenario with something solid, and the tests of `MORE_TESTS`.
+that are compiled are small. `--all` compiles all, checks every scenario, runs each scenario with something solid, and the tests of `MORE_TESTS`.
 
 What uwserver depends on is installed once for each Python, into the user's cache, and anew when what is needed changes; kernels likewise compile
 once. Versions that are not on the machine are skipped, with a line that says so. The wall time of each part is printed, and the processor time
@@ -34,8 +34,6 @@ EXTRAS = "solid"
 TESTING = ("pytest>=8.2", "hypothesis>=6.100", "msgpack>=1.0", "jsonschema>=4.20", "pyserial>=3.5")
 SHIPPED = ROOT / "scenarios" / "uwserver_scenarios"
 SOLID = ("pool_inspection", "subsea_template", "slope", "push_the_crate", "remus_survey", "one_of_everything")
-CHECKED = ("bluerov2_pool", "subsea_template", "remus_survey")
-"""Scenarios whose check needs no kernel."""
 TESTS = {
     "unit/scenario/files/test_documents.py::test_what_cannot_be_read_is_told_with_its_position": "TOML: tomli before 3.11, tomllib then",
     "unit/logfiles/test_timebase.py::test_instants": "datetime.fromisoformat takes less in 3.10",
@@ -232,7 +230,6 @@ def daily(home: Path, work: Path) -> Parts:
     python, server, program = home / "bin" / "python", home / "bin" / "uwserver", scripts(work)
     return (
         ("all modules and schemas", ((python, program["imports"]),)),
-        ("checks", ((server, "check", *CHECKED),)),
         ("a recording served", ((python, program["served"], server, work / RECORDING),)),
         ("tests", ((python, program["run_tests"], ROOT, *(f"tests/{test}" for test in TESTS)),)),
     )
