@@ -83,6 +83,7 @@ position_frd_m = [0.0, 0.0, -0.4]
 kind = "sockets"
 port = 0
 udp_port = 0
+udp_lease_s = 600.0  # on a busy machine it listens longer than ten seconds before it says something
 truth = true
 queue_samples = 4096
 
