@@ -111,7 +111,7 @@ def drawn(folder: Path, source: str, name: str, target: str) -> Path:
     return file
 
 
-@pytest.mark.parametrize("name", ["log", "loud", "side", "swath"])
+@pytest.mark.parametrize("name", ["log", "loud", *(pytest.param(n, marks=pytest.mark.slow) for n in ("side", "swath"))])
 def test_a_picture_from_a_recording(folder: Path, name: str) -> None:
     drawn(folder, "x.mcap", name, f"x.{name}.png")
 
@@ -233,8 +233,15 @@ def kinds() -> dict[str, SensorKind]:
 OWN = "bathymetry", "camera", "multibeam", "scanning_sonar", "side_scan", "dvl", "adcp", "usbl", "lbl"
 """Kinds that have a picture of their own."""
 
-RENDERED = [*OWN, "leak", "range_array"]
-"""Beside them some whose numbers stand over time: true or false, and as lines."""
+RENDERED = [
+    *((kind, 20) for kind in OWN),
+    ("leak", 20),
+    ("range_array", 20),
+    ("scanning_sonar", 1),
+    ("side_scan", 1),
+    ("adcp", 1),
+]
+"""Beside them some whose numbers stand over time, true or false and as lines; and the kinds of which one sample is drawn in another way."""
 
 
 @pytest.mark.parametrize("kind", kinds_of(SensorConfig))
@@ -250,13 +257,17 @@ def test_every_kind_can_be_drawn(kinds: dict[str, SensorKind], kind: str) -> Non
 
 
 @pytest.mark.parametrize(
-    "kind", [k if k in RENDERED else pytest.param(k, marks=pytest.mark.slow) for k in kinds_of(SensorConfig)]
+    ("kind", "n"),
+    [
+        (kind, n) if (kind, n) in RENDERED else pytest.param(kind, n, marks=pytest.mark.slow)
+        for kind in kinds_of(SensorConfig)
+        for n in (20, 1)
+    ],
 )
-def test_what_is_drawn_can_be_rendered(kinds: dict[str, SensorKind], tmp_path: Path, kind: str) -> None:
+def test_what_is_drawn_can_be_rendered(kinds: dict[str, SensorKind], tmp_path: Path, kind: str, n: int) -> None:
     for output in kinds[kind].outputs:
         port = Port("rov/x", "sensor", kind, output.fields, output.doc, 10.0)
-        for n in (20, 1):
-            picture(port, samples(port, n)).savefig(tmp_path / "x.png")
+        picture(port, samples(port, n)).savefig(tmp_path / "x.png")
 
 
 def test_a_current_profile_stands_over_time_and_cell(kinds: dict[str, SensorKind]) -> None:
