@@ -53,7 +53,9 @@ OF_WORLDS = Work(STAGES, kernels_of, "uwserver.world.warm")
 def missing(stages: Collection[str], work: Work = OF_WORLDS) -> tuple[str, ...]:
     """Which of some stages are not compiled yet, the longest first; those of solid things only where an engine is installed."""
     here = [stage for stage in work.seconds if stage in stages and (stage != "solids" or missing_engine() is None)]
-    todo = [stage for stage in here if compiled.cache_state.missing(work.kernels_of(stage))]
+    needed = {stage: work.kernels_of(stage) for stage in here}
+    absent = set(compiled.cache_state.missing([kernel for kernels in needed.values() for kernel in kernels]))
+    todo = [stage for stage in here if not absent.isdisjoint(needed[stage])]
     return tuple(sorted(todo, key=lambda stage: -work.seconds[stage]))
 
 

@@ -7,6 +7,7 @@ import re
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -68,15 +69,18 @@ def read(path: Path) -> Document:
         raise ScenarioError([Problem(label, *_end(before), "", text)]) from error
 
 
+_MOST_KEPT = 1 << 16
+"""Characters of a text whose tables are kept: the largest shipped file has half of them."""
+
+
 def parse(text: str, label: str, path: Path) -> Document:
     """The parsed text; ScenarioError as `read`."""
-    parts, offset = longest_key(text)
-    if parts > MOST_PARTS:  # the parser's time grows with the cube of them
-        what = f"no valid scenario: a key of {parts} parts; at most {MOST_PARTS}"
-        raise ScenarioError([Problem(label, *_end(text[:offset]), "", what)])
     try:
-        raw = tomllib.loads(text)
-        return Document(label, raw, locate(text), path)
+        raw, locations = _kept(text) if len(text) <= _MOST_KEPT else _parsed(text)
+        return Document(label, _copied(raw), locations, path)
+    except _TooManyParts as error:
+        what = f"no valid scenario: a key of {error.parts} parts; at most {MOST_PARTS}"
+        raise ScenarioError([Problem(label, *_end(text[: error.offset]), "", what)]) from None
     except RecursionError:
         problem = Problem(label, 1, 1, "", "no valid TOML: nested too deeply")
     except ValueError as error:
@@ -86,6 +90,30 @@ def parse(text: str, label: str, path: Path) -> Document:
         reason = match[1] if match else message.removesuffix(" (at end of document)")
         problem = Problem(label, line, column, "", f"no valid TOML: {reason[:1].lower()}{reason[1:]}")
     raise ScenarioError([problem])
+
+
+class _TooManyParts(Exception):
+    def __init__(self, parts: int, offset: int) -> None:
+        super().__init__()
+        self.parts, self.offset = parts, offset
+
+
+def _parsed(text: str) -> tuple[dict[str, Any], Locations]:
+    parts, offset = longest_key(text)
+    if parts > MOST_PARTS:  # the parser's time grows with the cube of them
+        raise _TooManyParts(parts, offset)
+    return tomllib.loads(text), locate(text)
+
+
+_kept = lru_cache(maxsize=128)(_parsed)
+"""A process that builds many worlds reads the same vehicles and devices again and again."""
+
+
+def _copied(value: Any) -> Any:
+    """Tables and arrays of a parsed text, as if it were parsed once more."""
+    if isinstance(value, dict):
+        return {key: _copied(item) for key, item in value.items()}
+    return [_copied(item) for item in value] if isinstance(value, list) else value
 
 
 def from_tables(raw: dict[str, Any], label: str) -> Document:
