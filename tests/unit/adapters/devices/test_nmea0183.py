@@ -81,9 +81,11 @@ def test_compass_sounder_log_and_thermometer():
     assert (float(said["DPT"].depth), float(said["DPT"].offset)) == (10.0, 0.4)
     assert (float(said["DBT"].depth_meters), float(said["DBT"].depth_feet)) == (10.0, 32.81)
     assert float(said["DBT"].depth_fathoms) == 5.47
-    said = read(device.see(sample(DVL, LOCKED)))
+    said = read(device.see(sample(DVL, (*LOCKED[:-1], (0.3, -0.2, 0.0)))))
     assert float(said["VBW"].lon_water_spd) == pytest.approx(0.3 * 3600 / 1852, abs=1e-3)
     assert float(said["VBW"].lon_grnd_spd) == pytest.approx(0.5 * 3600 / 1852, abs=1e-3)
+    assert float(said["VBW"].trans_water_spd) == pytest.approx(-0.2 * 3600 / 1852, abs=1e-3)
+    assert float(said["VBW"].trans_grnd_spd) == pytest.approx(0.1 * 3600 / 1852, abs=1e-3)
     assert said["VBW"].data_validity_grnd_spd == "A"
     assert float(read(device.see(sample(DEPTH, (3.0, 11.5))))["MTW"].temperature) == 11.5
 

@@ -64,6 +64,15 @@ def test_fields_stand_in_the_order_of_groups_and_bits():
     assert (latitude, longitude) == pytest.approx((60.0, 10.0))
 
 
+def test_each_measures_in_the_makers_unit():
+    """Gauss, m/s2, rad/s, and degrees Celsius: fields 1 to 4 of the group of the IMU."""
+    magnetic, acceleration, rotation, temperature = (FIELDS[2][bit](SAID) for bit in (1, 2, 3, 4))
+    assert struct.unpack("<3f", magnetic) == pytest.approx((0.1, 0.0, 0.5))
+    assert struct.unpack("<3f", acceleration) == pytest.approx((0.0, 0.0, -9.8))
+    assert struct.unpack("<3f", rotation) == pytest.approx((0.1, 0.2, 0.3))
+    assert struct.unpack("<f", temperature) == pytest.approx((11.5,))
+
+
 def test_the_earths_axes():
     # Three points of which the answer is known without a formula.
     assert ecef(0.0, 0.0, 10.0) == pytest.approx((6_378_147.0, 0.0, 0.0))
