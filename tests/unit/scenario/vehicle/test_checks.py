@@ -88,9 +88,10 @@ def test_rounding_of_a_published_inertia_passes(told) -> None:
     assert told(rigid_body=body(matrix)) == []
 
 
-def test_a_rigid_body_is_positive_definite(told) -> None:
-    (line,) = told(rigid_body=body(np.diag([1.0, 2.0, -3.0])))
-    assert line.startswith("rigid_body: M_RB is not positive definite (smallest eigenvalue -3)")
+@pytest.mark.parametrize("least", [-3.0, 0.0])
+def test_a_rigid_body_is_positive_definite(told, least: float) -> None:
+    (line,) = told(rigid_body=body(np.diag([1.0, 2.0, least])))
+    assert line.startswith(f"rigid_body: M_RB is not positive definite (smallest eigenvalue {least:.3g})")
     assert line.endswith("check mass, inertia and inertia_about")
 
 
