@@ -32,10 +32,27 @@ SMALL: dict[type, dict[str, Any]] = {
     BathymetryConfig: {"beams": 32, "bins": 128, "field_deg": 100.0, "beam_width_across_deg": 4.0},
 }
 """What their contract says does not depend on the size of a picture, and they are asked hundreds of times."""
+DEAR = ("adcp", "bathymetry", "camera", "multibeam", "side_scan")
+"""Of these by day some of the instants, of all positions, attitudes and speeds."""
 
 
-@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: str(kind.__struct_config__.tag))
+def tag(kind: type[Any]) -> str:
+    return str(kind.__struct_config__.tag)
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=tag)
 def test_shipped_sensors(kind: type[Any]) -> None:
+    check(kind, 7 if tag(kind) in DEAR else 1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if tag(kind) in DEAR], ids=tag)
+def test_shipped_sensors_at_all_instants(kind: type[Any]) -> None:
+    check(kind, 1)
+
+
+def check(kind: type[Any], each: int) -> None:
+    """At each so many-th instant."""
     needed = SMALL.get(kind, {})
     if kind in (RpmConfig, CompoundConfig):
         needed = {"members": ("t1",)}
@@ -44,7 +61,8 @@ def test_shipped_sensors(kind: type[Any]) -> None:
     elif kind is TrainingConfig:
         needed = {"tasks": {"down": HoldDepth(depth_m=5.0, for_s=10.0)}}
     config = kind(rate_hz=10.0, **needed)
-    check_sensor(config, instants=wired() if kind in (RpmConfig, CameraConfig) else None)
+    instants = wired() if kind in (RpmConfig, CameraConfig) else scopes()
+    check_sensor(config, instants=instants[::each])
 
 
 def wired() -> list[Scope]:
