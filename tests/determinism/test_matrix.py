@@ -1,6 +1,6 @@
 """Equal runs are equal bit for bit, however they are run: scenarios by ways. What a way is stands in `ways`, what happens in a run in `stories`.
 
-The short table is of every day: three scenarios go all ways, of the others each goes two. In the slow one every scenario goes every way for
+The short table is of every day: three scenarios go all ways, of the others each goes some. In the slow one every scenario goes every way for
 10^5 ticks.
 """
 
@@ -21,9 +21,9 @@ LONG = -(-100_000 // CHAPTER) * CHAPTER
 """Whole chapters: what does not fit into the last one would all happen in its last tick, of which real time carries out some in the next."""
 SERVED = ("rov_autopilot", "push_the_crate")
 ALL_WAYS = ("rov_autopilot", "push_the_crate", "remus_survey")
-TWO_WAYS = {
-    "one_of_everything": ("free-run", "there and back"),
-    "slope": ("real time x20", "after a reset"),
+SOME_WAYS = {
+    "one_of_everything": ("there and back",),  # and free-run, as it is recorded
+    "slope": ("real time x20", "after a reset", "free-run"),
     "subsea_template": ("paused", "lock-step, two clients"),
     "pool_inspection": ("real time x5", "lock-step, one client"),
 }
@@ -85,14 +85,14 @@ def test_every_way_is_equal(way: str, scenario: str) -> None:
     check(way, scenario, SHORT)
 
 
-@pytest.mark.parametrize(("scenario", "way"), [(scenario, way) for scenario, ways in TWO_WAYS.items() for way in ways])
-def test_two_ways_are_equal(way: str, scenario: str) -> None:
+@pytest.mark.parametrize(("scenario", "way"), [(scenario, way) for scenario, ways in SOME_WAYS.items() for way in ways])
+def test_some_ways_are_equal(way: str, scenario: str) -> None:
     check(way, scenario, SHORT)
 
 
 def test_every_way_is_gone_by_every_kind_of_scenario() -> None:
-    assert {*ALL_WAYS, *TWO_WAYS} == set(SCENARIOS)
-    assert {way for ways in TWO_WAYS.values() for way in ways} == set(WAYS)
+    assert {*ALL_WAYS, *SOME_WAYS} == set(SCENARIOS)
+    assert {way for ways in SOME_WAYS.values() for way in ways} == set(WAYS)
 
 
 @pytest.mark.parametrize("scenario", ALL_WAYS)

@@ -5,15 +5,16 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from functools import cache
 from importlib import resources
 
 import pytest
 from nursery import python
 
-import uwserver
 from uwserver.actuators import ActuatorConfig
 from uwserver.adapter import installed_adapters
 from uwserver.modifiers import ModifierConfig
+from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 from uwserver.sensors import SensorConfig
 
@@ -29,6 +30,11 @@ def _small(field):
     return 0.1 if field.maximum is None else min(0.1, field.maximum)
 
 
+@cache
+def resolved(name):
+    return load(name, adapters=installed_adapters())
+
+
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_it_runs_through_the_command(name):
     program = sys.executable if name == "bluerov2_pool" else python()
@@ -39,7 +45,7 @@ def test_it_runs_through_the_command(name):
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_every_sensor_speaks_and_every_actuator_takes_a_command(name):
-    world = uwserver.load(name)
+    world = build(resolved(name))
     for path, port in world.ports.items():
         if port.direction == "actuator" and port.kind != "teleport":
             world.command(path, **{f.name: [_small(f)] * f.size if f.shape else _small(f) for f in port.fields})
@@ -55,7 +61,7 @@ def test_what_its_header_says_to_type_is_right(name):
     """The first lines of a scenario name it in `uwserver run`, and ports and fields that it has."""
     text = (resources.files("uwserver_scenarios") / f"{name}.toml").read_text()
     lines = [line.removeprefix("#").split("#")[0].split() for line in text.partition("\nschema")[0].splitlines()]
-    world = uwserver.load(name)
+    world = build(resolved(name))
     for words in lines:
         if words[:2] == ["uwserver", "run"]:
             assert words[2] == name
@@ -67,12 +73,12 @@ def test_what_its_header_says_to_type_is_right(name):
 
 
 def test_one_of_everything_has_one_of_everything():
-    resolved = load("one_of_everything", adapters=installed_adapters())
-    vehicles = [vehicle.vehicle for vehicle in resolved.vehicles.values()]
+    everything = resolved("one_of_everything")
+    vehicles = [vehicle.vehicle for vehicle in everything.vehicles.values()]
     sensors = [sensor for vehicle in vehicles for sensor in vehicle.sensors.values()]
     used = {type(sensor) for sensor in sensors} | {type(a) for vehicle in vehicles for a in vehicle.actuators.values()}
     streams = [stream for sensor in sensors for stream in (sensor, *sensor.streams.values())]
     used |= {type(m) for stream in streams for m in stream.modifiers.values()}
-    used |= {type(adapter) for adapter in resolved.scenario.adapters.values()}
+    used |= {type(adapter) for adapter in everything.scenario.adapters.values()}
     every = {*SensorConfig.__args__, *ActuatorConfig.__args__, *ModifierConfig.__args__, *installed_adapters().values()}
     assert every <= used

@@ -394,6 +394,7 @@ asyncio.run(main())""".replace("tcp/127.0.0.1:7447", endpoint)
     assert "real_time_factor" in done.stdout
 
 
+@pytest.mark.slow
 def test_the_shipped_scenario_is_on_the_bus(tmp_path):
     import uwserver_scenarios
 
