@@ -203,7 +203,12 @@ def nursery() -> Path | None:
     assert process.stdout is not None
     process.stdout.read(1)  # it is warm
     process.stdout.close()
-    atexit.register(process.communicate)
+
+    def end() -> None:
+        process.communicate()
+        shutil.rmtree(folder, ignore_errors=True)  # where it was killed before it could
+
+    atexit.register(end)
     return Path(folder)
 
 
