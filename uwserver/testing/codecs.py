@@ -72,9 +72,10 @@ def check_codec(
 def read_all(codec: ReadingCodec, pieces: Sequence[bytes], need_data: object) -> list[object]:
     """Feed pieces one by one and collect every event; raises AssertionError when a piece yields events without end."""
     events: list[object] = []
+    most = sum(map(len, pieces)) + 16
     for piece in pieces:
         codec.receive(piece)
-        bound = len(events) + len(piece) + sum(map(len, pieces)) + 16
+        bound = len(events) + len(piece) + most
         while (event := codec.next_event()) is not need_data:
             events.append(event)
             assert len(events) <= bound, f"{piece[:60]!r} yields events without end: {event!r}"

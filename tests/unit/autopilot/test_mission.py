@@ -75,3 +75,16 @@ def test_the_speed_of_a_mission_is_that_of_waypoints_without_their_own(fly, own,
     f.call("start_mission")
     f.run(6.0)
     assert f.vehicle.nu[0] == pytest.approx(speed, abs=0.04)
+
+
+def test_who_is_carried_out_of_a_waypoints_circle_goes_on_counting_its_stay(fly):
+    f = fly("bluerov2")
+    f.call("set_mission", items=[{"kind": "waypoint", "position_ned_m": [0.0, 0.0, 3.0], "radius_m": 0.5, "hold_s": 6}])
+    f.call("arm")
+    f.call("start_mission")
+    f.run(1.0)
+    f.world.set_current((3.0, 0.0, 0.0))
+    f.run(4.5)
+    assert (f.state["reached"], f.vehicle.p_NB[0] > 1.0) == (0, True)
+    f.run(1.0)
+    assert (f.state["reached"], f.vehicle.p_NB[0] > 1.0) == (1, True)
