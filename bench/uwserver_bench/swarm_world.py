@@ -20,12 +20,14 @@ import numpy as np
 import uwserver
 from uwserver.copies.batch import Batch
 from uwserver.physics.kernel.arrays import IntArray
+from uwserver.physics.kernel.straight import straight
 from uwserver.ports import Refused
 from uwserver.scenario.build.world import build
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.scenario import load
 from uwserver.sensors.bank import BankSensor
 from uwserver.simulation.clock import SystemTime, processor_ns
+from uwserver.step import delivery
 from uwserver.units import NANOSECONDS
 from uwserver.world.world import World
 from uwserver_bench.physics import OpenWater
@@ -94,12 +96,17 @@ def read(task: Mapping[str, Any]) -> dict[str, object]:
     # What is on its way must arrive, as it does in a world: time goes on, though nobody moves.
     times = itertools.count(now, NANOSECONDS // RATE_HZ)
 
-    def sample() -> None:
-        here.read(bank, due["inertial"], now / NANOSECONDS)
-        here.deliver(due["inertial"], next(times), True, count)
+    kernel = straight(delivery.deliver)
 
     def deliver(kind: str) -> None:
-        here.deliver(due[kind], next(times), True, count)
+        here.take_over()
+        here.make_room(count)
+        table, values, told_values = here.to_deliver()
+        kernel(table, due[kind], next(times), True, values, told_values)
+
+    def sample() -> None:
+        here.read(bank, due["inertial"], now / NANOSECONDS)
+        deliver("inertial")
 
     samples, noises = [], []
     for _ in range(task["repeats"]):

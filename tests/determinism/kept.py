@@ -26,7 +26,7 @@ import msgspec
 import numpy as np
 from msgspec import structs
 
-from uwserver.ports import Refused, Sample
+from uwserver.ports import Port, Refused, Sample
 from uwserver.scenario.build.world import build
 from uwserver.scenario.files.documents import shipped
 from uwserver.scenario.load.resolved import Resolved
@@ -148,6 +148,10 @@ def without_errors(given: Resolved) -> Resolved:
     return replace(given, vehicles=vehicles)
 
 
+def _commanded(name: str) -> list[Port]:
+    return [port for port in build(resolved(name)).ports.values() if port.direction == "actuator"]
+
+
 def _post(what: Story, step: int, world: World) -> None:
     for _, act in what.numbered(step):
         try:
@@ -197,9 +201,12 @@ def kept(name: str, kind: str, seed: int, seconds: float) -> tuple[Run, dict[str
 def keep(folder: Path, names: Sequence[str], seeds: Sequence[int], seconds: float) -> None:
     """All runs that are not there yet."""
     folder.mkdir(parents=True, exist_ok=True)
+    driven = {name for name in names if any(port.kind != "teleport" for port in _commanded(name))}
     for name, kind, seed in itertools.product(names, KINDS, seeds):
         path = folder / f"{name}-{kind}-{seed}.json"
         if path.is_file() or (kind in ("untouched", "exact") and seed != seeds[0]):
+            continue
+        if name not in driven and kind != "untouched":  # nothing of it can be commanded
             continue
         run, arrays = kept(name, kind, seed, seconds)
         if arrays and seed == seeds[0]:

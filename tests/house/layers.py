@@ -15,7 +15,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("scenario",),  # files -> world; adapters' configuration types come from their contract
     ("logfiles",),  # logs of any origin, as poses and samples
     ("adapter",),  # contract of adapters: knows ports and tables alone, so that an adapter needs nothing more
-    ("world",),  # the tick and what lives in it
+    ("world",),  # what lives in it: names, parts in Python, where steps stop
+    ("step",),  # the order of a tick, compiled
     ("autopilot",),  # shows its state as a sensor
     ("actuators", "sensors"),
     ("modifiers",),

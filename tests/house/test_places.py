@@ -206,7 +206,7 @@ def test_degrees_are_converted_only_at_the_border():
 def test_nothing_that_moves_is_in_degrees():
     """Below the tables of files nobody has anything in degrees, so nobody who steps a body converts them each tick."""
     for module in modules("uwserver"):
-        if module.part in ("world", "physics", "simulation", "copies"):
+        if module.part in ("world", "step", "physics", "simulation", "copies"):
             assert not re.search(r"_deg(ps)?\b", module.text, re.I), module.name
 
 

@@ -20,8 +20,10 @@ from uwserver.sensors import Sensor
 from uwserver.sensors.base import SEDIMENT, Settings
 from uwserver.world.components import SensorStream
 from uwserver.world.instruments import Around, Instruments
+from uwserver.world.piloting import Pilots
 from uwserver.world.sensing import Sensing
 from uwserver.world.sensor_slot import SensorSlot
+from uwserver.world.stepping import Stepping
 
 FIELDS = (Field("x", "m", "a number"),)
 WORDS = (*FIELDS, Field("said", "1", "a text", type="str"))
@@ -128,30 +130,31 @@ def side(slot_path: str, name: str, *modifiers: Modifier, ideal: bool = False) -
 class Rig:
     """Sensors in arrays, on a body that rests at the origin; a tick takes 10 ns."""
 
-    def __init__(self, *slots: SensorSlot) -> None:
+    def __init__(self, *slots: SensorSlot, rate_hz: Fraction = RATE_HZ) -> None:
         self.slots = {slot.path: slot for slot in slots}
-        hydro = Hydrodynamics([], 1e-8)
+        hydro = Hydrodynamics([], float(1 / rate_hz))
         hydro.state = np.zeros((1, 13))
         around = Around({}, Earth(), OpenWater(), SEDIMENT)
         self.instruments = Instruments(hydro, Water(1000.0, 9.81, 10.0, 101325.0, (0.0, 0.0, 0.0)), lambda: around)
-        self.n = 0
-        self.sensing = Sensing(self.slots, self.instruments, lambda: self.n * 1e-8)
+        self.sensing = Sensing(self.slots, self.instruments)
+        self.stepping = Stepping(
+            hydro, self.instruments, self.sensing, Pilots(hydro), rate_hz, lambda tick: None, lambda: False
+        )
         self.settle()
 
     def settle(self) -> None:
         self.sensing.settle()
-        self.sensing.set_listeners((), (), lambda *_: None)
+        self.sensing.set_listeners((), ())
         self.sensing.schedule()
+
+    def make(self, n: int, samples: list[Sample]) -> None:
+        """Tick n; `samples` receives those that do not stay rows."""
+        self.stepping.go_on(n - 1, 1, None, samples)
 
     def samples(self, n: int) -> list[Sample]:
         """Delivered in tick n."""
-        self.n = n
-        return self.samples_at(n, 10 * n)
-
-    def samples_at(self, n: int, t_ns: int) -> list[Sample]:
-        """Delivered in tick n, at a time of its own."""
         samples = list[Sample]()
-        self.sensing.after(n, t_ns, samples)
+        self.make(n, samples)
         return [*(self.sensing.take_told() or ()), *samples]
 
     def tick(self, n: int) -> list[tuple[str, int]]:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import partial
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, cast
 
 import msgspec
@@ -276,10 +275,6 @@ class Bank:
         entries = self.entries
         step, hear, tell = entries.step_all, entries.hear_all, entries.tell_one
         return address_of(step, "int64"), address_of(hear, "none"), address_of(tell, "int64")
-
-    def listener(self) -> Callable[[Any, FloatArray, int, int], None]:
-        """`entries.hear_all` for those that lie here now."""
-        return partial(straight(self.entries.hear_all), self.table)
 
 
 def _records(form: np.dtype[Any], parts: Sequence[Any]) -> Any:

@@ -17,8 +17,8 @@ from uwserver.physics.kernel.compiled import compiled, entry
 from uwserver.physics.kernel.handles import array_at, fitted_at, state_at
 from uwserver.physics.kernel.layout import WORLD, Forms, SeaRows, columns
 from uwserver.sensors import surroundings
+from uwserver.step import delivery, streams
 from uwserver.units import NANOSECONDS
-from uwserver.world import delivery, streams
 
 ENDS: Forms = {"ends": columns(np.float64, 3)}
 """Of the table of a drifting current (`Drift.ends`)."""

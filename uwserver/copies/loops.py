@@ -12,7 +12,7 @@ from uwserver.physics.kernel.handles import array_at
 from uwserver.physics.rays.hits import miss
 from uwserver.physics.rays.raycast import Hits
 from uwserver.sensors.bank import Bank
-from uwserver.world import streams
+from uwserver.step import streams
 
 _heads, _numbers = array_at(streams.FORMS, "heads"), array_at(streams.FORMS, "numbers")
 

@@ -13,7 +13,7 @@ from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray, IntArray, Records
 from uwserver.physics.kernel.layout import Forms
 from uwserver.physics.kernel.team import ALONE
-from uwserver.world import streams
+from uwserver.step import streams
 
 _SLOTS = 16
 _CONSTANT = ("shapes", "tables", "lags", "foils", "propellers", "weights", "derivatives", "hulls")

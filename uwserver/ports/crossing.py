@@ -25,9 +25,11 @@ class Posted(Struct):
 
 
 class TickOutput(Struct):
-    """What one tick gives to the outside.
+    """What a tick gives to the outside, or some that follow each other.
 
     Attributes:
+        tick, t_ns: where the world stands behind it.
+        ticks: how many.
         made: delivered samples.
         told: others, before them, which nobody has looked at yet.
         ports: as they are behind it, those of its samples; None where nobody said.
@@ -42,6 +44,7 @@ class TickOutput(Struct):
     ports: Mapping[str, Port] | None = None
     jumps: int = 0
     told: Told | None = None
+    ticks: int = 0
 
     @property
     def samples(self) -> list[Sample]:
@@ -59,7 +62,7 @@ class TickOutput(Struct):
         together = self.told.followed_by(later.told)
         if together is None:
             return False
-        self.told, self.tick, self.t_ns = together, later.tick, later.t_ns
+        self.told, self.tick, self.t_ns, self.ticks = together, later.tick, later.t_ns, self.ticks + later.ticks
         return True
 
     def drop_samples(self) -> int:

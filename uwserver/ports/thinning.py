@@ -24,7 +24,7 @@ class Thinning(Struct, frozen=True, gc=False):
     def interval(self, t_ns: int) -> int:
         """In which interval, from 0, a sample lies that was true at `t_ns`.
 
-        `uwserver.world.delivery` computes the same numbers, to the last bit.
+        `uwserver.step.delivery` computes the same numbers, to the last bit.
         """
         return int((t_ns - self.start_ns + ROUNDING_NS) * self.rate_hz // 1e9)
 

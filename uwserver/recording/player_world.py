@@ -39,6 +39,7 @@ class PlayedWorld:
     actuators: Mapping[str, Commanded] = field(default_factory=dict)
     readings_dropped: Mapping[str, int] = field(default_factory=dict)
     readings_failed: Mapping[str, int] = field(default_factory=dict)
+    stops: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -64,6 +64,7 @@ class Monitor:
             "dropped": hub.bus.dropped,
             "readings_dropped": dict(world.readings_dropped),
             "readings_failed": dict(world.readings_failed),
+            "stops": {reason: count for reason, count in world.stops.items() if count},
             "vehicles": list(world.members),
             "conflicts": sum(slot.conflicts for slot in world.actuators.values()),
             "lockstep_waits_for": list(simulation.lockstep.barrier.missing(world.tick))

@@ -88,6 +88,10 @@ class KnownWorld(Protocol):
     def readings_failed(self) -> Mapping[str, int]:
         """Readings that could not be computed, by port."""
 
+    @property
+    def stops(self) -> Mapping[str, int]:
+        """How often compiled ticks have needed Python, by what for."""
+
 
 class Reads(Protocol):
     """As `uwserver.simulation.readers.Readers`."""

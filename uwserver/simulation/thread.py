@@ -214,8 +214,9 @@ class Simulation:
     def _tick(self) -> None:
         self.readers.begin()
         try:
-            output = (self._stretch() if self._is_free() else None) or self._one_tick()
+            output = self._free_ticks() if self._is_free() else self._one_tick()
         except Diverged as error:
+            self.lateness.ticks += error.output.ticks
             self._intake.batch += 1
             self._follow_jump()  # a load may have been in this tick; its failure is the one that follows
             self.failure = str(error)
@@ -225,6 +226,7 @@ class Simulation:
             self.bus.say(Event("diverged", self.world.tick, self.world.t_ns, self.failure))
             self._goals.give_up(Refused("internal", self.failure))
             return
+        self.lateness.ticks += output.ticks
         self._intake.batch += 1
         self.lockstep.ticked(output)
         if self._intake.observer is not None:
@@ -237,7 +239,6 @@ class Simulation:
 
     def _one_tick(self) -> TickOutput:
         is_paced = self._is_paced()
-        self.lateness.ticks += 1
         if self._way is not None and not is_paced and not self.lockstep.asks:
             self._way.give()
             self.readers.begin()  # what was wanted meanwhile is made in it
@@ -248,11 +249,11 @@ class Simulation:
         is_free = self._goals.hurries or self.timing.mode == "freerun"
         return is_free and not (self.lockstep.asks or self._intake.observer is not None or self.world.is_watched)
 
-    def _stretch(self) -> TickOutput | None:
-        """Ticks in one go, of which none is missed that somebody waits for. Who has asked something is answered before. None where the next tick is
-        to be made by itself, as it needs Python, or where the time was set."""
+    def _free_ticks(self) -> TickOutput:
+        """Ticks in one go, of which none is missed that somebody waits for. Who has asked something is answered before; where that sets the time, one
+        tick follows by itself."""
         if len(self.mailbox.posted) and self._answer_first():
-            return None
+            return self._one_tick()
         before = self.world.tick
         ends = [goal.tick for goal in self._goals] + [tick for tick, _ in self._appointments]
         if self.until_tick is not None:
@@ -261,13 +262,12 @@ class Simulation:
             ends.append(before + 1)
         most = min([end - before for end in ends] + [max(1, self.bus.ahead - self.bus.backlog())])
         if most < 1:
-            return None
+            return self._one_tick()
         try:
-            return self.world.go_on(most, NOBODY if self._way is None else self._way.lend())
+            return self.world.advance(most=most, way=NOBODY if self._way is None else self._way.lend())
         finally:
             if self._way is not None:
                 self._way.get_back()
-            self.lateness.ticks += self.world.tick - before
 
     def _answer_first(self) -> bool:
         """Carry out what is posted, as at the start of a tick. Returns whether that has set the time."""

@@ -31,20 +31,20 @@ def banks_of_all(casts_rays: bool) -> dict[int, Bank]:
 
 def _sensors() -> Iterable[Any]:
     from uwserver.modifiers.chain import disturb_alone
-    from uwserver.world.delivery import deliver
-    from uwserver.world.ticking import go_on
+    from uwserver.step.delivery import deliver
+    from uwserver.step.tick import step
 
-    yield from (deliver, go_on, disturb_alone.made(), lines.write_lines.made(), choosing.choose_samples.made())
+    yield from (deliver, step, disturb_alone.made(), lines.write_lines.made(), choosing.choose_samples.made())
     for each in banks_of_all(False).values():
         yield from bank.kernels(each)
 
 
 def _load_sensors() -> None:
     from uwserver.modifiers import chain
-    from uwserver.world import delivery, ticking
+    from uwserver.step import delivery, tick
 
     delivery.load()
-    ticking.load()
+    tick.load()
     lines.load()
     choosing.load()
     chain.load()
@@ -91,7 +91,7 @@ def _autopilots() -> Iterable[Any]:
 def load_autopilots() -> None:
     """Have those of autopilots ready, compiled or from the cache."""
     from uwserver.autopilot import entries
-    from uwserver.world.streams import ENTRY
+    from uwserver.step.streams import ENTRY
 
     entries.load(np.zeros(0, ENTRY))
 

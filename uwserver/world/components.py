@@ -75,7 +75,7 @@ class SensorState(State, frozen=True, omit_defaults=True):
         number: readings made; with it the random numbers go on.
         active, divisor: of the slot.
         settings, memory: of the sensor; empty where it has none.
-        held: HELD of each stream (`uwserver.world.streams`), its own first.
+        held: HELD of each stream (`uwserver.step.streams`), its own first.
         numbers: float64, of each stream the last reading, and what its operations remember.
         loose: of each stream the values of the last reading that are no numbers; empty where it has none.
         modifiers: memories of those modifiers whose streams are made in Python.

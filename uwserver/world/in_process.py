@@ -38,12 +38,8 @@ class InProcess(ABC):
         """Ticks done."""
 
     @abstractmethod
-    def advance(self) -> TickOutput:
-        """One tick."""
-
-    @abstractmethod
-    def go_on(self, most: int) -> TickOutput | None:
-        """Up to `most` ticks in one go; None where that cannot be."""
+    def advance(self, *, most: int = 1) -> TickOutput:
+        """One tick, or up to `most`."""
 
     def submit(self, item: Command | Call, on_reply: OnReply | None = None) -> None:
         """Post a checked command or call for the start of the next tick."""
@@ -85,10 +81,8 @@ class InProcess(ABC):
             raise Refused("out_of_range", f"step takes 1 tick or more, not {n}", "n")
         samples: list[Sample] = []
         while n > 0:
-            before = self.tick
-            output = self.go_on(n)
-            n -= 1 if output is None else self.tick - before
-            output = output or self.advance()
+            output = self.advance(most=n)
+            n -= output.ticks
             samples += output.samples
             for on_reply, reply in output.replies:
                 on_reply(reply)

@@ -15,7 +15,6 @@ from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.pool import Pool
-from uwserver.physics.kernel.straight import straight
 from uwserver.physics.rays.raycast import Geometry, OpenWater
 from uwserver.ports.thinning import Thinning
 from uwserver.ports.told import Log
@@ -24,8 +23,8 @@ from uwserver.sensors.bank import HEAD, Bank, RayRoom, load, reader
 from uwserver.sensors.sight import Sight
 from uwserver.sensors.surroundings import place_row, water_arrays
 from uwserver.sensors.wiring import ELECTRIC, Wiring
+from uwserver.step.streams import COUNTS, ENTRY, FORMS, NEVER, NO_INTERVAL, STREAM, THINNING
 from uwserver.world.computing import Computing
-from uwserver.world.streams import COUNTS, ENTRY, FORMS, NEVER, NO_INTERVAL, STREAM, THINNING
 from uwserver.world.vehicle import Vehicle
 
 _SLOTS, _OPEN = 64, OpenWater()
@@ -60,22 +59,21 @@ class Instruments:
     """Sensors as rows. Who is here is decided elsewhere; here it is known where they lie.
 
     Attributes:
-        heads, streams, operations, numbers: of all sensors (`sensors.bank`, `world.streams`, `modifiers.operations`).
+        heads, streams, operations, numbers: of all sensors (`sensors.bank`, `step.streams`, `modifiers.operations`).
         nu_dot, tau: (n, 6) of the bodies, where a sensor needs them: see `Hydrodynamics.rates_of_change`.
         next_ns: when the next sample on its way arrives.
         roused: sensors that have something to tell, whatever their rate (`Sensor.rouse`).
-        read_count, wordy_count: how many of the samples of this tick somebody reads in Python, and how many have values that are no numbers.
-        log: what was read of late; the last `read_count` are of this tick.
+        wordy_count: how many of the samples of the last tick have values that are no numbers.
+        log: what was read of late, and `logged` how many of its places are taken.
         computing: of readings that take time.
         rays: room for those of one kind.
     """
 
     def __init__(self, hydro: Hydrodynamics, water: Water, around: Callable[[], Around]) -> None:
         """Of a world with these bodies and this water; `around` tells what else there is."""
-        from uwserver.world import delivery
+        from uwserver.step import delivery
 
         delivery.load()
-        self._deliver = straight(delivery.deliver)
         self._hydro, self._water, self._around, self.computing = hydro, water, around, Computing()
         self.heads, self.streams, self.operations, self.numbers = (
             Pool(HEAD), Pool(STREAM), Pool(OPERATION), Pool(np.float64),
@@ -88,8 +86,8 @@ class Instruments:
         self._told_counts = self._counts.view(np.int64)  # quicker to look at than a record
         self._values, self._told_values, self._room = np.zeros((_SLOTS, 1)), np.zeros((_SLOTS, 1)), _SLOTS
         self._wordy, self._thinnings = np.zeros(_SLOTS, np.int64), np.zeros(0, THINNING)
-        self.next_ns, self.read_count, self.wordy_count, self._counted = NEVER, 0, 0, (0, 0)
-        self.log, self._logged = Log(np.zeros(0, ENTRY), np.zeros(0)), 0
+        self.next_ns, self.wordy_count, self._on_their_way = NEVER, 0, 0
+        self.log, self.logged = Log(np.zeros(0, ENTRY), np.zeros(0)), 0
         self._log_room = 0
         self.gather(())
 
@@ -175,7 +173,7 @@ class Instruments:
 
     def on_their_way(self) -> tuple[int, Any, FloatArray]:
         """How many were on their way before; ENTRY of each that is, as they will be delivered; and their numbers, one after the other."""
-        entries = self._pending[: self._counted[0]]
+        entries = self._pending[: self._on_their_way]
         if not len(entries):
             return int(self._counts["order"][0]), entries, _NONE
         entries = entries[np.lexsort((entries["order"], entries["t_sent_ns"]))]
@@ -194,13 +192,13 @@ class Instruments:
         self._pending[:n] = entries
         self._pending["slot"][:n] = np.arange(n)
         self._values[:n][self._used(entries, self._values.shape[1])] = numbers
-        self._counted = n, 0
+        self._on_their_way = n
         self._counts["pending"], self._counts["told"], self._counts["order"] = n, 0, order
         self._counts["next_ns"] = self.next_ns = int(entries["t_sent_ns"][0]) if n else NEVER
 
     def arriving(self, t_ns: int) -> list[tuple[int, int, int]]:
         """Place, stream and number of each sample that is on its way and due at a time."""
-        entries = self._pending[: self._counted[0]]
+        entries = self._pending[: self._on_their_way]
         places = np.flatnonzero(entries["t_sent_ns"] <= t_ns)
         return list(
             zip(places.tolist(), entries["stream"][places].tolist(), entries["seq"][places].tolist(), strict=True)
@@ -290,18 +288,6 @@ class Instruments:
         """Let them read once."""
         self.reader(bank, due)(t)
 
-    def deliver(self, due: IntArray, t_ns: int, begins: bool, most: int) -> int:
-        """See `delivery.deliver`; `most`: so many samples can come of these readings. Returns how many samples of this tick somebody reads."""
-        on_their_way, told = self._counted
-        needed = on_their_way + most + (0 if begins else told)
-        if needed > self._room:
-            self._make_room(needed)
-        if self._logged + needed > self._log_room:
-            self._begin_log(needed, 0 if begins else self.read_count)
-        self._deliver(self.table, due, t_ns, begins, self._values, self._told_values)
-        self.take_over()
-        return self._counted[1]
-
     def to_deliver(self) -> tuple[IntArray, FloatArray, FloatArray]:
         """What `delivery.deliver` gets besides, until sensors come or go or there is another log."""
         return self.table, self._values, self._told_values
@@ -311,40 +297,26 @@ class Instruments:
         """For how many samples there is some, on their way or delivered in a tick, and in the log."""
         return self._room, self._log_room
 
-    def take_over(self) -> int:
-        """Compiled code has delivered without `deliver`. Returns the place of the log where it has begun."""
-        first = self._logged
-        on_their_way, told, _, self.next_ns, self.read_count, self.wordy_count, self._logged, _ = (
-            self._told_counts.tolist()
-        )
-        self._counted = on_their_way, told
-        return first
+    def make_room(self, most: int) -> None:
+        """So many samples may come of the readings of a tick: have room for them. Between two ticks of which all is told."""
+        needed = self._on_their_way + most
+        if needed > self._room:
+            self._make_room(needed)
+        if self.logged + needed > self._log_room:
+            self._begin_log(needed)
 
-    def _begin_log(self, needed: int, last: int) -> None:
-        """Go on in another log, with room for so many samples at least, which begins with the last ones of this; who has them keeps this one."""
-        wide, before, end = self._values.shape[1], self.log, self._logged
-        room = max(2 * (needed + last), min(_LOGGED, _LOGGED_NUMBERS // max(1, wide)))
-        self.log = log = Log(np.zeros(room, ENTRY), np.zeros(room * wide))
-        self._logged, self._log_room, width = last, room, 0
-        if last:
-            first = before.entries["slot"][end - last]
-            width = int(self._counts["log_width"][0]) - first
-            log.numbers[:width] = before.numbers[first : first + width]
-            log.entries[:last] = before.entries[end - last : end]
-            log.entries["slot"][:last] -= first
-        self._counts["logged"], self._counts["log_width"] = last, width
-        self._told["slot"] -= end - last  # of those of this tick
+    def take_over(self) -> None:
+        """Compiled code has delivered."""
+        self._on_their_way, _, _, self.next_ns, _, self.wordy_count, self.logged, _ = self._told_counts.tolist()
+
+    def _begin_log(self, needed: int) -> None:
+        """Go on in another log, with room for so many samples at least; who has the samples of this one keeps it."""
+        wide = self._values.shape[1]
+        room = max(2 * needed, min(_LOGGED, _LOGGED_NUMBERS // max(1, wide)))
+        self.log = Log(np.zeros(room, ENTRY), np.zeros(room * wide))
+        self.logged, self._log_room = 0, room
+        self._counts["logged"] = self._counts["log_width"] = 0
         self._tabulate()
-
-    @property
-    def delivered(self) -> tuple[Any, FloatArray]:
-        """Where samples of this tick stand that somebody reads or hears: entries, and their numbers."""
-        return self._told, self._told_values
-
-    @property
-    def logged(self) -> tuple[int, int]:
-        """Samples of this tick that somebody reads: from which place of the log they stand to before which."""
-        return self._logged - self.read_count, self._logged
 
     @property
     def wordy(self) -> list[tuple[int, int, int]]:

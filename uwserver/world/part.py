@@ -22,19 +22,19 @@ Carry = Callable[[Mapping[str, Json]], Json | Later]
 
 
 class Stage(IntEnum):
-    """When in a tick a part acts; `World.advance` says why in this order."""
+    """When in a tick a part acts; `uwserver.step.tick` says why in this order. Between WATCHDOGS and FORCES autopilots step, between FORCES and WATER
+    the bodies move."""
 
     FAULTS = 1
-    WATCHDOGS = 3
-    PILOTS = 4
-    FORCES = 5
-    WATER = 7
-    SENSORS = 8
+    WATCHDOGS = 2
+    FORCES = 3
+    WATER = 4
+    SENSORS = 5
 
     @property
     def title(self) -> str:
         """As in a profile."""
-        return "autopilots" if self == Stage.PILOTS else self.name.lower()
+        return self.name.lower()
 
 
 class State(Struct, frozen=True):
@@ -126,11 +126,22 @@ Hear = Callable[[Sample, int], None]
 
 
 class Turns(NamedTuple):
-    """What parts do in a tick, in its order: before what was posted is carried out, before the bodies move, and after; and who hears each port."""
+    """What parts do in a tick, in its order.
+
+    Attributes:
+        first: before what was posted is carried out.
+        watch: after that, before autopilots.
+        forces: after these, before the bodies move.
+        follow: when they have moved, before sensors read.
+        last: after these.
+        ears: who hears each port.
+    """
 
     first: list[tuple[Part, Before]]
-    before: list[tuple[Part, Before]]
-    after: list[After]
+    watch: list[tuple[Part, Before]]
+    forces: list[tuple[Part, Before]]
+    follow: list[After]
+    last: list[After]
     ears: dict[str, list[Hear]]
 
 
@@ -150,10 +161,15 @@ def in_turn(awake: Iterable[Part], timed: Timer = untimed) -> Turns:
         for port in part.hears:
             ears.setdefault(port, []).append(hear)
     before = [(part, timed(part.stage.title, _what(part), part.before)) for part in acting]
+    after = [
+        (part.stage, timed(part.stage.title, _what(part), part.after)) for part in everybody if takes_part(type(part))[1]
+    ]
     return Turns(
-        [turn for turn in before if turn[0].stage == Stage.FAULTS],
-        [turn for turn in before if turn[0].stage > Stage.FAULTS],
-        [timed(part.stage.title, _what(part), part.after) for part in everybody if takes_part(type(part))[1]],
+        [turn for turn in before if turn[0].stage <= Stage.FAULTS],
+        [turn for turn in before if Stage.FAULTS < turn[0].stage < Stage.FORCES],
+        [turn for turn in before if turn[0].stage >= Stage.FORCES],
+        [act for stage, act in after if stage < Stage.SENSORS],
+        [act for stage, act in after if stage >= Stage.SENSORS],
         ears,
     )
 

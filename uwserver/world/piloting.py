@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any, ClassVar, NamedTuple
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
 
 from uwserver.autopilot.bank import Bank, Seat
 from uwserver.autopilot.craft import Held
 from uwserver.autopilot.pilot import Autopilot
 from uwserver.autopilot.state import Remembered
 from uwserver.physics.bodies import Hydrodynamics
-from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Sample
 from uwserver.world.banks import load_autopilots as load_kernels
-from uwserver.world.part import Part, Stage, State
+from uwserver.world.part import Part, State
 
 
 class PilotState(State, frozen=True):
@@ -67,11 +66,10 @@ class _Switch(NamedTuple):
 
 
 class Pilots(Part):
-    """A part that stands for all autopilots: each steps with its divisor."""
+    """A part that stands for all autopilots: each steps with its divisor, in the step (`uwserver.step.tick`)."""
 
     path = "world/autopilots"
     state_type = State
-    stage: ClassVar[Stage] = Stage.PILOTS
 
     def __init__(self, hydro: Hydrodynamics) -> None:
         self._hydro = hydro
@@ -95,7 +93,6 @@ class Pilots(Part):
             return
         self._streams = streams
         self._divisors = tuple({pilot.craft.divisor for pilot in pilots})
-        self.next_tick = 0 if pilots else None
         self.ports = tuple([port for pilot in pilots for port in pilot.craft.hearing.ports if port in streams])
         self._pilots = dict(enumerate(pilots))
         self._switches = [_Switch(slot, pilot.seat) for pilot in pilots for slot in pilot.craft.held]
@@ -106,23 +103,11 @@ class Pilots(Part):
         if self._bank is not None:
             self._bank.gather([pilot.seat for pilot in pilots], streams, max(streams.values(), default=-1) + 1)
 
-    def before(self, tick: int, t_ns: int) -> None:
-        """Fly those that are due."""
-        assert self._bank is not None
-        self.follow_switches()
-        if self._bank.step(self._hydro.table, tick, t_ns):
-            self.attend(t_ns)
-        self.stand_at(tick + 1)
-
     def attend(self, t_ns: int) -> None:
         """Some have stepped that need Python."""
         assert self._bank is not None
         for k, need in self._bank.needs():
             self._pilots[k].attend(need, self._hydro.table, t_ns)
-
-    def stand_at(self, tick: int) -> None:
-        """All have stepped that were due before a tick."""
-        self.next_tick = min([-(-tick // divisor) * divisor for divisor in self._divisors], default=None)
 
     @property
     def bank(self) -> Bank | None:
@@ -142,14 +127,9 @@ class Pilots(Part):
             for switch in self._switches:
                 switch.seat.switch()
 
-    def listener(self) -> Callable[[Any, FloatArray, int, int], None] | None:
-        """What takes delivered samples (`uwserver.autopilot.entries.hear_all`), until autopilots come or go; None where there is none."""
-        return None if self.bank is None else self.bank.listener()
-
     def save(self) -> State:
         """Nothing: each keeps its own."""
         return State()
 
     def load(self, state: Any) -> None:
-        """The time may be another."""
-        self.next_tick = 0 if self._pilots else None
+        """Nothing."""

@@ -204,6 +204,18 @@ class Profile:
 
         return run
 
+    def unit(self, function: Callable[..., int], *args: object, name: Callable[[int], tuple[str, str, int] | None]) -> int:
+        """Call something that tells by its result what it was (stage, kind, readings), or that it was nothing by itself; returns the result."""
+        began_ns = self._now_ns()
+        result = function(*args)
+        named = name(result)
+        if named is not None:
+            stage, what, readings = named
+            took_ns = self._now_ns() - began_ns
+            self._count(self._row(stage, what), readings, took_ns)
+            self._inner_ns += took_ns
+        return result
+
     def begin(self) -> None:
         """A tick begins. What was done since the last one ended, as handing its samples over, belongs to that one."""
         self._settle()

@@ -1,97 +1,76 @@
-"""The sensors of a world: which measure in a tick, and the samples that are on their way."""
+"""The sensors of a world: who is there, whose samples are wanted, and the samples that are on their way or delivered."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Collection, Container, Mapping, Sequence
-from typing import Any, ClassVar
+from collections.abc import Collection, Container, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Sample
 from uwserver.ports.checks import check_values
 from uwserver.ports.thinning import WHOLE, Thinned
 from uwserver.ports.told import Origin, Told
+from uwserver.sensors.bank import BankSensor
+from uwserver.step.streams import ENTRY, HEARD, KEPT, LARGE, READ, SMALL
+from uwserver.world.by_hand import ByHand
 from uwserver.world.components import SensorStream
 from uwserver.world.computing import DROP, settled
-from uwserver.world.due import Due, due_of, once
 from uwserver.world.instruments import Instruments
 from uwserver.world.on_their_way import WAY, OnTheirWay
-from uwserver.world.part import Part, Stage
+from uwserver.world.part import Part
 from uwserver.world.profile import Timer, untimed
 from uwserver.world.sensor_slot import SensorSlot
-from uwserver.world.streams import ENTRY, HEARD, KEPT, LARGE, READ, SMALL
+from uwserver.world.timetable import Group, groups_of
 from uwserver.world.under_way import UnderWay
-
-Listen = Callable[[Any, FloatArray, int, int], None]
-"""Takes entries and numbers of delivered samples, how many, and the time (ns)."""
-
-
-_PERIOD = 4096
-"""Ticks after which the same sensors are due again, for which it is noted down who they are."""
 
 
 class Sensing(Part):
-    """A part that stands for all sensors: it lets those read that are due, and delivers what is delayed.
+    """A part that stands for all sensors. When they read and are delivered is decided by the step (`uwserver.step.tick`).
 
     Attributes:
         numbers: of the streams, by port.
-        schedule_made: another object whenever others are due than before.
+        groups: who is due when; another list whenever others are due than before.
+        by_hand: what these need of Python.
+        casts: whether some of them cast rays.
+        callable: how many samples can come of those that may be called.
         under_way: readings that take time.
     """
 
     path = "world/samples"
     state_type = OnTheirWay
-    stage: ClassVar[Stage] = Stage.SENSORS
 
-    def __init__(
-        self,
-        slots: Mapping[str, SensorSlot],
-        instruments: Instruments,
-        seconds: Callable[[], float],
-    ) -> None:
+    def __init__(self, slots: Mapping[str, SensorSlot], instruments: Instruments) -> None:
         """Of a world that is still being built.
 
         Args:
             slots: the sensors by path; may change before each `schedule`.
             instruments: where they lie.
-            seconds: time of the world.
         """
         self._slots, self._instruments = slots, instruments
-        self._seconds = seconds
-        self._groups: list[tuple[int, list[SensorSlot]]] = []
-        self._repeating: list[Due] = []
-        self._plans: dict[int, Due] = {}
-        self._reader = once(instruments.reader)
-        self._masks: tuple[int, ...] = ()
+        self.groups: list[Group] = []
+        self.by_hand = ByHand({}, instruments, untimed)
+        self.casts, self.callable = False, 0
         self._listening: list[SensorSlot] = []
         self._there: dict[SensorSlot, None] = {}
         self._wanted: Container[str] | None = None
         self._thinned = WHOLE
         self._heard: Collection[str] = ()
         self._overheard: Collection[str] = ()
-        self._listen: Listen | None = None
         self._streams: dict[int, SensorStream] = {}
         self._wordy: list[SensorStream] = []
         self._origins: dict[int, Origin] = {}
         self._is_read = self._marked(())
         self._told: Told | None = None
         self.numbers: dict[str, int] = {}
-        self.schedule_made = object()
         self.under_way = UnderWay(instruments, self._is_needed)
         self.services = ((DROP, self.under_way.drop),)
         self.watch(untimed)
 
     def watch(self, timed: Timer) -> None:
-        """Call what a tick consists of through what `timed` makes of it; `schedule` follows."""
+        """Call what it does in a tick through what `timed` makes of it; `schedule` follows."""
         self._timed = timed
-        self._look = timed("sensors", "accelerations", self._instruments.look)
-        self._deliver = timed("delivery", "errors, delays", self._instruments.deliver)
-        self._give = timed("samples", "for who reads", self._tell)
-
-    def _due(self, slots: Sequence[SensorSlot], divisor: int = 1) -> Due:
-        return due_of(slots, divisor, self._instruments.reader, self._instruments, self._timed)
+        self.tell = timed("samples", "for who reads", self._tell)
 
     def settle(self) -> None:
         """Sensors came or went: give them their places."""
@@ -140,10 +119,9 @@ class Sensing(Part):
         self._thinned = WHOLE
         self._instruments.thin({})
 
-    def set_listeners(self, ports: Collection[str], overheard: Collection[str], listen: Listen | None) -> None:
-        """Parts of the world hear some ports; compiled code hears others, after each tick in which something is delivered that somebody wants."""
+    def set_listeners(self, ports: Collection[str], overheard: Collection[str]) -> None:
+        """Parts of the world hear some ports; compiled code hears others."""
         self._heard, self._overheard = ports, overheard
-        self._listen = None if listen is None else self._timed("listening", "autopilots", listen)
         self._mark()
 
     def _mark(self) -> None:
@@ -173,114 +151,28 @@ class Sensing(Part):
 
     def schedule(self) -> None:
         """Sort the active sensors by how often they are due."""
-        groups: dict[tuple[bool, int], list[SensorSlot]] = {}
-        for slot in self._slots.values():
-            if slot.active:
-                groups.setdefault((slot.sensor.repeats, slot.divisor), []).append(slot)
+        self.groups = groups_of(self._slots.values())
+        active = [slot for group in self.groups for slot in group.slots]
         self._listening = [slot for slot in self._slots.values() if slot.active and slot.sensor.listens]
-        inorder = sorted(groups.items(), key=lambda group: group[0])
-        self._groups = [(divisor, slots) for (repeats, divisor), slots in inorder if not repeats]
-        self._repeating = [self._due(slots, divisor) for (repeats, divisor), slots in inorder if repeats]
-        self._plans, self._reader = {0: self._due(())}, once(self._instruments.reader)
-        period = math.lcm(*(divisor for divisor, _ in self._groups))
-        self._masks = tuple(map(self._mask_of, range(period))) if period <= _PERIOD else ()
-        self.schedule_made = object()
+        called = [slot for slot in active if slot.sensor.listens or slot.sensor.rouses]
+        self.callable = sum(len(slot.streams) for slot in called)
+        self.casts = any(slot.sensor.rays for slot in active if isinstance(slot.sensor, BankSensor))
+        self.by_hand = ByHand({slot.head: slot for slot in active}, self._instruments, self._timed)
 
-    def by_mask(self) -> tuple[Sequence[int], Callable[[int], Due]] | None:
-        """For each tick of a period which sensors are due, and what these are. None where that is not all: some listen, repeat what others have
-        read, or take time; or the period is too long."""
-        if self._listening or self._repeating or not self.under_way.is_idle or not self._masks:
-            return None
-        return self._masks, lambda mask: self._plans.get(mask) or self._new_plan(mask)
+    @property
+    def calls(self) -> bool:
+        """Whether there are sensors that may be called in the coming tick."""
+        return bool(self._listening or self._instruments.roused)
 
-    def _mask_of(self, tick: int) -> int:
-        """The groups that are due in a tick, as bits."""
-        return sum(1 << k for k, (divisor, _) in enumerate(self._groups) if tick % divisor == 0)
-
-    def after(self, tick: int, t_ns: int, samples: list[Sample]) -> None:
-        """What is delivered in a tick. The order is part of the contract:
-
-        1. the delayed samples whose time has come, oldest first: they are older than anything measured now; what is not computed yet is
-           waited for (`uwserver.world.computing`);
-        2. sensors to which something has come meanwhile that they wait for, as the answer of a beacon;
-        3. sensors that are due, those of a shorter interval first, with their errors, from the new state;
-        4. those that repeat what the others have read.
-        """
-        instruments, masks = self._instruments, self._masks
-        mask = masks[tick % len(masks)] if masks else self._mask_of(tick)
-        roused = self._roused() if instruments.roused else ()
-        if not (mask or self._listening or self._repeating or roused) and t_ns < instruments.next_ns:
-            return
-        now, begins = self._seconds(), True
-        instruments.set_time(t_ns)
-        if t_ns >= instruments.next_ns and not self.under_way.is_idle:
-            self.under_way.arrive(t_ns)
-        called = [s for s in (*self._listening, *roused) if s.is_called(now)] if self._listening or roused else ()
-        if called:
-            self._measure(self._due(called), now, t_ns, begins)
-            begins = False
-        told = self._measure(self._plans.get(mask) or self._new_plan(mask), now, t_ns, begins)
-        for group in self._repeating:
-            if tick % group.divisor == 0:
-                told = self._measure(group, now, t_ns, False)
-        if told and self._listen is not None:
-            self._listen(*instruments.delivered, told, t_ns)
-        if told and (instruments.read_count or instruments.wordy_count):
-            self._give(samples)
-        self.under_way.purge()
-
-    def _roused(self) -> list[SensorSlot]:
-        """Active sensors that have something to tell, in an order that does not depend on who came first."""
+    def called(self, now: float) -> list[SensorSlot]:
+        """Sensors to which something has come by now (s) that they wait for, in an order that does not depend on who came first."""
         roused = self._instruments.roused
         for slot in [slot for slot in roused if slot.sensor.wake is None]:
             del roused[slot]
-        return sorted((slot for slot in roused if slot.active), key=lambda slot: slot.path)
+        inorder = sorted((slot for slot in roused if slot.active), key=lambda slot: slot.path)
+        return [slot for slot in (*self._listening, *inorder) if slot.is_called(now)]
 
-    def _new_plan(self, mask: int) -> Due:
-        """Those whose groups have their bit set; there are as many as sets of groups that ever meet."""
-        slots = [slot for k, (_, slots) in enumerate(self._groups) if mask >> k & 1 for slot in slots]
-        self._plans[mask] = plan = due_of(slots, 1, self._reader, self._instruments, self._timed)
-        return plan
-
-    def _measure(self, due: Due, now: float, t_ns: int, begins: bool) -> int:
-        """Let sensors read, and deliver. Returns how many samples of this tick somebody reads."""
-        _, in_banks, in_python, written, ready_made, kept, slow, heads, most, needs_rates, _ = (
-            due  # quicker than by name
-        )
-        if needs_rates:
-            self._look(now)
-        for read_all in in_banks:
-            read_all(now)
-        if in_python:
-            scope_of = self._instruments.scopes(t_ns, needs_rates)
-            for slot, read in in_python:
-                read(scope_of(slot.row, slot.wiring))
-        for write in written:
-            write()
-        for disturb in ready_made:
-            disturb(t_ns)
-        told = self._deliver(heads, t_ns, begins, most)
-        for keep in kept:
-            keep()
-        for slot in slow:
-            self.under_way.take(slot, t_ns)
-        return told
-
-    def tell_all(self, ends: Sequence[int], with_words: bool, written: bool, samples: list[Sample]) -> None:
-        """Compiled code has delivered in several ticks (`ticking`): tell of it.
-
-        Args:
-            ends: of each tick with samples that somebody reads, the place behind them in the log.
-            with_words: in the last one there are some with values that are no numbers.
-            written: sensors wrote.
-            samples: receives those that `take_told` does not give.
-        """
-        first = self._instruments.take_over()
-        if written:
-            self._take_texts()
-        self._tell_of(first, ends, with_words, samples)
-
-    def _take_texts(self) -> None:
+    def take_texts(self) -> None:
         """Know the texts again that belong to what compiled code has written (`sensors.writing.Writing`)."""
         told = self._instruments.streams.rows["texts"]
         (streams,) = told.nonzero()
@@ -289,20 +181,23 @@ class Sensing(Part):
             stream.fresh = stream.loose = stream.newest = self._origins[k].texts[texts - 1]
         told[streams] = 0
 
-    def _tell(self, samples: list[Sample]) -> None:
-        first, end = self._instruments.logged
-        self._tell_of(first, (end,) if end > first else (), bool(self._instruments.wordy_count), samples)
+    def _tell(self, first: int, ends: Sequence[int], with_words: bool, samples: list[Sample]) -> None:
+        """Tell what was delivered in some ticks.
 
-    def _tell_of(self, first: int, ends: Sequence[int], with_words: bool, samples: list[Sample]) -> None:
+        Args:
+            first: place in the log from which on that stands.
+            ends: of each tick with samples that somebody reads, the place behind them.
+            with_words: in the last one there are some with values that are no numbers.
+            samples: receives those that `take_told` does not give.
+        """
         log, is_large = self._instruments.log, False
-        if with_words:
-            for k, seq, place in self._instruments.wordy:
-                stream = self._streams[k]
-                # A state from outside may have two of one number on their way.
-                stream.newest = stream.coming.pop(seq, stream.newest or stream.loose)
-                if place >= 0:
-                    log.loose[place] = settled(stream.newest)
-                    is_large = is_large or not stream.columns.is_small
+        for k, seq, place in self._instruments.wordy if with_words else ():
+            stream = self._streams[k]
+            # A state from outside may have two of one number on their way.
+            stream.newest = stream.coming.pop(seq, stream.newest or stream.loose)
+            if place >= 0:
+                log.loose[place] = settled(stream.newest)
+                is_large = is_large or not stream.columns.is_small
         if not ends:
             return
         before, told = self._told, Told(self._origins, log, first, ends[-1], len(ends), tuple(ends[:-1]))
@@ -316,7 +211,7 @@ class Sensing(Part):
             log.loose.pop(place, None)
 
     def take_told(self) -> Told | None:
-        """What was delivered in this tick, but for what `after` has appended."""
+        """What was delivered of late, but for what `tell` has appended."""
         told, self._told = self._told, None
         return told
 

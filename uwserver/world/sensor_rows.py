@@ -13,10 +13,10 @@ from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Value
 from uwserver.sensors import Sensor
 from uwserver.sensors.bank import HEAD, BankSensor
+from uwserver.step.streams import HELD, STREAM
 from uwserver.world.components import SensorStream
 from uwserver.world.computing import settled
 from uwserver.world.instruments import Instruments
-from uwserver.world.streams import HELD, STREAM
 
 
 def _offset(form: np.dtype[Any], name: str) -> int:

@@ -19,12 +19,12 @@ from uwserver.sensors.bank import BankSensor
 from uwserver.sensors.base import blank
 from uwserver.sensors.job import Begun
 from uwserver.sensors.wiring import Wiring
+from uwserver.step.streams import HELD
 from uwserver.world.components import Held, SensorState, SensorStream
 from uwserver.world.computing import Loose, Work
 from uwserver.world.instruments import Instruments
 from uwserver.world.part import Part, read_record, record
 from uwserver.world.sensor_rows import SensorRows
-from uwserver.world.streams import HELD
 
 Fault = Literal["", "frozen", "silent"]
 

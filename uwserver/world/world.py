@@ -17,20 +17,19 @@ from uwserver.ports.crossing import Answers, Posted, TickOutput
 from uwserver.ports.thinning import WHOLE, Thinned
 from uwserver.sensors.base import BOTTOM, SEDIMENT
 from uwserver.sensors.sight import Sight
-from uwserver.world.agenda import AT_PILOTS, DIVERGED, STANDS
 from uwserver.world.commands import Commands
 from uwserver.world.components import ActuatorSlot, SensorStream
 from uwserver.world.diverged import Diverged, report
 from uwserver.world.in_process import InProcess
 from uwserver.world.instruments import Around, Instruments
 from uwserver.world.members import Member, Population, place_solids
-from uwserver.world.part import Before, Carry, Part, in_turn, is_awake
+from uwserver.world.part import Carry, Part, in_turn, is_awake
 from uwserver.world.piloting import Pilots
 from uwserver.world.profile import Profile, Timer, untimed
 from uwserver.world.requests import Requests
 from uwserver.world.sensing import Sensing
 from uwserver.world.sensor_slot import SensorSlot
-from uwserver.world.stretch import Stretch
+from uwserver.world.stepping import Stepping, take_turns
 from uwserver.world.surroundings import Bodies, Flowing
 from uwserver.world.threads import Threads
 from uwserver.world.ticks import Ticks
@@ -64,6 +63,7 @@ class World(InProcess):
         answers: what callers that wait are to be told in this tick.
         threads, jumps: how many threads step it, and how often a reset or restore has set the time.
         requests, sensing: what was posted, and what measures; `readings_dropped` and `readings_failed` of what takes time, by port.
+        stepping, stops: what makes its ticks, and how often these have needed Python, by what for.
     """
 
     def __init__(
@@ -94,10 +94,11 @@ class World(InProcess):
         self.instruments = Instruments(hydro, water, self._around)
         self.readings_dropped = self.instruments.computing.dropped
         self.readings_failed = self.instruments.computing.failed
-        self.sensing = Sensing(self.sensors, self.instruments, self._seconds)
+        self.sensing = Sensing(self.sensors, self.instruments)
         self._profile: Profile | None = None
         self._pilots = Pilots(hydro)
-        self._stretch = Stretch(hydro, self.instruments, self.sensing, self._pilots, rate_hz)
+        self.stepping = Stepping(hydro, self.instruments, self.sensing, self._pilots, rate_hz, self._stand, self._has_to_tell)
+        self.stops = self.stepping.stops
         self.threads = Threads(hydro, max(16, round(rate_hz / 4)))
         self._timed: Timer = untimed
         self._commands = Commands(self.actuators, rate_hz, self.say)
@@ -115,7 +116,7 @@ class World(InProcess):
 
     def set_scene(self, scene: Scene) -> None:
         """Give the world its solid things; before any body is in it."""
-        self.scene = self.hydro.collider = self.geometry = self._stretch.scene = scene
+        self.scene = self.hydro.collider = self.geometry = self.stepping.scene = scene
         self.sensing.schedule()  # who reads by rays keeps what to cast them at
 
     def add(self, part: Part) -> None:
@@ -187,10 +188,9 @@ class World(InProcess):
         self.parts = {path: self.parts[path] for path in (Bodies.path, *sorted(self.parts.keys() - {Bodies.path}))}
         awake = [part for part in self.own_parts if is_awake(part)]
         awake += [part for member in self.members.values() for part in member.by_path.awake]
-        self._first, self._before, self._after, self._ears = in_turn(awake, self._timed)
-        self._stretch.line_up(awake)
+        self.stepping.turns = in_turn(awake, self._timed)
         self._pilots.settle(self.parts.values(), self.sensing.numbers)
-        self.sensing.set_listeners(self._ears, self._pilots.ports, self._pilots.listener())
+        self.sensing.set_listeners(self.stepping.turns.ears, self._pilots.ports)
         self.sensing.schedule()
 
     def want(self, ports: Container[str] | None, thinned: Thinned = WHOLE) -> None:
@@ -202,7 +202,8 @@ class World(InProcess):
 
     def watch(self, profile: Profile | None) -> None:
         """Let a profile measure each stage of a tick, from the next on; None for nobody. Between two ticks."""
-        self._profile, self._timed = profile, untimed if profile is None else profile.timed
+        self._profile = self.stepping.profile = profile
+        self._timed = untimed if profile is None else profile.timed
         self._carry_out = self._timed("requests", "requests", self.requests.carry_out)
         self.hydro.watch(self._timed)
         self.sensing.watch(self._timed)
@@ -258,90 +259,56 @@ class World(InProcess):
         vehicles, ports = ", ".join(self.vehicles), f"{len(self.sensors)} sensors, {len(self.actuators)} actuators"
         return f"<World {self.name} at {self._seconds():.3f} s (tick {self.tick}): {vehicles or 'no vehicle'}; {ports}>"
 
-    def advance(self, more: Iterable[Posted] = ()) -> TickOutput:
-        """One tick; `more` is carried out after what was posted (`Requests.carry_out`).
+    def advance(self, more: Iterable[Posted] = (), most: int = 1, way: IntArray | None = None) -> TickOutput:
+        """One tick, or several while none of them needs what comes before a tick: their order is that of `uwserver.step.tick`.
 
-        The order is part of the contract (`Stage`; within one, by a part's order and path):
+        Args:
+            more: is carried out before the first, after what was posted (`Requests.carry_out`).
+            most: ticks.
+            way: of a `RightOfWay`, by which the loop may have the interpreter meanwhile; None where nobody waits for the end of these ticks.
 
-        1. faults that begin or end, so that they meet the commands of this tick;
-        2. what was posted, so that a command acts in the tick that its reply names;
-        3. watchdogs, after the commands that may feed them;
-        4. autopilots, after the orders of this tick and with what their sensors had delivered by t;
-        5. forces from outside, as of a tether, from where the bodies are at t;
-        6. actuators, bodies and water together in the kernel, from t to t + dt;
-        7. the water of t + dt, which sensors feel;
-        8. sensors and the delivery of samples (`Sensing.after` has their order), from the new state;
-        9. whoever listens hears what was delivered, and acts on it in the next tick.
+        Raises:
+            Diverged: a body's state is not finite.
         """
-        if self.threads.trial is not None:
-            self.threads.trial.begin_tick()
+        trial = self.threads.trial
+        if trial is not None:
+            trial.begin_tick()
         output = TickOutput(self._tick, self.t_ns, [])
         if self._profile is not None:
             self._profile.begin()
         self._begin_tick(output, more)
-        self._take_turns(self._before)
-        self._move(output)
+        take_turns(self.stepping.turns.watch, self._tick, self.t_ns)
+        each = trial is not None or self._profile is not None
+        before = self._tick
+        lost = self.stepping.go_on(before, 1 if each else most, way, output.made)
+        output.ticks = self._tick - before
+        self._end_tick(output, lost)
         if self._profile is not None:
             self._profile.end()
-        if self.threads.trial is not None:
+        if trial is not None:
             self.threads.end_tick()
         return output
 
+    def _stand(self, tick: int) -> None:
+        self.tick = tick
+
+    def _has_to_tell(self) -> bool:
+        return bool(self._events or self.answers or self.requests.posted)
+
     def _begin_tick(self, output: TickOutput, more: Iterable[Posted]) -> None:
         jumps = self.jumps
-        self._take_turns(self._first)
+        take_turns(self.stepping.turns.first, self._tick, self.t_ns)
         if self.requests.posted or more:
             self._carry_out(output, more)
             if self.jumps != jumps:  # the faults of this tick are others
-                self._take_turns(self._first)
-
-    def _take_turns(self, parts: Iterable[tuple[Part, Before]]) -> None:
-        """Let those of these parts act that have something to do."""
-        tick = self._tick
-        for part, before in parts:
-            if part.next_tick is not None and tick >= part.next_tick:
-                before(tick, self.t_ns)
-
-    def go_on(self, most: int, way: IntArray | None = None) -> TickOutput | None:
-        """As many ticks as compiled code can make by itself, up to `most`, bit for bit those of `advance`; None where the next one needs Python.
-
-        Args:
-            most: 1 or more.
-            way: of a `RightOfWay`, by which the loop may have the interpreter meanwhile; None where nobody waits for the end of these ticks.
-        """
-        if self.is_watched or self.requests.posted or self.threads.trial is not None:
-            return None
-        output = TickOutput(self._tick, self.t_ns, [])
-        try:
-            reached = self._stretch.run(self._tick, most, way, output.made)
-        except Exception:  # of a kernel, in the tick that leads here
-            self.tick = self._stretch.tick
-            raise
-        if reached is None:
-            return None
-        self.tick = self._stretch.tick
-        if reached.stage in (STANDS, DIVERGED):
-            self._end_tick(output, reached.row)
-        else:  # within a tick, whose bodies have not moved yet
-            if reached.stage == AT_PILOTS:
-                self._pilots.attend(self.t_ns)
-            self._move(output)
-        return output
-
-    def _move(self, output: TickOutput) -> None:
-        """The tick from where its bodies move, and what follows from it."""
-        diverged = self.hydro.advance(self._seconds())
-        self.tick += 1
-        tick, t_ns = self._tick, self.t_ns
-        for after in self._after if diverged < 0 else ():
-            after(tick, t_ns, output.made)
-        self._end_tick(output, diverged)
+                take_turns(self.stepping.turns.first, self._tick, self.t_ns)
 
     def _end_tick(self, output: TickOutput, diverged: int = -1) -> None:
         """All is done, but for who listens; `diverged`: row of the first body whose state is not finite."""
         output.told = self.sensing.take_told()
-        for sample in output.samples if self._ears else ():
-            for hear in self._ears.get(sample.port, ()):
+        ears = self.stepping.turns.ears
+        for sample in output.samples if ears else ():
+            for hear in ears.get(sample.port, ()):
                 hear(sample, self.t_ns)
         if self.answers:
             output.replies += self.answers

@@ -51,10 +51,9 @@ class Flight:
             left -= turn
 
     def _advance(self, ticks: int) -> None:
-        """As many as compiled code can make are made in one call, bit for bit those of `advance`."""
         end = self.world.tick + ticks
         while self.world.tick < end:
-            output = self.world.go_on(end - self.world.tick) or self.world.advance()
+            output = self.world.advance(most=end - self.world.tick)
             self.events += [event.text for event in output.events]
             for on_reply, reply in output.replies:
                 on_reply(reply)

@@ -19,6 +19,7 @@ from uwserver.autopilot.state import NEVER
 from uwserver.environment.geodesy import latitude_longitude
 from uwserver.frames import conjugate, multiply, quat_from_rpy, rotate, rpy_from_quat
 from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.kernel.straight import straight
 from uwserver.ports import Field
 from uwserver.sensors import (
     AltimeterConfig,
@@ -35,7 +36,7 @@ from uwserver.sensors import (
     UsblConfig,
 )
 from uwserver.sensors.acoustic.interrogation import Beacon
-from uwserver.world.streams import ENTRY
+from uwserver.step.streams import ENTRY
 
 RATE = 50.0
 GAINS = Gains()
@@ -331,11 +332,11 @@ def test_each_sample_goes_to_who_hears_it_and_an_invalid_one_tells_nothing():
     bank.gather([first, second], {"rov/depth": 3, "other/depth": 1}, 4)
     assert second.estimate.p == (0.0, 0.0, 4.0)
     told = told_of((3, 5, 1), (1, 6, 0), (0, 7, 1))
-    bank.listener()(told, np.array([[2.0, 8.0], [9.0, 8.0], [9.0, 8.0]]), 3, 10)
+    straight(bank.entries.hear_all)(bank.table, told, np.array([[2.0, 8.0], [9.0, 8.0], [9.0, 8.0]]), 3, 10)
     assert first.estimate.p[2] == pytest.approx(2.0, abs=1e-3)
     assert (first.estimate.depth_ns, second.estimate.p, second.estimate.depth_ns) == (5, (0.0, 0.0, 4.0), NEVER)
     told["valid"] = 1
-    bank.listener()(told, np.array([[2.0, 8.0], [9.0, 8.0], [9.0, 8.0]]), 2, 10)
+    straight(bank.entries.hear_all)(bank.table, told, np.array([[2.0, 8.0], [9.0, 8.0], [9.0, 8.0]]), 2, 10)
     assert second.estimate.depth_ns == 6
 
 
@@ -343,10 +344,10 @@ def test_several_may_hear_one_stream():
     seats = [seat(Surroundings(start=(0.0, 0.0, z)), depth=source("pressure")) for z in (0.0, 4.0, 8.0)]
     bank = Bank()
     bank.gather(seats, {"rov/depth": 1}, 2)
-    bank.listener()(told_of((1, 5, 1)), np.array([[2.0, 8.0]]), 1, 10)
+    straight(bank.entries.hear_all)(bank.table, told_of((1, 5, 1)), np.array([[2.0, 8.0]]), 1, 10)
     assert [each.estimate.depth_ns for each in seats] == [5, 5, 5]
     bank.gather(seats[1:], {"rov/depth": 0}, 2)
-    bank.listener()(told_of((0, 6, 1)), np.array([[2.0, 8.0]]), 1, 10)
+    straight(bank.entries.hear_all)(bank.table, told_of((0, 6, 1)), np.array([[2.0, 8.0]]), 1, 10)
     assert [each.estimate.depth_ns for each in seats] == [5, 6, 6]
 
 

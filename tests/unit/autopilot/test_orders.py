@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 from uwserver.ports import Refused
@@ -15,7 +16,6 @@ from uwserver.scenario.builder import ScenarioBuilder
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.scenario import load
 from uwserver.world import snapshot
-from uwserver.world.due import writer
 
 HELD = "is held by the autopilot while it is armed: call v/autopilot/disarm first, or steer by v/autopilot/pilot"
 
@@ -583,7 +583,7 @@ def test_the_state_is_written_as_what_the_autopilot_shows(fly):
     assert [told["position_valid"], told["velocity_valid"]] == [number != 0.0 for number in plain[28:30]]
     assert (told["mission_index"], told["mission_count"], told["reached"]) == (1, 2, 1)
     slot.fault = "silent"
-    writer([slot], f.world.instruments)()
+    f.world.sensing.by_hand.write(np.array([slot.head]))
     assert not slot.is_ready
 
 

@@ -8,7 +8,7 @@ import pytest
 from uwserver.modifiers.choosing import NOBODY, NOT_BEGUN, UNKNOWN, NotMet, choose
 from uwserver.ports.thinning import Thinning
 from uwserver.ports.told import Log, Told
-from uwserver.world.streams import ENTRY
+from uwserver.step.streams import ENTRY
 
 
 def told(samples: list[tuple[int, int]]) -> Told:

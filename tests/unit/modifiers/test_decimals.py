@@ -11,7 +11,7 @@ import pytest
 from uwserver.modifiers.decimals import LONGEST
 from uwserver.modifiers.lines import _FLOATS, _WHOLES, LineWriter, Piece
 from uwserver.ports.told import Log, Told
-from uwserver.world.streams import ENTRY
+from uwserver.step.streams import ENTRY
 
 COUNT = 20_000
 

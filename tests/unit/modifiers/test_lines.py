@@ -13,7 +13,7 @@ from uwserver.modifiers.columns import columns_of
 from uwserver.modifiers.lines import SEQ, T_NS, T_SENT_NS, VALID, LineWriter, pieces_of
 from uwserver.ports import Field, Port
 from uwserver.ports.told import Log, Origin, Told
-from uwserver.world.streams import ENTRY
+from uwserver.step.streams import ENTRY
 
 MIXED = Port(
     "rov/mixed",

@@ -11,7 +11,7 @@ from uwserver.modifiers.columns import columns_of
 from uwserver.ports import Field, Sample
 from uwserver.ports.crossing import TickOutput
 from uwserver.ports.told import Log, Origin, Told
-from uwserver.world.streams import ENTRY
+from uwserver.step.streams import ENTRY
 
 FORCE = columns_of((Field("f", "m/s^2", "Force.", shape=(3,)), Field("n", "1", "Number.", type="int")))
 STATE = columns_of((Field("mode", "1", "Mode.", type="str"), Field("armed", "1", "Armed.", type="bool")))

@@ -23,7 +23,7 @@ def test_every_loop_of_a_sensor_belongs_to_a_stage() -> None:
     assert loops
     assert kernels == loops | {
         "delivery.deliver",
-        "ticking.go_on",
+        "tick.step",
         "chain.disturb_alone",
         "lines.write_lines",
         "choosing.choose_samples",

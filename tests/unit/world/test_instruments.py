@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from sensing_rig import Rig, slot_of
 
-from uwserver.world.streams import NEVER
+from uwserver.step.streams import NEVER
 
 
 def test_arrays_grow_under_samples_on_their_way() -> None:

@@ -12,9 +12,10 @@ from sensing_rig import Adds, Counter, Listener, Repeater, Rig, Shouts, Speaker,
 from uwserver.modifiers import Measurement
 from uwserver.ports import Buffer, Field, Port, Sample, told
 from uwserver.sensors import Sensor
+from uwserver.world.by_hand import ByHand
 from uwserver.world.components import SensorStream
-from uwserver.world.due import once
 from uwserver.world.on_their_way import WAY, OnTheirWay
+from uwserver.world.profile import untimed
 from uwserver.world.sensor_slot import SensorSlot
 
 
@@ -31,16 +32,15 @@ def test_each_is_due_every_divisor_ticks() -> None:
 def test_what_lets_the_same_sensors_read_is_made_once() -> None:
     made: list[list[int]] = []
 
-    def reader(bank: Any, due: Any) -> Any:
-        made.append(due.tolist())
-        return lambda t: None
+    class Arrays:
+        def reader(self, bank: Any, due: Any) -> Any:
+            made.append(due.tolist())
+            return lambda t: None
 
     one, other = ("a bank",), ("another",)
-    find = once(reader)  # type: ignore[arg-type]  # whose kinds do not matter
-    first = find(one, np.array([1, 2]))  # type: ignore[arg-type]
-    assert find(one, np.array([1, 2])) is first  # type: ignore[arg-type]
-    assert find(one, np.array([2])) is not first  # type: ignore[arg-type]
-    assert find(other, np.array([1, 2])) is not first  # type: ignore[arg-type]
+    by_hand = ByHand({k: slot(str(k)) for k in (1, 2)}, Arrays(), untimed)  # type: ignore[arg-type]  # all that it asks of them
+    for bank, due in ((one, [1, 2]), (one, [1, 2]), (one, [2]), (other, [1, 2])):
+        by_hand.read(bank, np.array(due), 0.0)  # type: ignore[arg-type]  # whose kinds do not matter
     assert made == [[1, 2], [2], [1, 2]]
 
 
@@ -292,9 +292,9 @@ def test_many_samples_stay_rows_until_somebody_looks_at_them(monkeypatch: pytest
     made: list[Sample] = []
     with monkeypatch.context() as patch:
         patch.setattr(told, "Sample", None)
-        rig.sensing.after(1, 10, made)
+        rig.make(1, made)
         first = rig.sensing.take_told()
-        rig.sensing.after(2, 20, made)
+        rig.make(2, made)
         second = rig.sensing.take_told()
     assert made == []
     assert rig.sensing.take_told() is None
@@ -305,7 +305,7 @@ def test_many_samples_stay_rows_until_somebody_looks_at_them(monkeypatch: pytest
 
 def test_a_picture_is_not_kept_by_what_was_delivered_with_it() -> None:
     rig, made = swarm(Seeing), list[Sample]()
-    rig.sensing.after(1, 10, made)
+    rig.make(1, made)
     assert (len(made), rig.sensing.take_told()) == (7, None)
 
 

@@ -16,8 +16,8 @@ from uwserver.adapter import LineWriter
 from uwserver.modifiers.columns import columns_of
 from uwserver.ports import Event, Field, Port
 from uwserver.ports.told import Log, Origin, Told
+from uwserver.step.streams import ENTRY
 from uwserver.testing.fake_context import DEPTH, IMU, THRUSTERS
-from uwserver.world.streams import ENTRY
 
 STATE = Port(
     "rov/state",

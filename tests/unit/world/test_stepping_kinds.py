@@ -1,4 +1,4 @@
-"""Ticks in one go with kinds of sensors that a user has written: compiled code calls them as Python does, or leaves them to it."""
+"""Kinds of sensors that a user has written: the step calls their code, or stops for it."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ def test_what_may_be_large_comes_in_a_tick_by_itself(tmp_path: Path) -> None:
     samples, got, most = one_by_one(one, 240), [], 0
     while other.tick < 240:
         before = other.tick
-        output = other.go_on(240 - before) or other.advance()
+        output = other.advance(most=240 - before)
         most = max(most, other.tick - before)
         begin = other.ticks.time_of(other.tick - 1)
         assert all(begin < sample.t_sent_ns <= other.t_ns for sample in output.made)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from typing import Any
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from sensing_rig import Rig, slot_of, stream
 
 from uwserver.modifiers import Delay, Dropout, Reorder
 from uwserver.ports.thinning import Thinned, Thinning
-from uwserver.world.streams import COUNTS, ENTRY, HEARD, NEVER, READ
+from uwserver.step.streams import COUNTS, ENTRY, HEARD, NEVER, READ
 
 NOBODY = np.zeros(0, np.int64)
 
@@ -45,19 +45,15 @@ def test_whatever_is_on_its_way_comes_in_the_order_of_its_time_and_then_of_its_s
 
 
 def test_what_is_heard_alone_is_delivered_and_not_read() -> None:
-    heard: list[tuple[int, float]] = []
-
-    def listen(entries: Any, values: Any, count: int, t_ns: int) -> None:
-        heard.extend(zip(entries["stream"][:count].tolist(), values[:count, 0].tolist(), strict=True))
-
     rig = Rig(*(slot_of(path=path, latency_ns=-3) for path in "abc"))
     rig.sensing.want(("c",))
-    rig.sensing.set_listeners((), ("b",), listen)
+    rig.sensing.set_listeners((), ("b",))
     assert [s.port for s in rig.samples(1)] == ["c"]
     a, b, c = (rig.sensing.numbers[path] for path in "abc")
     assert rig.instruments.streams.rows["wanted"][[a, b, c]].tolist() == [0, HEARD, READ]
-    assert heard == [(b, 1.0), (c, 1.0)]
-    assert rig.instruments.read_count == 1
+    assert rig.instruments._told["stream"][:2].tolist() == [b, c]
+    assert rig.instruments._told_values[:2, 0].tolist() == [1.0, 1.0]
+    assert rig.instruments.logged == 1
     assert rig.instruments.streams.rows["seq"][a] == 0
     assert rig.slots["a"].number == 1
 
@@ -89,7 +85,7 @@ def test_compiled_code_counts_intervals_as_who_reads_does(rate_hz: float) -> Non
     edges = (rng.integers(0, 2**50, 4000) * rate_hz // 1e9 * 1e9 / rate_hz).astype(np.int64)
     times = np.unique(start + edges + rng.integers(-1002, 1003, len(edges)))
     thinning = Thinning(rate_hz, start)
-    rig = Rig(slot_of(path="a", latency_ns=-3))
+    rig = Rig(slot_of(path="a", latency_ns=-3), rate_hz=Fraction(10**9))
     (k,) = rig.slots["a"].stream_numbers
     rig.sensing.want(("a",), {"a": (thinning,)})
     newest, expected, taken = -(2**62), [], []
@@ -97,7 +93,7 @@ def test_compiled_code_counts_intervals_as_who_reads_does(rate_hz: float) -> Non
         if thinning.interval(t_ns) > newest:
             newest = thinning.interval(t_ns)
             expected.append(t_ns)
-        taken += [sample.t_ns for sample in rig.samples_at(0, t_ns)]
+        taken += [sample.t_ns for sample in rig.samples(t_ns)]
     assert 100 < len(expected) <= len(times)
     assert taken == expected
     assert rig.instruments.streams.rows["seq"][k] == len(times) - 1, "each was delivered"
@@ -132,8 +128,8 @@ def test_what_is_enough_holds_until_the_time_is_set_or_sensors_come() -> None:
         rig.sensing.want(("a",), {"a": (Thinning(10.0, 0), Thinning(1.0, 0)), "gone": (Thinning(1.0, 0),)})
         assert counts.sum() == 2
         forget()
-        rig.sensing.set_listeners((), (), lambda *heard: None)
+        rig.sensing.set_listeners((), ())
         assert counts.sum() == 0
     rig.sensing.want(("a",), {"a": (Thinning(10.0, 0),)})
-    rig.sensing.set_listeners(("a",), (), lambda *heard: None)
+    rig.sensing.set_listeners(("a",), ())
     assert counts.sum() == 0, "a part of the world hears each one"

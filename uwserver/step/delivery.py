@@ -13,7 +13,7 @@ from uwserver.physics.kernel.handles import array_at
 from uwserver.physics.kernel.sharing import share
 from uwserver.physics.kernel.straight import address_of
 from uwserver.ports.thinning import ROUNDING_NS
-from uwserver.world.streams import FORMS, NEVER, READ
+from uwserver.step.streams import FORMS, NEVER, READ
 
 _LEAST = 16  # sensors whose errors a thread makes at a time: some 5 us
 

@@ -1,6 +1,6 @@
-"""Ticks that compiled code makes in one go are those of `World.advance`, bit for bit, whatever happens in them and between them.
+"""Many ticks in one go are those that are made one by one, bit for bit, whatever happens in them and between them; and where steps stop.
 
-Also of uwserver.sensors.writing and uwserver.world.ticking.
+Also of uwserver.sensors.writing, uwserver.step.tick, uwserver.step.readings, uwserver.step.rows and uwserver.world.by_hand.
 """
 
 from __future__ import annotations
@@ -22,12 +22,14 @@ from uwserver.ports import Call, Command, Refused, Sample
 from uwserver.ports.thinning import Thinning
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
+from uwserver.sensors.bank import BankSensor
 from uwserver.testing import FakeGeometry
 from uwserver.testing.fake_geometry import Plane
 from uwserver.world import Diverged, World
 from uwserver.world import snapshot as snapshots
-from uwserver.world.agenda import LONGEST, USUAL
+from uwserver.world.part import Part, State
 from uwserver.world.profile import Profile
+from uwserver.world.stepping import LONGEST, USUAL
 
 WORLD = """
 schema = 1
@@ -75,17 +77,17 @@ class Twins:
         file = folder / "world.toml"
         file.write_text(WORLD.format(**given) + given.get("last", ""), encoding="utf-8")
         self.one, self.other = twice(file)
-        self.stretches = self.ticks = 0
-        self._go_on: Callable[..., Any] = self.other.go_on
-        self.other.go_on = self.go_on  # type: ignore[method-assign]
+        self.made = 0
 
-    def go_on(self, *args: Any) -> Any:
-        before = self.other.tick
-        output = self._go_on(*args)
-        if output is not None:
-            self.stretches += 1
-            self.ticks += self.other.tick - before
-        return output
+    @property
+    def stops(self) -> dict[str, int]:
+        """Why the other needed Python within its ticks, and how often."""
+        return {reason: count for reason, count in self.other.stops.items() if count and reason != "room"}
+
+    @property
+    def ticks(self) -> int:
+        """Of the other that needed nothing of Python."""
+        return self.made - sum(self.stops.values())
 
     def do(self, act: Callable[[World], object]) -> None:
         """In both; the answers are the same."""
@@ -97,6 +99,7 @@ class Twins:
         for _ in range(n):
             samples += self.one.advance().samples
         assert self.other.step(n) == samples
+        self.made += n
         assert self.one.tick == self.other.tick
         assert self.one.t_ns == self.other.t_ns
         self.compare()
@@ -124,8 +127,7 @@ def test_all_samples_and_states_are_the_same(twins: Twins) -> None:
     twins.step(480)
     twins.do(fly)
     twins.step(1003)
-    assert twins.ticks > 1400
-    assert twins.stretches < twins.ticks / 20, "none of its sensors needs Python"
+    assert not twins.stops, "none of its sensors needs Python"
 
 
 def test_texts_of_an_autopilot_are_those_of_their_sample(twins: Twins) -> None:
@@ -377,7 +379,7 @@ def test_samples_of_the_ticks_before_are_not_lost_with_it(tmp_path: Path) -> Non
     for world in (twins.one, twins.other):
         world.hydro.bodies["weight"][0] *= -1e5
     fallen = []
-    for step in (twins.one.advance, lambda: twins.other.go_on(100)):
+    for step in (twins.one.advance, lambda: twins.other.advance(most=100)):
         samples: list[Sample] = []
         with pytest.raises(Diverged) as diverged:
             fall(step, samples)
@@ -414,44 +416,80 @@ def _plain(samples: list[Sample]) -> list[tuple[str, int, int, int, str]]:
     return [(s.port, s.seq, s.t_ns, s.t_sent_ns, repr(s.value)) for s in samples]
 
 
-def test_what_changes_often_is_not_put_together_each_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A program that switches one sensor after the other pays for the ticks that it makes between, and not for all that may ever be due."""
-    world = Twins(tmp_path, copies="copies = { count = 12, columns = 4, spacing_m = [5.0, 5.0] }").other
-    world.step(300)
-    made: list[int] = []
-    real = world.sensing._new_plan
-    monkeypatch.setattr(world.sensing, "_new_plan", lambda mask: (made.append(mask), real(mask))[1])
-    for k in range(1, 13):
-        world.call(f"rov_{k}/leak/deactivate")
-        before = len(made)
-        world.step(2)
-        assert len(made) - before <= 2
-    made.clear()
-    world.step(120)
-    assert len(made) > 5
+# -- where steps stop ------------------------------------------------------------------------------------------------------------------
 
 
-# -- when there is none ----------------------------------------------------------------------------------------------------------------
-
-
-def test_none_is_made_of_ticks_that_need_python(twins: Twins, tmp_path: Path) -> None:
+def test_ticks_that_are_measured_are_made_one_by_one_and_watchdogs_have_theirs(twins: Twins) -> None:
     world = twins.other
     world.step(3)
     world.submit(Command("rov/thrusters", ((0.0,) * 8,), "me"))
-    assert world.go_on(5) is None, "somebody posted something"
-    world.step(1)
     world.watch(Profile(perf_counter_ns))
-    assert world.go_on(5) is None, "each tick is measured"
+    assert world.advance(most=5).ticks == 1
     world.watch(None)
     world.step(9)
     commanded = world.tick
     world.actuators["rov/thrusters"].set_timeout(3)
     world.command("rov/thrusters", u=(0.1,) * 8)
     world.step(1)
-    output = world.go_on(50)
-    assert output is not None
-    assert output.tick == commanded + 3, "up to where a watchdog may expire"
-    assert world.go_on(50) is None
+    assert world.advance(most=50).tick == commanded + 3, "up to where a watchdog may expire"
+    assert [event.event for event in world.advance(most=50).events] == ["watchdog"]
+
+
+def test_who_lets_a_kind_read_does_not_matter(twins: Twins) -> None:
+    """Where compiled code cannot call the loop of a kind, the step stops for it: the readings are the same."""
+    twins.step(480)
+    twins.other.stepping._kept["kinds"]["code"] = 0
+    twins.do(fly)
+    twins.step(240)
+    assert twins.stops["readings"] > 240
+
+
+def test_kinds_read_in_the_order_in_which_the_first_of_each_is_due(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where several intervals end in one tick: what one of them changes, as a battery the voltage, others see or do not see."""
+    world = Twins(tmp_path).other
+    world.step(1)
+    stepping = world.stepping
+    stepping._kept["kinds"]["code"] = 0
+    read, real = [], world.sensing.by_hand.read
+    monkeypatch.setattr(world.sensing.by_hand, "read", lambda bank, due, t: (read.append((bank, due.copy())), real(bank, due, t)))
+    tick = 120  # all are due
+    world.step(tick - 2)
+    read.clear()
+    world.step(1)
+    slots = [slot for group in world.sensing.groups if tick % group.divisor == 0 for slot in group.slots]
+    banks = [slot.sensor.bank for slot in slots if isinstance(slot.sensor, BankSensor)]
+    assert [id(bank) for bank, _ in read] == list(dict.fromkeys(map(id, banks)))
+    for bank, due in read:
+        of_kind = [s.head for s in slots if isinstance(s.sensor, BankSensor) and s.sensor.bank is bank]
+        assert due.tolist() == of_kind
+
+
+def test_a_force_that_a_part_gives_is_given_once_a_tick(twins: Twins) -> None:
+    """Behind the autopilots, before the bodies move; where nothing is due, no step stops for it."""
+    twins.step(10)
+
+    class Push(Part):
+        path, state_type, next_tick = "world/push", State, 12
+
+        def __init__(self, world: World) -> None:
+            self.world, self.ticks = world, list[int]()
+
+        def before(self, tick: int, t_ns: int) -> None:
+            self.ticks.append(tick)
+            self.world.hydro.external[0, 2] += 50.0
+            self.next_tick = None if tick >= 20 else tick + 2
+
+        def save(self) -> State:
+            return State()
+
+        def load(self, state: Any) -> None: ...
+
+    pushes = [Push(world) for world in (twins.one, twins.other)]
+    for push in pushes:
+        push.world.add(push)
+    twins.step(40)
+    assert pushes[0].ticks == pushes[1].ticks == [12, 14, 16, 18, 20]
+    assert twins.stops == {"forces": 5}
 
 
 @pytest.mark.parametrize(
@@ -464,18 +502,18 @@ def test_none_is_made_of_ticks_that_need_python(twins: Twins, tmp_path: Path) ->
 def test_a_sea_needs_python(tmp_path: Path, more: str) -> None:
     twins = Twins(tmp_path, more=more)
     twins.step(30)
-    assert not twins.ticks
+    assert twins.stops["bodies"] == twins.stops["water and led bodies"] == 30
 
 
 def test_what_rays_meet_may_be_known_to_python_alone(twins: Twins) -> None:
     twins.step(30)
-    before = twins.ticks
+    assert not twins.stops
     for world in (twins.one, twins.other):
         world.geometry = FakeGeometry([Plane((0.0, 0.0, 9.0), (0.0, 0.0, -1.0))])
         world.refresh()
     altitudes = [sample.value[0] for sample in twins.step(240) if sample.port == "rov/echosounder" and sample.valid]
     assert min(altitudes) == pytest.approx(4.0, abs=0.5)  # type: ignore[type-var]
-    assert before + 100 < twins.ticks < before + 240
+    assert twins.stops == {"readings": 18}, "of an echosounder at 10 Hz and a DVL at 8 Hz"
 
 
 # -- the loop that has the interpreter meanwhile ---------------------------------------------------------------------------------------
@@ -493,8 +531,8 @@ def asked() -> RightOfWay:
 def test_a_world_makes_as_many_ticks_as_are_usual(twins: Twins, asked: RightOfWay) -> None:
     world = twins.other
     world.step(2)
-    assert world.go_on(1000, asked.lend()).tick == 2 + USUAL  # type: ignore[union-attr]
-    assert world.go_on(7, asked.lend()).tick == 2 + USUAL + 7  # type: ignore[union-attr]
+    assert world.advance(most=1000, way=asked.lend()).tick == 2 + USUAL
+    assert world.advance(most=7, way=asked.lend()).tick == 2 + USUAL + 7
     assert asked.numbers[RUNS] == 1
     assert not asked.numbers[WAITED]
 
@@ -515,7 +553,7 @@ def test_who_calls_waits_for_no_further_tick(tmp_path: Path, asked: RightOfWay) 
         before, asked.numbers[ASKED] = world.tick, 2 * turn + 3
         timer = threading.Timer(0.0005, call_and_go, (turn,))
         timer.start()
-        world.go_on(1000, asked.numbers)
+        world.advance(most=1000, way=asked.numbers)
         timer.join()
         lengths.append(world.tick - before)
         if 0 < lengths[-1] < 8:
@@ -533,7 +571,7 @@ def test_a_world_goes_on_until_the_loop_can_be_heard(twins: Twins, asked: RightO
     asked.numbers[ASKED] = 3
     calls = threading.Thread(target=lambda: [asked.wake.set() or sleep(0.0001) for _ in range(100)])
     calls.start()
-    assert world.go_on(1000, asked.numbers).tick == 2 + LONGEST  # type: ignore[union-attr]
+    assert world.advance(most=1000, way=asked.numbers).tick == 2 + LONGEST
     calls.join()
 
 
@@ -543,7 +581,7 @@ def test_who_is_alone_makes_many_ticks_in_one_go(tmp_path: Path) -> None:
     world = twins.other
     world.want(())
     world.step(240)
-    assert world.go_on(1000).tick == 240 + LONGEST  # type: ignore[union-attr]
+    assert world.advance(most=1000).tick == 240 + LONGEST
 
 
 def test_many_bodies_make_fewer_in_one_go(tmp_path: Path) -> None:
@@ -551,7 +589,7 @@ def test_many_bodies_make_fewer_in_one_go(tmp_path: Path) -> None:
     twins = Twins(tmp_path, copies="copies = { count = 16, columns = 4, spacing_m = [5.0, 5.0] }")
     world = twins.other
     world.step(240)  # there is room for its samples
-    assert world.go_on(1000, NOBODY).tick == 240 + 16  # type: ignore[union-attr]
+    assert world.advance(most=1000, way=NOBODY).tick == 240 + 16
 
 
 def test_the_loop_has_the_interpreter_while_the_world_goes_on(tmp_path: Path, asked: RightOfWay) -> None:
@@ -565,7 +603,7 @@ def test_the_loop_has_the_interpreter_while_the_world_goes_on(tmp_path: Path, as
         before, numbers[ASKED] = world.tick, 2 * turn + 3
         timer = threading.Timer(0.01, numbers.__setitem__, (ASKED, 2 * turn + 4))
         timer.start()
-        world.go_on(1000, numbers)
+        world.advance(most=1000, way=numbers)
         timer.join()
         done = world.tick - before
         assert done <= LONGEST
@@ -580,13 +618,13 @@ def test_a_loop_that_keeps_the_interpreter_is_waited_for_once(twins: Twins, aske
     world.want(())
     world.step(2)
     asked.numbers[ASKED] = 5
-    world.go_on(10, asked.lend())
+    world.advance(most=10, way=asked.lend())
     assert asked.numbers[LATE] == 5
     waited = int(asked.numbers[WAITED])
     assert waited > 0
     asked.get_back()
     assert asked.numbers[WAITED] == 0
-    world.go_on(10, asked.lend())
+    world.advance(most=10, way=asked.lend())
     assert asked.numbers[WAITED] == 0
 
 

@@ -1,0 +1,304 @@
+"""Readings in a tick, in compiled code: who is due, how kinds of sensors read, and the delivery of samples. Imports numba."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.calling import call, call_for_float, call_for_number
+from uwserver.physics.kernel.compiled import compiled
+from uwserver.physics.kernel.handles import array_at, lay
+from uwserver.physics.rays.hits import miss
+from uwserver.physics.rays.raycast import Hits
+from uwserver.step import rows, streams
+from uwserver.step.rows import (
+    ARRIVALS,
+    CALLED,
+    DELIVER,
+    DONE,
+    EXACT,
+    HEAR,
+    KEEP,
+    NEEDS_EXACT,
+    NEEDS_KEEPING,
+    NEEDS_PYTHON,
+    NEEDS_RATES,
+    NEEDS_TEXTS,
+    PYTHON,
+    RATES,
+    READ,
+    ROUND,
+    UNIT,
+    WHEN_CALLED,
+    WHEN_DUE,
+    WRITE,
+)
+from uwserver.step.streams import LARGE
+
+_course, _run, _groups, _kinds, _writings = (
+    array_at(rows.FORMS, name) for name in ("course", "run", "groups", "kinds", "writings")
+)
+_shares, _scheduled, _members, _active = (
+    array_at(rows.FORMS, name) for name in ("shares", "scheduled", "members", "active")
+)
+_due, _turns, _turn, _place_of = (array_at(rows.FORMS, name) for name in ("due", "turns", "turn", "place"))
+_world, _now, _pilots, _solids = (array_at(rows.FORMS, name) for name in ("world", "now", "pilots", "solids"))
+_origin, _direction, _first, _past = (array_at(rows.FORMS, name) for name in ("origin", "direction", "first", "past"))
+_distance, _normal, _body, _material = (array_at(rows.FORMS, name) for name in Hits._fields)
+_state, _nu_dot, _tau = (array_at(rows.FORMS, name) for name in ("state", "nu_dot", "tau"))
+_heads, _numbers, _pending = (array_at(streams.FORMS, name) for name in ("heads", "numbers", "pending"))
+_counts, _streams = (array_at(streams.FORMS, name) for name in ("counts", "streams"))
+
+
+@compiled
+def time_of(course: Any, tick: int) -> int:
+    """As `Ticks.time_of`."""
+    return (tick * (2_000_000_000 * course.parts) + course.rate) // (2 * course.rate)  # type: ignore[no-any-return]
+
+
+@compiled
+def seconds_of(course: Any, tick: int) -> float:
+    """Time of a tick, s."""
+    return tick * course.parts / course.rate  # type: ignore[no-any-return]
+
+
+@compiled
+def is_measured(run: Any, unit: int, which: int) -> bool:
+    """A unit of work is done: whether to stop behind it."""
+    run.unit, run.which = unit, which
+    return bool(run.measured != 0)
+
+
+@compiled
+def _activate(table: Array, tick: int) -> int:
+    """Find the groups that are due in a tick; returns how many samples can come of them."""
+    run, groups, active, samples = _run(table)[0], _groups(table), _active(table), 0
+    n = 0
+    for g in range(len(groups)):
+        if tick % groups[g].divisor == 0:
+            active[n] = g
+            n += 1
+            samples += groups[g].samples
+    run.active = n
+    return samples
+
+
+@compiled
+def needs_room(table: Array, sensors: Array, room: int, log_room: int) -> bool:
+    """Whether samples of the next tick may find no place; `which` then says how many may come."""
+    run, counts = _run(table)[0], _counts(sensors)[0]
+    run.which = run.callable + _activate(table, run.tick + 1)
+    needed = counts.pending + run.which
+    return bool(needed > room or counts.logged + needed > log_room)
+
+
+@compiled
+def brings_large(table: Array, sensors: Array) -> bool:
+    """Whether something large arrives in the next tick, as a picture: that comes in a tick by itself."""
+    pending, all_streams, counts, found = _pending(sensors), _streams(sensors), _counts(sensors)[0], False
+    t_ns = time_of(_course(table)[0], _run(table)[0].tick + 1)
+    if t_ns >= counts.next_ns:
+        for k in range(counts.pending):
+            found = found or (pending[k].t_sent_ns <= t_ns and all_streams[pending[k].stream].wordy == LARGE)
+    return found
+
+
+@compiled
+def _gather(table: Array) -> None:
+    """Who is due in a round, all together and by kinds: these in the order in which the first of each comes."""
+    run, groups, shares, active = _run(table)[0], _groups(table), _shares(table), _active(table)
+    scheduled, members, due, turns = _scheduled(table), _members(table), _due(table), _turns(table)
+    turn, place = _turn(table), _place_of(table)
+    run.needs = run.due = run.kinds = 0
+    for a in range(run.active):
+        group = groups[active[a]]
+        if group.round != run.round:
+            continue
+        run.needs |= group.needs
+        for k in range(group.first, group.first + group.count):
+            due[run.due] = scheduled[k]
+            run.due += 1
+        for s in range(group.share_first, group.share_first + group.share_count):
+            kind = shares[s].kind
+            if place[kind] < 0:
+                place[kind] = run.kinds
+                turn[run.kinds].kind, turn[run.kinds].count = kind, 0
+                run.kinds += 1
+            turn[place[kind]].count += shares[s].count
+    n = 0
+    for k in range(run.kinds):
+        turn[k].first, n = n, n + turn[k].count
+        turn[k].count = 0
+    for a in range(run.active):
+        group = groups[active[a]]
+        if group.round != run.round:
+            continue
+        for s in range(group.share_first, group.share_first + group.share_count):
+            share, mine = shares[s], turn[place[shares[s].kind]]
+            for k in range(share.first, share.first + share.count):
+                turns[mine.first + mine.count] = members[k]
+                mine.count += 1
+    for k in range(run.kinds):
+        place[turn[k].kind] = -1
+
+
+@compiled
+def _read_by_rays(table: Array, sensors: Array, kind: Any, due: Array, t: float) -> None:
+    """As `sensors.bank.reader` does where rays are cast at what is intersected one by one."""
+    course, now, heads, numbers = _course(table)[0], _now(table), _heads(sensors), _numbers(sensors)
+    records, first, past = lay(kind.rows, kind.row_count), _first(table)[: len(due) + 1], _past(table)
+    origin, direction = _origin(table), _direction(table)
+    distance, normal, body, material = _distance(table), _normal(table), _body(table), _material(table)
+    hits = Hits(distance[:0], normal[:0], body[:0], material[:0])
+    for aim in (kind.aim, kind.aim_again):
+        if aim == 0:
+            continue
+        reach = call_for_float(aim, (heads, records, numbers, due, now, t, origin, direction, first, hits))
+        n = first[len(due)]
+        hits = Hits(distance[:n], normal[:n], body[:n], material[:n])
+        for k in range(len(due)):
+            past[first[k] : first[k + 1]] = heads[due[k]].body
+        if course.cast == 0:
+            miss(hits)
+        elif n > 0:
+            given = _solids(table), origin[:n], direction[:n], reach, _state(table), past[:n]
+            call(course.cast, given + (hits.distance, hits.normal, hits.body, hits.material))  # noqa: RUF005  # as numba joins tuples
+    call(kind.code, (heads, records, numbers, due, now, t, direction, first, hits))
+
+
+@compiled
+def _read(table: Array, sensors: Array, kind: Any, due: Array) -> None:
+    """Let sensors of one kind read."""
+    course, now, run = _course(table)[0], _now(table), _run(table)[0]
+    t = seconds_of(course, run.tick)
+    if kind.by_rays != 0:
+        _read_by_rays(table, sensors, kind, due, t)
+        return
+    records = lay(kind.rows, kind.row_count)
+    call(kind.code, (_heads(sensors), records, _numbers(sensors), due, now, t))
+
+
+@compiled
+def _is_frozen(table: Array, sensors: Array) -> bool:
+    """Whether a sensor of this round that writes has to repeat itself, and its texts with it, which stand in Python."""
+    run, groups, active, writings = _run(table)[0], _groups(table), _active(table), _writings(table)
+    all_streams, found = _streams(sensors), False
+    for a in range(run.active):
+        group = groups[active[a]]
+        if group.round == run.round:
+            for k in range(group.writing_first, group.writing_first + group.writing_count):
+                found = found or all_streams[writings[k].stream_first].frozen != 0
+    return found
+
+
+@compiled
+def _write_one(table: Array, sensors: Array, writing: Any, t_ns: int) -> None:
+    run, head, numbers, all_streams = _run(table)[0], _heads(sensors)[writing.head], _numbers(sensors), _streams(sensors)
+    head.ready, head.valid = 1 - head.silent, 1
+    if head.silent != 0:
+        return
+    reading = numbers[writing.first : writing.first + writing.width]
+    texts = call_for_number(_course(table)[0].tell, (_pilots(table), writing.row, t_ns, reading))
+    for s in range(writing.stream_first, writing.stream_first + writing.stream_count):
+        all_streams[s].texts = texts + 1
+    run.written += 1
+
+
+@compiled
+def _write(table: Array, sensors: Array) -> None:
+    """Let sensors of this round write that do."""
+    run, groups, active, writings = _run(table)[0], _groups(table), _active(table), _writings(table)
+    t_ns = time_of(_course(table)[0], run.tick)
+    for a in range(run.active):
+        group = groups[active[a]]
+        if group.round == run.round:
+            for k in range(group.writing_first, group.writing_first + group.writing_count):
+                _write_one(table, sensors, writings[k], t_ns)
+
+
+@compiled
+def _round(table: Array, sensors: Array, values: Array, told_values: Array) -> int:
+    """One round of readings, from its stage on; returns why it stops, DONE where it is over."""
+    course, run, kinds = _course(table)[0], _run(table)[0], _kinds(table)
+    if run.stage == RATES:
+        run.stage, run.turn = EXACT, 0
+        if run.needs & NEEDS_RATES:
+            if run.looks != 0:
+                return RATES
+            call(course.look, (_world(table), seconds_of(course, run.tick), _nu_dot(table), _tau(table)))
+            if is_measured(run, RATES, 0):
+                return UNIT
+    if run.stage == EXACT:
+        run.stage = READ
+        if run.needs & NEEDS_EXACT:
+            return EXACT
+    if run.stage == READ:
+        turns = _turns(table)
+        while run.turn < run.kinds:
+            mine = _turn(table)[run.turn]
+            run.turn += 1
+            if kinds[mine.kind].code == 0:
+                run.which = run.turn - 1
+                return READ
+            _read(table, sensors, kinds[mine.kind], turns[mine.first : mine.first + mine.count])
+            if is_measured(run, READ, run.turn - 1):
+                return UNIT
+        run.stage = PYTHON
+    if run.stage == PYTHON:
+        run.stage = WRITE
+        if run.needs & NEEDS_PYTHON:
+            return PYTHON
+    if run.stage == WRITE:
+        run.stage = DELIVER
+        if run.needs & NEEDS_TEXTS:
+            if _is_frozen(table, sensors):
+                run.needs |= NEEDS_KEEPING
+                return WRITE
+            _write(table, sensors)
+            if is_measured(run, WRITE, 0):
+                return UNIT
+    if run.stage == DELIVER:
+        run.stage = KEEP
+        given = sensors, _due(table)[: run.due], time_of(course, run.tick), run.begun == 0, values, told_values
+        call_for_number(course.deliver, given)
+        run.begun = 1
+        if is_measured(run, DELIVER, 0):
+            return UNIT
+    run.stage, run.round = ROUND, run.round + 1
+    return KEEP if run.needs & NEEDS_KEEPING else DONE
+
+
+@compiled
+def measure(table: Array, sensors: Array, values: Array, told_values: Array) -> int:
+    """What is delivered in a tick. The order is part of the contract:
+
+    1. the delayed samples whose time has come, oldest first: they are older than anything measured now;
+    2. sensors to which something has come meanwhile that they wait for, as the answer of a beacon;
+    3. sensors that are due, those of a shorter interval first, with their errors, from the new state;
+    4. those that repeat what the others have read.
+    """
+    run, course, counts = _run(table)[0], _course(table)[0], _counts(sensors)[0]
+    t_ns, last_round = time_of(course, run.tick), course.last_round
+    if run.stage == ARRIVALS:
+        run.stage = ROUND
+        if run.slow != 0 and t_ns >= counts.next_ns:
+            return ARRIVALS
+    while run.stage != HEAR:
+        if run.stage == ROUND:
+            if run.round == WHEN_CALLED:
+                if run.calls != 0:
+                    return CALLED  # who answers goes on with that round, or the next
+                run.round = WHEN_DUE
+            if run.round > last_round:
+                run.stage = HEAR
+                break
+            _gather(table)
+            arrives = run.round == WHEN_DUE and run.begun == 0 and t_ns >= counts.next_ns
+            if run.due == 0 and not arrives:
+                run.round += 1
+                continue
+            run.stage = RATES
+        why = _round(table, sensors, values, told_values)
+        if why != DONE:
+            return why
+    return DONE

@@ -1,0 +1,188 @@
+"""The order of a tick, once, in compiled code: for a world that is stepped by a program, paced by a clock, or runs as fast as it can.
+
+What needs Python is a stop: `step` returns the stage, Python does its part, and the next call goes on behind it. Imports numba.
+"""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import numpy as np
+
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.atomics import load_atomic
+from uwserver.physics.kernel.calling import call, call_for_number
+from uwserver.physics.kernel.compiled import compiled, entry
+from uwserver.physics.kernel.giving_way import GIVING, lend, take_back
+from uwserver.physics.kernel.handles import array_at
+from uwserver.physics.kernel.places import ASKED, LATE, WAITED
+from uwserver.physics.kernel.places import CALLED as HAS_CALLED
+from uwserver.physics.kernel.right_of_way import NOBODY
+from uwserver.sensors import surroundings
+from uwserver.step import rows, streams
+from uwserver.step.readings import brings_large, is_measured, measure, needs_room, seconds_of, time_of
+from uwserver.step.rows import (
+    ARRIVALS,
+    BEGIN,
+    DIVERGED,
+    DONE,
+    END,
+    FORCES,
+    HEAR,
+    MOVE,
+    MOVED,
+    PILOTS,
+    ROOM,
+    UNIT,
+    WHEN_CALLED,
+)
+
+_course, _run, _ends, _world, _now, _pilots = (
+    array_at(rows.FORMS, name) for name in ("course", "run", "ends", "world", "now", "pilots")
+)
+_shapes, _pairs, _state = (array_at(rows.FORMS, name) for name in ("shapes", "pairs", "state"))
+_told, _counts = (array_at(streams.FORMS, name) for name in ("told", "counts"))
+_place = array_at(surroundings.FORMS, "place")
+
+
+@compiled
+def _waits_for_python(table: Array) -> bool:
+    """Let the autopilots step that are due; whether some need Python."""
+    course, run = _course(table)[0], _run(table)[0]
+    given = _pilots(table), _world(table), run.tick, time_of(course, run.tick)
+    return bool(call_for_number(course.step_pilots, given) != 0)
+
+
+@compiled
+def _may_touch(table: Array) -> bool:
+    """Whether bodies may touch something in the coming tick."""
+    course = _course(table)[0]
+    given = _shapes(table), _state(table), course.dt, course.margin, True, _pairs(table)
+    return bool(call_for_number(course.find_pairs, given) != 0)
+
+
+@compiled
+def _before_and_move(table: Array) -> int:
+    """A tick from its begin until its bodies stand at the next; returns why it stops, DONE where it goes on."""
+    course, run = _course(table)[0], _run(table)[0]
+    if run.stage == PILOTS:
+        run.stage = FORCES
+        if course.step_pilots != 0 and run.tick % course.pilots_every == 0:
+            if _waits_for_python(table):
+                return PILOTS
+            if is_measured(run, PILOTS, 0):
+                return UNIT
+    if run.stage == FORCES:
+        run.stage = MOVE
+        if run.tick >= run.forces_tick:
+            return FORCES
+    if run.stage == MOVE:
+        run.stage = MOVED
+        if run.moves != 0 or (course.find_pairs != 0 and _may_touch(table)):
+            return MOVE
+        lost = call_for_number(course.move, (_world(table), seconds_of(course, run.tick), course.dt))
+        if lost >= 0:
+            run.tick += 1
+            run.which = lost
+            return DIVERGED
+        if is_measured(run, MOVE, 0):
+            return UNIT
+    if run.stage == MOVED:
+        run.tick += 1
+        run.stage, run.round = ARRIVALS, WHEN_CALLED
+        _place(_now(table))[0].t_ns = time_of(course, run.tick)
+        if run.follows != 0:
+            return MOVED
+    return DONE
+
+
+@compiled
+def _go_on(table: Array, sensors: Array, values: Array, told_values: Array) -> int:
+    """A tick, from its stage on; returns why it stops, DONE where it is over.
+
+    The order is part of the contract (`world.part.Stage`). Before it, Python has begun and ended faults, then carried out what was posted, so that
+    a command acts in the tick that its reply names, then looked after watchdogs, which commands may feed. Then:
+
+    1. autopilots, after the orders of this tick and with what their sensors had delivered by t;
+    2. forces from outside, as of a tether, from where the bodies are at t;
+    3. actuators, bodies and water together, from t to t + dt;
+    4. bodies that others lead, and the water of t + dt, which sensors feel;
+    5. sensors and the delivery of samples (`measure` has their order), from the new state;
+    6. whoever listens hears what was delivered, and acts on it in the next tick.
+    """
+    run, counts = _run(table)[0], _counts(sensors)[0]
+    if run.stage < ARRIVALS:
+        why = _before_and_move(table)
+        if why != DONE:
+            return why
+    if run.stage < HEAR:
+        why = measure(table, sensors, values, told_values)
+        if why != DONE:
+            return why
+    if run.stage == HEAR:
+        run.stage = END
+        if run.begun != 0 and counts.told > 0 and _course(table)[0].hear != 0:
+            given = _pilots(table), _told(sensors), told_values, counts.told, time_of(_course(table)[0], run.tick)
+            call(_course(table)[0].hear, given)
+            if is_measured(run, HEAR, 0):
+                return UNIT
+    run.stage = BEGIN
+    is_read = counts.logged > run.logged
+    if is_read:
+        _ends(table)[run.ends] = counts.logged
+        run.ends += 1
+    has_words = run.begun != 0 and counts.wordy > 0
+    is_looked_at = run.looks_back == 2 or (is_read and run.looks_back == 1)
+    return END if has_words or is_looked_at or (run.slow != 0 and run.begun != 0) else DONE
+
+
+@entry
+def step(table: Array, sensors: Array, values: Array, told_values: Array, way: Array, room: int, log_room: int) -> int:
+    """Make ticks until Python is needed, or all are made.
+
+    Where the loop asks for the interpreter meanwhile it has it at once. The world goes on while it does, and waits then as between two ticks. Once
+    somebody has called, and the loop does not have the interpreter which is needed to hear him, no further one is made.
+
+    Args:
+        table: made by `rows.FORMS`.
+        sensors, values, told_values: see `delivery.deliver`.
+        way: of a `RightOfWay`; zeros for none.
+        room, log_room: for samples on their way or delivered, and in the log.
+
+    Returns:
+        Why it stops (`rows`). The next call goes on behind that.
+    """
+    run, counts = _run(table)[0], _counts(sensors)[0]
+    lent, why = 0, DONE
+    while why == DONE:
+        if run.stage == BEGIN:
+            asked = load_atomic(way, ASKED)
+            is_asked = asked % 2 == 1 and asked != way[LATE]
+            if is_asked and lent != asked:
+                lent = asked
+                lend(way, asked)
+            done, called = run.tick - run.first, load_atomic(way, HAS_CALLED)
+            if done == 0:
+                run.called = called
+            is_called = called != run.called
+            if run.tick >= run.until or (not is_asked and (done >= run.usual or (done > 0 and is_called))):
+                break
+            if done > 0 and brings_large(table, sensors):
+                break
+            if needs_room(table, sensors, room, log_room):
+                why = DONE if done > 0 else ROOM
+                break
+            run.stage, run.begun, run.logged = PILOTS, 0, counts.logged
+        why = _go_on(table, sensors, values, told_values)
+    if lent != 0:
+        turns = take_back(way, lent)
+        way[WAITED] += turns
+        if turns == GIVING:
+            way[LATE] = lent
+    return why
+
+
+def load() -> None:
+    """Have it ready, compiled or from the cache."""
+    table, values = np.zeros((0, 2), np.int64), np.empty((0, 1))
+    cast("Any", step).load(table, table, values, values, NOBODY, 0, 0)

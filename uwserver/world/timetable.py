@@ -1,0 +1,189 @@
+"""When which sensors of a world read, as rows for the step (`uwserver.step.rows`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from uwserver.physics.kernel.arrays import IntArray
+from uwserver.physics.rays.raycast import no_hits
+from uwserver.sensors.bank import Bank, BankSensor, codes_of
+from uwserver.step.rows import (
+    AS_REPEATED,
+    GROUP,
+    KIND,
+    NEEDS_EXACT,
+    NEEDS_KEEPING,
+    NEEDS_PYTHON,
+    NEEDS_RATES,
+    NEEDS_TEXTS,
+    SHARE,
+    WHEN_DUE,
+    WRITING,
+)
+from uwserver.world.instruments import Instruments
+from uwserver.world.sensor_slot import SensorSlot
+
+
+class Group(NamedTuple):
+    """Sensors that are due in the same ticks, every `divisor`, in a round of them."""
+
+    round: int
+    divisor: int
+    slots: Sequence[SensorSlot]
+
+
+class Timetable(NamedTuple):
+    """That of a world, until other sensors are due.
+
+    Attributes:
+        rows: of `step.rows.FORMS`, by name.
+        banks: of the kinds, by their numbers.
+        slots: by the number of a head.
+    """
+
+    rows: dict[str, Any]
+    banks: tuple[Bank, ...]
+    slots: dict[int, SensorSlot]
+
+
+def groups_of(slots: Iterable[SensorSlot]) -> list[Group]:
+    """The active ones among some, by how often they are due; those that repeat what others have read come after all others."""
+    found: dict[tuple[bool, int], list[SensorSlot]] = {}
+    for slot in slots:
+        if slot.active:
+            found.setdefault((slot.sensor.repeats, slot.divisor), []).append(slot)
+    groups, number = [], AS_REPEATED
+    for (repeats, divisor), alike in sorted(found.items(), key=lambda item: item[0]):
+        groups.append(Group(number if repeats else WHEN_DUE, divisor, alike))
+        number += repeats
+    return groups
+
+
+def is_written(slot: SensorSlot) -> bool:
+    """Whether compiled code writes it, and tells its texts."""
+    return slot.is_compiled and not isinstance(slot.sensor, BankSensor)
+
+
+def needs_of(slots: Iterable[SensorSlot]) -> int:
+    """What these sensors need beside compiled code."""
+    needs = 0
+    for slot in slots:
+        needs |= NEEDS_RATES * slot.sensor.needs_rates
+        if is_written(slot):
+            needs |= NEEDS_TEXTS
+            continue
+        in_bank = isinstance(slot.sensor, BankSensor)
+        needs |= NEEDS_EXACT * (in_bank and slot.wants_exact)
+        needs |= NEEDS_PYTHON * (not in_bank or any(stream.is_ready_made for stream in slot.streams))
+        needs |= NEEDS_KEEPING * slot.is_wordy
+    return needs
+
+
+class _Maker:
+    """Makes the rows of a timetable."""
+
+    def __init__(self, instruments: Instruments, casts: bool) -> None:
+        """Of sensors that lie in these instruments; `casts`: compiled code can cast rays."""
+        self._instruments, self._casts = instruments, casts
+        self.banks: list[Bank] = []
+        self._numbers: dict[int, int] = {}
+        self.groups: list[tuple[int, ...]] = []
+        self.shares: list[tuple[int, ...]] = []
+        self.writings: list[tuple[int, ...]] = []
+        self.scheduled: list[int] = []
+        self.members: list[int] = []
+
+    def add(self, group: Group) -> None:
+        """One group more."""
+        first, share_first, writing_first = len(self.scheduled), len(self.shares), len(self.writings)
+        by_kind: dict[int, list[int]] = {}
+        for slot in group.slots:
+            self.scheduled.append(slot.head)
+            if isinstance(slot.sensor, BankSensor):
+                by_kind.setdefault(self._number(slot.sensor.bank), []).append(slot.head)
+            elif is_written(slot):
+                self._add_writing(slot)
+        for kind, heads in by_kind.items():
+            self.shares.append((kind, len(self.members), len(heads)))
+            self.members += heads
+        self.groups.append((
+            group.divisor, group.round, first, len(group.slots), sum(len(slot.streams) for slot in group.slots), needs_of(group.slots),
+            share_first, len(by_kind), writing_first, len(self.writings) - writing_first,
+        ))  # fmt: skip
+
+    def _number(self, bank: Bank) -> int:
+        if id(bank) not in self._numbers:
+            self._numbers[id(bank)] = len(self.banks)
+            self.banks.append(bank)
+        return self._numbers[id(bank)]
+
+    def _add_writing(self, slot: SensorSlot) -> None:
+        writing, numbers = slot.sensor.writing, slot.stream_numbers
+        assert writing is not None
+        head = self._instruments.heads.rows[slot.head]
+        self.writings.append(
+            (slot.head, writing.row, numbers.start, len(numbers), int(head["first"]), int(head["width"]))
+        )
+
+    def kind(self, bank: Bank) -> tuple[int, ...]:
+        """The row of a kind. Its loops are called by compiled code where they give what is expected, and rays can be cast there."""
+        *aims, code = codes_of(bank)
+        rows = self._instruments.rows_of(bank).rows
+        is_called = (self._casts or not aims) and len(aims) <= 2 and all((*aims, code))
+        return code if is_called else 0, rows.ctypes.data, len(rows), bool(aims), *(*aims, 0, 0)[:2]
+
+
+def timetable_of(groups: Sequence[Group], instruments: Instruments, *, casts: bool) -> Timetable:
+    """The timetable of a world.
+
+    Args:
+        groups: in the order of a tick.
+        instruments: where they lie.
+        casts: compiled code can cast rays.
+    """
+    made = _Maker(instruments, casts)
+    for group in groups:
+        made.add(group)
+    kinds = np.array([made.kind(bank) for bank in made.banks], KIND)
+    heads = instruments.heads.rows
+    rays, most_heads = _most_rays(made, heads)
+    instruments.rays.grow(rays)
+    count = len(heads)
+
+    def whole(values: Sequence[int]) -> IntArray:
+        return np.array(values, np.int64)
+
+    rows = {
+        "groups": np.array(made.groups, GROUP),
+        "kinds": kinds,
+        "writings": np.array(made.writings, WRITING),
+        "shares": np.array(made.shares, SHARE),
+        "scheduled": whole(made.scheduled),
+        "members": whole(made.members),
+        "active": np.zeros(len(made.groups), np.int64),
+        "due": np.zeros(count, np.int64),
+        "turns": np.zeros(count, np.int64),
+        "turn": np.zeros(len(kinds), SHARE),
+        "place": np.full(len(kinds), -1, np.int64),
+        "origin": instruments.rays.origin,
+        "direction": instruments.rays.direction,
+        "first": np.zeros(most_heads + 1, np.int64),
+        "past": np.zeros(rays, np.int64),
+        **no_hits(rays)._asdict(),
+    }
+    slots = {slot.head: slot for group in groups for slot in group.slots}
+    return Timetable(rows, tuple(made.banks), slots)
+
+
+def _most_rays(made: _Maker, heads: Any) -> tuple[int, int]:
+    """How many rays sensors of a kind cast at most in a tick, and how many sensors these are."""
+    casting = [kind for kind, bank in enumerate(made.banks) if bank.aims]
+    rays, counts = dict.fromkeys(casting, 0), dict.fromkeys(casting, 0)
+    for kind, first, count in made.shares:
+        if kind in rays:
+            rays[kind] += int(heads["rays"][made.members[first : first + count]].sum())
+            counts[kind] += count
+    return max(rays.values(), default=0), max(counts.values(), default=0)
