@@ -147,7 +147,8 @@ class Stepping:
         try:
             while True:
                 # Who is in a server is asked for something between two ticks that need Python.
-                until = 0 if stopped and (way is not None or self._has_to_tell()) else min(until, self._next_tick(tick))
+                ends = stopped and (way is not None or self._has_to_tell())
+                until = tick + 1 if ends else min(until, self._next_tick(tick))
                 self._ask(tick, until, min(LONGEST, alone) if way is None else min(USUAL, usual))
                 why = self._make(NOBODY if way is None else way)
                 if why in (rows.DONE, rows.END):
