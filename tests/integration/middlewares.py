@@ -185,12 +185,14 @@ class Ros2(Client):
 
     def command(self, u: Sequence[float]) -> None:
         import numpy as np
+        import zenoh
 
         data = self._types.cdr(self._types.make(_ARRAY, data=np.array(u)))
         self._session.put(
             self._key("/one/thrusters/cmd", _ARRAY),
             data,
             attachment=struct.pack("<qqB16s", 1, time.time_ns(), 16, bytes(16)),
+            congestion_control=zenoh.CongestionControl.BLOCK,
         )
 
     def close(self) -> None:

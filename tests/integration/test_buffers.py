@@ -242,7 +242,8 @@ def test_zenoh_raw():
                 assert str(came[0].encoding) == "application/octet-stream"
                 meta = json.loads(came[0].attachment.to_bytes())
                 assert (meta["field"], meta["dtype"], meta["shape"], meta["seq"]) == ("picture", "float32", [2, 4], 1)
-                peer.put("uw/uwserver/rov/speaker", PAYLOAD, encoding="application/octet-stream")
+                block = zenoh.CongestionControl.BLOCK
+                peer.put("uw/uwserver/rov/speaker", PAYLOAD, encoding="application/octet-stream", congestion_control=block)
                 while not fake.commands:
                     await asyncio.sleep(0.02)
                 assert fake.commands[-1].value == (Buffer(data=PAYLOAD),)

@@ -312,7 +312,8 @@ def test_ros2(adapters):
         meta = struct.pack("<qqB16s", 1, time.time_ns(), 16, bytes(16))
 
         def look() -> bytes | None:  # the server may not know yet that somebody subscribes
-            session.put(key("one/modem/send/cmd", send_type), types.cdr(given), attachment=meta)
+            block = zenoh.CongestionControl.BLOCK
+            session.put(key("one/modem/send/cmd", send_type), types.cdr(given), attachment=meta, congestion_control=block)
             with contextlib.suppress(queue.Empty):
                 return came.get(timeout=1.0)
             return None

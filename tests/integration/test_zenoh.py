@@ -110,7 +110,8 @@ def test_a_put_drives_the_vehicle(peer):
     before = until(lambda: ask(peer, "uw/uwserver/rov/depth"), "a depth") and depth()
 
     def put_and_look() -> bool:
-        peer.put("uw/uwserver/rov/thrusters", b'{"u": [0, 0, 0, 0, 0.6, 0.6, 0.6, 0.6]}')
+        block = zenoh.CongestionControl.BLOCK
+        peer.put("uw/uwserver/rov/thrusters", b'{"u": [0, 0, 0, 0, 0.6, 0.6, 0.6, 0.6]}', congestion_control=block)
         return depth() > before + 0.1
 
     until(put_and_look, "the vehicle dives")

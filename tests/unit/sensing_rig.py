@@ -135,10 +135,11 @@ class Rig:
         hydro = Hydrodynamics([], float(1 / rate_hz))
         hydro.state = np.zeros((1, 13))
         around = Around({}, Earth(), OpenWater(), SEDIMENT)
-        self.instruments = Instruments(hydro, Water(1000.0, 9.81, 10.0, 101325.0, (0.0, 0.0, 0.0)), lambda: around)
+        water = Water(1000.0, 9.81, 10.0, 101325.0, (0.0, 0.0, 0.0))
+        self.instruments = Instruments(hydro, water, lambda: around)
         self.sensing = Sensing(self.slots, self.instruments)
         self.stepping = Stepping(
-            hydro, self.instruments, self.sensing, Pilots(hydro), rate_hz, lambda tick: None, lambda: False
+            hydro, water, self.instruments, self.sensing, Pilots(hydro), rate_hz, lambda tick: None, lambda: False
         )
         self.settle()
 

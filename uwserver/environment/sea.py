@@ -11,7 +11,7 @@ import numpy as np
 
 from uwserver.environment.currents import Drift
 from uwserver.frames import Vec3
-from uwserver.physics.kernel.arrays import FloatArray
+from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.layout import WAVE_AMPLITUDE, SeaRows
 
 
@@ -29,28 +29,29 @@ class Sea:
     Attributes:
         rows: for the kernel; `uniform` holds from the present tick to the next.
         drifts: the currents that change with time.
+        ends: (k, 2, 3) of these: velocity in N at the last and at the next draw, m/s; views of it stand in each.
+        intervals: (k) ticks from draw to draw.
     """
 
     def __init__(self, rows: SeaRows, drifts: Sequence[Drift] = (), dt: float = 1.0) -> None:
         """A sea at t = 0; dt: s a tick."""
         self.rows = rows
         self.drifts = tuple(drifts)
+        self.ends: FloatArray = np.zeros((len(self.drifts), 2, 3))
+        self.intervals: IntArray = np.array([drift.ticks for drift in self.drifts], np.int64)
+        for drift, ends in zip(self.drifts, self.ends, strict=True):
+            ends[...] = drift.ends
+            drift.ends = ends
         self._dt = dt
 
-    def move(self, tick: int, t: float, steady: Vec3) -> None:
-        """Carry the uniform part to a tick, one after the last one.
-
-        Args:
-            tick: it begins now.
-            t: its time, s.
-            steady: steady part of the uniform velocity in N, m/s.
-        """
+    def draw(self, tick: int) -> None:
+        """Draw the next velocities of those currents that begin an interval in a tick, one after the last one."""
         for drift in self.drifts:
             drift.move(tick)
-        self.hold(tick, t, steady)
 
     def hold(self, tick: int, t: float, steady: Vec3) -> None:
-        """Set the uniform part of the present tick, as `move`, without drawing."""
+        """Set the uniform part of a tick that begins now, at t (s); `steady`: its steady part, m/s in N. From tick to tick compiled code does it
+        (`uwserver.step.tick`)."""
         uniform = self.rows.uniform
         uniform[:3], uniform[3:6], uniform[6] = steady, 0.0, t
         for drift in self.drifts:

@@ -303,8 +303,8 @@ class Hydrodynamics:
 
     @property
     def is_plain(self) -> bool:
-        """Whether nothing acts that needs more than one kernel: no sea, and no contact in the last tick."""
-        return self._sea is None and self.touched is NO_IMPULSES
+        """Whether nothing acts that needs Python: there was no contact in the last tick."""
+        return self.touched is NO_IMPULSES
 
     def advance(self, t: float) -> int:
         """Carry all bodies from t to t + dt (s). Returns -1, or the row of the first body whose state is not finite."""

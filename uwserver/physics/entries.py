@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import IntArray
 from uwserver.physics.kernel.straight import address_of, straight
 
@@ -64,3 +65,12 @@ def sea() -> ModuleType:
     from uwserver.physics.dynamics import flow
 
     return flow
+
+
+@cache
+def flow_code() -> int:
+    """Where the code of `flow.fill_flows` lies, for kernels that call it."""
+    kernel: Any = sea().fill_flows
+    nothing = layout.SeaRows(np.zeros(7), np.zeros((0, layout.PROFILE_SIZE)), np.zeros((0, layout.WAVE_SIZE)))
+    kernel.load(_NO_TABLE, nothing, 0.0, 0.0)
+    return address_of(kernel, "none")

@@ -8,8 +8,10 @@ from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.calling import call, call_for_float, call_for_number
 from uwserver.physics.kernel.compiled import compiled
 from uwserver.physics.kernel.handles import array_at, lay
+from uwserver.physics.kernel.layout import SeaRows
 from uwserver.physics.rays.hits import miss
 from uwserver.physics.rays.raycast import Hits
+from uwserver.sensors import surroundings
 from uwserver.step import rows, streams
 from uwserver.step.rows import (
     ARRIVALS,
@@ -48,17 +50,22 @@ _distance, _normal, _body, _material = (array_at(rows.FORMS, name) for name in H
 _state, _nu_dot, _tau = (array_at(rows.FORMS, name) for name in ("state", "nu_dot", "tau"))
 _heads, _numbers, _pending = (array_at(streams.FORMS, name) for name in ("heads", "numbers", "pending"))
 _counts, _streams = (array_at(streams.FORMS, name) for name in ("counts", "streams"))
+_uniform, _profiles, _waves = (array_at(surroundings.FORMS, name) for name in ("uniform", "profiles", "waves"))
 
 
 @compiled
 def time_of(course: Any, tick: int) -> int:
-    """As `Ticks.time_of`."""
+    """Of a tick, ns: as `Ticks.time_of`."""
+    if course.given != 0:
+        return course.t_ns if tick == course.given_tick else course.next_t_ns  # type: ignore[no-any-return]
     return (tick * (2_000_000_000 * course.parts) + course.rate) // (2 * course.rate)  # type: ignore[no-any-return]
 
 
 @compiled
 def seconds_of(course: Any, tick: int) -> float:
-    """Time of a tick, s."""
+    """Of a tick, s."""
+    if course.given != 0:
+        return course.t if tick == course.given_tick else course.next_t  # type: ignore[no-any-return]
     return tick * course.parts / course.rate  # type: ignore[no-any-return]
 
 
@@ -67,6 +74,15 @@ def is_measured(run: Any, unit: int, which: int) -> bool:
     """A unit of work is done: whether to stop behind it."""
     run.unit, run.which = unit, which
     return bool(run.measured != 0)
+
+
+@compiled
+def fill_flows(table: Array, ahead: float) -> None:
+    """Find the water at the bodies, `ahead` s after the present tick on their way, where there is a sea."""
+    course, now = _course(table)[0], _now(table)
+    if course.fill_flows != 0:
+        sea = SeaRows(_uniform(now), _profiles(now), _waves(now))
+        call(course.fill_flows, (_world(table), sea, seconds_of(course, _run(table)[0].tick), ahead))
 
 
 @compiled
@@ -225,6 +241,7 @@ def _round(table: Array, sensors: Array, values: Array, told_values: Array) -> i
         if run.needs & NEEDS_RATES:
             if run.looks != 0:
                 return RATES
+            fill_flows(table, 0.0)
             call(course.look, (_world(table), seconds_of(course, run.tick), _nu_dot(table), _tau(table)))
             if is_measured(run, RATES, 0):
                 return UNIT

@@ -7,8 +7,8 @@ import numpy as np
 from uwserver.physics.kernel.layout import STATE_SIZE, Forms, columns
 
 (
-    BEGIN, PILOTS, FORCES, MOVE, MOVED, ARRIVALS, ROUND, RATES, EXACT, READ, PYTHON, WRITE, DELIVER, KEEP, HEAR, END,
-) = range(16)  # fmt: skip
+    BEGIN, PILOTS, FORCES, MOVE, DRAW, FLOW, ARRIVALS, ROUND, RATES, EXACT, READ, PYTHON, WRITE, DELIVER, KEEP, HEAR, END,
+) = range(17)  # fmt: skip
 """Stages of a tick, in their order; those from ROUND to KEEP follow each other again in each round of readings. A stage is also the name of what
 Python is needed for, when a step stops there."""
 
@@ -32,10 +32,17 @@ COURSE = np.dtype(
         ("margin", "f8"),  # of the search for contacts, m
         ("rate", _WHOLE),  # rate / parts is that of the ticks, Hz
         ("parts", _WHOLE),
+        ("given", _WHOLE),  # 1: times of one tick and the next are given, as they are no quotients of whole numbers of 64 bits, or no exact ones
+        ("given_tick", _WHOLE),
+        ("t_ns", _WHOLE),
+        ("next_t_ns", _WHOLE),
+        ("t", "f8"),  # s
+        ("next_t", "f8"),
         ("step_pilots", _WHOLE),  # where code lies, 0 where there is nothing to be done: autopilots that step
         ("pilots_every", _WHOLE),  # ticks
         ("hear", _WHOLE),  # and listen
         ("tell", _WHOLE),  # and tell what they believe
+        ("fill_flows", _WHOLE),  # at the bodies; 0 without a sea
         ("find_pairs", _WHOLE),
         ("cast", _WHOLE),  # rays; 0 in open water, where they meet nothing
         ("move", _WHOLE),  # bodies
@@ -72,7 +79,7 @@ RUN = np.dtype(
             "forces_tick",  # when a part gives forces next
             "moves",  # 1: bodies are moved by Python
             "looks",  # 1: accelerations are found by Python
-            "follows",  # 1: parts act behind the bodies, in Python
+            "follows",  # 1: parts act behind bodies and water, in Python
             "calls",  # 1: sensors may be called
             "callable",  # so many samples can come of these
             "slow",  # 1: some readings take time
@@ -144,6 +151,8 @@ FORMS: Forms = {
     "shapes": columns(np.int64, 2),
     "pairs": columns(np.int64, 2),
     "solids": columns(np.int64, 2),
+    "drifts": columns(np.float64, 2, 3),  # of drifting currents: velocity in N at both ends of an interval, m/s
+    "intervals": columns(np.int64),  # of these, ticks
     "origin": columns(np.float64, 3),  # of rays (`sensors.bank.reader`), for one reading after the other
     "direction": columns(np.float64, 3),
     "first": columns(np.int64),

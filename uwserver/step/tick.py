@@ -20,17 +20,18 @@ from uwserver.physics.kernel.places import CALLED as HAS_CALLED
 from uwserver.physics.kernel.right_of_way import NOBODY
 from uwserver.sensors import surroundings
 from uwserver.step import rows, streams
-from uwserver.step.readings import brings_large, is_measured, measure, needs_room, seconds_of, time_of
+from uwserver.step.readings import brings_large, fill_flows, is_measured, measure, needs_room, seconds_of, time_of
 from uwserver.step.rows import (
     ARRIVALS,
     BEGIN,
     DIVERGED,
     DONE,
+    DRAW,
     END,
+    FLOW,
     FORCES,
     HEAR,
     MOVE,
-    MOVED,
     PILOTS,
     ROOM,
     UNIT,
@@ -42,7 +43,8 @@ _course, _run, _ends, _world, _now, _pilots = (
 )
 _shapes, _pairs, _state = (array_at(rows.FORMS, name) for name in ("shapes", "pairs", "state"))
 _told, _counts = (array_at(streams.FORMS, name) for name in ("told", "counts"))
-_place = array_at(surroundings.FORMS, "place")
+_drifts, _intervals = array_at(rows.FORMS, "drifts"), array_at(rows.FORMS, "intervals")
+_place, _uniform = array_at(surroundings.FORMS, "place"), array_at(surroundings.FORMS, "uniform")
 
 
 @compiled
@@ -62,6 +64,32 @@ def _may_touch(table: Array) -> bool:
 
 
 @compiled
+def _begins_interval(table: Array) -> bool:
+    """Whether the next velocity of a drifting current is to be drawn."""
+    tick, found = _run(table)[0].tick, False
+    for interval in _intervals(table):
+        found = found or tick % interval == 0
+    return found
+
+
+@compiled
+def _move_water(table: Array) -> None:
+    """Carry the uniform part of the water to the present tick: between draws, drifting currents change linearly."""
+    course, run, now, drifts, intervals = _course(table)[0], _run(table)[0], _now(table), _drifts(table), _intervals(table)
+    if course.fill_flows == 0:
+        return
+    uniform, steady = _uniform(now), _place(now)[0].current
+    for a in range(3):
+        uniform[a], uniform[3 + a] = steady[a], 0.0
+    uniform[6] = seconds_of(course, run.tick)
+    for k in range(len(intervals)):
+        for a in range(3):
+            change = (drifts[k, 1, a] - drifts[k, 0, a]) / intervals[k]
+            uniform[a] += drifts[k, 0, a] + (run.tick % intervals[k]) * change
+            uniform[3 + a] += change / course.dt
+
+
+@compiled
 def _before_and_move(table: Array) -> int:
     """A tick from its begin until its bodies stand at the next; returns why it stops, DONE where it goes on."""
     course, run = _course(table)[0], _run(table)[0]
@@ -77,7 +105,8 @@ def _before_and_move(table: Array) -> int:
         if run.tick >= run.forces_tick:
             return FORCES
     if run.stage == MOVE:
-        run.stage = MOVED
+        run.stage = DRAW
+        fill_flows(table, 0.5 * course.dt)
         if run.moves != 0 or (course.find_pairs != 0 and _may_touch(table)):
             return MOVE
         lost = call_for_number(course.move, (_world(table), seconds_of(course, run.tick), course.dt))
@@ -87,12 +116,17 @@ def _before_and_move(table: Array) -> int:
             return DIVERGED
         if is_measured(run, MOVE, 0):
             return UNIT
-    if run.stage == MOVED:
+    if run.stage == DRAW:
         run.tick += 1
+        run.stage = FLOW
+        if _begins_interval(table):
+            return DRAW
+    if run.stage == FLOW:
         run.stage, run.round = ARRIVALS, WHEN_CALLED
+        _move_water(table)
         _place(_now(table))[0].t_ns = time_of(course, run.tick)
         if run.follows != 0:
-            return MOVED
+            return FLOW
     return DONE
 
 
@@ -106,7 +140,7 @@ def _go_on(table: Array, sensors: Array, values: Array, told_values: Array) -> i
     1. autopilots, after the orders of this tick and with what their sensors had delivered by t;
     2. forces from outside, as of a tether, from where the bodies are at t;
     3. actuators, bodies and water together, from t to t + dt;
-    4. bodies that others lead, and the water of t + dt, which sensors feel;
+    4. the water of t + dt, which sensors feel, and bodies that others lead;
     5. sensors and the delivery of samples (`measure` has their order), from the new state;
     6. whoever listens hears what was delivered, and acts on it in the next tick.
     """

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from uwserver.physics import entries
+from uwserver.environment.water import Water
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.kernel.arrays import IntArray
-from uwserver.physics.kernel.layout import addresses
 from uwserver.physics.kernel.right_of_way import NOBODY
 from uwserver.physics.kernel.straight import straight
-from uwserver.physics.rays.raycast import OpenWater
 from uwserver.ports import Sample
 from uwserver.step import rows
 from uwserver.step.streams import NEVER
@@ -24,25 +21,22 @@ from uwserver.world.piloting import Pilots
 from uwserver.world.profile import Profile, kind_of
 from uwserver.world.sensing import Sensing
 from uwserver.world.sensor_slot import SensorSlot
+from uwserver.world.step_table import LONGEST, StepTable
 from uwserver.world.ticks import Ticks
-from uwserver.world.timetable import Timetable, needs_of, timetable_of
+from uwserver.world.timetable import needs_of
 
-if TYPE_CHECKING:  # what is solid needs numba to be imported
-    from uwserver.physics.collision.solids import Finding
-    from uwserver.physics.rays.casting import OneByOne
-    from uwserver.physics.scene import Scene
-
-USUAL, LONGEST = 64, 256
-"""Ticks that are made in one go, some 0.2 ms of one vehicle; and while the loop has the interpreter, or where nobody waits for their end."""
+USUAL = 64
+"""Ticks that are made in one go, some 0.2 ms of one vehicle; more (`LONGEST`) while the loop has the interpreter, or where nobody waits for
+their end."""
 _BODIES, _BODIES_ALONE = 256, 25_600
 """Ticks of one body, or half as many of two: some 1 ms, which is how long who looks from outside waits at most; and some 0.1 s, for who breaks off a
 program that steps a world of its own."""
 _NEAR_TICKS = 16
 """Once bodies have come near something, so many times Python looks at once whether they touch."""
-_NO_TABLE: IntArray = np.zeros((0, 2), np.int64)
 
 REASONS = {
-    rows.PILOTS: "autopilots", rows.FORCES: "forces", rows.MOVE: "bodies", rows.MOVED: "water and led bodies", rows.ARRIVALS: "arrivals",
+    rows.PILOTS: "autopilots", rows.FORCES: "forces", rows.MOVE: "bodies", rows.DRAW: "drifting currents",
+    rows.FLOW: "led bodies and modems", rows.ARRIVALS: "arrivals",
     rows.RATES: "accelerations", rows.EXACT: "exact readings", rows.READ: "readings", rows.PYTHON: "readings in Python",
     rows.WRITE: "frozen texts", rows.KEEP: "values that are no numbers", rows.END: "samples", rows.ROOM: "room", rows.CALLED: "called sensors",
 }  # fmt: skip
@@ -56,7 +50,7 @@ _UNITS = {
 _WORK = {rows.UNIT: 0, rows.PILOTS: rows.PILOTS, rows.DIVERGED: rows.MOVE}
 """Stops behind such work, and what it was where that follows from it."""
 
-_CHANGING = (rows.PILOTS, rows.FORCES, rows.MOVED)
+_CHANGING = (rows.PILOTS, rows.FORCES, rows.FLOW)
 """Stops behind which things may lie elsewhere."""
 
 _NAMES = rows.RUN.names or ()
@@ -71,7 +65,7 @@ class Stepping:
     """Of a world.
 
     Attributes:
-        scene: solid things of the world; None where nothing is solid.
+        given: what steps are given.
         turns: of its parts.
         stops: how often steps have stopped, by `REASONS`.
         profile: measures each unit of work; None for nobody.
@@ -80,6 +74,7 @@ class Stepping:
     def __init__(
         self,
         hydro: Hydrodynamics,
+        water: Water,
         instruments: Instruments,
         sensing: Sensing,
         pilots: Pilots,
@@ -87,7 +82,7 @@ class Stepping:
         stand: Callable[[int], None],
         has_to_tell: Callable[[], bool],
     ) -> None:
-        """Of a world of these bodies, sensors and autopilots.
+        """Of a world of these bodies, in this water, with these sensors and autopilots.
 
         Args:
             rate_hz: ticks a second.
@@ -98,24 +93,21 @@ class Stepping:
 
         tick.load()
         self._hydro, self._instruments, self._sensing, self._pilots = hydro, instruments, sensing, pilots
-        self._rate, self._ticks = rate_hz, Ticks(rate_hz)
+        self._water = water
+        self._ticks = Ticks(rate_hz)
         self._stand_at, self._has_to_tell = stand, has_to_tell
         self._step = straight(tick.step)
         self._run: IntArray = np.zeros(len(_NAMES), np.int64)
         self._run[_STAGE] = rows.BEGIN
         self._ends: IntArray = np.zeros(LONGEST, np.int64)
-        self._known: tuple[object, ...] = ()
-        self._timetable: Timetable
-        self._kept: dict[str, Any] = {}
-        self._table: IntArray = _NO_TABLE
+        self.given = StepTable(hydro, water, instruments, sensing, pilots, rate_hz, self._run, self._ends)
         self._near = self._first = 0
         self._samples: list[Sample] = []
-        self.scene: Scene | None = None
         self.turns = Turns([], [], [], [], [], {})
         self.stops = dict.fromkeys(REASONS.values(), 0)
         self.profile: Profile | None = None
         self._answers = {
-            rows.PILOTS: self._attend, rows.FORCES: self._give_forces, rows.MOVED: self._follow,
+            rows.PILOTS: self._attend, rows.FORCES: self._give_forces, rows.DRAW: self._draw, rows.FLOW: self._follow,
             rows.ARRIVALS: self._arrive, rows.RATES: self._look, rows.EXACT: self._read_exactly, rows.READ: self._read,
             rows.PYTHON: self._sense, rows.WRITE: self._write, rows.KEEP: self._keep, rows.ROOM: self._make_room,
             rows.CALLED: self._call,
@@ -143,7 +135,9 @@ class Stepping:
         self._first, lost, why, stopped = instruments.logged, -1, rows.DONE, False
         if self._pilots.bank is not None:
             self._pilots.follow_switches()
-        self._settle()
+        if self.given.stands_at(tick):
+            until = tick + 1
+        self.given.settle()
         try:
             while True:
                 # Who is in a server is asked for something between two ticks that need Python.
@@ -189,14 +183,14 @@ class Stepping:
         hydro, sensing, turns = self._hydro, self._sensing, self.turns
         forces = min([part.next_tick for part, _ in turns.forces if part.next_tick is not None], default=NEVER)
         is_plain = hydro.is_plain
-        finds = hydro.collider is None or self._finding() is not None
+        finds = hydro.collider is None or self.given.finding() is not None
         self._run[_ASKED] = (
             first, until, usual, forces, not is_plain or not finds or self._near > 0, not is_plain, bool(turns.follow), sensing.calls,
             sensing.callable, not sensing.under_way.is_idle, 2 if turns.last else bool(turns.ears), self.profile is not None,
         )  # fmt: skip
 
     def _make(self, way: IntArray) -> int:
-        step = (self._step, self._table, *self._instruments.to_deliver(), way, *self._instruments.room)
+        step = (self._step, self.given.table, *self._instruments.to_deliver(), way, *self._instruments.room)
         if self.profile is None:
             return int(step[0](*step[1:]))
         return self.profile.unit(*step, name=self._unit)
@@ -209,7 +203,7 @@ class Stepping:
         if unit != rows.READ:
             return (*_UNITS[unit], 0)
         heads = self._turn(int(self._run[_WHICH]))
-        return "sensors", kind_of(self._timetable.slots[int(heads[0])].sensor), len(heads)
+        return "sensors", kind_of(self.given.timetable.slots[int(heads[0])].sensor), len(heads)
 
     def _stand(self) -> None:
         self._stand_at(int(self._run[_TICK]))
@@ -221,7 +215,7 @@ class Stepping:
 
     @property
     def _seconds(self) -> float:
-        return int(self._run[_TICK]) * self._rate.denominator / self._rate.numerator
+        return self.given.second(int(self._run[_TICK]))
 
     # -- where they stop ------------------------------------------------------------------------------------------------------------
 
@@ -233,7 +227,7 @@ class Stepping:
             return self._move()
         self._answers[why]()
         if why in _CHANGING:
-            self._settle()
+            self.given.settle()
         return -1
 
     def _attend(self) -> None:
@@ -252,6 +246,10 @@ class Stepping:
             self._run[_TICK] += 1
         return lost
 
+    def _draw(self) -> None:
+        if self._water.sea is not None:
+            self._water.sea.draw(self._now[0])
+
     def _follow(self) -> None:
         for act in self.turns.follow:
             act(*self._now, self._samples)
@@ -267,13 +265,13 @@ class Stepping:
             return
         heads = [slot.head for slot in called]
         run[_STAGE], run[_NEEDS], run[_DUE] = rows.RATES, self._needs_of(called), len(heads)
-        self._kept["due"][: len(heads)] = heads
+        self.given.rows["due"][: len(heads)] = heads
         count = 0
-        kinds = [(kind, [k for k in heads if self._bank_of(k) is bank]) for kind, bank in enumerate(self._timetable.banks)]
+        kinds = [(kind, [k for k in heads if self._bank_of(k) is bank]) for kind, bank in enumerate(self.given.timetable.banks)]
         there = [(kind, of_kind) for kind, of_kind in kinds if of_kind]
         for turn, (kind, of_kind) in enumerate(there):
-            self._kept["turns"][count : count + len(of_kind)] = of_kind
-            self._kept["turn"][turn] = kind, count, len(of_kind)
+            self.given.rows["turns"][count : count + len(of_kind)] = of_kind
+            self.given.rows["turn"][turn] = kind, count, len(of_kind)
             count += len(of_kind)
         run[_KINDS] = len(there)
 
@@ -282,17 +280,17 @@ class Stepping:
         return needs & ~rows.NEEDS_TEXTS | (rows.NEEDS_PYTHON if needs & rows.NEEDS_TEXTS else 0)
 
     def _bank_of(self, head: int) -> object:
-        return getattr(self._timetable.slots[head].sensor, "bank", None)
+        return getattr(self.given.timetable.slots[head].sensor, "bank", None)
 
     @property
     def _due(self) -> IntArray:
-        due: IntArray = self._kept["due"][: self._run[_DUE]]
+        due: IntArray = self.given.rows["due"][: self._run[_DUE]]
         return due
 
     def _turn(self, number: int) -> IntArray:
         """Heads of a kind that read together."""
-        _, first, count = self._kept["turn"][number].tolist()
-        heads: IntArray = self._kept["turns"][first : first + count]
+        _, first, count = self.given.rows["turn"][number].tolist()
+        heads: IntArray = self.given.rows["turns"][first : first + count]
         return heads
 
     def _look(self) -> None:
@@ -303,7 +301,7 @@ class Stepping:
 
     def _read(self) -> None:
         number = int(self._run[_WHICH])
-        bank = self._timetable.banks[int(self._kept["turn"][number]["kind"])]
+        bank = self.given.timetable.banks[int(self.given.rows["turn"][number]["kind"])]
         self._sensing.by_hand.read(bank, self._turn(number), self._seconds)
 
     def _sense(self) -> None:
@@ -320,55 +318,6 @@ class Stepping:
     def _make_room(self) -> None:
         self._instruments.make_room(int(self._run[_WHICH]))
         self._first = self._instruments.logged
-
-    # -- what they are given --------------------------------------------------------------------------------------------------------
-
-    def _settle(self) -> None:
-        """Find all again where something lies elsewhere, or others are due."""
-        now = self._lies()
-        if len(now) != len(self._known) or any(a is not b for a, b in zip(now, self._known, strict=True)):
-            self._tabulate()
-
-    def _lies(self) -> tuple[object, ...]:
-        bank, instruments = self._pilots.bank, self._instruments
-        return (
-            self._hydro.table, instruments.now, instruments.heads.rows, self._sensing.groups, None if bank is None else bank.table,
-            self._hydro.collider, self._finding(), instruments.solids, self._met(),
-        )  # fmt: skip
-
-    def _finding(self) -> Finding | None:
-        """How it is found out whether anything may touch; None where nothing may, or compiled code cannot."""
-        return self.scene.finding() if self.scene is not None and self.scene is self._hydro.collider else None
-
-    def _met(self) -> OneByOne | None:
-        """What rays are cast at; None where there are none or they meet nothing, or compiled code cannot."""
-        is_met = self._sensing.casts and self.scene is not None and self.scene is self._instruments.solids
-        return self.scene.one_by_one() if is_met and self.scene is not None else None
-
-    def _tabulate(self) -> None:
-        from uwserver.step import delivery
-
-        hydro, instruments, bank = self._hydro, self._instruments, self._pilots.bank
-        met = self._met()
-        casts = met is not None or isinstance(instruments.solids, OpenWater)
-        self._timetable = made = timetable_of(self._sensing.groups, instruments, casts=casts)
-        self._known = self._lies()
-        move, look = entries.codes(hydro.is_fitted)
-        step, hear, tell = (0, 0, 0) if bank is None else bank.codes()
-        search, shapes, margin, pairs = self._finding() or (0, _NO_TABLE, 0.0, _NO_TABLE)
-        cast, solids = met or (0, _NO_TABLE)
-        course = np.zeros(1, rows.COURSE)
-        last_round = max((group.round for group in self._sensing.groups), default=rows.WHEN_DUE)
-        course[0] = (
-            hydro.dt, margin, self._rate.numerator, self._rate.denominator, step, self._pilots.every, hear, tell,
-            search, cast, move, look, delivery.code(), max(last_round, rows.WHEN_DUE),
-        )  # fmt: skip
-        self._kept = made.rows | {
-            "course": course, "run": self._run.view(rows.RUN), "ends": self._ends, "solids": solids, "world": hydro.table,
-            "now": instruments.now, "pilots": _NO_TABLE if bank is None else bank.table, "shapes": shapes, "pairs": pairs,
-            "state": hydro.state, "nu_dot": instruments.nu_dot, "tau": instruments.tau,
-        }  # fmt: skip
-        self._table = addresses(rows.FORMS, self._kept)
 
 
 def take_turns(parts: Iterable[tuple[Part, Before]], tick: int, t_ns: int) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 from msgspec import Meta
@@ -11,8 +11,7 @@ from msgspec import Meta
 from uwserver.environment.water import Water
 from uwserver.frames import Vec3
 from uwserver.physics.bodies import Hydrodynamics
-from uwserver.ports import Sample
-from uwserver.world.part import Part, RandomStream, Stage, State
+from uwserver.world.part import Part, RandomStream, State
 
 
 class BodiesState(State, frozen=True):
@@ -51,24 +50,16 @@ class WaterState(State, frozen=True):
 
 
 class Flowing(Part):
-    """The water: its uniform part drifts from tick to tick."""
+    """The water, whose uniform part drifts from tick to tick."""
 
     path = "world/water"
     state_type = WaterState
-    stage: ClassVar[Stage] = Stage.WATER
 
-    def __init__(self, water: Water, seconds: Callable[[], float], set_current: Callable[[Vec3], None]) -> None:
-        """seconds, set_current: time and method of the world."""
+    def __init__(self, water: Water, set_current: Callable[[Vec3], None]) -> None:
+        """set_current: method of the world."""
         self._water = water
-        self._seconds = seconds
         self._set_current = set_current
-        self.idle = water.sea is None
         self._drifts = [(RandomStream(drift.rng), drift.ends) for drift in (water.sea.drifts if water.sea else ())]
-
-    def after(self, tick: int, t_ns: int, samples: list[Sample]) -> None:
-        """Carry the sea to the tick."""
-        if self._water.sea is not None:
-            self._water.sea.move(tick, self._seconds(), self._water.current)
 
     def save(self) -> WaterState:
         """What drifts."""

@@ -97,7 +97,9 @@ class World(InProcess):
         self.sensing = Sensing(self.sensors, self.instruments)
         self._profile: Profile | None = None
         self._pilots = Pilots(hydro)
-        self.stepping = Stepping(hydro, self.instruments, self.sensing, self._pilots, rate_hz, self._stand, self._has_to_tell)
+        self.stepping = Stepping(
+            hydro, water, self.instruments, self.sensing, self._pilots, rate_hz, self._stand, self._has_to_tell
+        )
         self.stops = self.stepping.stops
         self.threads = Threads(hydro, max(16, round(rate_hz / 4)))
         self._timed: Timer = untimed
@@ -107,7 +109,7 @@ class World(InProcess):
             lambda path: None if path in self._own_services else self.services.get(path),
         )  # fmt: skip
         self._carry_out = self.requests.carry_out
-        water_parts = Bodies(hydro), Flowing(water, self._seconds, self.set_current)
+        water_parts = Bodies(hydro), Flowing(water, self.set_current)
         for part in (*water_parts, self._commands, self._pilots, self.sensing):
             self.add(part)
 
@@ -116,7 +118,7 @@ class World(InProcess):
 
     def set_scene(self, scene: Scene) -> None:
         """Give the world its solid things; before any body is in it."""
-        self.scene = self.hydro.collider = self.geometry = self.stepping.scene = scene
+        self.scene = self.hydro.collider = self.geometry = self.stepping.given.scene = scene
         self.sensing.schedule()  # who reads by rays keeps what to cast them at
 
     def add(self, part: Part) -> None:

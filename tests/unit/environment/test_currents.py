@@ -106,6 +106,7 @@ def test_the_sea_tells_the_rate_of_a_drift():
     sea.hold(0, 0.0, (1.0, 0.0, 0.0))
     for tick in range(1, 50):
         uniform = sea.rows.uniform.copy()
-        sea.move(tick, tick * 0.05, (1.0, 0.0, 0.0))
+        sea.draw(tick)
+        sea.hold(tick, tick * 0.05, (1.0, 0.0, 0.0))
         assert sea.rows.uniform[:3] == pytest.approx(uniform[:3] + 0.05 * uniform[3:6], abs=1e-14)
     assert np.abs(sea.rows.uniform[:3] - (1.0, 0.0, 0.0)).max() > 1e-3

@@ -98,7 +98,8 @@ class Bridge:
         return self.types.from_cdr(reply.ok.payload.to_bytes(), f"{kind}_Response")
 
     def say(self, key, kind, **fields):
-        self.session.put(key, self.types.cdr(self.types.make(kind, **fields)))
+        data = self.types.cdr(self.types.make(kind, **fields))
+        self.session.put(key, data, congestion_control=zenoh.CongestionControl.BLOCK)  # else a slow reader loses it
 
 
 @contextlib.asynccontextmanager

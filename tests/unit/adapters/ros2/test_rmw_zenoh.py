@@ -85,7 +85,10 @@ class Peer:
 
     def say(self, topic, kind, **fields):
         data = self.types.cdr(self.types.make(kind, **fields))
-        self.session.put(self.key(topic, kind), data, attachment=Attachment(1, time.time_ns(), bytes(16)).packed())
+        attached = Attachment(1, time.time_ns(), bytes(16)).packed()
+        # A slow reader makes it wait: else what is large is lost.
+        block = zenoh.CongestionControl.BLOCK
+        self.session.put(self.key(topic, kind), data, attachment=attached, congestion_control=block)
 
     def call(self, service, kind, /, sequence=1, data=None, **fields):
         who = self.token("SC", service, kind)

@@ -84,7 +84,8 @@ def test_the_sea_moves_with_its_ticks(made) -> None:
     assert sea is not None
     sea.hold(0, 0.0, water.current)
     begun = sea.rows.uniform.copy()
-    sea.move(1, 1.0 / RATE, water.current)
+    sea.draw(1)
+    sea.hold(1, 1.0 / RATE, water.current)
     assert sea.rows.uniform[:3] == pytest.approx(begun[:3] + begun[3:6] / RATE, abs=1e-15)
 
 

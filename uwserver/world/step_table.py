@@ -1,0 +1,128 @@
+"""What a world's steps are given (`uwserver.step.rows`): where all lies, who is due when, and which code is called."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from uwserver.environment.water import Water
+from uwserver.physics import entries
+from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.kernel.arrays import IntArray
+from uwserver.physics.kernel.layout import addresses
+from uwserver.physics.rays.raycast import OpenWater
+from uwserver.step import rows
+from uwserver.units import NANOSECONDS
+from uwserver.world.instruments import Instruments
+from uwserver.world.piloting import Pilots
+from uwserver.world.sensing import Sensing
+from uwserver.world.ticks import Ticks
+from uwserver.world.timetable import Timetable, timetable_of
+
+if TYPE_CHECKING:  # what is solid needs numba to be imported
+    from uwserver.physics.collision.solids import Finding
+    from uwserver.physics.rays.casting import OneByOne
+    from uwserver.physics.scene import Scene
+
+_NO_TABLE: IntArray = np.zeros((0, 2), np.int64)
+LONGEST = 256
+"""Ticks that are made in one go at most."""
+_NOTHING_TOLD = 0, 0, 0, 0, 0.0, 0.0
+
+
+class StepTable:
+    """Of a world.
+
+    Attributes:
+        table: of addresses, made by `step.rows.FORMS`; `rows` has the arrays by name, and keeps them.
+        timetable: when which sensors read.
+        scene: solid things of the world; None where nothing is solid.
+    """
+
+    def __init__(
+        self,
+        hydro: Hydrodynamics,
+        water: Water,
+        instruments: Instruments,
+        sensing: Sensing,
+        pilots: Pilots,
+        rate_hz: Fraction,
+        run: IntArray,
+        ends: IntArray,
+    ) -> None:
+        """Of a world of these bodies, in this water, with these sensors and autopilots; `run` and `ends`: as of `step.rows`."""
+        self._hydro, self._water, self._instruments, self._sensing, self._pilots = hydro, water, instruments, sensing, pilots
+        self._rate, self._ticks, self._run, self._ends = rate_hz, Ticks(rate_hz), run, ends
+        self._known: tuple[object, ...] = ()
+        self._told: tuple[float, ...] = _NOTHING_TOLD
+        self.timetable: Timetable
+        self.rows: dict[str, Any] = {}
+        self.table: IntArray = _NO_TABLE
+        self.scene: Scene | None = None
+
+    def stands_at(self, tick: int) -> bool:
+        """Ticks are to be made from this one on. Returns whether one alone, whose times are told: beyond some tick they are no quotients of whole
+        numbers of 64 bits any more, or no exact floats."""
+        parts, time_of, second = self._rate.denominator, self._ticks.time_of, self.second
+        is_told = tick > min(2**62 // (2 * NANOSECONDS * parts), 2**53 // parts) - LONGEST
+        if is_told or self._told is not _NOTHING_TOLD:
+            self._known = ()
+            times = 1, tick, time_of(tick), time_of(tick + 1), second(tick), second(tick + 1)
+            self._told = times if is_told else _NOTHING_TOLD
+        return is_told
+
+    def second(self, tick: int) -> float:
+        """Time of a tick, s."""
+        return tick * self._rate.denominator / self._rate.numerator
+
+    def settle(self) -> None:
+        """Find all again where something lies elsewhere, or others are due."""
+        now = self._lies()
+        if len(now) != len(self._known) or any(a is not b for a, b in zip(now, self._known, strict=True)):
+            self._tabulate()
+
+    def _lies(self) -> tuple[object, ...]:
+        bank, instruments = self._pilots.bank, self._instruments
+        return (
+            self._hydro.table, instruments.now, instruments.heads.rows, self._sensing.groups, None if bank is None else bank.table,
+            self._hydro.collider, self.finding(), instruments.solids, self._met(),
+        )  # fmt: skip
+
+    def finding(self) -> Finding | None:
+        """How it is found out whether anything may touch; None where nothing may, or compiled code cannot."""
+        return self.scene.finding() if self.scene is not None and self.scene is self._hydro.collider else None
+
+    def _met(self) -> OneByOne | None:
+        """What rays are cast at; None where there are none or they meet nothing, or compiled code cannot."""
+        is_met = self._sensing.casts and self.scene is not None and self.scene is self._instruments.solids
+        return self.scene.one_by_one() if is_met and self.scene is not None else None
+
+    def _tabulate(self) -> None:
+        from uwserver.step import delivery
+
+        hydro, instruments, bank = self._hydro, self._instruments, self._pilots.bank
+        met = self._met()
+        casts = met is not None or isinstance(instruments.solids, OpenWater)
+        self.timetable = made = timetable_of(self._sensing.groups, instruments, casts=casts)
+        self._known = self._lies()
+        move, look = entries.codes(hydro.is_fitted)
+        step, hear, tell = (0, 0, 0) if bank is None else bank.codes()
+        sea = self._water.sea
+        no_drifts, no_intervals = np.zeros((0, 2, 3)), np.zeros(0, np.int64)
+        drifts, intervals = (no_drifts, no_intervals) if sea is None else (sea.ends, sea.intervals)
+        search, shapes, margin, pairs = self.finding() or (0, _NO_TABLE, 0.0, _NO_TABLE)
+        cast, solids = met or (0, _NO_TABLE)
+        course = np.zeros(1, rows.COURSE)
+        last_round = max((group.round for group in self._sensing.groups), default=rows.WHEN_DUE)
+        course[0] = (
+            hydro.dt, margin, self._rate.numerator, self._rate.denominator, *self._told, step, self._pilots.every, hear, tell,
+            0 if sea is None else entries.flow_code(), search, cast, move, look, delivery.code(), max(last_round, rows.WHEN_DUE),
+        )  # fmt: skip
+        self.rows = made.rows | {
+            "course": course, "run": self._run.view(rows.RUN), "ends": self._ends, "solids": solids, "world": hydro.table,
+            "now": instruments.now, "pilots": _NO_TABLE if bank is None else bank.table, "shapes": shapes, "pairs": pairs,
+            "drifts": drifts, "intervals": intervals, "state": hydro.state, "nu_dot": instruments.nu_dot, "tau": instruments.tau,
+        }  # fmt: skip
+        self.table = addresses(rows.FORMS, self.rows)
