@@ -91,10 +91,13 @@ def _activate(table: Array, tick: int) -> int:
     run, groups, active, samples = _run(table)[0], _groups(table), _active(table), 0
     n = 0
     for g in range(len(groups)):
-        if tick % groups[g].divisor == 0:
+        group = groups[g]
+        if not tick <= group.next < tick + group.divisor:  # it was due, or the time was set
+            group.next = -(-tick // group.divisor) * group.divisor
+        if group.next == tick:
             active[n] = g
             n += 1
-            samples += groups[g].samples
+            samples += group.samples
     run.active = n
     return samples
 
@@ -112,8 +115,8 @@ def needs_room(table: Array, sensors: Array, room: int, log_room: int) -> bool:
 def brings_large(table: Array, sensors: Array) -> bool:
     """Whether something large arrives in the next tick, as a picture: that comes in a tick by itself."""
     pending, all_streams, counts, found = _pending(sensors), _streams(sensors), _counts(sensors)[0], False
-    t_ns = time_of(_course(table)[0], _run(table)[0].tick + 1)
-    if t_ns >= counts.next_ns:
+    if counts.pending > 0:
+        t_ns = time_of(_course(table)[0], _run(table)[0].tick + 1)
         for k in range(counts.pending):
             found = found or (pending[k].t_sent_ns <= t_ns and all_streams[pending[k].stream].wordy == LARGE)
     return found
@@ -224,12 +227,11 @@ def _write_one(table: Array, sensors: Array, writing: Any, t_ns: int) -> None:
 def _write(table: Array, sensors: Array) -> None:
     """Let sensors of this round write that do."""
     run, groups, active, writings = _run(table)[0], _groups(table), _active(table), _writings(table)
-    t_ns = time_of(_course(table)[0], run.tick)
     for a in range(run.active):
         group = groups[active[a]]
         if group.round == run.round:
             for k in range(group.writing_first, group.writing_first + group.writing_count):
-                _write_one(table, sensors, writings[k], t_ns)
+                _write_one(table, sensors, writings[k], run.t_ns)
 
 
 @compiled
@@ -276,7 +278,7 @@ def _round(table: Array, sensors: Array, values: Array, told_values: Array) -> i
                 return UNIT
     if run.stage == DELIVER:
         run.stage = KEEP
-        given = sensors, _due(table)[: run.due], time_of(course, run.tick), run.begun == 0, values, told_values
+        given = sensors, _due(table)[: run.due], run.t_ns, run.begun == 0, values, told_values
         call_for_number(course.deliver, given)
         run.begun = 1
         if is_measured(run, DELIVER, 0):
@@ -294,11 +296,13 @@ def measure(table: Array, sensors: Array, values: Array, told_values: Array) -> 
     3. sensors that are due, those of a shorter interval first, with their errors, from the new state;
     4. those that repeat what the others have read.
     """
-    run, course, counts = _run(table)[0], _course(table)[0], _counts(sensors)[0]
-    t_ns, last_round = time_of(course, run.tick), course.last_round
+    run, counts, last_round = _run(table)[0], _counts(sensors)[0], _course(table)[0].last_round
     if run.stage == ARRIVALS:
         run.stage = ROUND
-        if run.slow != 0 and t_ns >= counts.next_ns:
+        arrives = run.t_ns >= counts.next_ns
+        if run.active == 0 and run.calls == 0 and not arrives:
+            run.stage = HEAR
+        elif run.slow != 0 and arrives:
             return ARRIVALS
     while run.stage != HEAR:
         if run.stage == ROUND:
@@ -310,7 +314,7 @@ def measure(table: Array, sensors: Array, values: Array, told_values: Array) -> 
                 run.stage = HEAR
                 break
             _gather(table)
-            arrives = run.round == WHEN_DUE and run.begun == 0 and t_ns >= counts.next_ns
+            arrives = run.round == WHEN_DUE and run.begun == 0 and run.t_ns >= counts.next_ns
             if run.due == 0 and not arrives:
                 run.round += 1
                 continue

@@ -58,6 +58,7 @@ RUN = np.dtype(
         (name, _WHOLE)
         for name in (
             "tick",  # ticks done
+            "t_ns",  # time of the present one, from where the water has moved on
             "stage",  # of the one under way
             "round",
             "active",  # groups that are due in it
@@ -95,6 +96,7 @@ GROUP = np.dtype(
         (name, _WHOLE)
         for name in (
             "divisor",  # they are due every so many ticks
+            "next",  # and in this one
             "round",
             "first",  # of their heads in `scheduled`
             "count",

@@ -124,7 +124,8 @@ def _before_and_move(table: Array) -> int:
     if run.stage == FLOW:
         run.stage, run.round = ARRIVALS, WHEN_CALLED
         _move_water(table)
-        _place(_now(table))[0].t_ns = time_of(course, run.tick)
+        run.t_ns = time_of(course, run.tick)
+        _place(_now(table))[0].t_ns = run.t_ns
         if run.follows != 0:
             return FLOW
     return DONE
@@ -156,7 +157,7 @@ def _go_on(table: Array, sensors: Array, values: Array, told_values: Array) -> i
     if run.stage == HEAR:
         run.stage = END
         if run.begun != 0 and counts.told > 0 and _course(table)[0].hear != 0:
-            given = _pilots(table), _told(sensors), told_values, counts.told, time_of(_course(table)[0], run.tick)
+            given = _pilots(table), _told(sensors), told_values, counts.told, run.t_ns
             call(_course(table)[0].hear, given)
             if is_measured(run, HEAR, 0):
                 return UNIT

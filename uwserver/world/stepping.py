@@ -52,12 +52,14 @@ _WORK = {rows.UNIT: 0, rows.PILOTS: rows.PILOTS, rows.DIVERGED: rows.MOVE}
 
 _CHANGING = (rows.PILOTS, rows.FORCES, rows.FLOW)
 """Stops behind which things may lie elsewhere."""
+_QUIET = (rows.MOVE, rows.DRAW, rows.RATES, rows.EXACT, rows.READ)
+"""Stops behind which nothing else has changed."""
 
 _NAMES = rows.RUN.names or ()
 _TICK, _STAGE, _ROUND, _NEEDS, _DUE, _KINDS, _TURN, _BEGUN, _ENDS, _WRITTEN, _WHICH, _UNIT = (
     _NAMES.index(name) for name in ("tick", "stage", "round", "needs", "due", "kinds", "turn", "begun", "ends", "written", "which", "unit")
 )  # fmt: skip
-_CALLED, _MOVES = _NAMES.index("called"), _NAMES.index("moves")
+_MOVES, _LOOKS = _NAMES.index("moves"), _NAMES.index("looks")
 _ASKED = slice(_NAMES.index("first"), _NAMES.index("measured") + 1)
 
 
@@ -132,30 +134,27 @@ class Stepping:
         instruments.take_over()
         until, bodies = tick + min(most, LONGEST), max(1, len(self._hydro))
         alone, usual = max(1, _BODIES_ALONE // bodies), max(1, _BODIES // bodies)
-        self._first, lost, why, stopped = instruments.logged, -1, rows.DONE, False
+        self._first, lost, why, stopped, asks = instruments.logged, -1, rows.DONE, False, True
         if self._pilots.bank is not None:
             self._pilots.follow_switches()
         if self.given.stands_at(tick):
             until = tick + 1
         self.given.settle()
         try:
-            while True:
-                # Who is in a server is asked for something between two ticks that need Python.
-                ends = stopped and (way is not None or self._has_to_tell())
-                until = tick + 1 if ends else min(until, self._next_tick(tick))
-                self._ask(tick, until, min(LONGEST, alone) if way is None else min(USUAL, usual))
+            while lost < 0:
+                if asks:
+                    # Who is in a server is asked for something between two ticks that need Python.
+                    ends = stopped and (way is not None or self._has_to_tell())
+                    until = tick + 1 if ends else min(until, self._next_tick(tick))
+                    self._ask(tick, until, min(LONGEST, alone) if way is None else min(USUAL, usual))
                 why = self._make(NOBODY if way is None else way)
                 if why in (rows.DONE, rows.END):
                     break
                 if why == rows.DIVERGED:
                     lost = int(run[_WHICH])
-                    break
-                if why != rows.UNIT:
-                    stopped = True
-                    self._stand()
+                elif why != rows.UNIT:
+                    asks, stopped = not stopped or why not in _QUIET, True
                     lost = self._answer(why)
-                if lost >= 0:
-                    break
         finally:  # a kernel may raise
             self._stand()
             instruments.take_over()
@@ -182,10 +181,8 @@ class Stepping:
         """What Python says before a step."""
         hydro, sensing, turns = self._hydro, self._sensing, self.turns
         forces = min([part.next_tick for part, _ in turns.forces if part.next_tick is not None], default=NEVER)
-        is_plain = hydro.is_plain
-        finds = hydro.collider is None or self.given.finding() is not None
         self._run[_ASKED] = (
-            first, until, usual, forces, not is_plain or not finds or self._near > 0, not is_plain, bool(turns.follow), sensing.calls,
+            first, until, usual, forces, self._moves, not hydro.is_plain, bool(turns.follow), sensing.calls,
             sensing.callable, not sensing.under_way.is_idle, 2 if turns.last else bool(turns.ears), self.profile is not None,
         )  # fmt: skip
 
@@ -222,9 +219,11 @@ class Stepping:
     def _answer(self, why: int) -> int:
         """Do what a step has stopped for. Returns the row of a body whose state is not finite; -1 for none."""
         self.stops[REASONS[why]] += 1
-        self._instruments.take_over()
         if why == rows.MOVE:
             return self._move()
+        if why not in _QUIET:
+            self._stand()
+            self._instruments.take_over()
         self._answers[why]()
         if why in _CHANGING:
             self.given.settle()
@@ -244,7 +243,14 @@ class Stepping:
         lost = self._hydro.advance(self._seconds)
         if lost >= 0:
             self._run[_TICK] += 1
+        self._run[_MOVES], self._run[_LOOKS] = self._moves, not self._hydro.is_plain
         return lost
+
+    @property
+    def _moves(self) -> bool:
+        """Whether Python moves the bodies in the next tick."""
+        finds = self._hydro.collider is None or self.given.finding() is not None
+        return not finds or self._near > 0 or not self._hydro.is_plain
 
     def _draw(self) -> None:
         if self._water.sea is not None:

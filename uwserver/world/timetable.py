@@ -110,7 +110,7 @@ class _Maker:
             self.shares.append((kind, len(self.members), len(heads)))
             self.members += heads
         self.groups.append((
-            group.divisor, group.round, first, len(group.slots), sum(len(slot.streams) for slot in group.slots), needs_of(group.slots),
+            group.divisor, 0, group.round, first, len(group.slots), sum(len(slot.streams) for slot in group.slots), needs_of(group.slots),
             share_first, len(by_kind), writing_first, len(self.writings) - writing_first,
         ))  # fmt: skip
 
