@@ -225,6 +225,9 @@ def main() -> int:
         root = work / ("tree" if old is None else "old")
         if given.update and root.is_dir():
             update(root)
+        if given.again:  # of other tests
+            outcome.broken.clear()
+            outcome.sound.clear()
         tree = tree_of(root, given.python.absolute(), work / "kernels", outcome.broken, outcome.sound, old)
         go_on(given.stage, tree, chosen, outcome, given)
     return 0
