@@ -112,7 +112,9 @@ class Tree:
         caches = set(self._cache.glob("kernels-*"))
         try:
             path.write_text(text.replace(fault.old, fault.new), encoding="utf-8")
-            os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns + 10 * _SECOND_NS))  # byte code goes by whole seconds and sizes
+            os.utime(
+                path, ns=(times.st_atime_ns, times.st_mtime_ns + 10 * _SECOND_NS)
+            )  # byte code goes by whole seconds and sizes
             yield
         finally:
             path.write_text(text, encoding="utf-8")

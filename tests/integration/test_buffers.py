@@ -243,7 +243,9 @@ def test_zenoh_raw():
                 meta = json.loads(came[0].attachment.to_bytes())
                 assert (meta["field"], meta["dtype"], meta["shape"], meta["seq"]) == ("picture", "float32", [2, 4], 1)
                 block = zenoh.CongestionControl.BLOCK
-                peer.put("uw/uwserver/rov/speaker", PAYLOAD, encoding="application/octet-stream", congestion_control=block)
+                peer.put(
+                    "uw/uwserver/rov/speaker", PAYLOAD, encoding="application/octet-stream", congestion_control=block
+                )
                 while not fake.commands:
                     await asyncio.sleep(0.02)
                 assert fake.commands[-1].value == (Buffer(data=PAYLOAD),)

@@ -313,7 +313,9 @@ def test_ros2(adapters):
 
         def look() -> bytes | None:  # the server may not know yet that somebody subscribes
             block = zenoh.CongestionControl.BLOCK
-            session.put(key("one/modem/send/cmd", send_type), types.cdr(given), attachment=meta, congestion_control=block)
+            session.put(
+                key("one/modem/send/cmd", send_type), types.cdr(given), attachment=meta, congestion_control=block
+            )
             with contextlib.suppress(queue.Empty):
                 return came.get(timeout=1.0)
             return None

@@ -10,6 +10,7 @@ import numpy as np
 
 from uwserver.physics import entries
 from uwserver.physics.collision.contacts import NO_CONTACTS, NO_IMPULSES, Collider, Contacts, Impulses
+from uwserver.physics.contact.touching import Touching
 from uwserver.physics.dynamics.body_rows import appended, rows_of, table_numbers
 from uwserver.physics.dynamics.lag import Lag
 from uwserver.physics.dynamics.params import BodyParams, ForceTable, body_row, lag_row, table_row
@@ -36,7 +37,7 @@ class Hydrodynamics:
         thrusters, wrenches, servos: (m) rows of the commanded propulsors, prescribed wrenches, and of what moves fins, shafts and ballast
             (`layout`).
         collider: finds contacts; None in open water.
-        touched: contacts of the last tick and their impulses.
+        touching: contacts, of the last tick and for the coming one; `touched` tells of the last one, with their impulses.
         contact_nu_dot: (n, 6) mean acceleration by contacts in the last tick, in B.
         forces, values, scratch: work space of the kernels.
         team: threads that share their loops (`set_team`).
@@ -74,7 +75,7 @@ class Hydrodynamics:
         self.strips: Records = np.zeros(0, layout.STRIP)
         self.scratch: Records = np.zeros(self._threads, layout.SCRATCH)
         self.state: FloatArray = np.zeros((0, layout.STATE_SIZE))
-        self.touched: Impulses = NO_IMPULSES
+        self.touching = Touching()
         self.contact_nu_dot: FloatArray = np.zeros((0, 6))
         self.flows: FloatArray = np.zeros((0, layout.FLOW_SIZE))
         self._gather()
@@ -211,16 +212,14 @@ class Hydrodynamics:
         for name in _RUNNING:
             # As plain bytes: records are copied field by field.
             getattr(self, name).reshape(-1).view(np.uint8)[:] = np.frombuffer(saved[name], np.uint8)
-        if not saved["gap"]:
-            self.touched = NO_IMPULSES
-            return
         found = {
             name: np.frombuffer(saved[name], array.dtype).reshape(-1, *array.shape[1:]).copy()
             for name, array in self._running()
             if name in _CONTACTS
         }
         impulses = [found.pop(name) for name in _IMPULSES]
-        self.touched = Impulses(Contacts(**found), *impulses)
+        self.touching = self.touching.with_room(len(found["gap"]))
+        self.touching.keep(Impulses(Contacts(**found), *impulses))
 
     def _running(self) -> Iterator[tuple[str, Any]]:
         for name in _RUNNING:
@@ -229,13 +228,9 @@ class Hydrodynamics:
         yield from zip(_IMPULSES, self.touched[1:], strict=True)
 
     def _forget_contacts(self, row: int) -> None:
-        """Else who comes into this row would begin with the impulses of who left it."""
-        contacts, *impulses = self.touched
-        others = (contacts.body_a != row) & (contacts.body_b != row)
-        if others.any():
-            self.touched = Impulses(Contacts(*(column[others] for column in contacts)), *(i[others] for i in impulses))
-        else:
-            self.touched = NO_IMPULSES
+        """New arrays, so that `go_back` undoes it."""
+        self.touching = self.touching.without(row)
+        if not self.touching.is_kept:
             self.contact_nu_dot = np.zeros_like(self.contact_nu_dot)
 
     def set_team(self, team: IntArray, threads: int) -> None:
@@ -302,9 +297,16 @@ class Hydrodynamics:
         return self._fitted
 
     @property
-    def is_plain(self) -> bool:
-        """Whether nothing acts that needs Python: there was no contact in the last tick."""
-        return self.touched is NO_IMPULSES
+    def touched(self) -> Impulses:
+        """Contacts of the last tick and their impulses: views, which hold until the next."""
+        return self.touching.kept
+
+    def find_contacts(self) -> None:
+        """Ask the collider what may touch in the coming tick."""
+        assert self.collider is not None
+        contacts = self._detect(self.collider)
+        self.touching = self.touching.with_room(len(contacts.gap))
+        self.touching.find(contacts)
 
     def advance(self, t: float) -> int:
         """Carry all bodies from t to t + dt (s). Returns -1, or the row of the first body whose state is not finite."""
@@ -314,8 +316,8 @@ class Hydrodynamics:
             contacts = self._detect(self.collider)
             if contacts is not NO_CONTACTS and len(contacts.gap):
                 return int(self._respond(contacts, t))
-            if self.touched is not NO_IMPULSES:
-                self.touched = NO_IMPULSES
+            if self.touching.is_kept:
+                self.touching.keep(NO_IMPULSES)
                 self.contact_nu_dot[:] = 0.0
         return self._move(t)
 
@@ -330,8 +332,10 @@ class Hydrodynamics:
         struck = strike(self.table, contacts, old.contacts.key, old.contacts.point, old.hold, t, self.dt)
         diverged = self._move(t)
         if diverged < 0:
-            self.touched = Impulses(contacts, *np.empty((2, len(contacts.gap), 3)))
-            kernel.settle(self.table, struck, contacts, self.dt, *self.touched[1:], self.contact_nu_dot)
+            given = np.empty((2, len(contacts.gap), 3))
+            kernel.settle(self.table, struck, contacts, self.dt, *given, self.contact_nu_dot)
+            self.touching = self.touching.with_room(len(contacts.gap))
+            self.touching.keep(Impulses(contacts, *given))
         return diverged
 
     def rates_of_change(self, t: float) -> tuple[FloatArray, FloatArray]:
@@ -349,7 +353,7 @@ class Hydrodynamics:
         if self.sea is not None:
             self.fill_flows(t)
         entries.rates_of_change(self._fitted)(self.table, t, nu_dot, tau)
-        if self.touched is not NO_IMPULSES:
+        if self.touching.is_kept:
             nu_dot += self.contact_nu_dot
 
     def load_kernels(self) -> None:

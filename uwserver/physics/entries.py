@@ -52,6 +52,15 @@ def codes(fitted: bool) -> tuple[int, int]:
 
 
 @cache
+def contact_codes(fitted: bool) -> tuple[int, int]:
+    """Likewise of `contact.step.strike` and `settle`."""
+    from uwserver.physics.contact.calling import STRUCK, load
+
+    strike, settle = load(fitted)
+    return address_of(strike, str(STRUCK)), address_of(settle, "none")
+
+
+@cache
 def contact() -> ModuleType:
     """Of contacts: most worlds have none."""
     from uwserver.physics.contact import step

@@ -9,7 +9,8 @@ import numpy as np
 
 from uwserver.physics.collision.contacts import NO_CONTACTS, Contacts
 from uwserver.physics.collision.engine import AUTO
-from uwserver.physics.collision.solids import Finding, Solids
+from uwserver.physics.collision.finding import Finding
+from uwserver.physics.collision.solids import Solids
 from uwserver.physics.geometry.shapes import Solid
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.rays.casting import Instant, OneByOne, Rays, Still
@@ -32,6 +33,8 @@ class Scene:
         self._solids = Solids(engine=engine)
         self._rays = Rays()
         self._led: dict[int, int] = {}
+        self._plain: Finding | None = None
+        self._finding: Finding | None = None
 
     def add_static(self, solid: Solid) -> int:
         """Add something that never moves, placed in N; returns its id. Raises shapes.BadSolid."""
@@ -72,7 +75,13 @@ class Scene:
 
     def finding(self) -> Finding:
         """See `Solids.finding`."""
-        return self._solids.finding()
+        finding = self._solids.finding()
+        if finding is not self._plain:
+            self._plain = self._finding = finding
+            if self._led:
+                self._finding = finding._replace(led=np.array([*self._led.values()], np.int64))
+        assert self._finding is not None
+        return self._finding
 
     def one_by_one(self) -> OneByOne | None:
         """See `Rays.one_by_one`."""

@@ -12,7 +12,7 @@ from uwserver.physics.kernel.layout import SeaRows
 from uwserver.physics.rays.hits import miss
 from uwserver.physics.rays.raycast import Hits
 from uwserver.sensors import surroundings
-from uwserver.step import rows, streams
+from uwserver.step import contact, rows, streams
 from uwserver.step.rows import (
     ARRIVALS,
     CALLED,
@@ -212,7 +212,12 @@ def _is_frozen(table: Array, sensors: Array) -> bool:
 
 @compiled
 def _write_one(table: Array, sensors: Array, writing: Any, t_ns: int) -> None:
-    run, head, numbers, all_streams = _run(table)[0], _heads(sensors)[writing.head], _numbers(sensors), _streams(sensors)
+    run, head, numbers, all_streams = (
+        _run(table)[0],
+        _heads(sensors)[writing.head],
+        _numbers(sensors),
+        _streams(sensors),
+    )
     head.ready, head.valid = 1 - head.silent, 1
     if head.silent != 0:
         return
@@ -241,10 +246,9 @@ def _round(table: Array, sensors: Array, values: Array, told_values: Array) -> i
     if run.stage == RATES:
         run.stage, run.turn = EXACT, 0
         if run.needs & NEEDS_RATES:
-            if run.looks != 0:
-                return RATES
             fill_flows(table, 0.0)
             call(course.look, (_world(table), seconds_of(course, run.tick), _nu_dot(table), _tau(table)))
+            contact.feel(table, _nu_dot(table))
             if is_measured(run, RATES, 0):
                 return UNIT
     if run.stage == EXACT:

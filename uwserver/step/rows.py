@@ -7,8 +7,8 @@ import numpy as np
 from uwserver.physics.kernel.layout import STATE_SIZE, Forms, columns
 
 (
-    BEGIN, PILOTS, FORCES, MOVE, DRAW, FLOW, ARRIVALS, ROUND, RATES, EXACT, READ, PYTHON, WRITE, DELIVER, KEEP, HEAR, END,
-) = range(17)  # fmt: skip
+    BEGIN, PILOTS, FORCES, FIND, MOVE, DRAW, FLOW, ARRIVALS, ROUND, RATES, EXACT, READ, PYTHON, WRITE, DELIVER, KEEP, HEAR, END,
+) = range(18)  # fmt: skip
 """Stages of a tick, in their order; those from ROUND to KEEP follow each other again in each round of readings. A stage is also the name of what
 Python is needed for, when a step stops there."""
 
@@ -32,7 +32,10 @@ COURSE = np.dtype(
         ("margin", "f8"),  # of the search for contacts, m
         ("rate", _WHOLE),  # rate / parts is that of the ticks, Hz
         ("parts", _WHOLE),
-        ("given", _WHOLE),  # 1: times of one tick and the next are given, as they are no quotients of whole numbers of 64 bits, or no exact ones
+        (
+            "given",
+            _WHOLE,
+        ),  # 1: times of one tick and the next are given, as they are no quotients of whole numbers of 64 bits, or no exact ones
         ("given_tick", _WHOLE),
         ("t_ns", _WHOLE),
         ("next_t_ns", _WHOLE),
@@ -43,7 +46,11 @@ COURSE = np.dtype(
         ("hear", _WHOLE),  # and listen
         ("tell", _WHOLE),  # and tell what they believe
         ("fill_flows", _WHOLE),  # at the bodies; 0 without a sea
-        ("find_pairs", _WHOLE),
+        ("find_pairs", _WHOLE),  # that may touch, 0 where nothing can; then the lines between them, and contacts
+        ("find_lines", _WHOLE),
+        ("find_contacts", _WHOLE),
+        ("strike", _WHOLE),  # and what these do
+        ("settle", _WHOLE),
         ("cast", _WHOLE),  # rays; 0 in open water, where they meet nothing
         ("move", _WHOLE),  # bodies
         ("look", _WHOLE),  # at accelerations
@@ -78,8 +85,7 @@ RUN = np.dtype(
             "until",  # where it ends
             "usual",  # ticks where the loop does not have the interpreter
             "forces_tick",  # when a part gives forces next
-            "moves",  # 1: bodies are moved by Python
-            "looks",  # 1: accelerations are found by Python
+            "finds",  # 1: contacts are looked for by Python
             "follows",  # 1: parts act behind bodies and water, in Python
             "calls",  # 1: sensors may be called
             "callable",  # so many samples can come of these
@@ -151,7 +157,17 @@ FORMS: Forms = {
     "now": columns(np.int64, 2),
     "pilots": columns(np.int64, 2),
     "shapes": columns(np.int64, 2),
-    "pairs": columns(np.int64, 2),
+    "touching": columns(np.int64, 2),
+    "pairs": columns(np.int64, 2),  # that may touch, and the rest of `collision.solids.Finding`
+    "line_first": columns(np.int64),
+    "lines": columns(np.float64, 7),
+    "overlapping": columns(np.bool_),
+    "bodies": columns(np.int64, 2),
+    "numbers": columns(np.float64, 7),
+    "keys": columns(np.int64),
+    "coefficients": columns(np.float64, 2),
+    "led": columns(np.int64),
+    "contact_nu_dot": columns(np.float64, 6),
     "solids": columns(np.int64, 2),
     "drifts": columns(np.float64, 2, 3),  # of drifting currents: velocity in N at both ends of an interval, m/s
     "intervals": columns(np.int64),  # of these, ticks

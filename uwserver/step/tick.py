@@ -19,7 +19,7 @@ from uwserver.physics.kernel.places import ASKED, LATE, WAITED
 from uwserver.physics.kernel.places import CALLED as HAS_CALLED
 from uwserver.physics.kernel.right_of_way import NOBODY
 from uwserver.sensors import surroundings
-from uwserver.step import rows, streams
+from uwserver.step import contact, rows, streams
 from uwserver.step.readings import brings_large, fill_flows, is_measured, measure, needs_room, seconds_of, time_of
 from uwserver.step.rows import (
     ARRIVALS,
@@ -28,6 +28,7 @@ from uwserver.step.rows import (
     DONE,
     DRAW,
     END,
+    FIND,
     FLOW,
     FORCES,
     HEAR,
@@ -41,7 +42,6 @@ from uwserver.step.rows import (
 _course, _run, _ends, _world, _now, _pilots = (
     array_at(rows.FORMS, name) for name in ("course", "run", "ends", "world", "now", "pilots")
 )
-_shapes, _pairs, _state = (array_at(rows.FORMS, name) for name in ("shapes", "pairs", "state"))
 _told, _counts = (array_at(streams.FORMS, name) for name in ("told", "counts"))
 _drifts, _intervals = array_at(rows.FORMS, "drifts"), array_at(rows.FORMS, "intervals")
 _place, _uniform = array_at(surroundings.FORMS, "place"), array_at(surroundings.FORMS, "uniform")
@@ -56,11 +56,14 @@ def _waits_for_python(table: Array) -> bool:
 
 
 @compiled
-def _may_touch(table: Array) -> bool:
-    """Whether bodies may touch something in the coming tick."""
+def _move(table: Array, touches: bool) -> int:
+    """Carry all bodies through the tick. Returns -1, or the row of the first whose state is not finite."""
     course = _course(table)[0]
-    given = _shapes(table), _state(table), course.dt, course.margin, True, _pairs(table)
-    return bool(call_for_number(course.find_pairs, given) != 0)
+    t = seconds_of(course, _run(table)[0].tick)
+    if touches:
+        return contact.touch(table, t)
+    contact.part(table)
+    return call_for_number(course.move, (_world(table), t, course.dt))
 
 
 @compiled
@@ -75,7 +78,13 @@ def _begins_interval(table: Array) -> bool:
 @compiled
 def _move_water(table: Array) -> None:
     """Carry the uniform part of the water to the present tick: between draws, drifting currents change linearly."""
-    course, run, now, drifts, intervals = _course(table)[0], _run(table)[0], _now(table), _drifts(table), _intervals(table)
+    course, run, now, drifts, intervals = (
+        _course(table)[0],
+        _run(table)[0],
+        _now(table),
+        _drifts(table),
+        _intervals(table),
+    )
     if course.fill_flows == 0:
         return
     uniform, steady = _uniform(now), _place(now)[0].current
@@ -101,20 +110,25 @@ def _before_and_move(table: Array) -> int:
             if is_measured(run, PILOTS, 0):
                 return UNIT
     if run.stage == FORCES:
-        run.stage = MOVE
+        run.stage = FIND
         if run.tick >= run.forces_tick:
             return FORCES
+    if run.stage == FIND:
+        run.stage = MOVE
+        fill_flows(table, 0.5 * course.dt)
+        if run.finds != 0 or (course.find_pairs != 0 and not contact.find(table)):
+            return FIND
+        if course.find_pairs != 0 and is_measured(run, FIND, 0):
+            return UNIT
     if run.stage == MOVE:
         run.stage = DRAW
-        fill_flows(table, 0.5 * course.dt)
-        if run.moves != 0 or (course.find_pairs != 0 and _may_touch(table)):
-            return MOVE
-        lost = call_for_number(course.move, (_world(table), seconds_of(course, run.tick), course.dt))
+        touches = contact.has_found(table)
+        lost = _move(table, touches)
         if lost >= 0:
             run.tick += 1
             run.which = lost
             return DIVERGED
-        if is_measured(run, MOVE, 0):
+        if is_measured(run, MOVE, touches):
             return UNIT
     if run.stage == DRAW:
         run.tick += 1

@@ -162,7 +162,9 @@ def in_turn(awake: Iterable[Part], timed: Timer = untimed) -> Turns:
             ears.setdefault(port, []).append(hear)
     before = [(part, timed(part.stage.title, _what(part), part.before)) for part in acting]
     after = [
-        (part.stage, timed(part.stage.title, _what(part), part.after)) for part in everybody if takes_part(type(part))[1]
+        (part.stage, timed(part.stage.title, _what(part), part.after))
+        for part in everybody
+        if takes_part(type(part))[1]
     ]
     return Turns(
         [turn for turn in before if turn[0].stage <= Stage.FAULTS],

@@ -204,7 +204,9 @@ class Profile:
 
         return run
 
-    def unit(self, function: Callable[..., int], *args: object, name: Callable[[int], tuple[str, str, int] | None]) -> int:
+    def unit(
+        self, function: Callable[..., int], *args: object, name: Callable[[int], tuple[str, str, int] | None]
+    ) -> int:
         """Call something that tells by its result what it was (stage, kind, readings), or that it was nothing by itself; returns the result."""
         began_ns = self._now_ns()
         result = function(*args)

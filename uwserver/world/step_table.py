@@ -10,6 +10,7 @@ import numpy as np
 from uwserver.environment.water import Water
 from uwserver.physics import entries
 from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.collision.finding import NO_FINDING, Finding
 from uwserver.physics.kernel.arrays import IntArray
 from uwserver.physics.kernel.layout import addresses
 from uwserver.physics.rays.raycast import OpenWater
@@ -22,11 +23,11 @@ from uwserver.world.ticks import Ticks
 from uwserver.world.timetable import Timetable, timetable_of
 
 if TYPE_CHECKING:  # what is solid needs numba to be imported
-    from uwserver.physics.collision.solids import Finding
     from uwserver.physics.rays.casting import OneByOne
     from uwserver.physics.scene import Scene
 
 _NO_TABLE: IntArray = np.zeros((0, 2), np.int64)
+_FOUND = ("pairs", "line_first", "lines", "overlapping", "bodies", "numbers", "keys", "coefficients", "led")
 LONGEST = 256
 """Ticks that are made in one go at most."""
 _NOTHING_TOLD = 0, 0, 0, 0, 0.0, 0.0
@@ -53,7 +54,13 @@ class StepTable:
         ends: IntArray,
     ) -> None:
         """Of a world of these bodies, in this water, with these sensors and autopilots; `run` and `ends`: as of `step.rows`."""
-        self._hydro, self._water, self._instruments, self._sensing, self._pilots = hydro, water, instruments, sensing, pilots
+        self._hydro, self._water, self._instruments, self._sensing, self._pilots = (
+            hydro,
+            water,
+            instruments,
+            sensing,
+            pilots,
+        )
         self._rate, self._ticks, self._run, self._ends = rate_hz, Ticks(rate_hz), run, ends
         self._known: tuple[object, ...] = ()
         self._told: tuple[float, ...] = _NOTHING_TOLD
@@ -87,7 +94,7 @@ class StepTable:
         bank, instruments = self._pilots.bank, self._instruments
         return (
             self._hydro.table, instruments.now, instruments.heads.rows, self._sensing.groups, None if bank is None else bank.table,
-            self._hydro.collider, self.finding(), instruments.solids, self._met(),
+            self._hydro.collider, self._hydro.touching, self._hydro.contact_nu_dot, self.finding(), instruments.solids, self._met(),
         )  # fmt: skip
 
     def finding(self) -> Finding | None:
@@ -112,17 +119,19 @@ class StepTable:
         sea = self._water.sea
         no_drifts, no_intervals = np.zeros((0, 2, 3)), np.zeros(0, np.int64)
         drifts, intervals = (no_drifts, no_intervals) if sea is None else (sea.ends, sea.intervals)
-        search, shapes, margin, pairs = self.finding() or (0, _NO_TABLE, 0.0, _NO_TABLE)
+        finding = self.finding() or NO_FINDING
+        contact = entries.contact_codes(hydro.is_fitted) if hydro.collider is not None else (0, 0)
         cast, solids = met or (0, _NO_TABLE)
         course = np.zeros(1, rows.COURSE)
         last_round = max((group.round for group in self._sensing.groups), default=rows.WHEN_DUE)
         course[0] = (
-            hydro.dt, margin, self._rate.numerator, self._rate.denominator, *self._told, step, self._pilots.every, hear, tell,
-            0 if sea is None else entries.flow_code(), search, cast, move, look, delivery.code(), max(last_round, rows.WHEN_DUE),
+            hydro.dt, finding.margin, self._rate.numerator, self._rate.denominator, *self._told, step, self._pilots.every, hear, tell,
+            0 if sea is None else entries.flow_code(), *finding[:3], *contact, cast, move, look, delivery.code(), max(last_round, rows.WHEN_DUE),
         )  # fmt: skip
         self.rows = made.rows | {
             "course": course, "run": self._run.view(rows.RUN), "ends": self._ends, "solids": solids, "world": hydro.table,
-            "now": instruments.now, "pilots": _NO_TABLE if bank is None else bank.table, "shapes": shapes, "pairs": pairs,
+            "now": instruments.now, "pilots": _NO_TABLE if bank is None else bank.table, "shapes": finding.table, "touching": hydro.touching.table,
+            **dict(zip(_FOUND, finding[5:], strict=True)), "contact_nu_dot": hydro.contact_nu_dot,
             "drifts": drifts, "intervals": intervals, "state": hydro.state, "nu_dot": instruments.nu_dot, "tau": instruments.tau,
         }  # fmt: skip
         self.table = addresses(rows.FORMS, self.rows)

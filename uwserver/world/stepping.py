@@ -31,35 +31,33 @@ their end."""
 _BODIES, _BODIES_ALONE = 256, 25_600
 """Ticks of one body, or half as many of two: some 1 ms, which is how long who looks from outside waits at most; and some 0.1 s, for who breaks off a
 program that steps a world of its own."""
-_NEAR_TICKS = 16
-"""Once bodies have come near something, so many times Python looks at once whether they touch."""
 
 REASONS = {
-    rows.PILOTS: "autopilots", rows.FORCES: "forces", rows.MOVE: "bodies", rows.DRAW: "drifting currents",
+    rows.PILOTS: "autopilots", rows.FORCES: "forces", rows.FIND: "contacts", rows.DRAW: "drifting currents",
     rows.FLOW: "led bodies and modems", rows.ARRIVALS: "arrivals",
-    rows.RATES: "accelerations", rows.EXACT: "exact readings", rows.READ: "readings", rows.PYTHON: "readings in Python",
+    rows.EXACT: "exact readings", rows.READ: "readings", rows.PYTHON: "readings in Python",
     rows.WRITE: "frozen texts", rows.KEEP: "values that are no numbers", rows.END: "samples", rows.ROOM: "room", rows.CALLED: "called sensors",
 }  # fmt: skip
 """What a step has stopped for, in words."""
 
 _UNITS = {
-    rows.PILOTS: ("autopilots", "autopilots"), rows.MOVE: ("physics", "bodies"), rows.RATES: ("sensors", "accelerations"),
+    rows.PILOTS: ("autopilots", "autopilots"), rows.FIND: ("contact", "detection"), rows.MOVE: ("physics", "bodies"),
+    rows.RATES: ("sensors", "accelerations"),
     rows.WRITE: ("sensors", "status"), rows.DELIVER: ("delivery", "errors, delays"), rows.HEAR: ("listening", "autopilots"),
 }  # fmt: skip
 """Stage and kind of what compiled code does, as in a profile."""
 _WORK = {rows.UNIT: 0, rows.PILOTS: rows.PILOTS, rows.DIVERGED: rows.MOVE}
 """Stops behind such work, and what it was where that follows from it."""
 
-_CHANGING = (rows.PILOTS, rows.FORCES, rows.FLOW)
+_CHANGING = (rows.PILOTS, rows.FORCES, rows.FIND, rows.FLOW)
 """Stops behind which things may lie elsewhere."""
-_QUIET = (rows.MOVE, rows.DRAW, rows.RATES, rows.EXACT, rows.READ)
+_QUIET = (rows.FIND, rows.DRAW, rows.EXACT, rows.READ)
 """Stops behind which nothing else has changed."""
 
 _NAMES = rows.RUN.names or ()
 _TICK, _STAGE, _ROUND, _NEEDS, _DUE, _KINDS, _TURN, _BEGUN, _ENDS, _WRITTEN, _WHICH, _UNIT = (
     _NAMES.index(name) for name in ("tick", "stage", "round", "needs", "due", "kinds", "turn", "begun", "ends", "written", "which", "unit")
 )  # fmt: skip
-_MOVES, _LOOKS = _NAMES.index("moves"), _NAMES.index("looks")
 _ASKED = slice(_NAMES.index("first"), _NAMES.index("measured") + 1)
 
 
@@ -103,14 +101,14 @@ class Stepping:
         self._run[_STAGE] = rows.BEGIN
         self._ends: IntArray = np.zeros(LONGEST, np.int64)
         self.given = StepTable(hydro, water, instruments, sensing, pilots, rate_hz, self._run, self._ends)
-        self._near = self._first = 0
+        self._first = 0
         self._samples: list[Sample] = []
         self.turns = Turns([], [], [], [], [], {})
         self.stops = dict.fromkeys(REASONS.values(), 0)
         self.profile: Profile | None = None
         self._answers = {
-            rows.PILOTS: self._attend, rows.FORCES: self._give_forces, rows.DRAW: self._draw, rows.FLOW: self._follow,
-            rows.ARRIVALS: self._arrive, rows.RATES: self._look, rows.EXACT: self._read_exactly, rows.READ: self._read,
+            rows.PILOTS: self._attend, rows.FORCES: self._give_forces, rows.FIND: hydro.find_contacts, rows.DRAW: self._draw, rows.FLOW: self._follow,
+            rows.ARRIVALS: self._arrive, rows.EXACT: self._read_exactly, rows.READ: self._read,
             rows.PYTHON: self._sense, rows.WRITE: self._write, rows.KEEP: self._keep, rows.ROOM: self._make_room,
             rows.CALLED: self._call,
         }  # fmt: skip
@@ -154,7 +152,7 @@ class Stepping:
                     lost = int(run[_WHICH])
                 elif why != rows.UNIT:
                     asks, stopped = not stopped or why not in _QUIET, True
-                    lost = self._answer(why)
+                    self._answer(why)
         finally:  # a kernel may raise
             self._stand()
             instruments.take_over()
@@ -172,17 +170,15 @@ class Stepping:
 
     def _next_tick(self, tick: int) -> int:
         """Before which parts act again that do so before autopilots."""
-        following = [
-            part.next_tick for part, _ in (*self.turns.first, *self.turns.watch) if part.next_tick is not None
-        ]
+        following = [part.next_tick for part, _ in (*self.turns.first, *self.turns.watch) if part.next_tick is not None]
         return max(tick + 1, min(following, default=NEVER))
 
     def _ask(self, first: int, until: int, usual: int) -> None:
         """What Python says before a step."""
-        hydro, sensing, turns = self._hydro, self._sensing, self.turns
+        sensing, turns, collider = self._sensing, self.turns, self._hydro.collider
         forces = min([part.next_tick for part, _ in turns.forces if part.next_tick is not None], default=NEVER)
         self._run[_ASKED] = (
-            first, until, usual, forces, self._moves, not hydro.is_plain, bool(turns.follow), sensing.calls,
+            first, until, usual, forces, collider is not None and self.given.finding() is None, bool(turns.follow), sensing.calls,
             sensing.callable, not sensing.under_way.is_idle, 2 if turns.last else bool(turns.ears), self.profile is not None,
         )  # fmt: skip
 
@@ -197,6 +193,8 @@ class Stepping:
         if why not in _WORK:
             return None
         unit = _WORK[why] or int(self._run[_UNIT])
+        if unit == rows.MOVE and self._hydro.touching.is_kept:
+            return "contact", "response", 0
         if unit != rows.READ:
             return (*_UNITS[unit], 0)
         heads = self._turn(int(self._run[_WHICH]))
@@ -216,41 +214,21 @@ class Stepping:
 
     # -- where they stop ------------------------------------------------------------------------------------------------------------
 
-    def _answer(self, why: int) -> int:
-        """Do what a step has stopped for. Returns the row of a body whose state is not finite; -1 for none."""
+    def _answer(self, why: int) -> None:
+        """Do what a step has stopped for."""
         self.stops[REASONS[why]] += 1
-        if why == rows.MOVE:
-            return self._move()
         if why not in _QUIET:
             self._stand()
             self._instruments.take_over()
         self._answers[why]()
         if why in _CHANGING:
             self.given.settle()
-        return -1
 
     def _attend(self) -> None:
         self._pilots.attend(self._now[1])
 
     def _give_forces(self) -> None:
         take_turns(self.turns.forces, *self._now)
-
-    def _move(self) -> int:
-        if self._near > 0:
-            self._near -= 1
-        elif not self._run[_MOVES]:
-            self._near = _NEAR_TICKS
-        lost = self._hydro.advance(self._seconds)
-        if lost >= 0:
-            self._run[_TICK] += 1
-        self._run[_MOVES], self._run[_LOOKS] = self._moves, not self._hydro.is_plain
-        return lost
-
-    @property
-    def _moves(self) -> bool:
-        """Whether Python moves the bodies in the next tick."""
-        finds = self._hydro.collider is None or self.given.finding() is not None
-        return not finds or self._near > 0 or not self._hydro.is_plain
 
     def _draw(self) -> None:
         if self._water.sea is not None:
@@ -273,7 +251,10 @@ class Stepping:
         run[_STAGE], run[_NEEDS], run[_DUE] = rows.RATES, self._needs_of(called), len(heads)
         self.given.rows["due"][: len(heads)] = heads
         count = 0
-        kinds = [(kind, [k for k in heads if self._bank_of(k) is bank]) for kind, bank in enumerate(self.given.timetable.banks)]
+        kinds = [
+            (kind, [k for k in heads if self._bank_of(k) is bank])
+            for kind, bank in enumerate(self.given.timetable.banks)
+        ]
         there = [(kind, of_kind) for kind, of_kind in kinds if of_kind]
         for turn, (kind, of_kind) in enumerate(there):
             self.given.rows["turns"][count : count + len(of_kind)] = of_kind
@@ -298,9 +279,6 @@ class Stepping:
         _, first, count = self.given.rows["turn"][number].tolist()
         heads: IntArray = self.given.rows["turns"][first : first + count]
         return heads
-
-    def _look(self) -> None:
-        self._instruments.look(self._seconds)
 
     def _read_exactly(self) -> None:
         self._sensing.by_hand.exactly(self._due, self._seconds)

@@ -1,7 +1,7 @@
 """Many ticks in one go are those that are made one by one, bit for bit, whatever happens in them and between them; and where steps stop.
 
-Also of uwserver.sensors.writing, uwserver.step.tick, uwserver.step.readings, uwserver.step.rows, uwserver.world.by_hand and
-uwserver.world.step_table.
+Also of uwserver.sensors.writing, uwserver.step.tick, uwserver.step.readings, uwserver.step.rows, uwserver.step.contact,
+uwserver.physics.contact.calling, uwserver.world.by_hand and uwserver.world.step_table.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import pytest
 import uwserver_scenarios
 
 from uwserver.adapter import installed_adapters
+from uwserver.physics.contact.touching import ROOM
 from uwserver.physics.kernel.places import ASKED, CALLED, FUTEX, GIVEN, LATE, RUNS, WAITED
 from uwserver.physics.kernel.right_of_way import NOBODY, RightOfWay
 from uwserver.ports import Call, Command, Refused, Sample
@@ -451,14 +452,18 @@ def test_who_lets_a_kind_read_does_not_matter(twins: Twins) -> None:
     assert twins.stops["readings"] > 240
 
 
-def test_kinds_read_in_the_order_in_which_the_first_of_each_is_due(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_kinds_read_in_the_order_in_which_the_first_of_each_is_due(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Also where several intervals end in one tick: what one of them changes, as a battery the voltage, others see or do not see."""
     world = Twins(tmp_path).other
     world.step(1)
     stepping = world.stepping
     stepping.given.rows["kinds"]["code"] = 0
     read, real = [], world.sensing.by_hand.read
-    monkeypatch.setattr(world.sensing.by_hand, "read", lambda bank, due, t: (read.append((bank, due.copy())), real(bank, due, t)))
+    monkeypatch.setattr(
+        world.sensing.by_hand, "read", lambda bank, due, t: (read.append((bank, due.copy())), real(bank, due, t))
+    )
     tick = 120  # all are due
     world.step(tick - 2)
     read.clear()
@@ -497,6 +502,32 @@ def test_a_force_that_a_part_gives_is_given_once_a_tick(twins: Twins) -> None:
     twins.step(40)
     assert pushes[0].ticks == pushes[1].ticks == [12, 14, 16, 18, 20]
     assert twins.stops == {"forces": 5}
+
+
+@pytest.mark.parametrize("name", ["slope", "push_the_crate", "pool_inspection"])
+def test_contacts_and_rays_need_no_python(name: str) -> None:
+    """Of bodies at rest on a mesh, of one that is pushed, and of walls."""
+    world = build(load(name, adapters=installed_adapters()))
+    world.want(())
+    world.step(480)
+    assert {reason for reason, count in world.stops.items() if count} == {"room"}
+
+
+def test_python_looks_for_contacts_where_an_engine_has_to_be_asked(tmp_path: Path) -> None:
+    """Bodies within each other are pushed apart by the shortest way out, which an engine tells."""
+    copies = "copies = { count = 2, columns = 2, spacing_m = [0.05, 0.05] }"
+    twins = Twins(tmp_path, copies=copies)
+    twins.step(60)
+    assert twins.stops["contacts"] > 0
+    assert set(twins.stops) == {"contacts"}
+
+
+def test_python_looks_for_contacts_where_there_are_more_than_there_is_room_for(tmp_path: Path) -> None:
+    """Once: then there is."""
+    twins = Twins(tmp_path, copies="copies = { count = 24, columns = 6, spacing_m = [2.0, 2.0] }", depth=19.88)
+    twins.step(3)
+    assert len(twins.one.hydro.touched.impulse) > ROOM
+    assert twins.stops == {"contacts": 1}
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 from types import ModuleType, TracebackType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from uwserver.physics.collision.engine import (
     engine_attitude,
     missing_engine,
 )
+from uwserver.physics.collision.finding import Finding
 from uwserver.physics.geometry.rows import Part, Stock
 from uwserver.physics.geometry.shapes import BadSolid, HalfSpace, Placed, Solid, TriangleMesh
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
@@ -32,6 +33,8 @@ from uwserver.physics.kernel.straight import address_of, straight
 
 MARGIN = 0.005
 """m; contacts are reported from this gap on, and from farther for what moves fast."""
+_CONTACTS_AT_ONCE = 1024
+"""That compiled code finds; where there are more, Python looks."""
 _IDENTS, _MOVING_IDENTS, _SHAPES_OF_A_BODY = 16384, 12288, 16
 """Numbers of shapes in keys; those of static shapes begin where those of 768 bodies end, beyond which keys may repeat."""
 
@@ -51,18 +54,17 @@ def _find_pairs() -> Any:
     return kernel
 
 
-class Finding(NamedTuple):
-    """What tells compiled code whether anything may touch anything (`broad_phase.find_pairs`), until something comes or goes.
-
-    Attributes:
-        code: where that lies (`kernel.calling`).
-        table, margin, pairs: its arguments.
-    """
-
-    code: int
-    table: IntArray
-    margin: float
-    pairs: IntArray
+@cache
+def _codes() -> tuple[int, int, int]:
+    """Where the code of the three stages of the search lies, for kernels that call it (`kernel.calling`)."""
+    _, directions, narrow_phase = _kernels()
+    lines: Any = directions.find_lines
+    contacts: Any = narrow_phase.find_contacts
+    table: IntArray = np.zeros((0, 2), np.int64)
+    first, found, flags = np.zeros(1, np.int64), np.zeros((0, 7)), np.zeros(0, np.bool_)
+    lines.load(table, table, first, found, flags)
+    contacts.load(table, table, first, found, table, np.zeros((0, NUMBERS)), first, np.zeros((0, 2)))
+    return address_of(_find_pairs(), "int64"), address_of(lines, "int64"), address_of(contacts, "int64")
 
 
 @dataclass(eq=False)
@@ -241,13 +243,16 @@ class Solids:
         return self._collect(pairs, first, lines)
 
     def finding(self) -> Finding:
-        """The search for pairs that may touch, as `find_contacts` begins with it; the same object for as long as all lies where it lies."""
+        """The search for contacts, for compiled code; the same object for as long as all lies where it lies."""
         if self._is_stale:
             self._rebuild()
         if self._finding is None:
+            most = _CONTACTS_AT_ONCE
             self._finding = Finding(
-                address_of(_find_pairs(), "int64") if self._gate else 0, self._table, MARGIN, self._pairs
-            )
+                *(_codes() if self._gate else (0, 0, 0)), self._table, MARGIN, self._pairs, np.zeros(len(self._pairs) + 1, np.int64),
+                self._lines, self._overlapping, np.zeros((most, 2), np.int64), np.zeros((most, NUMBERS)), np.zeros(most, np.int64),
+                np.zeros((most, 2)), np.zeros(0, np.int64),
+            )  # fmt: skip
         return self._finding
 
     def _find_lines(self, pairs: Any) -> tuple[IntArray, FloatArray]:
@@ -259,6 +264,7 @@ class Solids:
             if count <= len(self._lines):
                 break
             self._lines, self._overlapping = np.zeros((2 * count, 7)), np.zeros(2 * count, np.bool_)
+            self._finding = None
         lines, overlapping = self._lines[:count], self._overlapping[:count]
         if overlapping.any():
             for k in np.flatnonzero(overlapping):

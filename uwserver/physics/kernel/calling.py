@@ -16,8 +16,8 @@ from numba.extending import intrinsic
 from uwserver.physics.kernel.compiled import inlined
 
 
-def _caller(result: Any) -> Callable[[int, Any], Any]:
-    """What calls entries that give such a result."""
+def caller(result: Any) -> Callable[[int, Any], Any]:
+    """What calls entries that give such a result (a type of numba), by where their code lies and with a tuple of arguments."""
 
     @intrinsic(prefer_literal=False)  # type: ignore[untyped-decorator]  # numba has no types
     def call(_typing: Any, code: Any, args: Any) -> Any:
@@ -41,7 +41,7 @@ def _caller(result: Any) -> Callable[[int, Any], Any]:
     return call  # type: ignore[no-any-return]
 
 
-_for_number, _for_float, _for_nothing = _caller(types.int64), _caller(types.float64), _caller(types.none)
+_for_number, _for_float, _for_nothing = caller(types.int64), caller(types.float64), caller(types.none)
 
 
 @inlined

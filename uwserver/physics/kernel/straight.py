@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from typing import Any, Literal
+from typing import Any
 
 
 def straight(kernel: Any) -> Callable[..., Any]:
@@ -24,8 +24,9 @@ def _run_of(kernel: Any) -> Callable[..., Any]:
     return run
 
 
-def address_of(kernel: Any, gives: Literal["int64", "float64", "none"]) -> int:
-    """Where the machine code of an entry lies that is loaded and gives such a result (`calling`); 0 where it does not, or is loaded for several."""
+def address_of(kernel: Any, gives: str) -> int:
+    """Where the machine code of an entry lies that is loaded and gives such a result ("int64", "float64", "none", or another type of numba;
+    `calling`); 0 where it does not, or is loaded for several."""
     return _address_of(kernel, gives) if len(kernel.overloads) == 1 else 0
 
 

@@ -1,4 +1,7 @@
-"""Contacts of solid things: exact where they touch, a pure function of the poses, blind to the edges inside a smooth surface."""
+"""Contacts of solid things: exact where they touch, a pure function of the poses, blind to the edges inside a smooth surface.
+
+Also of uwserver.physics.collision.finding.
+"""
 
 from __future__ import annotations
 
