@@ -116,7 +116,7 @@ def _before_and_move(table: Array) -> int:
     if run.stage == FIND:
         run.stage = MOVE
         fill_flows(table, 0.5 * course.dt)
-        if run.finds != 0 or (course.find_pairs != 0 and not contact.find(table)):
+        if run.finds != 0 or not contact.find(table):
             return FIND
         if course.find_pairs != 0 and is_measured(run, FIND, 0):
             return UNIT
