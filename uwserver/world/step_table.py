@@ -13,7 +13,7 @@ from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.collision.finding import NO_FINDING, Finding
 from uwserver.physics.kernel.arrays import IntArray
 from uwserver.physics.kernel.layout import addresses
-from uwserver.physics.rays.raycast import OpenWater
+from uwserver.physics.rays.raycast import Geometry, OpenWater
 from uwserver.step import rows
 from uwserver.units import NANOSECONDS
 from uwserver.world.instruments import Instruments
@@ -62,7 +62,11 @@ class StepTable:
             pilots,
         )
         self._rate, self._ticks, self._run, self._ends = rate_hz, Ticks(rate_hz), run, ends
+        # Kept, so that no other object has the identity of one of them.
         self._known: tuple[object, ...] = ()
+        self._ids: tuple[int, ...] = ()
+        parts = rate_hz.denominator
+        self._last = min(2**62 // (2 * NANOSECONDS * parts), 2**53 // parts) - LONGEST
         self._told: tuple[float, ...] = _NOTHING_TOLD
         self.timetable: Timetable
         self.rows: dict[str, Any] = {}
@@ -72,10 +76,9 @@ class StepTable:
     def stands_at(self, tick: int) -> bool:
         """Ticks are to be made from this one on. Returns whether one alone, whose times are told: beyond some tick they are no quotients of whole
         numbers of 64 bits any more, or no exact floats."""
-        parts, time_of, second = self._rate.denominator, self._ticks.time_of, self.second
-        is_told = tick > min(2**62 // (2 * NANOSECONDS * parts), 2**53 // parts) - LONGEST
+        is_told = tick > self._last
         if is_told or self._told is not _NOTHING_TOLD:
-            self._known = ()
+            self._ids, time_of, second = (), self._ticks.time_of, self.second
             times = 1, tick, time_of(tick), time_of(tick + 1), second(tick), second(tick + 1)
             self._told = times if is_told else _NOTHING_TOLD
         return is_told
@@ -87,33 +90,34 @@ class StepTable:
     def settle(self) -> None:
         """Find all again where something lies elsewhere, or others are due."""
         now = self._lies()
-        if len(now) != len(self._known) or any(a is not b for a, b in zip(now, self._known, strict=True)):
+        if tuple(map(id, now)) != self._ids:
             self._tabulate()
 
     def _lies(self) -> tuple[object, ...]:
-        bank, instruments = self._pilots.bank, self._instruments
+        bank, instruments, hydro, solids = self._pilots.bank, self._instruments, self._hydro, self._instruments.solids
         return (
-            self._hydro.table, instruments.now, instruments.heads.rows, self._sensing.groups, None if bank is None else bank.table,
-            self._hydro.collider, self._hydro.touching, self._hydro.contact_nu_dot, self.finding(), instruments.solids, self._met(),
+            hydro.table, instruments.now, instruments.heads.rows, self._sensing.groups, None if bank is None else bank.table,
+            hydro.collider, hydro.touching, hydro.contact_nu_dot, self.finding(), solids, self._met(solids),
         )  # fmt: skip
 
     def finding(self) -> Finding | None:
         """How it is found out whether anything may touch; None where nothing may, or compiled code cannot."""
         return self.scene.finding() if self.scene is not None and self.scene is self._hydro.collider else None
 
-    def _met(self) -> OneByOne | None:
+    def _met(self, solids: Geometry) -> OneByOne | None:
         """What rays are cast at; None where there are none or they meet nothing, or compiled code cannot."""
-        is_met = self._sensing.casts and self.scene is not None and self.scene is self._instruments.solids
+        is_met = self._sensing.casts and self.scene is solids
         return self.scene.one_by_one() if is_met and self.scene is not None else None
 
     def _tabulate(self) -> None:
         from uwserver.step import delivery
 
         hydro, instruments, bank = self._hydro, self._instruments, self._pilots.bank
-        met = self._met()
+        met = self._met(instruments.solids)
         casts = met is not None or isinstance(instruments.solids, OpenWater)
         self.timetable = made = timetable_of(self._sensing.groups, instruments, casts=casts)
         self._known = self._lies()
+        self._ids = tuple(map(id, self._known))
         move, look = entries.codes(hydro.is_fitted)
         step, hear, tell = (0, 0, 0) if bank is None else bank.codes()
         sea = self._water.sea

@@ -98,7 +98,6 @@ class Stepping:
         self._stand_at, self._has_to_tell = stand, has_to_tell
         self._step = straight(tick.step)
         self._run: IntArray = np.zeros(len(_NAMES), np.int64)
-        self._run[_STAGE] = rows.BEGIN
         self._ends: IntArray = np.zeros(LONGEST, np.int64)
         self.given = StepTable(hydro, water, instruments, sensing, pilots, rate_hz, self._run, self._ends)
         self._first = 0
@@ -128,8 +127,8 @@ class Stepping:
             The row of the first body whose state is not finite, -1 where all went well.
         """
         run, instruments, self._samples = self._run, self._instruments, samples
-        run[_TICK], run[_STAGE], run[_ENDS], run[_WRITTEN], run[_BEGUN] = tick, rows.BEGIN, 0, 0, 0
-        instruments.take_over()
+        run[: _ASKED.start] = 0  # of which BEGIN is the stage
+        run[_TICK] = tick
         until, bodies = tick + min(most, LONGEST), max(1, len(self._hydro))
         alone, usual = max(1, _BODIES_ALONE // bodies), max(1, _BODIES // bodies)
         self._first, lost, why, stopped, asks = instruments.logged, -1, rows.DONE, False, True
@@ -154,14 +153,14 @@ class Stepping:
                     asks, stopped = not stopped or why not in _QUIET, True
                     self._answer(why)
         finally:  # a kernel may raise
-            self._stand()
+            reached = run[: _ASKED.start].tolist()
+            self._stand_at(reached[_TICK])
             instruments.take_over()
-            if run[_WRITTEN]:
+            if reached[_WRITTEN]:
                 self._sensing.take_texts()
-            with_words = why == rows.END and bool(run[_BEGUN] and instruments.wordy_count)
-            ends = self._ends[: run[_ENDS]].tolist()
-            if ends or with_words:
-                self._sensing.tell(self._first, ends, with_words, samples)
+            with_words = why == rows.END and bool(reached[_BEGUN] and instruments.wordy_count)
+            if reached[_ENDS] or with_words:
+                self._sensing.tell(self._first, self._ends[: reached[_ENDS]].tolist(), with_words, samples)
         if why == rows.END:
             self._sensing.under_way.purge()
             for act in self.turns.last:
@@ -176,7 +175,9 @@ class Stepping:
     def _ask(self, first: int, until: int, usual: int) -> None:
         """What Python says before a step."""
         sensing, turns, collider = self._sensing, self.turns, self._hydro.collider
-        forces = min([part.next_tick for part, _ in turns.forces if part.next_tick is not None], default=NEVER)
+        forces = NEVER
+        if turns.forces:
+            forces = min([part.next_tick for part, _ in turns.forces if part.next_tick is not None], default=NEVER)
         self._run[_ASKED] = (
             first, until, usual, forces, collider is not None and self.given.finding() is None, bool(turns.follow), sensing.calls,
             sensing.callable, not sensing.under_way.is_idle, 2 if turns.last else bool(turns.ears), self.profile is not None,
