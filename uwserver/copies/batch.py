@@ -156,7 +156,7 @@ class Batch:
         return self.diverged
 
     def _before(self, which: IntArray, going: NDArray[np.bool_]) -> None:
-        """All that acts before the bodies move, in the order of `World.advance`."""
+        """All that acts before the bodies move, in the order of `uwserver.step.tick`."""
         (ticks, _, t_ns, _), commands = self._clocks, self._commands
         if (self._next_faults <= ticks).any():
             for i in which[self._next_faults[which] <= ticks[which]].tolist():

@@ -1,4 +1,4 @@
-"""What lives in a world: the contract of a part. The tick (`uwserver.world.world`) runs over lists of parts and knows none of them by name."""
+"""What lives in a world: the contract of a part. A tick (`uwserver.step.tick`) stops for lists of parts and knows none of them by name."""
 
 # ruff: noqa: B027 - a part implements the stages in which it takes part, and no others
 

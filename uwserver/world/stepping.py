@@ -36,7 +36,7 @@ REASONS = {
     rows.PILOTS: "autopilots", rows.FORCES: "forces", rows.FIND: "contacts", rows.DRAW: "drifting currents",
     rows.FLOW: "led bodies and modems", rows.ARRIVALS: "arrivals",
     rows.EXACT: "exact readings", rows.READ: "readings", rows.PYTHON: "readings in Python",
-    rows.WRITE: "frozen texts", rows.KEEP: "values that are no numbers", rows.END: "samples", rows.ROOM: "room", rows.CALLED: "called sensors",
+    rows.WRITE: "frozen texts", rows.KEEP: "values that are no numbers", rows.ROOM: "room", rows.CALLED: "called sensors",
 }  # fmt: skip
 """What a step has stopped for, in words."""
 

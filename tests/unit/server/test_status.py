@@ -46,6 +46,7 @@ def test_the_status_says_where_the_world_is(resolved):
         assert status["vehicles"] == ["rov"]
         assert status["lockstep_waits_for"] == []
         assert status["adapters"]["tcp"]["peers"] == 2
+        assert status["stops"] == {"room": 1}, "what ticks have needed Python for, and nothing that they have not"
         assert json.loads(json.dumps(status)) == status
         context.stats.peers = 3
         assert status["adapters"]["tcp"]["peers"] == 2, "an answer does not change while it is sent"
