@@ -279,7 +279,10 @@ def test_who_begins_and_ends_all_the_time_is_bounded(
     assert len(list(folder.iterdir())) == module.MAX_WAITING // 2
 
 
-def test_what_still_waits_at_the_end_makes_no_files(resolved: Resolved, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_still_waits_at_the_end_makes_no_files(
+    resolved: Resolved, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One may be just being made when the end comes: it is taken away again."""
     opened: list[bool] = []
     plain = Recorder.open
 
@@ -296,7 +299,8 @@ def test_what_still_waits_at_the_end_makes_no_files(resolved: Resolved, monkeypa
             client.context.call(f"recording/{'stop' if k % 2 else 'start'}", {}, "me", lambda answer: None)
 
     assert serve(resolved, script)[0] == 0
-    assert True not in opened
+    assert opened.count(True) <= 1
+    assert len(list(folder.glob("*"))) <= opened.count(False)
 
 
 def test_what_the_command_line_asked_for_is_not_ended_by_a_client(resolved: Resolved, tmp_path: Path) -> None:
