@@ -28,8 +28,8 @@ from uwserver.physics.kernel import store
 FINISHED = "uwserver/physics/kernel/finished"
 """Where the loader looks, as a path in the wheel."""
 COMPILERS = ("numba", "llvmlite")
-WARM = ("uwserver.world.warm", "uwserver.copies.warm")
-"""Modules that compile kernels: of worlds, and of copies."""
+WARM = "uwserver.world.warm"
+"""The module that compiles kernels."""
 TIMEOUT_S = 1800.0
 ASK = """
 import json, platform
@@ -40,9 +40,8 @@ print(json.dumps({"machine": platform.machine(), "levels": LEVELS, "tags": tags,
 """
 CHECK = """
 from uwserver.physics.kernel.compiled import cache_state
-from uwserver.copies.warm import OF_COPIES
 from uwserver.world.builds import STAGES, missing
-print("" if missing(STAGES) or missing(OF_COPIES.seconds, OF_COPIES) else cache_state.folder)
+print("" if missing(STAGES) else cache_state.folder)
 """
 
 
@@ -76,8 +75,7 @@ def compile_kernels(python: Path, levels: Mapping[str, Sequence[str]], work: Pat
     files: dict[str, bytes] = {}
     for level, features in levels.items():
         environment = plain | settings(level, features)
-        for module in WARM:
-            run(python, "-m", module, environment=environment, cwd=work)
+        run(python, "-m", WARM, environment=environment, cwd=work)
         folder = run(python, "-c", CHECK, environment=environment, cwd=work).strip()
         if not folder:
             raise NotBuilt(f"not all kernels were compiled for {level}: are the engines of solid things installed?")

@@ -66,7 +66,7 @@ def batch(
 
     Raises:
         ScenarioError: every fault of the files, with its place.
-        Refused: solid things, other adapters, or components in plain Python, by name; no such sensor or parameter; so many threads.
+        Refused: pictures, modems, other adapters, or extensions, by name; no such sensor or parameter; so many threads.
     """
     from uwserver.adapter import installed_adapters
     from uwserver.copies.start import begin

@@ -23,9 +23,8 @@ from packaging.requirements import Requirement
 from reader import blocks
 
 import uwserver
-from uwserver.copies.warm import OF_COPIES
 from uwserver.physics.kernel.compiled import cache_state
-from uwserver.world.builds import OF_WORLDS
+from uwserver.world.builds import STAGES, kernels_of
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -311,13 +310,11 @@ def test_all_is_every_extra_that_a_server_can_use() -> None:
     assert Requirement(line).extras == extras.keys() - {"all", "coal", "dev", "docs", "release", "site", "video"}
 
 
-def test_a_wheel_has_the_kernels_of_worlds_and_of_copies(tmp_path: Path) -> None:
-    """What is built is complete only when both are there."""
+def test_a_wheel_has_the_kernels_of_all_stages(tmp_path: Path) -> None:
+    """What is built is complete only when all are there."""
     folder = tmp_path / str(cache_state.folder and cache_state.folder.name)
     folder.mkdir(mode=0o700)
-    works = OF_WORLDS, OF_COPIES
-    kernels = [kernel for work in works for stage in work.seconds for kernel in work.kernels_of(stage)]
-    for kernel in kernels:
+    for kernel in (kernel for stage in STAGES for kernel in kernels_of(stage)):
         (folder / f"{kernel}-0.kernel").touch()
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
     kernel_wheel = tool("kernel_wheel")
@@ -326,6 +323,5 @@ def test_a_wheel_has_the_kernels_of_worlds_and_of_copies(tmp_path: Path) -> None
         return str(kernel_wheel.run(sys.executable, "-c", kernel_wheel.CHECK, environment=environment, cwd=tmp_path))
 
     assert found().strip() == str(folder)
-    (folder / f"{OF_COPIES.kernels_of('copies')[0]}-0.kernel").unlink()
+    (folder / f"{kernels_of('copies')[0]}-0.kernel").unlink()
     assert found().strip() == ""
-    assert [kernel_wheel.WARM[0], kernel_wheel.WARM[1]] == [work.module for work in works]

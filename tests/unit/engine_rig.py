@@ -7,7 +7,7 @@ import numpy as np
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.collision.engine import Engine, Pose, engine_attitude
 from uwserver.physics.geometry.rows import part
-from uwserver.physics.geometry.shapes import Box, Capsule, ConvexHull, Cylinder, Placed, Shape, Sphere
+from uwserver.physics.geometry.shapes import Box, Capsule, ConvexHull, Cylinder, Placed, Sphere
 
 CORNERS = np.array([[x, y, z] for x in (-0.3, 0.3) for y in (-0.2, 0.2) for z in (-0.1, 0.1)])
 ON_END = quat_from_rpy(0.0, np.pi / 2, 0.0)
@@ -19,9 +19,6 @@ SUNK = {  # shape, and height of its middle over its lowest point
     "cylinder on its end": (Placed(Cylinder(0.1, 0.3), q=ON_END), 0.3),
     "capsule on its end": (Placed(Capsule(0.1, 0.3), q=ON_END), 0.4),
 }
-
-
-SHAPES = {"sphere": Sphere(0.2), "box": Box((0.2, 0.2, 0.2))}
 
 
 def at(placed: Placed, x: float, y: float, z: float) -> Pose:
@@ -43,15 +40,5 @@ def finds_the_way_out_of_a_floor(engine: Engine, name: str) -> None:
     for shift in (0.0, 70.0, 0.0):
         way = engine.way_out(a, at(placed, shift + 0.3, 0.2, -0.5 - height + 0.01), b, at(floor, shift, 0.0, 0.0))
         np.testing.assert_allclose(way, [0.0, 0.0, -1.0], rtol=0.0, atol=1e-3)
-    engine.close()
-
-
-def forgets_what_was_removed(engine: Engine, shape: Shape) -> None:
-    """The others stay."""
-    placed = Placed(shape)
-    a, b, c = (added(engine, placed) for _ in range(3))
-    engine.remove(b)
-    way = engine.way_out(a, at(placed, 0.39, 0.0, 0.0), c, at(placed, 0.0, 0.0, 0.0))
-    np.testing.assert_allclose(way, [1.0, 0.0, 0.0], rtol=0.0, atol=1e-3)
     engine.close()
     engine.close()  # nothing more

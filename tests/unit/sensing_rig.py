@@ -23,6 +23,7 @@ from uwserver.world.instruments import Around, Instruments
 from uwserver.world.piloting import Pilots
 from uwserver.world.sensing import Sensing
 from uwserver.world.sensor_slot import SensorSlot
+from uwserver.world.step_table import StepTable
 from uwserver.world.stepping import Stepping
 
 FIELDS = (Field("x", "m", "a number"),)
@@ -138,9 +139,8 @@ class Rig:
         water = Water(1000.0, 9.81, 10.0, 101325.0, (0.0, 0.0, 0.0))
         self.instruments = Instruments(hydro, water, lambda: around)
         self.sensing = Sensing(self.slots, self.instruments)
-        self.stepping = Stepping(
-            hydro, water, self.instruments, self.sensing, Pilots(hydro), rate_hz, lambda tick: None, lambda: False
-        )
+        given = StepTable(hydro, water, self.instruments, self.sensing, Pilots(hydro), rate_hz)
+        self.stepping = Stepping(given, lambda tick: None, lambda: False)
         self.settle()
 
     def settle(self) -> None:

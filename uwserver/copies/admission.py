@@ -1,22 +1,18 @@
-"""Which scenarios can be copied: what a batch does not act out is refused by its name."""
+"""Which scenarios can be copied, and what is measured in the copies: what a batch does not act out is refused by its name."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
-from uwserver.actuators.base import Actuator
 from uwserver.autopilot.status import StateSensor
 from uwserver.ports import Refused
 from uwserver.scenario.load.default_adapter import KIND
 from uwserver.scenario.load.resolved import Resolved
-from uwserver.sensors.bank import BankSensor
-from uwserver.world.part import is_awake
+from uwserver.sensors.modem import Modem
+from uwserver.sensors.onboard.battery import Battery
 from uwserver.world.piloting import Piloting
+from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.world import World
-
-_OF_EVERY_WORLD = {
-    "world/autopilots", "world/bodies", "world/commands", "world/faults", "world/population", "world/samples", "world/water",
-}  # fmt: skip
 
 
 def check(resolved: Resolved, world: World) -> None:
@@ -27,14 +23,15 @@ def check(resolved: Resolved, world: World) -> None:
         world: one that was built of it.
 
     Raises:
-        Refused: solid things, adapters that do more than to let clients in, or components in plain Python; the text names all of them.
+        Refused: pictures, modems, adapters that do more than to let clients in, or extensions; the text names all of them.
     """
     faults = [
         (what, names)
         for what, names in (
-            ("solid things, which copies do not touch", list(_solid(resolved))),
+            ("pictures, which take time", [path for path, slot in world.sensors.items() if slot.sensor.takes_time]),
+            ("modems, of which nobody reads the messages", [p for p, s in world.sensors.items() if _is_modem(s)]),
             ("adapters, which nobody runs here", list(_adapters(resolved))),
-            ("components in plain Python, which act in one world alone", list(_in_python(world))),
+            ("extensions, which act in one world alone", list(_extensions(world))),
         )
         if names
     ]
@@ -43,12 +40,29 @@ def check(resolved: Resolved, world: World) -> None:
         raise Refused("denied", f"{resolved.name} cannot be copied: it has {text}. Take them out of the scenario.")
 
 
-def _solid(resolved: Resolved) -> Iterator[str]:
-    if resolved.is_solid:
-        yield from resolved.static
-        yield from resolved.objects
-        if not resolved.static:
-            yield from (name for name, vehicle in resolved.vehicles.items() if vehicle.solid is not None)
+def measured_of(world: World, sensors: Collection[str] | None) -> tuple[str, ...]:
+    """Paths of the sensors of a world that measure in its copies.
+
+    Args:
+        world: one of them.
+        sensors: those that are wanted; None for all but what shows the state of an autopilot, which is mostly words.
+    """
+    pilots = [part.pilot for part in world.parts.values() if isinstance(part, Piloting)]
+    heard = {port for pilot in pilots for port in (*pilot.craft.hearing.ports, *pilot.craft.hearing.in_words)}
+    return tuple(
+        path
+        for path, slot in world.sensors.items()
+        if _acts(slot, heard) or (path in sensors if sensors is not None else not isinstance(slot.sensor, StateSensor))
+    )
+
+
+def _acts(slot: SensorSlot, heard: Collection[str]) -> bool:
+    """Whether what a sensor measures decides how the run goes on: a battery supplies the thrusters, and autopilots hear."""
+    return isinstance(slot.sensor, Battery) or any(stream.port.path in heard for stream in slot.streams)
+
+
+def _is_modem(slot: SensorSlot) -> bool:
+    return isinstance(slot.sensor, Modem)
 
 
 def _adapters(resolved: Resolved) -> Iterator[str]:
@@ -59,25 +73,20 @@ def _adapters(resolved: Resolved) -> Iterator[str]:
             yield f"adapters.{name} ({kind})"
 
 
-def _in_python(world: World) -> Iterator[str]:
+def _extensions(world: World) -> Iterator[str]:
     for path, slot in world.sensors.items():
-        if isinstance(slot.sensor, StateSensor):
-            continue  # shows what an autopilot believes, and changes nothing
-        if not isinstance(slot.sensor, BankSensor):
+        if _is_foreign(slot.sensor):
             yield f"{path} ({slot.port.kind})"
         for stream in slot.streams:
-            if stream.is_ready_made:
+            if any(_is_foreign(modifier) for modifier in stream.modifiers):
                 yield f"{stream.port.path} (a modifier)"
     for path, actuator in world.actuators.items():
         if _is_foreign(actuator.actuator):
             yield f"{path} ({actuator.port.kind})"
-    for part in world.own_parts:
-        if is_awake(part) and part.path not in _OF_EVERY_WORLD:
-            yield part.path
     for part in world.parts.values():
-        if isinstance(part, Piloting) and part.hears:
-            yield f"{part.path} (hears {', '.join(part.hears)})"
+        if _is_foreign(part):
+            yield part.path
 
 
-def _is_foreign(actuator: Actuator) -> bool:
-    return not type(actuator).__module__.startswith("uwserver.")
+def _is_foreign(thing: object) -> bool:
+    return not type(thing).__module__.startswith("uwserver.")

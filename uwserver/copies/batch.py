@@ -3,37 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uwserver.copies.clocks import carry_on, clocks_of, start
+from uwserver.copies.admission import measured_of
 from uwserver.copies.commands import Commands
 from uwserver.copies.copy import Copy
 from uwserver.copies.description import described
+from uwserver.copies.memory import Memory
 from uwserver.copies.parameters import Parameters
-from uwserver.copies.ranges import Ranges
 from uwserver.copies.readings import Readings
-from uwserver.copies.rounds import Rounds, is_fitted
-from uwserver.copies.tables import Tables
+from uwserver.copies.steps import Steps
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.layout import STATE_SIZE
 from uwserver.ports import Event, Json, Refused
 from uwserver.ports.checks import find
-from uwserver.sensors.bank import BankSensor
+from uwserver.step import rows
+from uwserver.step.streams import NEVER
+from uwserver.world.piloting import Piloting
+from uwserver.world.stepping import take_turns
 from uwserver.world.world import World
+
+T = TypeVar("T")
 
 Copies = int | Sequence[int] | NDArray[Any] | None
 """Which copies: numbers, or a mask (n) of truths; None for all."""
 
-_NEVER = np.iinfo(np.int64).max
 _MOST_EVENTS = 4096
+_EXACT = 2**53
+"""Whole numbers below this are floats."""
 
 
 class Batch:
-    """n copies of a world without anything solid, stepped in one call. Build one with `uwserver.batch`; not thread-safe.
+    """n copies of a world, stepped in one call. Build one with `uwserver.batch`; not thread-safe.
 
     Each copy is what `uwserver.load` gives of the scenario with the copy's seed: stepped with the same commands it has the same states and samples,
     bit for bit. Each has its own clock, which a reset sets to 0, and its own water, whose waves and currents go by that clock.
@@ -68,36 +72,33 @@ class Batch:
         Raises:
             Refused: no such sensor, or as `reset`.
         """
-        from uwserver.copies import kernels
-
-        self._kernels, self._build = kernels, build
+        self._build = build
         self.n, self.seeds = len(seeds), [int(seed) for seed in seeds]
-        self._copies = [Copy(build(seed)) for seed in self.seeds]
-        world = self._copies[0].world
+        worlds = [build(seed) for seed in self.seeds]
+        self._first = world = worlds[0]  # whose constants others read, whatever becomes of its copy
         for path in sensors or ():
             find("port", path, world.sensors)
-        self._tables = Tables(self._copies, threads)
-        self._ranges = Ranges(threads)
-        self._rounds = Rounds(self._copies, self._tables, self._ranges, sensors)
-        self._commands = Commands(self._copies, self._tables)
+        self._measured = measured_of(world, sensors)
+        self._copies = [Copy(each, self._measured) for each in worlds]
+        self._memory = Memory(self.n, self._copies[0].size)
+        self._steps = Steps(self._copies, threads)
+        self._commands = Commands(self._copies, self._steps.rows)
         self._parameters = Parameters(self.n)
         self.vehicles = tuple(world.vehicles)
         self._streams = {
             stream.port.path: (k, stream.port)
             for slot in world.sensors.values()
-            if isinstance(slot.sensor, BankSensor) and slot.path in self._rounds.measured
+            if slot.path in self._measured
             for k, stream in zip(slot.stream_numbers, slot.streams, strict=True)
         }
         self.ports = {path: port for path, (_, port) in self._streams.items()}
         self.commands = dict(self._commands.ports)
-        self._rate, self.dt = world.rate_hz, world.hydro.dt
-        self._advance = kernels.advance_fitted if is_fitted(world.hydro) else kernels.advance
-        self._has_sea = world.hydro.sea is not None
-        self._clocks = clocks_of(self.n)
-        self._lost = np.full(self.n, -1, np.int64)
-        self._waiting = np.zeros(self.n, np.int64)
-        self._next_faults, self._next_chores = np.empty((2, self.n), np.int64)
+        self._services = tuple(f"{part.path}/" for part in world.parts.values() if isinstance(part, Piloting))
+        self._rate, self.dt, self._last = world.rate_hz, world.hydro.dt, world.stepping.given.last
+        self._next_faults, self._next_chores = np.full((2, self.n), NEVER, np.int64)
         self._events: list[tuple[int, Event]] = []
+        for i, copy in enumerate(self._copies):
+            self._take(i, copy)
         self.reset(**(parameters or {}))
 
     def __len__(self) -> int:
@@ -109,28 +110,31 @@ class Batch:
     @property
     def threads(self) -> int:
         """How many step the copies, that of the caller included."""
-        return self._ranges.count
+        return self._steps.ranges.count
 
     def close(self) -> None:
         """End the threads but the caller's, which steps the copies alone from now on. They also end with the batch, when nobody has it any longer."""
-        self._ranges.close()
+        self._steps.ranges.close()
 
     # -- time -----------------------------------------------------------------------------------------------------------------------
 
     @property
     def ticks(self) -> IntArray:
         """(n) ticks of each copy since its start."""
-        return self._clocks.ticks.copy()
+        return self._steps.ticks
 
     @property
     def t_s(self) -> FloatArray:
         """(n) simulation time of each copy, s."""
-        return self._clocks.ts.copy()
+        ticks, num, den = self.ticks, self._rate.numerator, self._rate.denominator
+        if int(ticks.max()) * den < _EXACT:
+            return np.asarray(ticks * den / num)
+        return np.array([tick * den / num for tick in ticks.tolist()])
 
     @property
     def diverged(self) -> NDArray[np.bool_]:
         """(n) whether a body of the copy has a state that is not finite, or absurdly fast. Such a copy stands still until it is reset."""
-        return self._lost >= 0
+        return self._steps.lost >= 0
 
     def step(self, ticks: int = 1) -> NDArray[np.bool_]:
         """Carry all copies on by so many ticks, but for those that diverge; returns `diverged`.
@@ -140,98 +144,58 @@ class Batch:
         """
         if ticks < 1:
             raise Refused("out_of_range", f"step takes 1 tick or more, not {ticks}", "ticks")
-        now = self._clocks.ticks
-        goal = now + ticks
-        while (going := (self._lost < 0) & (now < goal)).any():
-            # Those that had no room lag: they catch up first, so that things happen in the order of single ticks.
+        begin, told = self.ticks, len(self._events)
+        now, goal = begin, begin + ticks
+        while (going := (self._steps.lost < 0) & (now < goal)).any():
+            # Those that had something to tell lag: they catch up first.
             left = goal - now
             behind = int(left[going].max())
             others = left[going & (left < behind)]
             going &= left == behind
             which = np.flatnonzero(going)
-            self._before(which, going)
-            count = min(self._quiet(which, going), behind - int(others.max(initial=0)))
-            self._rounds.make_room(which)
-            self._ranges.run(which, partial(self._carry, count=count))
+            self._before(which, going, now)
+            ticks = min(self._quiet(which, going, now), behind - int(others.max(initial=0)))
+            for i in self._steps.carry(which, ticks):
+                self._act(i, _do_nothing, self._steps.why(i))
+            now = self.ticks
+        # In the order of single ticks among all copies.
+        self._events[told:] = sorted(self._events[told:], key=lambda item: item[1].tick - int(begin[item[0]]))
+        del self._events[:-_MOST_EVENTS]
         return self.diverged
 
-    def _before(self, which: IntArray, going: NDArray[np.bool_]) -> None:
-        """All that acts before the bodies move, in the order of `uwserver.step.tick`."""
-        (ticks, _, t_ns, _), commands = self._clocks, self._commands
-        if (self._next_faults <= ticks).any():
-            for i in which[self._next_faults[which] <= ticks[which]].tolist():
-                self._copies[i].acts(self._copies[i].faults, int(ticks[i]))
-                self._settle(i)
-        for i in commands.apply(ticks, going):
-            self._copies[i].world.tick = int(ticks[i])
-            self._settle(i)
+    def _before(self, which: IntArray, going: NDArray[np.bool_], ticks: IntArray) -> None:
+        """All that acts before a tick, in the order of `World.advance`."""
+        commands = self._commands
+        for i in _due(self._next_faults <= ticks, which):
+            self._act(i, lambda world: take_turns(world.stepping.turns.first, world.tick, world.t_ns))
+        for i, path, value in commands.apply(ticks, going):
+            self._act(i, lambda world, path=path, value=value: world.command(path, **value))  # type: ignore[misc]
         for i, path in commands.watch(ticks, which):
             text = f'no command for "{path}" in {self.commands[path].timeout_s:g} s: it went to neutral'
-            self._tell(i, Event("watchdog", int(ticks[i]), int(t_ns[i]), text))
-        if (self._next_chores <= ticks).any():
-            for i in which[self._next_chores[which] <= ticks[which]].tolist():
-                self._copies[i].acts(self._copies[i].commands, int(ticks[i]))
-                self._settle(i)
-        if self._copies[0].pilots:
-            tables, waiting = self._tables, self._waiting
-            self._ranges.run(
-                which, lambda part, _: self._kernels.fly(part, tables.pilots, tables.worlds, ticks, t_ns, waiting)
-            )
-            for i in which[self._waiting[which] > 0].tolist():
-                self._copies[i].fly_on(int(ticks[i]))
-                self._settle(i)
+            tick = int(ticks[i])
+            self._events.append((i, Event("watchdog", tick, self._first.ticks.time_of(tick), text)))
+        for i in _due(self._next_chores <= ticks, which):
+            self._act(i, lambda world: take_turns(world.stepping.turns.watch, world.tick, world.t_ns))
+        for i in _due(ticks > self._last, which):
+            self._act(i, _do_nothing)  # its times are told (`StepTable.stands_at`)
 
-    def _quiet(self, which: IntArray, going: NDArray[np.bool_]) -> int:
-        """For how many ticks, one at least, nothing acts on any of these copies before its bodies move."""
-        if self._copies[0].pilots:
-            return 1
-        ticks = self._clocks.ticks
-        nexts = np.minimum(self._next_faults, self._next_chores)
+    def _quiet(self, which: IntArray, going: NDArray[np.bool_], ticks: IntArray) -> int:
+        """For how many ticks, one at least, nothing acts before a tick of any of these copies."""
+        nexts = np.minimum(np.minimum(self._next_faults, self._next_chores), self._last)
         return max(1, min(int((nexts - ticks)[which].min()), self._commands.quiet(ticks, which, going)))
 
-    def _carry(self, which: IntArray, me: int, count: int) -> None:
-        """A range of copies, by the thread `me`: bodies, then the water, then sensors and what they deliver; so many ticks, or as many as there
-        is room for what is on its way."""
-        for _ in range(count):
-            if not len(which) or not self._rounds.has_room(which):
-                return
-            which = self._move(which, me)
-            self._rounds.measure(which, self._clocks, me)
+    def _act(self, i: int, act: Callable[[World], T], why: int = rows.DONE) -> T:
+        """Let Python act in a copy between two ticks, tell what comes of it, and note when it has to again. `why` the last step has stopped."""
+        try:
+            return self._copies[i].act(act, why)
+        finally:
+            self._go_on(i)
 
-    def _move(self, which: IntArray, me: int) -> IntArray:
-        """Bodies and the water; returns which copies go on."""
-        tables, kernels, clocks = self._tables, self._kernels, self._clocks
-        if self._has_sea:
-            kernels.fill_flows(which, tables.worlds, tables.nows, clocks.ts, 0.5 * self.dt)
-        lost = self._advance(which, tables.worlds, clocks.ts, self.dt, self._lost, me)
-        carry_on(which, clocks, self._rate)
-        if lost:
-            which = which[self._lost[which] < 0]
-        if self._has_sea:
-            ticks = clocks.ticks
-            for k, interval in enumerate(tables.intervals.tolist()):
-                for i in which[ticks[which] % interval == 0].tolist():
-                    self._copies[i].world.water.sea.drifts[k].move(int(ticks[i]))
-            kernels.move_sea(
-                which, tables.nows, ticks, clocks.ts, tables.drifts, tables.intervals, tables.steady, self.dt
-            )
-        return which
-
-    def _settle(self, i: int) -> None:
-        """A world was at work in Python: answer, tell, and note when it has to be again."""
+    def _go_on(self, i: int) -> None:
         copy = self._copies[i]
-        for event in copy.world.flush().events:
-            self._tell(i, event)
-        self._plan(i)
-
-    def _plan(self, i: int) -> None:
-        copy = self._copies[i]
-        for ticks, part in ((self._next_faults, copy.faults), (self._next_chores, copy.commands)):
-            ticks[i] = _NEVER if part.next_tick is None else part.next_tick
-
-    def _tell(self, i: int, event: Event) -> None:
-        self._events.append((i, event))
-        del self._events[:-_MOST_EVENTS]
+        self._events += [(i, event) for event in copy.world.flush().events]
+        self._next_faults[i], self._next_chores[i] = copy.begin()
+        self._steps.find(i)
 
     def events(self) -> list[tuple[int, Event]]:
         """What has happened since this was asked last, with the number of the copy: watchdogs, faults, modes; the newest 4096."""
@@ -251,7 +215,7 @@ class Batch:
         Raises:
             Refused: unknown port or field, another shape, not finite, out of range, or held by an autopilot; no copy gets anything.
         """
-        self._commands.post(port, value, self._numbers(copies), self._clocks.ticks)
+        self._commands.post(port, value, self._numbers(copies), self.ticks)
 
     def call(self, service: str, copies: Copies = None, **args: Any) -> list[Json]:
         """Call a service of an autopilot (``rov/autopilot/arm``) of all copies, or of some, one after the other; returns their results.
@@ -261,19 +225,16 @@ class Batch:
         """
         world = self._copies[0].world
         find("service", service, world.services)
-        if not any(service.startswith(f"{pilot.craft.path}/") for pilot in self._copies[0].pilots):
+        if not service.startswith(self._services):
             raise Refused(
                 "denied", f'"{service}" is of a whole world: a batch calls those of autopilots alone', service
             )
         results: list[Json] = []
         for i in self._numbers(copies).tolist():
-            self._copies[i].world.tick = int(self._clocks.ticks[i])
             try:
-                results.append(self._copies[i].world.call(service, **args))
+                results.append(self._act(i, lambda world: world.call(service, **args)))
             except Refused as refused:
                 raise Refused(refused.fault.code, f"copy {i}: {refused.fault.text}", refused.fault.where) from None
-            finally:
-                self._settle(i)
         return results
 
     def states(self, vehicle: str | None = None, out: FloatArray | None = None) -> FloatArray:
@@ -293,7 +254,7 @@ class Batch:
             out = np.empty((self.n, STATE_SIZE))
         elif out.shape != (self.n, STATE_SIZE) or out.dtype != np.float64 or not out.flags.c_contiguous:
             raise ValueError(f"out must be float64 ({self.n}, {STATE_SIZE}), C-contiguous, not {out.dtype} {out.shape}")
-        self._kernels.copy_states(self._tables.worlds, self._copies[0].world.vehicles[name].row, out)
+        self._steps.kernels.copy_states(self._steps.rows, self._copies[0].world.vehicles[name].row, out)
         return out
 
     def read(self, port: str, out: Readings | None = None) -> Readings:
@@ -312,7 +273,7 @@ class Batch:
             out = Readings(self.ports[port], self.n)
         elif out.port is not self.ports[port] or len(out.packed) != self.n:
             raise ValueError(f'out has readings of "{out.port.path}", not of "{port}" of this batch')
-        self._kernels.copy_newest(self._tables.senses, self._streams[port][0], out.packed, out.stamps)
+        self._steps.kernels.copy_newest(self._steps.rows, self._streams[port][0], out.packed, out.stamps)
         return out
 
     def describe(self) -> dict[str, Any]:
@@ -345,14 +306,17 @@ class Batch:
         for k, i in enumerate(which.tolist()):
             if given is not None and given[k] != self.seeds[i]:
                 self.seeds[i] = given[k]
-                self._copies[i] = Copy(self._build(given[k]))
-                self._tables.lay(i, self._copies[i])
+                self._copies[i] = Copy(self._build(given[k]), self._measured)
+                self._take(i, self._copies[i])
             self._begin(i, bool(parameters) or given is not None)
-        start(which, self._clocks, self._rate)
-        self._lost[which] = -1
-        self._rounds.forget(which)
+        self._steps.lost[which] = -1
         self._commands.forget(which)
         self._commands.delay[which] = np.rint(self._parameters.values["command_latency"][which] * float(self._rate))
+
+    def _take(self, i: int, copy: Copy) -> None:
+        """Have what the ticks of a copy write lie beside that of others, and what they only read where the first world has it."""
+        copy.move(self._memory.of(i))
+        copy.share(self._first)
 
     def _begin(self, i: int, anew: bool) -> None:
         copy = self._copies[i]
@@ -363,8 +327,7 @@ class Batch:
             copy.keep()
         copy.restore()
         copy.world.flush()
-        self._tables.forget(i, copy)
-        self._plan(i)
+        self._go_on(i)
 
     def _numbers(self, copies: Copies) -> IntArray:
         if copies is None:
@@ -380,6 +343,16 @@ class Batch:
         if len(given) and (given.min() < 0 or given.max() >= self.n or len(np.unique(given)) < len(given)):
             raise Refused("out_of_range", f"copies have numbers from 0 to {self.n - 1}, each named once", "copies")
         return given.astype(np.int64)
+
+
+def _due(are: NDArray[np.bool_], which: IntArray) -> list[int]:
+    """Those of `which` that are."""
+    due: list[int] = which[are[which]].tolist() if are.any() else []
+    return due
+
+
+def _do_nothing(world: World) -> None:
+    """What Python may have to tell is told anyway."""
 
 
 def _seeds(seeds: int | Sequence[int], which: IntArray) -> list[int]:

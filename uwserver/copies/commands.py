@@ -11,13 +11,15 @@ from uwserver.actuators import Thrusters
 from uwserver.actuators.force_torque import ForceTorque
 from uwserver.actuators.servo import Servos
 from uwserver.copies.copy import Copy
-from uwserver.copies.tables import Tables
-from uwserver.physics.kernel.arrays import FloatArray, IntArray
+from uwserver.physics.kernel.arrays import FloatArray, IntArray, Records
 from uwserver.ports import Field, Port, Refused
 from uwserver.ports.checks import find, suggestion
 from uwserver.world.components import ActuatorSlot
+from uwserver.world.piloting import Piloting
 
 _NEVER = np.iinfo(np.int64).max
+
+_OfWorld = tuple[int, str, dict[str, FloatArray]]
 
 Write = Callable[[IntArray, FloatArray], None]
 """Writes values (n, m) into rows of some copies."""
@@ -46,10 +48,11 @@ class Commands:
         delay: (n) ticks from a command to its effect.
     """
 
-    def __init__(self, copies: Sequence[Copy], tables: Tables) -> None:
-        from uwserver.copies import kernels
+    def __init__(self, copies: Sequence[Copy], rows: Records) -> None:
+        """`rows` has where each copy lies (`step.rows.COPY`)."""
+        from uwserver.step import many
 
-        self._kernels, self._tables, self._copies = kernels, tables, copies
+        self._kernels, self._rows, self._copies = many, rows, copies
         self.ports: dict[str, Port] = {path: slot.port for path, slot in copies[0].world.actuators.items()}
         self._helms = {
             path: helm for path, slot in copies[0].world.actuators.items() if (helm := self._helm(slot)) is not None
@@ -60,19 +63,19 @@ class Commands:
         timeouts = {path: copies[0].world.actuators[path].timeout_ticks for path in self._helms}
         self._watched = {path: ticks for path, ticks in timeouts.items() if ticks}
         self._expires = {path: np.full(n, _NEVER, np.int64) for path in self._watched}
-        self._is_held = bool(copies[0].pilots)
+        self._is_held = any(isinstance(part, Piloting) for part in copies[0].world.parts.values())
 
     def _helm(self, slot: ActuatorSlot) -> _Helm | None:
-        device, kernels, worlds = slot.actuator, self._kernels, self._tables.worlds
+        device, kernels, rows = slot.actuator, self._kernels, self._rows
         if isinstance(device, Thrusters):
-            rows, by_force = np.array(list(device.rows.values())), int(slot.port.fields[0].name == "force_N")
-            return _Helm(lambda which, u: kernels.command_thrusters(which, worlds, rows, u, by_force), len(rows))
+            numbers, by_force = np.array(list(device.rows.values())), int(slot.port.fields[0].name == "force_N")
+            return _Helm(lambda which, u: kernels.command_thrusters(which, rows, numbers, u, by_force), len(numbers))
         if isinstance(device, Servos):
-            rows = np.array(device.rows)
-            return _Helm(lambda which, value: kernels.command_servos(which, worlds, rows, value), len(rows))
+            numbers = np.array(device.rows)
+            return _Helm(lambda which, value: kernels.command_servos(which, rows, numbers, value), len(numbers))
         if isinstance(device, ForceTorque):
-            row = device.rows[0]
-            return _Helm(lambda which, wrench: kernels.command_wrench(which, worlds, row, wrench), 6)
+            number = device.rows[0]
+            return _Helm(lambda which, wrench: kernels.command_wrench(which, rows, number, wrench), 6)
         return None
 
     # -- what comes in --------------------------------------------------------------------------------------------------------------
@@ -118,13 +121,13 @@ class Commands:
 
     # -- in the tick ----------------------------------------------------------------------------------------------------------------
 
-    def apply(self, ticks: IntArray, alive: Any) -> list[int]:
+    def apply(self, ticks: IntArray, alive: Any) -> list[_OfWorld]:
         """Let commands act whose time has come, of copies that are `alive` (n).
 
         Returns:
-            Numbers of copies in whose worlds something was posted.
+            Those that are no rows, for the worlds of the copies: number, port and values.
         """
-        touched: list[int] = []
+        touched: list[_OfWorld] = []
         waiting: list[_Posted] = []
         for posted in self._posted:
             is_due = (posted.due <= ticks[posted.which]) & alive[posted.which]
@@ -137,13 +140,11 @@ class Commands:
         self._posted = waiting
         return touched
 
-    def _act(self, posted: _Posted, ticks: IntArray) -> list[int]:
+    def _act(self, posted: _Posted, ticks: IntArray) -> list[_OfWorld]:
         path, which, _, values = posted
         helm = self._helms.get(path)
         if helm is None:
-            for k, i in enumerate(which.tolist()):
-                self._copies[i].world.command(path, **{name: value[k] for name, value in values.items()})
-            return list(which.tolist())
+            return [(i, path, {name: value[k] for name, value in values.items()}) for k, i in enumerate(which.tolist())]
         spread = np.empty((len(self._copies), helm.width))
         parts = [
             values.get(f.name, np.zeros((len(which), *f.shape))).reshape(len(which), -1)

@@ -2,24 +2,35 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable, Collection, Iterable, Mapping
+from typing import Any, TypeVar
 
 import numpy as np
 
 from uwserver.copies.memory import Place, lines
-from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.collision.contacts import NO_IMPULSES
+from uwserver.physics.kernel import layout
+from uwserver.physics.kernel.arrays import Array, IntArray
+from uwserver.physics.kernel.layout import Forms
 from uwserver.sensors.bank import Bank, BankSensor
-from uwserver.world.components import ActuatorSlot
-from uwserver.world.faults import Faults
-from uwserver.world.part import Part, State
-from uwserver.world.piloting import Piloting
-from uwserver.world.surroundings import Flowing
+from uwserver.step import rows
+from uwserver.step.rows import DONE
+from uwserver.step.streams import ENTRY, NEVER
+from uwserver.world.part import Before, Part, State
+from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.world import World
+
+T = TypeVar("T")
 
 _RUNNING = ("state", "bodies", "thrusters", "wrenches", "servos", "contact_nu_dot", "flows")
 """Arrays of `Hydrodynamics` that change in a run."""
-_REMEMBERS = (ActuatorSlot, Faults, Flowing, Piloting)
-"""Parts whose state does not stand in arrays alone."""
+_CONSTANT = ("shapes", "tables", "lags", "foils", "propellers", "weights", "derivatives", "hulls")
+"""And those that no run changes."""
+_SCHEDULE = ("course", "writings", "shares", "scheduled", "members")
+"""Arrays of a step that only change when others are due."""
+_FORGETFUL = {"world/bodies", "world/samples", "world/autopilots", "world/commands", "world/population"}
+"""Parts whose state stands in arrays alone, or never changes in a batch."""
+_NO_ENTRIES, _NO_NUMBERS = np.zeros(0, ENTRY), np.zeros(0)
 
 
 class Copy:
@@ -28,22 +39,19 @@ class Copy:
     Attributes:
         world: as `uwserver.load` gives it; its own `step` is never called.
         banks: of its sensors.
-        pilots: its autopilots.
-        faults, commands: parts of it that act at times.
         params: of its bodies, as the scenario says.
     """
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: World, measured: Collection[str] | None) -> None:
+        """Of a world of which these sensors measure; None for all."""
         self.world = world
         world.want(())
+        world.sensing.choose(measured)
         # Threads share the copies among them, not the bodies of one.
         world.threads.want(1)
         sensors = [slot.sensor for slot in world.sensors.values()]
         self.banks: dict[int, Bank] = {id(s.bank): s.bank for s in sensors if isinstance(s, BankSensor)}
-        self.pilots = [part.pilot for part in world.parts.values() if isinstance(part, Piloting)]
-        (self.faults,) = (part for part in world.own_parts if isinstance(part, Faults))
-        self.commands = world.parts["world/commands"]
-        self._remembers: list[Part] = [part for part in world.parts.values() if isinstance(part, _REMEMBERS)]
+        self._remembers = [part for part in world.parts.values() if _remembers(part)]
         self._find()
         self.params = world.hydro.params
         self.keep()
@@ -57,6 +65,7 @@ class Copy:
         """Have all that a tick writes lie elsewhere."""
         self.world.hydro.move(place)
         self.world.instruments.move(place)
+        self.world.stepping.given.move(place)
         self._find()
 
     @property
@@ -71,12 +80,20 @@ class Copy:
         self.move(weigh)
         return sum(sizes)
 
+    def share(self, first: World) -> None:
+        """Read of another world what no tick changes and is the same there: so much less goes through the caches in a tick."""
+        hydro, given = self.world.hydro, self.world.stepping.given
+        _share(hydro.table, layout.WORLD, _CONSTANT, vars(hydro), vars(first.hydro))
+        _share(given.table, rows.FORMS, _SCHEDULE, given.rows, first.stepping.given.rows)
+
     def _arrays(self) -> list[Any]:
         hydro, instruments = self.world.hydro, self.world.instruments
         arrays = [getattr(hydro, name) for name in _RUNNING]
         arrays += [pool.rows for pool in (instruments.heads, instruments.streams, instruments.operations)]
         arrays += [instruments.numbers.rows, *(instruments.rows_of(bank).rows for bank in self.banks.values())]
         return arrays
+
+    # -- the start ------------------------------------------------------------------------------------------------------------------
 
     def keep(self) -> None:
         """What it is now is what `restore` goes back to."""
@@ -94,19 +111,49 @@ class Copy:
         self.world.jump(0)
         for part, state in self._states:
             part.load(state)
-        self.commands.load(None)
+        self.world.parts["world/commands"].load(None)
+        self.world.hydro.touching.keep(NO_IMPULSES)
+        self.world.instruments.send_on_their_way(0, _NO_ENTRIES, _NO_NUMBERS)
         for live, kept in zip(self._live, self._kept, strict=True):
             live[:] = kept
 
-    def acts(self, part: Part, tick: int) -> None:
-        """Let a part of the world act before the bodies move."""
-        self.world.tick = tick
-        part.before(tick, self.world.t_ns)
+    # -- in a run -------------------------------------------------------------------------------------------------------------------
 
-    def fly_on(self, tick: int) -> None:
-        """Let the autopilots go on whose steps have stopped for something that is rare."""
-        self.world.tick = tick
-        for pilot in self.pilots:
-            need = int(pilot.seat.row["c"]["need"])
-            if need:
-                pilot.attend(need, self.world.hydro.table, self.world.t_ns)
+    def act(self, act: Callable[[World], T], why: int = DONE) -> T:
+        """Let Python act in its world between two ticks, and return what that gives; `begin` follows. `why` its last step has stopped."""
+        self.world.stepping.end(why)
+        return act(self.world)
+
+    def begin(self) -> tuple[int, int]:
+        """The next tick is to be made by compiled code. Returns before which one parts act again that do so first, and those that watch."""
+        stepping, tick = self.world.stepping, self.world.tick
+        stepping.begin(tick, [])
+        stepping.ask(tick, tick, NEVER)
+        return _next(stepping.turns.first), _next(stepping.turns.watch)
+
+    @property
+    def row(self) -> tuple[int, ...]:
+        """`step.rows.COPY`: where all lies now."""
+        given, instruments = self.world.stepping.given, self.world.instruments
+        sensors, values, told_values = instruments.to_deliver()
+        tables = given.table, sensors, self.world.hydro.table, values, told_values
+        return *(table.ctypes.data for table in tables), values.shape[1], *instruments.room, self.world.tick, DONE
+
+
+def _share(
+    table: IntArray, forms: Forms, names: Collection[str], mine: Mapping[str, Any], others: Mapping[str, Any]
+) -> None:
+    for k, name in enumerate(forms):
+        if name in names and mine[name].tobytes() == others[name].tobytes():
+            table[k, 0] = others[name].ctypes.data
+
+
+def _next(turns: Iterable[tuple[Part, Before]]) -> int:
+    return min((part.next_tick for part, _ in turns if part.next_tick is not None), default=NEVER)
+
+
+def _remembers(part: Part) -> bool:
+    """Whether its state does not stand in arrays alone."""
+    if isinstance(part, SensorSlot):
+        return not isinstance(part.sensor, BankSensor) or any(stream.is_ready_made for stream in part.streams)
+    return part.path not in _FORGETFUL

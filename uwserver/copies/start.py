@@ -9,7 +9,6 @@ from typing import Any
 from uwserver.copies.admission import check
 from uwserver.copies.batch import Batch
 from uwserver.copies.ranges import threads_for
-from uwserver.copies.warm import OF_COPIES, stages_of
 from uwserver.ports import Refused
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.resolved import Resolved
@@ -43,5 +42,5 @@ def begin(
     count = threads_for(n, threads)
     world = build(resolved, numbers[0])
     check(resolved, world)
-    prepare(stages_of(world), progress(), OF_COPIES)
-    return Batch(partial(build, resolved, prepared=True), numbers, sensors, parameters, count)
+    prepare({"copies"}, progress())
+    return Batch(partial(build, resolved, like=world), numbers, sensors, parameters, count)

@@ -44,6 +44,8 @@ class Hydrodynamics:
         table: the addresses of all these, for the kernels.
     """
 
+    table: IntArray
+
     def __init__(self, bodies: Sequence[BodyParams], dt: float) -> None:
         self.dt = dt
         self.collider: Collider | None = None
@@ -243,6 +245,7 @@ class Hydrodynamics:
         for name in (*_RUNNING, "flows", "forces", "values"):
             setattr(self, name, place(getattr(self, name)))
         self._tabulate()
+        self.table = place(self.table)
 
     def _gather(self) -> None:
         """The table by which kernels find all rows of the world; the arrays change only when a body is added."""

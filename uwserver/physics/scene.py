@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,10 +11,21 @@ from uwserver.physics.collision.contacts import NO_CONTACTS, Contacts
 from uwserver.physics.collision.engine import AUTO
 from uwserver.physics.collision.finding import Finding
 from uwserver.physics.collision.solids import Solids
+from uwserver.physics.collision.ways import WaysOut
+from uwserver.physics.geometry.rows import Stock
 from uwserver.physics.geometry.shapes import Solid
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.rays.casting import Instant, OneByOne, Rays, Still
 from uwserver.physics.rays.raycast import Hits
+from uwserver.physics.rays.surfaces import Surfaces
+
+
+class Stocks(NamedTuple):
+    """What worlds with the same solids have in common, if they are stepped in one thread: ways out of overlaps, and what all of them only read."""
+
+    ways: WaysOut
+    stock: Stock
+    surfaces: Surfaces
 
 
 class Scene:
@@ -23,15 +34,16 @@ class Scene:
     Args:
         state: gives the present state (n, 13) of all bodies, for rays.
         engine: of contacts, see `collision.engine`.
+        stocks: what it has in common with other worlds; default: nothing, and an engine of its own.
 
     Raises:
         ImportError: the engine is not installed.
     """
 
-    def __init__(self, state: Callable[[], FloatArray], engine: str = AUTO) -> None:
+    def __init__(self, state: Callable[[], FloatArray], engine: str = AUTO, stocks: Stocks | None = None) -> None:
         self._state = state
-        self._solids = Solids(engine=engine)
-        self._rays = Rays()
+        self.stocks = Stocks(WaysOut(engine), Stock(), Surfaces()) if stocks is None else stocks
+        self._solids, self._rays = Solids(ways=self.stocks.ways, stock=self.stocks.stock), Rays(self.stocks.surfaces)
         self._led: dict[int, int] = {}
         self._plain: Finding | None = None
         self._finding: Finding | None = None

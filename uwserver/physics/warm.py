@@ -160,7 +160,7 @@ def solid_kernels() -> None:
         solids.add_static(ground)
         solids.add_moving(ball, 0)
         if len(solids.find_contacts(state, _DT).gap) != 3 or hit.body[0] != 1:
-            raise RuntimeError(f"a ball on the ground was not found: reinstall numba and the engine {solids.engine}")
+            raise RuntimeError(f"a ball on the ground was not found: reinstall numba and the engine {solids.ways.name}")
 
 
 @cache

@@ -14,7 +14,9 @@ from uwserver.physics.kernel.compiled import compiled
 from uwserver.physics.kernel.handles import array_at, arrays_at
 from uwserver.step import rows
 
-_course, _world, _state, _shapes = (array_at(rows.FORMS, name) for name in ("course", "world", "state", "shapes"))
+_course, _run, _world, _state, _shapes = (
+    array_at(rows.FORMS, name) for name in ("course", "run", "world", "state", "shapes")
+)
 _touching, _pairs, _line_first = (array_at(rows.FORMS, name) for name in ("touching", "pairs", "line_first"))
 _lines, _overlapping, _bodies = (array_at(rows.FORMS, name) for name in ("lines", "overlapping", "bodies"))
 _numbers, _keys, _coefficients = (array_at(rows.FORMS, name) for name in ("numbers", "keys", "coefficients"))
@@ -56,13 +58,17 @@ def _take(table: Array, count: int) -> bool:
 
 
 @compiled
+def is_possible(table: Array) -> bool:
+    """Whether something is solid."""
+    return bool(_course(table)[0].find_pairs != 0 or _run(table)[0].finds != 0)
+
+
+@compiled
 def find(table: Array) -> bool:
     """Look for contacts as `collision.solids.Solids.find_contacts` does; False where Python has to: an engine is to be asked, or room is needed."""
     course, shapes, pairs, lines = _course(table)[0], _shapes(table), _pairs(table), _lines(table)
     overlapping, keys, counts = _overlapping(table), _keys(table), _counts(_touching(table))
     counts[FOUND] = 0
-    if course.find_pairs == 0:
-        return True
     near = call_for_number(course.find_pairs, (shapes, _state(table), course.dt, course.margin, True, pairs))
     if near == 0:
         return True
@@ -89,7 +95,7 @@ def has_found(table: Array) -> bool:
 @compiled
 def feel(table: Array, nu_dot: Array) -> None:
     """Add the mean acceleration by contacts in the last tick, as an accelerometer feels it."""
-    if _counts(_touching(table))[KEPT] > 0:
+    if is_possible(table) and _counts(_touching(table))[KEPT] > 0:
         felt = _contact_nu_dot(table)
         for k in range(len(felt)):
             for i in range(6):

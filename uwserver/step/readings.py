@@ -50,7 +50,9 @@ _distance, _normal, _body, _material = (array_at(rows.FORMS, name) for name in H
 _state, _nu_dot, _tau = (array_at(rows.FORMS, name) for name in ("state", "nu_dot", "tau"))
 _heads, _numbers, _pending = (array_at(streams.FORMS, name) for name in ("heads", "numbers", "pending"))
 _counts, _streams = (array_at(streams.FORMS, name) for name in ("counts", "streams"))
-_uniform, _profiles, _waves = (array_at(surroundings.FORMS, name) for name in ("uniform", "profiles", "waves"))
+_uniform, _profiles, _waves, _place = (
+    array_at(surroundings.FORMS, name) for name in ("uniform", "profiles", "waves", "place")
+)
 
 
 @compiled
@@ -245,6 +247,7 @@ def _round(table: Array, sensors: Array, values: Array, told_values: Array) -> i
     course, run, kinds = _course(table)[0], _run(table)[0], _kinds(table)
     if run.stage == RATES:
         run.stage, run.turn = EXACT, 0
+        _place(_now(table))[0].t_ns = run.t_ns
         if run.needs & NEEDS_RATES:
             fill_flows(table, 0.0)
             call(course.look, (_world(table), seconds_of(course, run.tick), _nu_dot(table), _tau(table)))

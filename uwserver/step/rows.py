@@ -97,6 +97,25 @@ RUN = np.dtype(
 )
 """Where a world stands in a tick."""
 
+COPY = np.dtype(
+    [
+        (name, _WHOLE)
+        for name in (
+            "table",  # addresses: of the table that a step gets,
+            "sensors",  # of those of its sensors and bodies,
+            "world",
+            "values",  # of the numbers of samples on their way,
+            "told_values",  # and of those delivered
+            "width",  # numbers of each
+            "room",  # for so many samples
+            "log_room",
+            "tick",  # ticks done
+            "why",  # it stopped
+        )
+    ]
+)
+"""One of many worlds that are stepped in one call."""
+
 GROUP = np.dtype(
     [
         (name, _WHOLE)
@@ -142,22 +161,23 @@ FORMS: Forms = {
     "course": COURSE,
     "run": RUN,
     "groups": GROUP,
+    "active": columns(np.int64),  # groups that are due in the tick
+    "world": columns(np.int64, 2),  # tables
+    "now": columns(np.int64, 2),
+    "intervals": columns(np.int64),  # from draw to draw of drifting currents, ticks
+    "touching": columns(np.int64, 2),
+    "pilots": columns(np.int64, 2),
     "kinds": KIND,
     "writings": WRITING,
     "shares": SHARE,
     "scheduled": columns(np.int64),  # heads of all groups, one after the other
     "members": columns(np.int64),  # the same, those of a kind beside each other
-    "active": columns(np.int64),  # groups that are due in the tick
     "due": columns(np.int64),  # heads of the round
     "turns": columns(np.int64),  # the same, those of a kind beside each other
     "turn": SHARE,  # of the round, in the order in which the kinds read
     "place": columns(np.int64),  # of each kind the number of its turn, -1 for none
     "ends": columns(np.int64),  # of the log, of each tick that had samples
-    "world": columns(np.int64, 2),  # tables
-    "now": columns(np.int64, 2),
-    "pilots": columns(np.int64, 2),
     "shapes": columns(np.int64, 2),
-    "touching": columns(np.int64, 2),
     "pairs": columns(np.int64, 2),  # that may touch, and the rest of `collision.solids.Finding`
     "line_first": columns(np.int64),
     "lines": columns(np.float64, 7),
@@ -169,8 +189,7 @@ FORMS: Forms = {
     "led": columns(np.int64),
     "contact_nu_dot": columns(np.float64, 6),
     "solids": columns(np.int64, 2),
-    "drifts": columns(np.float64, 2, 3),  # of drifting currents: velocity in N at both ends of an interval, m/s
-    "intervals": columns(np.int64),  # of these, ticks
+    "drifts": columns(np.float64, 2, 3),  # of these: velocity in N at both ends of an interval, m/s
     "origin": columns(np.float64, 3),  # of rays (`sensors.bank.reader`), for one reading after the other
     "direction": columns(np.float64, 3),
     "first": columns(np.int64),
@@ -183,4 +202,4 @@ FORMS: Forms = {
     "nu_dot": columns(np.float64, 6),
     "tau": columns(np.float64, 6),
 }
-"""Of the table that a step gets."""
+"""Of the table that a step gets; what each tick looks at stands first, side by side."""

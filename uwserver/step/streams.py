@@ -89,6 +89,7 @@ SMALL, LARGE = 1, 2
 NEVER = np.iinfo(np.int64).max
 
 FORMS: Forms = {
+    "counts": COUNTS,  # at which each tick looks
     "heads": HEAD,
     "streams": STREAM,
     "operations": OPERATION,
@@ -100,7 +101,6 @@ FORMS: Forms = {
     "wordy": columns(np.int64),
     "log": ENTRY,
     "log_numbers": columns(np.float64),
-    "counts": COUNTS,
     "team": columns(np.int64),
 }
 """Of the table of a world's sensors. `log`: samples that somebody reads, one tick after the other; `slot` of each is the place of its first number

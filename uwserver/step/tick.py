@@ -62,7 +62,8 @@ def _move(table: Array, touches: bool) -> int:
     t = seconds_of(course, _run(table)[0].tick)
     if touches:
         return contact.touch(table, t)
-    contact.part(table)
+    if contact.is_possible(table):
+        contact.part(table)
     return call_for_number(course.move, (_world(table), t, course.dt))
 
 
@@ -116,13 +117,14 @@ def _before_and_move(table: Array) -> int:
     if run.stage == FIND:
         run.stage = MOVE
         fill_flows(table, 0.5 * course.dt)
-        if run.finds != 0 or not contact.find(table):
-            return FIND
-        if course.find_pairs != 0 and is_measured(run, FIND, 0):
-            return UNIT
+        if contact.is_possible(table):
+            if run.finds != 0 or not contact.find(table):
+                return FIND
+            if is_measured(run, FIND, 0):
+                return UNIT
     if run.stage == MOVE:
         run.stage = DRAW
-        touches = contact.has_found(table)
+        touches = contact.is_possible(table) and contact.has_found(table)
         lost = _move(table, touches)
         if lost >= 0:
             run.tick += 1
@@ -139,7 +141,6 @@ def _before_and_move(table: Array) -> int:
         run.stage, run.round = ARRIVALS, WHEN_CALLED
         _move_water(table)
         run.t_ns = time_of(course, run.tick)
-        _place(_now(table))[0].t_ns = run.t_ns
         if run.follows != 0:
             return FLOW
     return DONE

@@ -1,4 +1,4 @@
-"""Kernels of sensors and autopilots, by the stages in which they are compiled."""
+"""Kernels of sensors, autopilots and steps, by the stages in which they are compiled."""
 
 from __future__ import annotations
 
@@ -96,9 +96,21 @@ def load_autopilots() -> None:
     entries.load(np.zeros(0, ENTRY))
 
 
+def _load_copies() -> None:
+    from uwserver.step import many
+
+    many.load()
+
+
+def _copies() -> Iterable[Any]:
+    from uwserver.step.many import KERNELS
+
+    return KERNELS
+
+
 COMPILE: dict[str, Callable[[], None]] = {
     "sensors": _load_sensors, "soundings": _load_soundings, "sound": channel.load_kernels, "pictures": _load_pictures,
-    "autopilots": load_autopilots, "cameras": _load_cameras,
+    "autopilots": load_autopilots, "cameras": _load_cameras, "copies": _load_copies,
 }  # fmt: skip
 """What compiles the kernels of a stage, and no others."""
 
@@ -109,6 +121,7 @@ _KERNELS: dict[str, Callable[[], Iterable[Any]]] = {
     "pictures": _pictures,
     "autopilots": _autopilots,
     "cameras": _cameras,
+    "copies": _copies,
 }
 
 

@@ -6,8 +6,7 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Collection, Sequence
 
 from uwserver.physics.collision.engine import missing_engine
 from uwserver.physics.kernel import compiled
@@ -17,7 +16,7 @@ from uwserver.world import banks
 STAGES = {
     "fins in contact": 12.0, "fins": 12.0, "solids": 18.0, "contact": 10.0, "free": 8.0, "echoes": 4.0, "sea": 4.0,
     "sensors": 12.0, "soundings": 6.0, "sound": 5.0, "pictures": 8.0, "autopilots": 10.0,
-    "cameras": 25.0,
+    "cameras": 25.0, "copies": 2.0,
 }  # fmt: skip
 """The parts of the kernels, each for what a world may have, with the processor time (s) that they take on a 2.5 GHz Xeon, alone."""
 
@@ -33,55 +32,37 @@ def kernels_of(stage: str) -> tuple[str, ...]:
     return ENTRY_KERNELS.get(stage) or banks.kernels_of(stage)
 
 
-class Work(NamedTuple):
-    """Stages that one module compiles.
-
-    Attributes:
-        seconds: processor time of each, as in `STAGES`.
-        kernels_of: names of the kernels of a stage, in the cache.
-        module: what Python runs to compile some, as `uwserver.world.warm`.
-    """
-
-    seconds: Mapping[str, float]
-    kernels_of: Callable[[str], tuple[str, ...]]
-    module: str
-
-
-OF_WORLDS = Work(STAGES, kernels_of, "uwserver.world.warm")
-
-
-def missing(stages: Collection[str], work: Work = OF_WORLDS) -> tuple[str, ...]:
+def missing(stages: Collection[str]) -> tuple[str, ...]:
     """Which of some stages are not compiled yet, the longest first; those of solid things only where an engine is installed."""
-    here = [stage for stage in work.seconds if stage in stages and (stage != "solids" or missing_engine() is None)]
-    needed = {stage: work.kernels_of(stage) for stage in here}
+    here = [stage for stage in STAGES if stage in stages and (stage != "solids" or missing_engine() is None)]
+    needed = {stage: kernels_of(stage) for stage in here}
     absent = set(compiled.cache_state.missing([kernel for kernels in needed.values() for kernel in kernels]))
     todo = [stage for stage in here if not absent.isdisjoint(needed[stage])]
-    return tuple(sorted(todo, key=lambda stage: -work.seconds[stage]))
+    return tuple(sorted(todo, key=lambda stage: -STAGES[stage]))
 
 
-def prepare(stages: Collection[str], tell: Tell, work: Work = OF_WORLDS) -> bool:
+def prepare(stages: Collection[str], tell: Tell) -> bool:
     """Compile what is missing of some stages, into the user's cache; without one it is left to whoever needs a kernel first.
 
     Args:
-        stages: of `STAGES`, or of another `work`.
+        stages: of `STAGES`.
         tell: gets progress; nothing when nothing is missing.
-        work: whose stages they are.
 
     Returns:
         Whether anything was missing.
     """
-    todo = missing(stages, work)
+    todo = missing(stages)
     if not todo:
         return False
     workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     if compiled.cache_state.folder is None or compiled.cache_state.reason:
-        tell(f"{_PREFIX}, in memory: about {sum(work.seconds[stage] for stage in todo):.0f} s", True)
+        tell(f"{_PREFIX}, in memory: about {sum(STAGES[stage] for stage in todo):.0f} s", True)
         return True
-    _run(todo, workers, tell, work)
+    _run(todo, workers, tell)
     return True
 
 
-def _run(todo: Sequence[str], workers: int, tell: Tell, work: Work) -> None:
+def _run(todo: Sequence[str], workers: int, tell: Tell) -> None:
     waiting, done = list(todo), 0.0
     running: dict[str, subprocess.Popen[bytes]] = {}
     elapsed = 0.0
@@ -89,11 +70,11 @@ def _run(todo: Sequence[str], workers: int, tell: Tell, work: Work) -> None:
         while waiting or running:
             while waiting and len(running) < workers:
                 stage = waiting.pop(0)
-                running[stage] = start([stage], module=work.module)
+                running[stage] = start([stage])
             for stage in [stage for stage, process in running.items() if process.poll() is not None]:
                 stop(running.pop(stage))
-                done += work.seconds[stage]
-            left = _left([*waiting, *running], workers, done, elapsed, work.seconds)
+                done += STAGES[stage]
+            left = _left([*waiting, *running], workers, done, elapsed)
             ready = len(todo) - len(waiting) - len(running)
             tell(f"{_PREFIX}: {ready} of {len(todo)} parts ready, about {left:.0f} s left", left == 0.0)
             if running:
@@ -112,21 +93,19 @@ def _wait(process: subprocess.Popen[bytes]) -> float:
     return 0.0
 
 
-def _left(
-    stages: Sequence[str], workers: int, done: float, elapsed: float, seconds: Mapping[str, float] = STAGES
-) -> float:
+def _left(stages: Sequence[str], workers: int, done: float, elapsed: float) -> float:
     """Seconds that some stages will take yet, by the pace until now."""
     if not stages:
         return 0.0
-    whole = max(sum(seconds[stage] for stage in stages) + done, 1e-9) / workers
-    longest = max(seconds[stage] for stage in stages)
+    whole = max(sum(STAGES[stage] for stage in stages) + done, 1e-9) / workers
+    longest = max(STAGES[stage] for stage in stages)
     pace = max(1.0, elapsed * workers / done) if done else 1.0
     return max(max(whole, longest) * pace - elapsed, 1.0)
 
 
-def start(stages: Sequence[str], nice: int = 0, module: str = OF_WORLDS.module) -> subprocess.Popen[bytes]:
-    """A process that compiles some stages of a module, and ends with this one."""
-    command = [sys.executable, "-m", module, "--nice", str(nice), *stages]
+def start(stages: Sequence[str], nice: int = 0) -> subprocess.Popen[bytes]:
+    """A process that compiles some stages, and ends with this one."""
+    command = [sys.executable, "-m", "uwserver.world.warm", "--nice", str(nice), *stages]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     null = subprocess.DEVNULL
     return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=null, stderr=null, env=environment)

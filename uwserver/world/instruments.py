@@ -67,7 +67,11 @@ class Instruments:
         log: what was read of late, and `logged` how many of its places are taken.
         computing: of readings that take time.
         rays: room for those of one kind.
+        is_read: whether somebody reads samples.
     """
+
+    now: IntArray
+    table: IntArray
 
     def __init__(self, hydro: Hydrodynamics, water: Water, around: Callable[[], Around]) -> None:
         """Of a world with these bodies and this water; `around` tells what else there is."""
@@ -79,7 +83,7 @@ class Instruments:
             Pool(HEAD), Pool(STREAM), Pool(OPERATION), Pool(np.float64),
         )  # fmt: skip
         self._banks: dict[int, Pool] = {}
-        self.rays = RayRoom()
+        self.rays, self.is_read = RayRoom(), True
         self.roused: dict[Any, None] = {}  # slots, which stand above this module
         self._pending, self._told = np.zeros(_SLOTS, ENTRY), np.zeros(_SLOTS, ENTRY)
         self._free, self._counts = np.arange(_SLOTS), np.zeros(1, COUNTS)
@@ -103,7 +107,6 @@ class Instruments:
         hydro, around = self._hydro, self._around()
         self.nu_dot, self.tau = np.zeros((len(hydro), 6)), np.zeros((len(hydro), 6))
         self._place = place_row(self._water, around.earth)
-        self._instant = self._place["t_ns"]
         electrics: Any = np.zeros(len(hydro.thrusters), ELECTRIC)
         for wiring in wirings:
             wiring.fill(electrics)
@@ -125,18 +128,21 @@ class Instruments:
         self._tabulate()
 
     def _find_seen(self) -> None:
-        self.now: IntArray = layout.addresses(surroundings.FORMS, self._seen)
+        self.now = layout.addresses(surroundings.FORMS, self._seen)
 
     def move(self, place: Callable[[Any], Any]) -> None:
         """Have all that a tick writes lie elsewhere, after the bodies' rows: `place` gives a copy of an array in other memory."""
         for pool in (self.heads, *self._banks.values(), self.streams, self.operations, self.numbers):
             pool.move(place)
+        self._counts, self._pending, self._free = place(self._counts), place(self._pending), place(self._free)
+        self._told_counts = self._counts.view(np.int64)
+        self._values, self._told, self._told_values = place(self._values), place(self._told), place(self._told_values)
         self.nu_dot, self.tau, self._place = place(self.nu_dot), place(self.tau), place(self._place)
-        self._instant = self._place["t_ns"]
         own = {"nu_dot": self.nu_dot, "tau": self.tau, "place": self._place}
         self._seen |= own | {name: getattr(self._hydro, name) for name in ("state", "bodies", "thrusters")}
         self._find_seen()
         self._tabulate()
+        self.now, self.table = place(self.now), place(self.table)
 
     def _tabulate(self) -> None:
         rows = {
@@ -155,7 +161,7 @@ class Instruments:
             "team": self._hydro.team,
         }
         self._kept, self._told_table = rows, self._told.view(np.int64).reshape(-1, ENTRY.itemsize // 8)
-        self.table: IntArray = layout.addresses(FORMS, rows)
+        self.table = layout.addresses(FORMS, rows)
 
     def _make_room(self, needed: int, width: int = 0) -> None:
         """Room for so many samples on their way or delivered, of so many numbers."""
@@ -245,10 +251,6 @@ class Instruments:
         """The steady part of the current was changed."""
         self._place["current"] = self._water.current
 
-    def set_time(self, t_ns: int) -> None:
-        """What is read from now on belongs to this instant."""
-        self._instant[0] = t_ns
-
     def look(self, t: float) -> None:
         """Fill in `nu_dot` and `tau` at the present state."""
         self._hydro.rates_into(t, self.nu_dot, self.tau)
@@ -294,15 +296,15 @@ class Instruments:
 
     @property
     def room(self) -> tuple[int, int]:
-        """For how many samples there is some, on their way or delivered in a tick, and in the log."""
-        return self._room, self._log_room
+        """For how many samples there is some, on their way or delivered in a tick, and in the log, which takes none where nobody reads any."""
+        return self._room, self._log_room if self.is_read else NEVER
 
     def make_room(self, most: int) -> None:
         """So many samples may come of the readings of a tick: have room for them. Between two ticks of which all is told."""
         needed = self._on_their_way + most
         if needed > self._room:
             self._make_room(needed)
-        if self.logged + needed > self._log_room:
+        if self.is_read and self.logged + needed > self._log_room:
             self._begin_log(needed)
 
     def take_over(self) -> None:

@@ -54,6 +54,7 @@ class Sensing(Part):
         self._listening: list[SensorSlot] = []
         self._there: dict[SensorSlot, None] = {}
         self._wanted: Container[str] | None = None
+        self._measured: Collection[str] | None = None
         self._thinned = WHOLE
         self._heard: Collection[str] = ()
         self._overheard: Collection[str] = ()
@@ -129,10 +130,11 @@ class Sensing(Part):
         rows[:] = 0
         if wanted is None:
             rows[list(streams)] = READ
+            self._instruments.is_read = bool(streams)
             self._instruments.thin({})
             return
         read = {k for path, k in self.numbers.items() if path in wanted or path in self._heard}
-        self._is_read = self._marked(read)
+        self._is_read, self._instruments.is_read = self._marked(read), bool(read)
         # Values that are no numbers wait in Python for the sample that they belong to.
         rows[[k for k, stream in streams.items() if stream.columns.loose]] = KEPT
         rows[[self.numbers[path] for path in self._overheard]] = HEARD
@@ -149,11 +151,18 @@ class Sensing(Part):
         marked[list(streams)] = True
         return marked
 
+    def choose(self, measured: Collection[str] | None) -> None:
+        """Let sensors of these paths alone measure; None, as at first, for all."""
+        self._measured = measured
+        self.schedule()
+
     def schedule(self) -> None:
         """Sort the active sensors by how often they are due."""
-        self.groups = groups_of(self._slots.values())
+        measured = self._measured
+        slots = [slot for path, slot in self._slots.items() if measured is None or path in measured]
+        self.groups = groups_of(slots)
         active = [slot for group in self.groups for slot in group.slots]
-        self._listening = [slot for slot in self._slots.values() if slot.active and slot.sensor.listens]
+        self._listening = [slot for slot in slots if slot.active and slot.sensor.listens]
         called = [slot for slot in active if slot.sensor.listens or slot.sensor.rouses]
         self.callable = sum(len(slot.streams) for slot in called)
         self.casts = any(slot.sensor.rays for slot in active if isinstance(slot.sensor, BankSensor))

@@ -3,23 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from fractions import Fraction
 
-import numpy as np
-
-from uwserver.environment.water import Water
-from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.kernel.arrays import IntArray
 from uwserver.physics.kernel.right_of_way import NOBODY
 from uwserver.physics.kernel.straight import straight
 from uwserver.ports import Sample
 from uwserver.step import rows
 from uwserver.step.streams import NEVER
-from uwserver.world.instruments import Instruments
 from uwserver.world.part import Before, Part, Turns
-from uwserver.world.piloting import Pilots
 from uwserver.world.profile import Profile, kind_of
-from uwserver.world.sensing import Sensing
 from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.step_table import LONGEST, StepTable
 from uwserver.world.ticks import Ticks
@@ -51,7 +43,7 @@ _WORK = {rows.UNIT: 0, rows.PILOTS: rows.PILOTS, rows.DIVERGED: rows.MOVE}
 
 _CHANGING = (rows.PILOTS, rows.FORCES, rows.FIND, rows.FLOW)
 """Stops behind which things may lie elsewhere."""
-_QUIET = (rows.FIND, rows.DRAW, rows.EXACT, rows.READ)
+QUIET = (rows.FIND, rows.DRAW, rows.EXACT, rows.READ)
 """Stops behind which nothing else has changed."""
 
 _NAMES = rows.RUN.names or ()
@@ -71,43 +63,32 @@ class Stepping:
         profile: measures each unit of work; None for nobody.
     """
 
-    def __init__(
-        self,
-        hydro: Hydrodynamics,
-        water: Water,
-        instruments: Instruments,
-        sensing: Sensing,
-        pilots: Pilots,
-        rate_hz: Fraction,
-        stand: Callable[[int], None],
-        has_to_tell: Callable[[], bool],
-    ) -> None:
-        """Of a world of these bodies, in this water, with these sensors and autopilots.
+    def __init__(self, given: StepTable, stand: Callable[[int], None], has_to_tell: Callable[[], bool]) -> None:
+        """Of a world.
 
         Args:
-            rate_hz: ticks a second.
+            given: what its steps are given.
             stand: tells the world at which tick it stands.
             has_to_tell: whether something waits to be told, so that no further tick is to be made.
         """
         from uwserver.step import tick
 
         tick.load()
-        self._hydro, self._instruments, self._sensing, self._pilots = hydro, instruments, sensing, pilots
-        self._water = water
-        self._ticks = Ticks(rate_hz)
+        self.given = given
+        self._hydro, self._water, self._instruments, self._sensing, self._pilots = (
+            given.hydro, given.water, given.instruments, given.sensing, given.pilots,
+        )  # fmt: skip
+        self._ticks = Ticks(given.rate_hz)
         self._stand_at, self._has_to_tell = stand, has_to_tell
         self._step = straight(tick.step)
-        self._run: IntArray = np.zeros(len(_NAMES), np.int64)
-        self._ends: IntArray = np.zeros(LONGEST, np.int64)
-        self.given = StepTable(hydro, water, instruments, sensing, pilots, rate_hz, self._run, self._ends)
         self._first = 0
         self._samples: list[Sample] = []
         self.turns = Turns([], [], [], [], [], {})
         self.stops = dict.fromkeys(REASONS.values(), 0)
         self.profile: Profile | None = None
         self._answers = {
-            rows.PILOTS: self._attend, rows.FORCES: self._give_forces, rows.FIND: hydro.find_contacts, rows.DRAW: self._draw, rows.FLOW: self._follow,
-            rows.ARRIVALS: self._arrive, rows.EXACT: self._read_exactly, rows.READ: self._read,
+            rows.PILOTS: self._attend, rows.FORCES: self._give_forces, rows.FIND: given.hydro.find_contacts, rows.DRAW: self._draw,
+            rows.FLOW: self._follow, rows.ARRIVALS: self._arrive, rows.EXACT: self._read_exactly, rows.READ: self._read,
             rows.PYTHON: self._sense, rows.WRITE: self._write, rows.KEEP: self._keep, rows.ROOM: self._make_room,
             rows.CALLED: self._call,
         }  # fmt: skip
@@ -126,62 +107,85 @@ class Stepping:
         Returns:
             The row of the first body whose state is not finite, -1 where all went well.
         """
-        run, instruments, self._samples = self._run, self._instruments, samples
-        run[: _ASKED.start] = 0  # of which BEGIN is the stage
-        run[_TICK] = tick
         until, bodies = tick + min(most, LONGEST), max(1, len(self._hydro))
         alone, usual = max(1, _BODIES_ALONE // bodies), max(1, _BODIES // bodies)
-        self._first, lost, why, stopped, asks = instruments.logged, -1, rows.DONE, False, True
-        if self._pilots.bank is not None:
-            self._pilots.follow_switches()
-        if self.given.stands_at(tick):
+        lost, why, stopped, asks = -1, rows.DONE, False, True
+        if self.begin(tick, samples):
             until = tick + 1
-        self.given.settle()
         try:
             while lost < 0:
                 if asks:
                     # Who is in a server is asked for something between two ticks that need Python.
                     ends = stopped and (way is not None or self._has_to_tell())
-                    until = tick + 1 if ends else min(until, self._next_tick(tick))
-                    self._ask(tick, until, min(LONGEST, alone) if way is None else min(USUAL, usual))
+                    until = tick + 1 if ends else min(until, self.next_tick(tick))
+                    self.ask(tick, until, min(LONGEST, alone) if way is None else min(USUAL, usual))
                 why = self._make(NOBODY if way is None else way)
                 if why in (rows.DONE, rows.END):
                     break
                 if why == rows.DIVERGED:
-                    lost = int(run[_WHICH])
+                    lost = self.lost
                 elif why != rows.UNIT:
-                    asks, stopped = not stopped or why not in _QUIET, True
-                    self._answer(why)
+                    asks, stopped = not stopped or why not in QUIET, True
+                    self.answer(why)
         finally:  # a kernel may raise
-            reached = run[: _ASKED.start].tolist()
-            self._stand_at(reached[_TICK])
-            instruments.take_over()
-            if reached[_WRITTEN]:
-                self._sensing.take_texts()
-            with_words = why == rows.END and bool(reached[_BEGUN] and instruments.wordy_count)
-            if reached[_ENDS] or with_words:
-                self._sensing.tell(self._first, self._ends[: reached[_ENDS]].tolist(), with_words, samples)
+            self.end(why)
+        return lost
+
+    def begin(self, tick: int, samples: list[Sample]) -> bool:
+        """Ticks are to be made from this one on; what comes before autopilots has been done. Returns whether one alone (`StepTable.stands_at`).
+
+        `samples` receives those that `Sensing` does not keep to tell.
+        """
+        run, self._samples, self._first = self.given.run, samples, self._instruments.logged
+        run[: _ASKED.start] = 0  # of which BEGIN is the stage
+        run[_TICK] = tick
+        if self._pilots.bank is not None:
+            self._pilots.follow_switches()
+        is_one = self.given.stands_at(tick)
+        self.given.settle()
+        return is_one
+
+    def end(self, why: int) -> None:
+        """No further tick is made, for that reason: the world knows where it stands, and samples are told."""
+        run, instruments, samples = self.given.run, self._instruments, self._samples
+        reached = run[: _ASKED.start].tolist()
+        self._stand_at(reached[_TICK])
+        instruments.take_over()
+        if reached[_WRITTEN]:
+            self._sensing.take_texts()
+        with_words = why == rows.END and bool(reached[_BEGUN] and instruments.wordy_count)
+        if reached[_ENDS] or with_words:
+            self._sensing.tell(self._first, self.given.ends[: reached[_ENDS]].tolist(), with_words, samples)
         if why == rows.END:
             self._sensing.under_way.purge()
             for act in self.turns.last:
                 act(*self._now, samples)
-        return lost
 
-    def _next_tick(self, tick: int) -> int:
-        """Before which parts act again that do so before autopilots."""
+    @property
+    def lost(self) -> int:
+        """The row of the body whose state is not finite, for which a step has stopped."""
+        return int(self.given.run[_WHICH])
+
+    def next_tick(self, tick: int) -> int:
+        """Before which one after this parts act again that do so before autopilots."""
         following = [part.next_tick for part, _ in (*self.turns.first, *self.turns.watch) if part.next_tick is not None]
         return max(tick + 1, min(following, default=NEVER))
 
-    def _ask(self, first: int, until: int, usual: int) -> None:
-        """What Python says before a step."""
+    def ask(self, first: int, until: int, usual: int) -> None:
+        """What Python says before a step: ticks are made from the first on and until another, `usual` ones where nobody waits."""
         sensing, turns, collider = self._sensing, self.turns, self._hydro.collider
         forces = NEVER
         if turns.forces:
             forces = min([part.next_tick for part, _ in turns.forces if part.next_tick is not None], default=NEVER)
-        self._run[_ASKED] = (
+        self.given.run[_ASKED] = (
             first, until, usual, forces, collider is not None and self.given.finding() is None, bool(turns.follow), sensing.calls,
             sensing.callable, not sensing.under_way.is_idle, 2 if turns.last else bool(turns.ears), self.profile is not None,
         )  # fmt: skip
+
+    def ask_again(self) -> None:
+        """The same behind a stop, as others may be due then; where something waits to be told, no further tick is made."""
+        first, until, usual = self.given.run[_ASKED][:3].tolist()
+        self.ask(first, 0 if self._has_to_tell() else min(until, self.next_tick(first)), usual)
 
     def _make(self, way: IntArray) -> int:
         step = (self._step, self.given.table, *self._instruments.to_deliver(), way, *self._instruments.room)
@@ -193,32 +197,32 @@ class Stepping:
         """What compiled code has done, as a profile tells it; None for nothing by itself."""
         if why not in _WORK:
             return None
-        unit = _WORK[why] or int(self._run[_UNIT])
+        unit = _WORK[why] or int(self.given.run[_UNIT])
         if unit == rows.MOVE and self._hydro.touching.is_kept:
             return "contact", "response", 0
         if unit != rows.READ:
             return (*_UNITS[unit], 0)
-        heads = self._turn(int(self._run[_WHICH]))
+        heads = self._turn(int(self.given.run[_WHICH]))
         return "sensors", kind_of(self.given.timetable.slots[int(heads[0])].sensor), len(heads)
 
     def _stand(self) -> None:
-        self._stand_at(int(self._run[_TICK]))
+        self._stand_at(int(self.given.run[_TICK]))
 
     @property
     def _now(self) -> tuple[int, int]:
-        tick = int(self._run[_TICK])
+        tick = int(self.given.run[_TICK])
         return tick, self._ticks.time_of(tick)
 
     @property
     def _seconds(self) -> float:
-        return self.given.second(int(self._run[_TICK]))
+        return self.given.second(int(self.given.run[_TICK]))
 
     # -- where they stop ------------------------------------------------------------------------------------------------------------
 
-    def _answer(self, why: int) -> None:
-        """Do what a step has stopped for."""
+    def answer(self, why: int) -> None:
+        """Do what a step has stopped for (`REASONS`)."""
         self.stops[REASONS[why]] += 1
-        if why not in _QUIET:
+        if why not in QUIET:
             self._stand()
             self._instruments.take_over()
         self._answers[why]()
@@ -244,7 +248,7 @@ class Stepping:
 
     def _call(self) -> None:
         """Let sensors that are called have a round of their own, if there are any."""
-        run, called = self._run, self._sensing.called(self._seconds)
+        run, called = self.given.run, self._sensing.called(self._seconds)
         if not called:
             run[_ROUND] = rows.WHEN_DUE
             return
@@ -272,7 +276,7 @@ class Stepping:
 
     @property
     def _due(self) -> IntArray:
-        due: IntArray = self.given.rows["due"][: self._run[_DUE]]
+        due: IntArray = self.given.rows["due"][: self.given.run[_DUE]]
         return due
 
     def _turn(self, number: int) -> IntArray:
@@ -285,7 +289,7 @@ class Stepping:
         self._sensing.by_hand.exactly(self._due, self._seconds)
 
     def _read(self) -> None:
-        number = int(self._run[_WHICH])
+        number = int(self.given.run[_WHICH])
         bank = self.given.timetable.banks[int(self.given.rows["turn"][number]["kind"])]
         self._sensing.by_hand.read(bank, self._turn(number), self._seconds)
 
@@ -301,7 +305,7 @@ class Stepping:
             self._sensing.under_way.take(slot, self._now[1])
 
     def _make_room(self) -> None:
-        self._instruments.make_room(int(self._run[_WHICH]))
+        self._instruments.make_room(int(self.given.run[_WHICH]))
         self._first = self._instruments.logged
 
 

@@ -29,6 +29,7 @@ from uwserver.world.profile import Profile, Timer, untimed
 from uwserver.world.requests import Requests
 from uwserver.world.sensing import Sensing
 from uwserver.world.sensor_slot import SensorSlot
+from uwserver.world.step_table import StepTable
 from uwserver.world.stepping import Stepping, take_turns
 from uwserver.world.surroundings import Bodies, Flowing
 from uwserver.world.threads import Threads
@@ -97,9 +98,8 @@ class World(InProcess):
         self.sensing = Sensing(self.sensors, self.instruments)
         self._profile: Profile | None = None
         self._pilots = Pilots(hydro)
-        self.stepping = Stepping(
-            hydro, water, self.instruments, self.sensing, self._pilots, rate_hz, self._stand, self._has_to_tell
-        )
+        given = StepTable(hydro, water, self.instruments, self.sensing, self._pilots, rate_hz)
+        self.stepping = Stepping(given, self._stand, self._has_to_tell)
         self.stops = self.stepping.stops
         self.threads = Threads(hydro, max(16, round(rate_hz / 4)))
         self._timed: Timer = untimed

@@ -14,20 +14,9 @@ def begun():
 @pytest.mark.parametrize(
     ("scenario", "names"),
     [
-        (
-            lambda: (
-                begun()
-                .seabed("flat", depth_m=10)
-                .structure("wall", "box", size_m=[1, 2, 3], position_ned_m=[9, 0, 5])
-                .build()
-            ),
-            ["solid things.*seabed", "solid things.*wall"],
-        ),
+        (lambda: begun().sensor("rov", "eye", "camera", rate_hz=2).build(), [r"pictures.*rov/eye"]),
+        (lambda: begun().sensor("rov", "talk", "acoustic_modem", rate_hz=10, address=3).build(), [r"modems.*rov/talk"]),
         (lambda: begun().adapter("bus", "zenoh").build(), [r"adapters\.bus \(zenoh\)"]),
-        (
-            lambda: begun().sensor("rov", "rpm", "rpm", rate_hz=10, members=["t1"]).build(),
-            [r"plain Python.*rov/rpm \(rpm\)"],
-        ),
     ],
 )
 def test_it_names_what_it_refuses(scenario, names):

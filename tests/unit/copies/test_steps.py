@@ -5,6 +5,7 @@ import pytest
 
 import uwserver
 from uwserver.scenario.builder import ScenarioBuilder
+from uwserver.world.instruments import Instruments
 
 N = 7
 DIFFERING = {
@@ -111,18 +112,16 @@ def of_each(events, n):
 
 @pytest.fixture
 def rooms(monkeypatch):
-    """Receives how much room for samples a batch has each time it is given more."""
-    from uwserver.copies.tables import Tables
+    """Receives the instruments of a world each time they are given more room for samples."""
+    seen, make_room = [], Instruments.make_room
 
-    seen, make_room = [], Tables.make_room
-
-    def watched(self, needed):
+    def watched(self, most):
         before = self.room
-        make_room(self, needed)
+        make_room(self, most)
         if self.room > before:
-            seen.append((id(self), self.room))
+            seen.append(self)
 
-    monkeypatch.setattr(Tables, "make_room", watched)
+    monkeypatch.setattr(Instruments, "make_room", watched)
     return seen
 
 
@@ -142,7 +141,7 @@ def test_many_ticks_are_as_many_calls_whatever_happens_within(threads, rooms):
             batch.command("rov/lights", [1, 2, 5, 6], levels=levels)
         rooms.clear()
         step_both(ours, theirs, ticks)
-        grown.append(sum(owner == id(ours._tables) for owner, _ in rooms))
+        grown.append(sum(any(each is copy.world.instruments for copy in ours._copies) for each in rooms))
         check_alike(ours, theirs)
         (mine, others) = (batch.events() for batch in (ours, theirs))
         assert of_each(mine, N) == of_each(others, N)
@@ -241,13 +240,13 @@ def test_a_call_ends_where_all_have_fallen_apart():
 def test_calls_into_python_are_as_few_as_what_happens(monkeypatch):
     """Between two events threads go on by themselves: nobody looks after each tick."""
     batch = uwserver.batch(slow(), 4)
-    turns, run = [], batch._ranges.run
+    turns, run = [], batch._steps.ranges.run
 
     def watched(which, loop):
         turns.append(batch.ticks.tolist())
         run(which, loop)
 
-    monkeypatch.setattr(batch._ranges, "run", watched)
+    monkeypatch.setattr(batch._steps.ranges, "run", watched)
     batch.reset([1, 2], command_latency=[0.1, 0.0])
     batch.command("rov/thrusters", u=np.full(8, 0.2))
     batch.step(200)

@@ -65,24 +65,15 @@ class BulletEngine:
         # Else what Bullet has of a world that nobody has any more, 29 MB, would stay for as long as the process.
         self._ended = weakref.finalize(self, self._bullet.disconnect, self._client)
         self._ended.atexit = False
-        self._placed_of: dict[int, Placed] = {}
-        self._idle: dict[int, list[int]] = {}
 
     def close(self) -> None:
         """As `Engine`."""
         self._ended()
         self._client = -1
 
-    def remove(self, handle: int) -> None:
-        """As `Engine`."""
-        # Bullet never gives back the memory of a shape that a body had: the body waits for the next of this shape.
-        self._idle.setdefault(id(self._placed_of[handle]), []).append(handle)
-
     def add(self, placed: Placed, rows: Part) -> int:
         """As `Engine`."""
         bullet, shape = self._bullet, placed.shape
-        if self._idle.get(id(placed)):  # nobody else has this id: `_placed_of` keeps it alive
-            return self._idle[id(placed)].pop()
         form: dict[str, Any]
         if isinstance(shape, Box):
             form = {"shapeType": bullet.GEOM_BOX, "halfExtents": list(shape.half)}
@@ -98,9 +89,7 @@ class BulletEngine:
         made = bullet.createCollisionShape(physicsClientId=self._client, **form)
         if made < 0:
             raise BadSolid(f"Bullet refuses a {type(shape).__name__}")
-        body = int(bullet.createMultiBody(0.0, made, physicsClientId=self._client))
-        self._placed_of[body] = placed
-        return body
+        return int(bullet.createMultiBody(0.0, made, physicsClientId=self._client))
 
     def way_out(self, a: int, pose_a: Pose, b: int, pose_b: Pose) -> FloatArray:
         """As `Engine`."""

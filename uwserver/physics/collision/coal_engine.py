@@ -39,10 +39,6 @@ class CoalEngine:
         """As `Engine`."""
         self._shapes.clear()
 
-    def remove(self, handle: int) -> None:
-        """As `Engine`."""
-        del self._shapes[handle]
-
     def add(self, placed: Placed, rows: Part) -> int:
         """As `Engine`."""
         handle, self._next = self._next, self._next + 1

@@ -37,9 +37,6 @@ class Engine(Protocol):
     def add(self, placed: Placed, rows: Part) -> int:
         """Take a convex shape; returns its handle. Raises BadSolid if it cannot."""
 
-    def remove(self, handle: int) -> None:
-        """Take a shape away."""
-
     def close(self) -> None:
         """Give everything back; may be called twice."""
 

@@ -7,7 +7,6 @@ on a face (`faces`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 from types import ModuleType, TracebackType
 from typing import Any
@@ -15,16 +14,9 @@ from typing import Any
 import numpy as np
 
 from uwserver.physics.collision.contacts import NO_CONTACTS, NUMBERS, Contacts
-from uwserver.physics.collision.engine import (
-    AUTO,
-    ENGINES,
-    Engine,
-    Pose,
-    chosen_engine,
-    engine_attitude,
-    missing_engine,
-)
+from uwserver.physics.collision.engine import Pose, engine_attitude
 from uwserver.physics.collision.finding import Finding
+from uwserver.physics.collision.ways import WaysOut
 from uwserver.physics.geometry.rows import Part, Stock
 from uwserver.physics.geometry.shapes import BadSolid, HalfSpace, Placed, Solid, TriangleMesh
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
@@ -67,55 +59,36 @@ def _codes() -> tuple[int, int, int]:
     return address_of(_find_pairs(), "int64"), address_of(lines, "int64"), address_of(contacts, "int64")
 
 
-@dataclass(eq=False)
-class _Shared:
-    """What the engine holds of all shapes that are equal, each moved to where it is asked about: a swarm costs it no more than two vehicles.
-
-    Attributes:
-        placed, rows: the shape.
-        handles: of the engine: one, and a second where two of them have met.
-        users: how many shapes there are.
-    """
-
-    placed: Placed
-    rows: Part
-    handles: list[int]
-    users: int = 0
-
-
 class Solids:
     """The solid things of one world, static or carried by rows of a state array. Not thread-safe. Close it, or use it in a `with`.
 
     Args:
         gate: False looks at every pair, near or not, for tests: the contacts are the same.
-        engine: a name of `engine.ENGINES`, or "auto" for the first of them that is installed.
+        ways: out of overlaps; default: those of the first engine that is installed.
+        stock: of what shapes are made of; default: an empty one.
+
+    Both may be those of other worlds that are stepped in the same thread.
 
     Raises:
-        ImportError: the engine is not installed.
-        RuntimeError: it gives no further world.
+        ImportError: no engine is installed.
     """
 
-    def __init__(self, gate: bool = True, engine: str = AUTO) -> None:
-        self._engine: Engine = open_engine(engine)
+    def __init__(self, gate: bool = True, ways: WaysOut | None = None, stock: Stock | None = None) -> None:
+        self.ways = WaysOut() if ways is None else ways
+        self.stock = Stock() if stock is None else stock
         self._gate = gate
-        self._parts: dict[int, list[tuple[Part, _Shared | None]]] = {}
+        self._parts: dict[int, list[tuple[Part, Placed]]] = {}
         self._rows_of: dict[int, int] = {}
         self._equal: dict[Placed, Placed] = {}
-        self._shared: dict[Placed, _Shared] = {}
         self._next_solid = self._next_part = 0
         self._pairs = np.zeros((256, 2), np.int64)
         self._lines, self._overlapping = np.zeros((256, 7)), np.zeros(256, np.bool_)
-        self._stock, self._is_stale = Stock(), True
+        self._is_stale = True
         self._finding: Finding | None = None
 
-    @property
-    def engine(self) -> str:
-        """Name of the engine."""
-        return self._engine.name
-
     def close(self) -> None:
-        """Give back the engine's world; contacts can no longer be found."""
-        self._engine.close()
+        """Give back the engine's world."""
+        self.ways.close()
 
     def __enter__(self) -> Solids:
         return self
@@ -134,7 +107,7 @@ class Solids:
         """Add something that never moves, its shapes placed in N. Returns its id.
 
         Raises:
-            BadSolid: a shape that the engine cannot hold; nothing was added.
+            BadSolid: a shape that cannot be; nothing was added.
         """
         return self._add(solid, -1)
 
@@ -151,42 +124,25 @@ class Solids:
 
     def remove(self, solid_id: int) -> None:
         """Take a solid away; KeyError if there is none of this id."""
-        for _, shared in self._parts.pop(solid_id):
-            if shared is not None:
-                self._leave(shared)
+        del self._parts[solid_id]
         del self._rows_of[solid_id]
         self._is_stale = True
 
     def _add(self, solid: Solid, row: int) -> int:
         shapes = [self._equal.setdefault(placed, placed) for placed in solid.shapes]
-        made = [(self._stock.part(placed), placed) for placed in shapes]
+        made = [(self.stock.part(placed), placed) for placed in shapes]
         solid_id, self._next_solid = self._next_solid, self._next_solid + 1
-        entries: list[tuple[Part, _Shared | None]] = []
+        entries: list[tuple[Part, Placed]] = []
         for p, placed in made:
             p.slot["ident"] = self._ident(row, len(entries))
             p.slot["row"], p.slot["solid"] = row, solid_id
             p.slot["friction"], p.slot["restitution"] = solid.friction, solid.restitution
             p.slot["q"] = engine_attitude(placed)
-            endless = isinstance(placed.shape, HalfSpace | TriangleMesh)
-            entries.append((p, None if endless else self._share(placed, p)))
+            entries.append((p, placed))
         self._parts[solid_id] = entries
         self._rows_of[solid_id] = row
         self._is_stale = True
         return solid_id
-
-    def _share(self, placed: Placed, rows: Part) -> _Shared:
-        shared = self._shared.get(placed)
-        if shared is None:
-            shared = self._shared[placed] = _Shared(placed, rows, [self._engine.add(placed, rows)])
-        shared.users += 1
-        return shared
-
-    def _leave(self, shared: _Shared) -> None:
-        shared.users -= 1
-        if not shared.users:
-            del self._shared[shared.placed]
-            for handle in shared.handles:
-                self._engine.remove(handle)
 
     def _ident(self, row: int, k: int) -> int:
         """Number of a shape in keys of contacts. Of what moves it follows from its row, so it does not depend on who else was ever there."""
@@ -202,7 +158,7 @@ class Solids:
         moving = sorted((key for key, row in self._rows_of.items() if row >= 0), key=self._rows_of.__getitem__)
         static = [key for key, row in self._rows_of.items() if row < 0]
         entries = [entry for key in (*moving, *static) for entry in self._parts[key]]
-        self._engine_shapes = [shared for _, shared in entries]
+        self._placed = entries
         first, bodies = 0, []
         for key in moving:
             bodies.append((first, len(self._parts[key]), self._rows_of[key]))
@@ -210,7 +166,7 @@ class Solids:
         n, m = len(entries), len(bodies)
         broad_phase, _, _ = _kernels()
         self._find_pairs = straight(_find_pairs())
-        self._shapes = self._stock.shapes([p for p, _ in entries])
+        self._shapes = self.stock.shapes([p for p, _ in entries])
         radius = np.array([broad_phase.radius_of(self._shapes.slots[at : at + count]) for at, count, _ in bodies])
         self._search = broad_phase.Search(
             np.array(bodies, dtype=np.int64).reshape(-1, 3), np.arange(first, n), radius, np.zeros((n, 4)), np.zeros(n), np.zeros((n, 3)),
@@ -269,21 +225,16 @@ class Solids:
         if overlapping.any():
             for k in np.flatnonzero(overlapping):
                 a, b = pairs[int(np.searchsorted(first, k, "right")) - 1]
-                one, other = self._handles_of(self._engine_shapes[a], self._engine_shapes[b])
-                way = self._engine.way_out(one, self._pose(a), other, self._pose(b))
+                way = self._way_out(int(a), int(b))
                 length = float(np.linalg.norm(way))
                 if abs(length - 1.0) < 1e-3:
                     lines[k, :3] = way / length
             directions.refine_lines(self._table, pairs, first, lines, overlapping)
         return first, lines
 
-    def _handles_of(self, a: _Shared | None, b: _Shared | None) -> tuple[int, int]:
-        """Two shapes of the engine, another one for the second of two that are equal."""
-        assert a is not None
-        assert b is not None
-        if a is b and len(a.handles) == 1:
-            a.handles.append(self._engine.add(a.placed, a.rows))
-        return a.handles[0], b.handles[-1] if a is b else b.handles[0]
+    def _way_out(self, a: int, b: int) -> FloatArray:
+        (rows_a, one), (rows_b, other) = self._placed[a], self._placed[b]
+        return self.ways.way_out(one, rows_a, self._pose(a), other, rows_b, self._pose(b))
 
     def _pose(self, s: int) -> Pose:
         return Pose(self._shapes.P[s], self._search.Q[s])
@@ -302,28 +253,3 @@ class Solids:
         )  # fmt: skip
         # The solver is compiled for contiguous columns.
         return Contacts(*(np.ascontiguousarray(column) for column in columns))
-
-
-def open_engine(name: str = AUTO) -> Engine:
-    """An empty world of an engine.
-
-    Args:
-        name: of `ENGINES`, or "auto" for the first that is installed.
-
-    Raises:
-        ImportError: it is not installed.
-        RuntimeError: it gives no further world.
-        ValueError: no engine has this name.
-    """
-    if name != AUTO and name not in ENGINES:
-        raise ValueError(f'no engine is called "{name}": choose {AUTO}, {" or ".join(ENGINES)}')
-    missing = missing_engine(name)
-    if missing is not None:
-        raise ImportError(missing)
-    if chosen_engine(name) == "bullet":
-        from uwserver.physics.collision.bullet import BulletEngine
-
-        return BulletEngine()
-    from uwserver.physics.collision.coal_engine import CoalEngine
-
-    return CoalEngine()

@@ -2,39 +2,29 @@
 
 Half-spaces and moving solids of few triangles are intersected one by one, exactly. For all else a picker says which triangle a ray meets
 first: Embree, which works in float32, or where that is not installed a slower tree of our own. Range and normal are computed from the triangle
-in float64, and each scene is kept about an origin near it. That of what never moves is the nearest point of a fixed lattice, so that something
-far away changes no range, not in its last bit. A picker knows no instances: what moves has a scene in its own frame, shared by equal solids,
+in float64, and each surface is kept about an origin near it. That of what never moves is the nearest point of a fixed lattice, so that something
+far away changes no range, not in its last bit. A picker knows no instances: what moves has a surface in its own frame, shared by equal solids,
 and only rays that pass it go there. Imported only when a world has something solid.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from copy import copy
+from collections.abc import Callable, Iterable
 from functools import cache
-from importlib.util import find_spec
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from uwserver.physics.geometry.shapes import HalfSpace, Solid, check_shape
-from uwserver.physics.geometry.tessellation import Facets, facets
+from uwserver.physics.geometry.shapes import Solid, check_shape
+from uwserver.physics.geometry.tessellation import facets
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.layout import Q, addresses
 from uwserver.physics.kernel.straight import address_of, straight
 from uwserver.physics.rays import hits
 from uwserver.physics.rays.raycast import Hits
 from uwserver.physics.rays.rows import CARRIED, SIDE, Simple, middle, planes, sides
+from uwserver.physics.rays.surfaces import Surface, Surfaces
 
-FEW = 96
-"""Triangles of a moving solid, as eight boxes have, up to which one by one is quicker than the engine."""
-_HIDDEN_SIDES = 16
-"""A ray gives up behind this many hidden sides."""
-_KEPT = 16
-"""Numbers of rays for which a scene keeps arrays."""
-LATTICE_M = 1024.0
-"""Between origins of what never moves. Nothing small is farther than half of it from its own along an axis, where float32 has steps of 0.03 mm:
-that far beside its edge a triangle may be missed, or met."""
 NOBODY = -1
 """A row of the state in which no body is."""
 _STILL: FloatArray = np.zeros(13)
@@ -42,105 +32,15 @@ _STILL[Q] = 1.0
 _NONE: IntArray = np.zeros(0, np.int64)
 
 
-class Picker(Protocol):
-    """Triangles (t, 3, 3), of which it finds the first that each ray meets, from either side."""
-
-    def pick(self, origin: FloatArray, direction: FloatArray, limit: FloatArray | None = None) -> IntArray:
-        """Numbers (n) of triangles, -1 for none, of rays (n, 3) whose directions have length one; a limit (n) is in m, and so is the origin."""
-
-
-def has_embree() -> bool:
-    """Whether Embree is installed. Without it the same is seen, more slowly."""
-    return find_spec("embreex") is not None
-
-
-def make_picker(corners: FloatArray, robust: bool = True) -> Picker:
-    """The quickest picker that is installed, of triangles (t, 3, 3) about the origin; if it need not be `robust`, a ray may slip through an edge."""
-    if has_embree():
-        from uwserver.physics.rays.embree import EmbreePicker
-
-        return EmbreePicker(corners, robust)
-    from uwserver.physics.rays.tree import TreePicker
-
-    return TreePicker(corners)
-
-
-class _Work(NamedTuple):
-    """Arrays for a number of rays, and the table by which kernels find them."""
-
-    batch: hits.Batch
-    table: IntArray
-
-
-class _Scene:
-    """Triangles of solids in one frame.
-
-    Args:
-        solids: by id; an id is given only if a ray is cast without one.
-        origin: (3) of the picker in that frame, m; default: their centre.
-    """
-
-    def __init__(self, solids: Mapping[int, Solid], origin: tuple[float, ...] | None = None) -> None:
-        each = {body: facets(solid) for body, solid in solids.items()}
-        parts = Facets(*(np.concatenate(columns) for columns in zip(*each.values(), strict=True)))
-        owners: IntArray = np.repeat(np.array([*each], dtype=np.int64), [len(part.corners) for part in each.values()])
-        centre, half = middle(parts)
-        about = centre if origin is None else np.array(origin)
-        self._box = np.array((about, half + np.abs(centre - about)))
-        self._sides, self._owners = sides(parts, self._box[0]), owners
-        self._works: dict[int, _Work] = {}
-        self._apart: _Scene | None = None
-        self._picker = make_picker(self._sides["corners"])
-
-    def apart(self) -> _Scene:
-        """The same triangles for one other thread, with work space of its own; always the same answer. What picks is safe in many threads."""
-        if self._apart is None:
-            self._apart = other = copy(self)
-            other.__dict__["_works"] = {}
-        return self._apart
-
-    def cast(
-        self, x: FloatArray, body: int, origin: FloatArray, direction: FloatArray, limit: float, answer: Hits
-    ) -> None:
-        """Add the hits of rays (n, 3) to the answer; the state x (13) places the frame."""
-        work = self._works.get(len(origin)) or self._buffers(len(origin))
-        batch = work.batch
-        count = hits.select_rays(work.table, origin, direction, limit, x, answer.distance)
-        if count == 0:
-            return
-        engine = batch.engine[:count]
-        picked = self._picker.pick(engine[:, :3], engine[:, 3:6], engine[:, 6])
-        for _ in range(_HIDDEN_SIDES):
-            count = hits.refine(work.table, picked, limit, body, *answer)
-            if count == 0:
-                return
-            start, towards, ahead = batch.start[:count], batch.towards[:count], batch.ahead[:count]
-            ahead += hits.ROUNDING * (np.abs(start).max() + self._box[1].max())
-            picked = self._picker.pick(
-                (start + ahead[:, None] * towards).astype(np.float32), towards.astype(np.float32)
-            )
-
-    def _buffers(self, n: int) -> _Work:
-        """Arrays for n rays, kept for the next ones, as to make them costs more than to cast a few rays."""
-        if len(self._works) >= _KEPT:
-            self._works.clear()
-        batch = hits.Batch(
-            self._sides, self._owners, self._box, np.empty((3, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty(n, np.int64), np.empty(n),
-            np.empty((n, 7), np.float32),
-        )  # fmt: skip
-        self._works[n] = work = _Work(batch, addresses(hits.BATCH, batch._asdict()))
-        return work
-
-
 class _Carried(NamedTuple):
-    """A solid that the body in a row of the state carries; `scene` is None for one of few triangles."""
+    """A solid that the body in a row of the state carries; `surface` is None for one of few triangles."""
 
     solid: Solid
     row: int
-    scene: _Scene | None
+    surface: Surface | None
 
 
-_Moved = tuple[int, int, _Scene]
+_Moved = tuple[int, int, Surface]
 """A solid that moves: its id, its row of the state, and its triangles."""
 
 
@@ -175,19 +75,19 @@ def _plain(origin: FloatArray, direction: FloatArray) -> tuple[FloatArray, Float
 
 
 def _cast(
-    table: IntArray, still: Iterable[_Scene], moving: Iterable[_Moved], state: FloatArray, rays: tuple[FloatArray, FloatArray, float],
+    table: IntArray, still: Iterable[Surface], moving: Iterable[_Moved], state: FloatArray, rays: tuple[FloatArray, FloatArray, float],
     past: IntArray = _NONE,
 ) -> Hits:  # fmt: skip
-    """The first thing that rays (`Geometry.raycast`, but `_plain`) meet: of what is intersected one by one, by its table, and of scenes.
+    """The first thing that rays (`Geometry.raycast`, but `_plain`) meet: of what is intersected one by one, by its table, and of surfaces.
     `past`: of the former they pass what the body in their row (n) carries."""
     origin, direction, max_range = rays
     n, limit = len(origin), float(max_range)
     answer = Hits(np.empty(n), np.empty((n, 3)), np.empty(n, np.int64), np.empty(n, np.int64))
     _intersects_simple()(table, origin, direction, limit, state, past, *answer)
-    for scene in still:
-        scene.cast(_STILL, -1, origin, direction, limit, answer)
-    for body, row, scene in moving:
-        scene.cast(state[row], body, origin, direction, limit, answer)
+    for surface in still:
+        surface.cast(_STILL, -1, origin, direction, limit, answer)
+    for body, row, surface in moving:
+        surface.cast(state[row], body, origin, direction, limit, answer)
     return answer
 
 
@@ -195,13 +95,16 @@ class Rays:
     """All solids of one world, by ids that the caller chooses. Not thread-safe.
 
     Only the outside of a solid is hit: a ray that starts inside, as from a sensor within its vehicle's own shape, leaves unhindered.
+
+    Args:
+        surfaces: may be those of other worlds that are stepped in the same thread; default: none yet.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, surfaces: Surfaces | None = None) -> None:
+        self.surfaces = Surfaces() if surfaces is None else surfaces
         self._static: dict[int, Solid] = {}
         self._moving: dict[int, _Carried] = {}
-        self._scenes: dict[int, tuple[Solid, _Scene | None]] = {}
-        self._still: tuple[_Scene, ...] | None = None
+        self._still: tuple[Surface, ...] | None = None
         self._simple: tuple[Simple, IntArray] | None = None
         self._others: dict[int, tuple[Simple, IntArray]] = {}
         self._rows: IntArray = np.empty(0, np.int64)
@@ -216,18 +119,9 @@ class Rays:
 
     def add_moving(self, body: int, solid: Solid, row: int) -> None:
         """Add what the body in `row` of the state array carries. Raises BadSolid."""
-        scene = self._scene_of(solid)
-        self._moving[body] = _Carried(solid, row, scene)
+        surface = self.surfaces.of(solid)
+        self._moving[body] = _Carried(solid, row, surface)
         self._simple = None
-
-    def _scene_of(self, solid: Solid) -> _Scene | None:
-        """Of its own; kept for the next who carries the same."""
-        if id(solid) not in self._scenes:
-            for placed in solid.shapes:
-                check_shape(placed.shape)
-            scene = _Scene({0: solid}) if len(facets(solid).corners) > FEW else None
-            self._scenes[id(solid)] = solid, scene  # so that nobody else gets this id
-        return self._scenes[id(solid)][1]
 
     def remove(self, body: int) -> None:
         """Take a solid away; KeyError if there is none of this id."""
@@ -258,7 +152,7 @@ class Rays:
     ) -> Hits:
         _, table = self._simple_without(without)
         moving = [
-            (body, c.row, c.scene) for body, c in self._moving.items() if c.scene is not None and c.row != without
+            (body, c.row, c.surface) for body, c in self._moving.items() if c.surface is not None and c.row != without
         ]
         return _cast(table, self._still or (), moving, state, rays, past)
 
@@ -267,7 +161,7 @@ class Rays:
     ) -> Hits:
         """As `cast`; each ray passes what the body in its row (n) carries. Origins and directions are C-contiguous."""
         answer = self._cast_plain(state, (origin, direction, max_range), past=rows)
-        own = self._rows[answer.body] == rows  # as scenes do not know whom a ray passes
+        own = self._rows[answer.body] == rows  # as surfaces do not know whom a ray passes
         if np.count_nonzero(own):
             for row in np.unique(rows[own]).tolist():
                 chosen = np.flatnonzero(own & (rows == row))
@@ -277,22 +171,22 @@ class Rays:
         return answer
 
     def one_by_one(self) -> OneByOne | None:
-        """What compiled code needs to cast as `cast_past`, the same object until something comes or goes; None where there are scenes."""
+        """What compiled code needs to cast as `cast_past`, the same object until something comes or goes; None where there are surfaces."""
         if self._simple is None:
             self._gather()
         return self._one_by_one
 
     def still(self, state: FloatArray, without: int = NOBODY) -> Still:
         """The solids as they are now, where this state (n, 13) puts them, for one other thread; not those of the row `without`. The first after a
-        change makes the scenes."""
+        change makes the surfaces."""
         simple = self._simple_without(without)
         moving = [
-            (body, c.row, c.scene.apart())
+            (body, c.row, c.surface.apart())
             for body, c in self._moving.items()
-            if c.scene is not None and c.row != without
+            if c.surface is not None and c.row != without
         ]
         return Still(
-            simple, tuple(scene.apart() for scene in self._still or ()), tuple(moving), np.array(state, np.float64)
+            simple, tuple(surface.apart() for surface in self._still or ()), tuple(moving), np.array(state, np.float64)
         )
 
     def _simple_without(self, row: int) -> tuple[Simple, IntArray]:
@@ -309,14 +203,14 @@ class Rays:
     def _gather(self) -> tuple[Simple, IntArray]:
         """What the first rays after a change need; the rows stay alive beside their table."""
         if self._still is None:
-            self._still = tuple(_Scene(solids, about) for about, solids in self._by_origin().items())
+            self._still = self.surfaces.still(self._static)
         rows, each = [], [np.empty(0, SIDE)]
         places: dict[
             Any, tuple[int, int, FloatArray, float]
         ] = {}  # by what solids consist of, which those of a swarm have in common
         first = 0
-        for body, (solid, row, scene) in self._moving.items():
-            if scene is not None:
+        for body, (solid, row, surface) in self._moving.items():
+            if surface is not None:
                 continue
             key = solid.shapes, solid.material
             if key not in places:
@@ -332,30 +226,20 @@ class Rays:
         self._rows[[*self._moving]] = [carried.row for carried in self._moving.values()]
         simple = Simple(planes(self._static.items()), np.array(rows, CARRIED), np.concatenate(each))
         table = addresses(hits.SIMPLE, simple._asdict())
-        is_all = not self._still and all(carried.scene is None for carried in self._moving.values())
+        is_all = not self._still and all(carried.surface is None for carried in self._moving.values())
         self._one_by_one = OneByOne(address_of(_intersect_simple(), "none"), table) if is_all else None
         self._simple = simple, table
         return self._simple
-
-    def _by_origin(self) -> dict[tuple[float, ...], dict[int, Solid]]:
-        """What never moves and is meshed, by the point of the lattice that each is kept about."""
-        found: dict[tuple[float, ...], dict[int, Solid]] = {}
-        for body, solid in self._static.items():
-            if any(not isinstance(placed.shape, HalfSpace) for placed in solid.shapes):
-                centre, _ = middle(facets(solid))
-                about = tuple((LATTICE_M * np.round(centre / LATTICE_M)).tolist())
-                found.setdefault(about, {})[body] = solid
-        return found
 
 
 class Still:
     """A `uwserver.physics.rays.raycast.Geometry` that stays as it is while the world goes on. For one thread, the same for all of one world."""
 
     def __init__(
-        self, simple: tuple[Simple, IntArray], scenes: tuple[_Scene, ...], moving: tuple[_Moved, ...], state: FloatArray
+        self, simple: tuple[Simple, IntArray], surfaces: tuple[Surface, ...], moving: tuple[_Moved, ...], state: FloatArray
     ) -> None:  # fmt: skip
-        """simple, scenes, moving: what is cast at one by one, what never moves, and body, row and scene of what does; `state`: (n, 13)."""
-        self._simple, self._scenes, self._moving, self._state = simple, scenes, moving, state
+        """simple, surfaces, moving: what is cast at one by one, what never moves, and body, row and surface of what does; `state`: (n, 13)."""
+        self._simple, self._surfaces, self._moving, self._state = simple, surfaces, moving, state
 
     def still(self) -> Still:
         """Itself."""
@@ -364,7 +248,7 @@ class Still:
     def raycast(self, origin: FloatArray, direction: FloatArray, max_range: float) -> Hits:
         """The nearest solid that each ray meets."""
         rays = (*_plain(origin, direction), max_range)
-        return _cast(self._simple[1], self._scenes, self._moving, self._state, rays)
+        return _cast(self._simple[1], self._surfaces, self._moving, self._state, rays)
 
 
 class Instant:

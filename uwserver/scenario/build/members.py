@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable, Mapping
 from fractions import Fraction
+from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import UNSET, UnsetType, structs
@@ -32,6 +33,9 @@ from uwserver.world.services import component_services
 from uwserver.world.vehicle import Vehicle
 from uwserver.world.world import World
 
+if TYPE_CHECKING:
+    from uwserver.physics.scene import Stocks
+
 log = logging.getLogger(__name__)
 
 
@@ -40,17 +44,17 @@ def physics_rate(rate_hz: float) -> Fraction:
     return Fraction(str(rate_hz))
 
 
-def build_scene(world: World, resolved: Resolved) -> None:
-    """Give a world the solid things of its scenario that never move."""
+def build_scene(world: World, resolved: Resolved, stocks: Stocks | None = None) -> None:
+    """Give a world the solid things of its scenario that never move; `stocks`: as of `Scene`."""
     # The engines, which a world without anything solid does not need.
-    from uwserver.physics.rays.casting import has_embree
+    from uwserver.physics.rays.surfaces import has_embree
     from uwserver.physics.scene import Scene
     from uwserver.physics.warm import solid_kernels
 
     solid_kernels()
     if not has_embree():
         log.info("embreex is not installed: sonars see the same through a slower tree of uwserver's own")
-    scene = Scene(lambda: world.hydro.state, resolved.scenario.world.engine)
+    scene = Scene(lambda: world.hydro.state, resolved.scenario.world.engine, stocks)
     for solid in resolved.static.values():
         scene.add_static(solid)
     world.set_scene(scene)

@@ -27,13 +27,13 @@ from uwserver.world.services import offer_world_services
 from uwserver.world.world import World
 
 
-def build(resolved: Resolved, seed: int | None = None, *, prepared: bool = False) -> World:
+def build(resolved: Resolved, seed: int | None = None, like: World | None = None) -> World:
     """A world at t = 0. What must be compiled for it is compiled first, which standard error tells.
 
     Args:
         resolved: a loaded and checked scenario.
         seed: instead of the scenario's.
-        prepared: another world of it was built in this process, so that nothing is left to compile.
+        like: another world of it, which is stepped in the same thread: nothing is left to compile, and what both only read is there once.
     """
     scenario = resolved.scenario
     rate = physics_rate(scenario.world.rate_hz)
@@ -43,14 +43,14 @@ def build(resolved: Resolved, seed: int | None = None, *, prepared: bool = False
     hydro.sea = None if water.sea is None else water.sea.rows
     if isinstance(scenario.seabed, FlatSeabed):
         hydro.floor = scenario.seabed.depth_m
-    if not prepared:
+    if like is None:
         prepare(kernels_of(resolved, hydro.sea is not None), progress())
     world = World(resolved.name, rate, seed, scenario.world.epoch_utc, hydro, water)
     world.threads.want(scenario.world.threads)
     world.earth = _earth(resolved)
     world.lambert, world.sediments = lambert(resolved.materials), sediments(resolved.materials)
     if resolved.is_solid:
-        build_scene(world, resolved)
+        build_scene(world, resolved, None if like is None or like.scene is None else like.scene.stocks)
     faults = Faults(
         hydro, water, world.vehicles, world.sensors, world.actuators, world.ticks, lambda: world.tick,
         lambda text: world.say("fault", text),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from engine_rig import SHAPES, SUNK, finds_the_way_out_of_a_floor, forgets_what_was_removed
+from engine_rig import SUNK, finds_the_way_out_of_a_floor
 
 from uwserver.physics.collision.coal_engine import CoalEngine
 
@@ -13,8 +13,3 @@ pytest.importorskip("coal")
 @pytest.mark.parametrize("name", SUNK)
 def test_the_way_out_of_a_floor_is_up(name: str) -> None:
     finds_the_way_out_of_a_floor(CoalEngine(), name)
-
-
-@pytest.mark.parametrize("shape", SHAPES)
-def test_what_was_removed_is_gone_and_the_others_stay(shape: str) -> None:
-    forgets_what_was_removed(CoalEngine(), SHAPES[shape])

@@ -11,7 +11,8 @@ import pytest
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.collision import engine
 from uwserver.physics.collision.engine import ENGINES, chosen_engine, missing_engine
-from uwserver.physics.collision.solids import Solids, open_engine
+from uwserver.physics.collision.solids import Solids
+from uwserver.physics.collision.ways import WaysOut
 from uwserver.physics.geometry.shapes import Box, Capsule, ConvexHull, Cylinder, Placed, Shape, Solid, Sphere
 from uwserver.physics.kernel.arrays import FloatArray
 
@@ -37,7 +38,7 @@ def test_what_is_missing_is_named_with_the_remedy(monkeypatch: pytest.MonkeyPatc
     text = 'the engine "bullet" needs pybullet: pip install pybullet, or choose engine = "coal", which is installed'
     assert missing_engine("bullet") == text
     with pytest.raises(ImportError, match=text):
-        open_engine("bullet")
+        WaysOut("bullet")
     install(monkeypatch, [])
     assert missing_engine() == 'neither pybullet nor coal is installed: pip install "uwserver[solid]"'
     assert missing_engine("coal") == 'the engine "coal" needs coal: pip install coal'
@@ -45,7 +46,7 @@ def test_what_is_missing_is_named_with_the_remedy(monkeypatch: pytest.MonkeyPatc
 
 def test_a_name_that_is_none() -> None:
     with pytest.raises(ValueError, match='no engine is called "ode": choose auto, bullet or coal'):
-        open_engine("ode")
+        WaysOut("ode")
 
 
 POINTS = np.random.default_rng(7).normal(size=(20, 3))
@@ -61,7 +62,7 @@ SHAPES: dict[str, Shape] = {
 def world_of(name: str, a: Shape, b: Shape) -> Solids:
     if missing_engine(name):
         pytest.skip(f"{name} is not installed")
-    solids = Solids(engine=name)
+    solids = Solids(ways=WaysOut(name))
     solids.add_moving(Solid("a", (Placed(a),)), 0)
     solids.add_moving(Solid("b", (Placed(b, (0.05, 0.0, 0.0), quat_from_rpy(0.3, 0.2, 0.1)),)), 1)
     return solids

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from uwserver.frames import Quat, matrix, quat_from_rpy
-from uwserver.physics.collision import solids as solids_module
 from uwserver.physics.collision.cores import new_cores
 from uwserver.physics.collision.directions import LINE, apart, out_of_triangle
-from uwserver.physics.collision.engine import AUTO, Engine, missing_engine
+from uwserver.physics.collision.engine import missing_engine
 from uwserver.physics.collision.faces import SHALLOW, out_of_face, over_triangle
 from uwserver.physics.collision.manifold import new_work
-from uwserver.physics.collision.solids import Solids, open_engine
+from uwserver.physics.collision.solids import Solids
+from uwserver.physics.collision.ways import WaysOut
 from uwserver.physics.geometry.rows import part, shapes_of
 from uwserver.physics.geometry.shapes import (
     Box,
@@ -166,25 +166,22 @@ def test_on_a_floor_the_way_out_is_up_from_both_sides(name: str) -> None:
     assert not out_of_face(shapes, 0, 1, new_cores(), new_work(), line), "1.1 mm deep"
 
 
-class Asked:
-    """An engine that counts what it is asked."""
+class Asked(WaysOut):
+    """Counts what it is asked."""
 
-    def __init__(self, engine: Engine) -> None:
-        self._engine, self.times, self.name = engine, 0, engine.name
-        self.add, self.remove, self.close = engine.add, engine.remove, engine.close
+    times = 0
 
     def way_out(self, *pair: Any) -> FloatArray:
         self.times += 1
-        return self._engine.way_out(*pair)
+        return super().way_out(*pair)
 
 
 @pytest.mark.skipif(missing_engine() is not None, reason="no engine for contacts is installed")
-def test_an_engine_is_not_asked_about_what_rests(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = Asked(open_engine(AUTO))
-    monkeypatch.setattr(solids_module, "open_engine", lambda _: asked)
+def test_an_engine_is_not_asked_about_what_rests() -> None:
+    asked = Asked()
     state: Any = np.zeros((1, 13))
     state[0, 3] = 1.0
-    with Solids() as solids:
+    with Solids(ways=asked) as solids:
         solids.add_static(Solid("table", (Placed(Box((1.0, 1.0, 0.5))),)))
         solids.add_moving(Solid("crate", (Placed(Box((0.3, 0.2, 0.1))),)), 0)
         for depth, times in ((1e-5, 0), (9e-4, 0), (2e-3, 1)):

@@ -319,25 +319,3 @@ def test_the_arrays_are_made_anew_once_for_all_that_came_and_went(monkeypatch):
         state[:5, 0] = 0.0
         assert {*solids.find_contacts(state, 0.01).body_a.tolist()} == {0, 1, 2, 3}
     assert len(made) == 1
-
-
-def test_equal_shapes_are_one_in_the_engine_and_two_where_they_meet(monkeypatch):
-    """A swarm costs the engine what two vehicles do, and touches as shapes that are nobody else's."""
-    poses = state(((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), ((0.3, 0.1, 0.12), (0.3, 0.4, 0.2)))
-    found = []
-    for other in (0.1, 0.1 + 1e-12):
-        with Solids() as solids:
-            held, add = [], solids._engine.add
-            monkeypatch.setattr(solids._engine, "add", lambda *args, held=held, add=add: held.append(1) or add(*args))
-            ids = [solids.add_moving(body(Box((0.3, 0.2, z))), row) for row, z in enumerate((0.1, other))]
-            before = len(held)
-            contacts = solids.find_contacts(poses, DT)
-            found.append((before, contacts, len(held)))
-            for each in ids:
-                solids.remove(each)
-            assert not solids._shared
-    (one, same, two), (alone, different, both) = found
-    assert (one, two, alone, both) == (1, 2, 2, 2)
-    assert len(same.gap)
-    for name in ("gap", "normal", "point"):
-        assert np.allclose(getattr(same, name), getattr(different, name), atol=1e-9)

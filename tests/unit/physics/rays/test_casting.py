@@ -21,8 +21,9 @@ from uwserver.physics.geometry.shapes import (
     TriangleMesh,
 )
 from uwserver.physics.geometry.tessellation import facets
-from uwserver.physics.rays import casting
-from uwserver.physics.rays.casting import Rays, make_picker
+from uwserver.physics.rays import surfaces
+from uwserver.physics.rays.casting import Rays
+from uwserver.physics.rays.surfaces import make_picker
 from uwserver.testing.fake_geometry import FakeGeometry, Plane
 
 
@@ -30,7 +31,7 @@ from uwserver.testing.fake_geometry import FakeGeometry, Plane
 def picker(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """Every test runs with Embree and, as on a machine without it, with our own tree."""
     if request.param == "tree":
-        monkeypatch.setattr(casting, "find_spec", lambda name: None)
+        monkeypatch.setattr(surfaces, "find_spec", lambda name: None)
     else:
         pytest.importorskip("embreex")
     return str(request.param)
@@ -290,5 +291,5 @@ def test_who_looks_out_of_a_body_sees_what_is_behind_it(picker: str) -> None:
 def _ball() -> tuple[np.ndarray, np.ndarray]:
     """More triangles than are intersected one by one."""
     found = facets(Solid("ball", (Placed(Sphere(0.5)),))).corners
-    assert len(found) > casting.FEW
+    assert len(found) > surfaces.FEW
     return found.reshape(-1, 3), np.arange(3 * len(found)).reshape(-1, 3)

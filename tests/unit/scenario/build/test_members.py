@@ -213,7 +213,7 @@ def test_a_world_of_solids_says_once_that_its_rays_are_slow(
 ) -> None:
     pytest.importorskip("embreex")
     solid_kernels()  # before, as the tree need not be compiled here
-    monkeypatch.setattr("uwserver.physics.rays.casting.has_embree", lambda: there)
+    monkeypatch.setattr("uwserver.physics.rays.surfaces.has_embree", lambda: there)
     caplog.set_level("INFO")
     world = built()
     build_scene(world, load("slope", adapters=installed_adapters()))

@@ -14,7 +14,7 @@ import numpy as np
 
 from uwserver.physics.kernel.arrays import Array, FloatArray, IntArray
 from uwserver.physics.kernel.deferred import compiled, entry
-from uwserver.physics.rays.casting import Picker, make_picker
+from uwserver.physics.rays.surfaces import Picker, make_picker
 from uwserver.sensors.optical.camera.cone import Balls, balls_of
 from uwserver.sensors.optical.camera.faces import CLOSED
 

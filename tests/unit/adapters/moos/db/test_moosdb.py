@@ -86,7 +86,8 @@ async def test_much_mail_leaves_in_packets_that_clients_can_hold(tank, connect, 
         before, sizes[:] = context.stats.samples_sent, []
         a.notify(V1=1.0, V2=2.0, V3=3.0, V4=4.0, V5=5.0)
         await b.until(lambda c: len(c.mail) == 5)
-        assert sizes == [5, 2, 2, 1]
+        assert sizes[0] == 5, "of the client"
+        assert (max(sizes[1:]), sum(sizes[1:])) == (2, 5)
         assert context.stats.samples_sent - before == 5
         await a.close()
         await b.close()

@@ -1,0 +1,139 @@
+"""Copies of worlds with a bottom, things to touch, and sensors that need Python: each is what `uwserver.load` gives, bit by bit."""
+
+import numpy as np
+import pytest
+
+import uwserver
+from uwserver.physics.collision.engine import missing_engine
+from uwserver.scenario.builder import ScenarioBuilder
+
+pytestmark = pytest.mark.skipif(missing_engine() is not None, reason="no engine for contacts is installed")
+N = 3
+
+
+def begun(name):
+    b = ScenarioBuilder(name, seed=5, rate_hz=240).vehicle("rov", "bluerov2_heavy", position_ned_m=[0, 0, 3])
+    return b.truth("rov", rate_hz=40)
+
+
+def pushing():
+    """A wall, a crate that is pushed against it and rests on the bottom, and a contact sensor."""
+    b = (
+        begun("pushing")
+        .seabed("flat", depth_m=3.4)
+        .structure("wall", "box", size_m=[0.4, 3, 2], position_ned_m=[2.0, 0, 2.6])
+    )
+    b.free_object("crate", "box", size_m=[0.3, 0.5, 0.6], mass_kg=95, position_ned_m=[0.7, 0, 3.1])
+    return b.sensor("rov", "bump", "contact", rate_hz=60).build()
+
+
+def sounding():
+    """Rays at a bottom and at another vehicle: a DVL with lock, an altimeter, a sonar that scans, and an array of rays."""
+    b = begun("sounding").seabed("flat", depth_m=12).vehicle("other", "bluerov2_heavy", position_ned_m=[3, 0, 5])
+    b.sensor("rov", "dvl", "dvl", rate_hz=8, profile="a50")
+    b.sensor("rov", "sonar", "altimeter", rate_hz=5, profile="ping1d")
+    b.sensor("rov", "rays", "range_array", rate_hz=4)
+    return b.sensor("rov", "scan", "scanning_sonar", rate_hz=10, profile="ping360").build()
+
+
+def wet():
+    """Sensors in Python: water, shafts, and a beacon on whose answer one waits."""
+    b = begun("wet").seabed("flat", depth_m=12)
+    b.sensor("rov", "ctd", "ctd", rate_hz=4)
+    b.sensor("rov", "rpm", "rpm", rate_hz=10, members=["t1", "t5"])
+    b.sensor("rov", "fix", "usbl", rate_hz=1, beacons={"b": {"position_ned_m": [30, 5, 12]}})
+    return b.modifier("rov", "ctd", "worn", "white_noise", field="temperature", sigma=0.1).build()
+
+
+def worlds_of(scenario):
+    return [uwserver.load(scenario, seed=5 + i) for i in range(N)]
+
+
+def check_equal(batch, worlds):
+    """The same states and newest samples."""
+    for k, world in enumerate(worlds):
+        for name in batch.vehicles:
+            row = world.vehicles[name].row
+            assert batch.states(name)[k].tobytes() == world.hydro.state[row].tobytes(), (name, k)
+        for port in batch.ports:
+            ours, theirs = batch.read(port), world.read(port)
+            if theirs is None:
+                assert ours.seq[k] == -1, port
+                continue
+            assert ours.stamps[k].tolist() == [theirs.seq, theirs.t_ns, theirs.t_sent_ns, theirs.valid], port
+            for field in ours:
+                wanted = np.asarray(theirs.array(field))
+                if ours[field].dtype.kind == "i" and wanted.dtype.kind == "f":  # no value
+                    wanted = np.where(np.isnan(wanted), -(2**63), wanted).astype(np.int64)
+                assert np.array_equal(ours[field][k], wanted, equal_nan=True), (port, field)
+
+
+def drive(batch, worlds, u, ticks):
+    """The same command, and so many ticks: in one call, and in as many."""
+    batch.command("rov/thrusters", u=np.array(u))
+    batch.step(ticks)
+    for world in worlds:
+        world.command("rov/thrusters", u=u)
+        world.step(ticks)
+
+
+AHEAD, UP = [-0.6, -0.6, 0.6, 0.6, 0, 0, 0, 0], [0, 0, 0, 0, -0.8, -0.8, -0.8, -0.8]
+
+
+@pytest.mark.parametrize("scenario", [pushing, sounding, wet])
+@pytest.mark.parametrize("threads", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_each_copy_is_what_load_gives(scenario, threads):
+    batch, worlds = uwserver.batch(scenario(), N, threads=threads), worlds_of(scenario())
+    for turn in range(6):
+        drive(batch, worlds, AHEAD if turn % 3 else UP, 100)
+        check_equal(batch, worlds)
+    for port in batch.ports:
+        assert (batch.read(port).seq >= 0).all(), port
+    batch.close()
+
+
+@pytest.mark.parametrize("scenario", [pushing, sounding, wet])
+def test_a_reset_copy_begins_anew_and_the_others_go_on(scenario):
+    """Contacts, and what sensors in Python remember, are forgotten."""
+    batch, worlds = uwserver.batch(scenario(), N), worlds_of(scenario())
+    drive(batch, worlds, AHEAD, 330)
+    batch.reset([1])
+    worlds[1] = worlds_of(scenario())[1]
+    check_equal(batch, worlds)
+    for _ in range(3):
+        drive(batch, worlds, AHEAD, 110)
+        check_equal(batch, worlds)
+
+
+def test_what_is_pushed_pushes_back():
+    """The vehicle reaches the crate, and the crate the wall."""
+    batch = uwserver.batch(pushing(), N)
+    batch.command("rov/thrusters", u=np.array(AHEAD))
+    felt = np.zeros(N, bool)
+    for _ in range(40):
+        batch.step(24)
+        felt |= batch.read("rov/bump")["touching"]
+    crate = batch.states("crate")
+    assert (crate[:, 0] > 0.8).all()
+    assert (crate[:, 0] < 1.66).all(), "not into the wall"
+    assert (crate[:, 2] < 3.11).all(), "not into the bottom"
+    assert felt.all()
+
+
+def test_all_copies_hear_the_bottom():
+    batch = uwserver.batch(sounding(), N)
+    batch.step(480)
+    assert batch.read("rov/dvl").valid.all()
+    ranges = batch.read("rov/sonar")["range"]
+    assert np.allclose(ranges, 12 - 3, atol=0.5)
+
+
+def test_what_copies_only_read_of_solid_things_is_there_once():
+    """Else a thousand copies of a seabed would need gigabytes; and none has an engine of its own."""
+    batch = uwserver.batch("slope", N)
+    scenes = [copy.world.scene for copy in batch._copies]
+    assert len({id(scene.stocks) for scene in scenes}) == 1
+    finding = [scene.finding() for scene in scenes]
+    triangles = [int(each.table[k, 0]) for each in finding for k in range(len(each.table)) if each.table[k, 1] > 1000]
+    assert triangles
+    assert len(set(triangles)) < len(triangles) / 2

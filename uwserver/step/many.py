@@ -1,0 +1,157 @@
+"""Many worlds in one call, each by the step of all worlds, one after the other. Imports numba.
+
+`which` holds the numbers of those that are meant, among `copies` (`rows.COPY`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, cast
+
+import numpy as np
+
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.calling import call_for_number
+from uwserver.physics.kernel.compiled import compiled, entry
+from uwserver.physics.kernel.handles import array_at, lay, state_at
+from uwserver.physics.kernel.layout import WORLD
+from uwserver.physics.kernel.right_of_way import NOBODY
+from uwserver.physics.kernel.straight import address_of
+from uwserver.step import rows, streams, tick
+from uwserver.step.rows import DONE
+
+_run = array_at(rows.FORMS, "run")
+_thrusters, _servos, _wrenches = (array_at(WORLD, name) for name in ("thrusters", "servos", "wrenches"))
+_streams, _numbers = array_at(streams.FORMS, "streams"), array_at(streams.FORMS, "numbers")
+_OF_STEP, _OF_SENSORS, _OF_WORLD = len(rows.FORMS), len(streams.FORMS), len(WORLD)
+_SCRATCH = list(WORLD).index("scratch")
+
+
+@compiled
+def _table(address: int, count: int) -> Array:
+    """The table of so many arrays that lies there."""
+    return lay(address, 2 * count).reshape(count, 2)
+
+
+@compiled
+def _values(address: int, room: int, width: int) -> Array:
+    """(room, width) numbers that lie there."""
+    return lay(address, room * width).view(np.float64).reshape(room, width)
+
+
+@entry
+def step_each(which: Array, copies: Array, code: int, ticks: int, way: Array, scratch: int) -> int:
+    """Let each make its ticks, until Python is needed for it (`why`).
+
+    Args:
+        which: numbers of worlds.
+        copies: (n) of `rows.COPY`.
+        code: where that of `tick.step` lies.
+        ticks: so many from where each stands; 0: go on behind a stop, until where it was to go.
+        way: of nobody.
+        scratch: where the work space of this thread lies.
+
+    Returns:
+        How many have stopped before their end.
+    """
+    stopped = 0
+    for i in which:
+        copy = copies[i]
+        table, sensors = _table(copy.table, _OF_STEP), _table(copy.sensors, _OF_SENSORS)
+        _table(copy.world, _OF_WORLD)[_SCRATCH, 0] = scratch
+        run = _run(table)[0]
+        if ticks > 0:
+            run.first, run.until, run.usual = run.tick, run.tick + ticks, ticks
+            run.ends = run.written = 0
+        values, told_values = (
+            _values(copy.values, copy.room, copy.width),
+            _values(copy.told_values, copy.room, copy.width),
+        )
+        copy.why = call_for_number(code, (table, sensors, values, told_values, way, copy.room, copy.log_room))
+        copy.tick = run.tick
+        stopped += copy.why != DONE
+    return stopped
+
+
+@entry
+def command_thrusters(which: Array, copies: Array, numbers: Array, values: Array, by_force: int) -> None:
+    """Commands (n, m) for thrusters of these numbers (m); those of worlds that are not meant do not matter."""
+    for i in which:
+        thrusters = _thrusters(_table(copies[i].world, _OF_WORLD))
+        for k in range(len(numbers)):
+            thruster = thrusters[numbers[k]]
+            thruster.command, thruster.by_force, thruster.fresh = values[i, k], by_force, 1
+
+
+@entry
+def command_servos(which: Array, copies: Array, numbers: Array, values: Array) -> None:
+    """Set points (n, m) for servos of these numbers (m)."""
+    for i in which:
+        servos = _servos(_table(copies[i].world, _OF_WORLD))
+        for k in range(len(numbers)):
+            servos[numbers[k]].command = values[i, k]
+
+
+@entry
+def command_wrench(which: Array, copies: Array, number: int, values: Array) -> None:
+    """Force and moment (n, 6) of one row of wrenches."""
+    for i in which:
+        bias = _wrenches(_table(copies[i].world, _OF_WORLD))[number].bias
+        for k in range(6):
+            bias[k] = values[i, k]
+
+
+@entry
+def copy_states(copies: Array, row: int, out: Array) -> None:
+    """The states of one body of each, into `out` (n, 13)."""
+    for i in range(len(copies)):
+        state = state_at(_table(copies[i].world, _OF_WORLD))[row]
+        for k in range(len(state)):
+            out[i, k] = state[k]
+
+
+@entry
+def copy_newest(copies: Array, stream: int, values: Array, stamps: Array) -> None:
+    """The newest delivered sample of a stream of each.
+
+    Args:
+        copies: (n) of `rows.COPY`.
+        stream: its number.
+        values: (n, w) receives the numbers, nan before the first sample.
+        stamps: (n, 4) receives seq, t_ns, t_sent_ns (-1 before the first) and whether it is valid.
+    """
+    for i in range(len(copies)):
+        sensors = _table(copies[i].sensors, _OF_SENSORS)
+        row, numbers = _streams(sensors)[stream], _numbers(sensors)
+        there = row.newest != 0
+        for k in range(row.width):
+            values[i, k] = numbers[row.newest_first + k] if there else math.nan
+        stamps[i, 0] = row.seq if there else -1
+        stamps[i, 1] = row.t_ns if there else -1
+        stamps[i, 2] = row.t_sent_ns if there else -1
+        stamps[i, 3] = row.valid if there else 0
+
+
+KERNELS = step_each, command_thrusters, command_servos, command_wrench, copy_states, copy_newest
+
+
+def code() -> int:
+    """Where the code of `tick.step` lies."""
+    tick.load()
+    return address_of(tick.step, "int64")
+
+
+def load() -> None:
+    """Have them ready, compiled or from the cache."""
+    which, values = np.zeros(0, np.int64), np.zeros((0, 1))
+    nobody = np.zeros(0, rows.COPY)
+    like: tuple[tuple[Any, ...], ...] = (
+        (which, nobody, 0, 0, NOBODY, 0),
+        (which, nobody, which, values, 0),
+        (which, nobody, which, values),
+        (which, nobody, 0, values),
+        (nobody, 0, values),
+        (nobody, 0, values, np.zeros((0, 4), np.int64)),
+    )
+    for kernel, given in zip(KERNELS, like, strict=True):
+        cast("Any", kernel).load(*given)
