@@ -42,6 +42,10 @@ MEMORY_BAR_KB = 200.0
 COPIES, QUICK_COPIES = 1024, 64
 COPIED = {"physics": ((), 1.0e6), "IMU, depth, DVL and AHRS": (("imu", "depth", "dvl", "ahrs"), 3.0e5)}
 """What copies do: the sensors that measure, and the bar in vehicle-steps a second on two cores."""
+BOTTOM_BAR = 0.5
+"""Of copies over a bottom, to which their DVLs have lock, of the rate of the same in open water."""
+UNREAD_BAR = 0.9
+"""Of a world in a program that reads no samples, of the same as a server without clients has it."""
 UNKNOWN = "not measured: this system has no /proc"
 
 _Say = Callable[[str], None]
@@ -61,6 +65,7 @@ def bench_swarm(quick: bool, say: _Say) -> list[Row]:
     return [
         *_fleets(effort, say),
         *_with_a_client(QUICK_SERVERS if quick else tuple(BARS), 1 if quick else 3, 0.5 if quick else 4.0, say),
+        *_unread(QUICK_SERVERS if quick else tuple(BARS), effort, say),
         *_alone(effort, say),
         *bench_threads(quick, say),
         *_samples(effort, say),
@@ -98,6 +103,18 @@ def _fleets(effort: dict[str, Any], say: _Say) -> list[Row]:
     of_one = ((memory[many] - memory[few]) * 1e3 / (many - few),) if known else ()
     title = "memory of a vehicle with sensors and autopilot"
     rows.append(Row("swarm", title, "kB", of_one, at_most=MEMORY_BAR_KB, note="" if known else UNKNOWN))
+    return rows
+
+
+def _unread(counts: Sequence[int], effort: dict[str, Any], say: _Say) -> list[Row]:
+    """What a program pays for samples that it does not look at."""
+    rows = []
+    for kind, what in (("navigation", "sensors and autopilot"), ("bluerov2_qgc", "as in bluerov2_qgc")):
+        for count in counts:
+            say(f"swarm: {_vehicles(count)}, {what}, in a program that reads nothing")
+            found = _world("unread", kind=kind, vehicles=count, **effort)
+            title = f"{_vehicles(count)}, {what}: in a program that reads nothing, of a server without clients"
+            rows.append(Row("swarm", title, "ratio", tuple(found["ratio"]), UNREAD_BAR))
     return rows
 
 
@@ -231,7 +248,12 @@ def _copies(copies: int, effort: dict[str, Any], say: _Say) -> list[Row]:
     rows = []
     for what, (sensors, bar) in COPIED.items():
         say(f"swarm: batch of {copies}, {what}")
-        found = _world("copy", copies=copies, sensors=sensors, **effort)
+        found = _world("copy", kind="copied", copies=copies, sensors=sensors, **effort)
         title = f"batch of {copies} BlueROV2 Heavy, {what}, all cores, wall time"
         rows.append(Row("swarm", title, "vehicle-steps/s", tuple(found["steps_per_s"]), bar))
+    say(f"swarm: batch of {copies}, over a bottom")
+    over = _world("copy", kind="over a bottom", copies=copies, sensors=sensors, **effort)
+    ratios = tuple(b / a for a, b in zip(found["steps_per_s"], over["steps_per_s"], strict=True))
+    title = f"batch of {copies} BlueROV2 Heavy, {what}: over a bottom, of open water"
+    rows.append(Row("swarm", title, "ratio", ratios, BOTTOM_BAR))
     return [*rows, Row("swarm", f"batch of {copies} BlueROV2 Heavy: load", "s", (found["load_s"],))]

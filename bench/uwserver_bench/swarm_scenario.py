@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Literal
 
+from uwserver.scenario.files.documents import shipped
 from uwserver.scenario.world.tables import WorldTable
 
-Kind = Literal["navigation", "simple", "inertial", "copied"]
+Kind = Literal["navigation", "simple", "inertial", "copied", "over a bottom", "bluerov2_qgc"]
 
 RATE_HZ = 240
 SPACING_M, START_M, BOTTOM_M = 10.0, 5.0, 20.0
@@ -47,6 +48,11 @@ model = "bluerov2_heavy"
 position_ned_m = [{north:.1f}, {east:.1f}, {depth:.1f}]
 """
 
+_COPIED = """
+[vehicles.{name}.sensors]
+ahrs = {{ kind = "attitude", profile = "mems_ahrs", rate_hz = 60 }}
+dvl = {{ kind = "dvl", profile = "a50", rate_hz = 8 }}
+"""
 _PARTS = {
     # Of the vehicle `bluerov2_qgc`; IMU, pressure and depth are in its vehicle file. With its own pack, empty within seconds, it would surface.
     "navigation": """
@@ -63,12 +69,9 @@ leak = {{ kind = "leak", rate_hz = 2 }}
 [vehicles.{name}.override.sensors.pressure]
 enabled = false
 """,
-    # Nothing solid, which copies do not touch: its DVL pings into open water.
-    "copied": """
-[vehicles.{name}.sensors]
-ahrs = {{ kind = "attitude", profile = "mems_ahrs", rate_hz = 60 }}
-dvl = {{ kind = "dvl", profile = "a50", rate_hz = 8 }}
-""",
+    # The same twice: its DVL pings into open water, or at the bottom.
+    "copied": _COPIED,
+    "over a bottom": _COPIED,
     "inertial": """
 [vehicles.{name}.sensors]
 inertial = {{ kind = "imu", profile = "mems_imu", rate_hz = 120 }}
@@ -88,15 +91,20 @@ def scenario(kind: Kind, vehicles: int, one_core: bool = True) -> str:
 
     Args:
         kind: "navigation": sensors and autopilot of `bluerov2_qgc`, over a bottom; in deep water "simple": IMU and depth, and "inertial": three
-            further IMUs, with all errors, exact, and with white noise.
+            further IMUs, with all errors, exact, and with white noise; what is "copied", there or "over a bottom"; or the shipped "bluerov2_qgc".
         vehicles: how many.
         one_core: the world steps in one thread; else in as many as it chooses.
     """
+    if kind == "bluerov2_qgc":
+        copies = f"copies = {{ count = {vehicles}, columns = 10, spacing_m = [{SPACING_M}, {SPACING_M}] }}"
+        text = shipped()[kind].read_text("utf-8").partition("[adapters.")[0]
+        return text.replace("[vehicles.bluerov2]\n", f"[vehicles.bluerov2]\n{copies}\n")
     text = _HEAD.format(rate=RATE_HZ)
     if one_core and has_threads():
         text += "threads = 1\n"
-    text += _BOTTOM if kind == "navigation" else ""
-    depth = START_M if kind == "navigation" else 100.0
+    has_bottom = kind in ("navigation", "over a bottom")
+    text += _BOTTOM if has_bottom else ""
+    depth = START_M if has_bottom else 100.0
     for k, name in enumerate(names(vehicles)):
         north, east = place(k)
         text += _VEHICLE.format(name=name, north=north, east=east, depth=depth) + _PARTS[kind].format(name=name)

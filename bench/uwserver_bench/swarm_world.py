@@ -63,6 +63,27 @@ def fly(task: Mapping[str, Any]) -> dict[str, object]:
     return {"load_s": load_s, "resident_mb": resident_mb(os.getpid()), **_rates(found)}
 
 
+def unread(task: Mapping[str, Any]) -> dict[str, object]:
+    """Step a world of `vehicles` of a `kind` in turns: as `load` gives it, though nobody looks at its samples, and as a server without clients
+    has it, which makes none.
+
+    Returns:
+        The first rate over the second, of processor time, one value for each of `repeats` of twice `seconds` of processor time.
+    """
+    world = loaded(task["kind"], task["vehicles"], True)
+    ticks(world, _TICKS)
+    gc.collect()
+    gc.freeze()
+    found = []
+    for _ in range(task["repeats"]):
+        rates = []
+        for wanted in (None, ()):
+            world.want(wanted)
+            rates.append(pace(lambda: ticks(world, _TICKS), _TICKS, task["seconds"])[0])
+        found.append(rates[0] / rates[1])
+    return {"ratio": found}
+
+
 def thrust(task: Mapping[str, Any]) -> dict[str, object]:
     """Physics and thrusters of `vehicles` alone, in a world whose sensors are off, commanded ten times a second: as `fly`.
 
@@ -117,15 +138,16 @@ def read(task: Mapping[str, Any]) -> dict[str, object]:
 
 
 def copy(task: Mapping[str, Any]) -> dict[str, object]:
-    """Make a batch of `copies` of a BlueROV2 Heavy in open water of which these `sensors` measure, and step it, commanded ten times a second.
+    """Make a batch of `copies` of a BlueROV2 Heavy of which these `sensors` measure, in the water of a `kind`, and step it, commanded ten times a
+    second.
 
     Returns:
         Processor time of loading, s, with all kernels ready; vehicle-steps a second of wall time, one value for each of `repeats` of `seconds`
         of processor time.
     """
-    copied(1, task["sensors"])
+    copied(1, task["sensors"], task["kind"])
     begin = processor_ns()
-    batch = copied(task["copies"], task["sensors"])
+    batch = copied(task["copies"], task["sensors"], task["kind"])
     load_s = (processor_ns() - begin) * 1e-9
     u = np.random.default_rng(1).uniform(-0.5, 0.5, (batch.n, *batch.commands[_THRUSTERS].fields[0].shape))
 
@@ -140,9 +162,9 @@ def copy(task: Mapping[str, Any]) -> dict[str, object]:
     return {"load_s": load_s, "steps_per_s": [batch.n * RATE_HZ * of_wall_time for _, of_wall_time in found]}
 
 
-def copied(copies: int, sensors: Sequence[str]) -> Batch:
+def copied(copies: int, sensors: Sequence[str], kind: Kind) -> Batch:
     """A batch at t = 0."""
-    with _written("copied", 1, True) as file:
+    with _written(kind, 1, True) as file:
         return uwserver.batch(file, copies, sensors=[f"{names(1)[0]}/{name}" for name in sensors])
 
 
@@ -202,7 +224,7 @@ def _us_each(run: Callable[[], None], count: int, seconds: float) -> float:
 
 
 _TASKS: Mapping[str, Callable[[Mapping[str, Any]], dict[str, object]]] = {
-    "fly": fly, "thrust": thrust, "read": read, "copy": copy,
+    "fly": fly, "unread": unread, "thrust": thrust, "read": read, "copy": copy,
 }  # fmt: skip
 
 

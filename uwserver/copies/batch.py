@@ -20,6 +20,7 @@ from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.layout import STATE_SIZE
 from uwserver.ports import Event, Json, Refused
 from uwserver.ports.checks import find
+from uwserver.sensors.bank import BankSensor
 from uwserver.step import rows
 from uwserver.step.streams import NEVER
 from uwserver.world.piloting import Piloting
@@ -83,7 +84,8 @@ class Batch:
         self._memory = Memory(self.n, self._copies[0].size)
         self._steps = Steps(self._copies, threads)
         self._commands = Commands(self._copies, self._steps.rows)
-        self._parameters = Parameters(self.n)
+        in_python = [path for path in self._measured if not isinstance(world.sensors[path].sensor, BankSensor)]
+        self._parameters = Parameters(self.n, in_python)
         self.vehicles = tuple(world.vehicles)
         self._streams = {
             stream.port.path: (k, stream.port)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -55,7 +55,9 @@ class Parameters:
         values: (n, *shape) of each, by name.
     """
 
-    def __init__(self, n: int) -> None:
+    def __init__(self, n: int, unscaled: Collection[str] = ()) -> None:
+        """`unscaled`: sensors whose random errors stay what they are."""
+        self._unscaled = unscaled
         self.values: dict[str, FloatArray] = {
             name: np.full((n, *each.shape), each.default) for name, each in PARAMETERS.items()
         }
@@ -64,9 +66,12 @@ class Parameters:
         """Take over values for some copies, all or none: a number (or vector) for all alike, or (k, *shape).
 
         Raises:
-            Refused: no such parameter, another shape, or out of range.
+            Refused: no such parameter, another shape, out of range, or a factor of errors that cannot be scaled.
         """
         checked = {name: _checked(name, value, which) for name, value in given.items()}
+        if self._unscaled and np.any(checked.get("noise", 1.0) != 1.0):
+            text = f"sensors in plain Python draw errors that no factor scales: {', '.join(self._unscaled)}; leave them out of sensors="
+            raise Refused("denied", text, "noise")
         for name, value in checked.items():
             self.values[name][which] = value
 
@@ -87,7 +92,7 @@ class Parameters:
             north, east, down = values["current"].tolist()
             world.set_current((north, east, down))
         for slot in world.sensors.values():
-            if isinstance(slot.sensor, BankSensor) and "/truth/" not in slot.path:
+            if "/truth/" not in slot.path:
                 world.instruments.heads.rows["latency_ns"][slot.head] += round(float(values["latency"]) * NANOSECONDS)
                 _scale_errors(copy, slot, float(values["noise"]))
 
@@ -137,9 +142,8 @@ def _change_bodies(copy: Copy, mass: float, added_mass: float, damping: float) -
 def _scale_errors(copy: Copy, slot: SensorSlot, factor: float) -> None:
     """Scale the random errors of a sensor: those of its kind (`BankSensor.random`), and those of its modifiers."""
     sensor, instruments = slot.sensor, copy.world.instruments
-    if factor == 1.0:
+    if factor == 1.0 or not isinstance(sensor, BankSensor):
         return
-    assert isinstance(sensor, BankSensor)
     row = sensor.rows.rows[sensor.row]
     for path in sensor.random:
         *outer, name = path.split(".")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, overload
 
 import numpy as np
@@ -152,3 +152,64 @@ class Told(Sequence[Sample]):
     def newest(self, port: str) -> Sample:
         """The last one of a port that has some."""
         return self[len(self) - 1 - self.ports[::-1].index(port)]
+
+
+class Samples(Sequence[Sample]):
+    """Samples of some ticks, in their order: as a list, but none is made before somebody looks, and then all are, once."""
+
+    __slots__ = ("_count", "_made", "_pieces")
+
+    def __init__(self) -> None:
+        self._pieces: list[Sequence[Sample]] = []
+        self._made: list[Sample] = []
+        self._count = 0
+
+    def add(self, piece: Sequence[Sample]) -> None:
+        """Some more behind them."""
+        if piece:
+            self._pieces.append(piece)
+            self._count += len(piece)
+
+    def of(self, ports: Container[str]) -> Iterator[Sample]:
+        """Those of some ports, by path; the others are not made."""
+        yield from (sample for sample in self._made if sample.port in ports)
+        for piece in self._pieces:
+            if isinstance(piece, Told):
+                yield from (piece[k] for k, port in enumerate(piece.ports) if port in ports)
+            else:
+                yield from (sample for sample in piece if sample.port in ports)
+
+    def _all(self) -> list[Sample]:
+        pieces, self._pieces = self._pieces, []
+        for piece in pieces:
+            self._made += piece
+        return self._made
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __iter__(self) -> Iterator[Sample]:
+        return iter(self._all())
+
+    @overload
+    def __getitem__(self, place: int) -> Sample: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> list[Sample]: ...
+
+    def __getitem__(self, place: int | slice) -> Sample | list[Sample]:
+        return self._all()[place]
+
+    def __add__(self, others: Sequence[Sample]) -> list[Sample]:
+        return [*self, *others]
+
+    def __radd__(self, others: Sequence[Sample]) -> list[Sample]:
+        return [*others, *self]
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, list | Samples) and self._all() == [*other]
+
+    __hash__ = None  # type: ignore[assignment]  # as a list
+
+    def __repr__(self) -> str:
+        return repr(self._all())

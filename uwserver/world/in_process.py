@@ -5,9 +5,10 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 
-from uwserver.ports import Call, Command, Json, OnReply, Port, Refused, Sample, Service
+from uwserver.ports import Call, Command, Json, OnReply, Port, Refused, Service
 from uwserver.ports.checks import checked_args, checked_command, find
 from uwserver.ports.crossing import Later, Posted, TickOutput
+from uwserver.ports.told import Samples
 from uwserver.world.part import Carry
 from uwserver.world.reading import Reading
 from uwserver.world.requests import Requests
@@ -70,8 +71,8 @@ class InProcess(ABC):
         result = self.carry[service](checked_args(self.services[service], args))
         return None if isinstance(result, Later) else result
 
-    def step(self, n: int = 1) -> list[Sample]:
-        """Run n ticks; returns the samples delivered in them.
+    def step(self, n: int = 1) -> Samples:
+        """Run n ticks; returns the samples delivered in them, as a list: each is made when somebody looks.
 
         Raises:
             Refused: n below 1; nothing is stepped.
@@ -79,11 +80,12 @@ class InProcess(ABC):
         """
         if n < 1:
             raise Refused("out_of_range", f"step takes 1 tick or more, not {n}", "n")
-        samples: list[Sample] = []
+        samples = Samples()
         while n > 0:
             output = self.advance(most=n)
             n -= output.ticks
-            samples += output.samples
+            samples.add(output.told or ())
+            samples.add(output.made)
             for on_reply, reply in output.replies:
                 on_reply(reply)
         self._tracing.take(samples)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Port, Refused, Sample, matches
+from uwserver.ports.told import Samples
 from uwserver.units import NANOSECONDS
 from uwserver.world.reading import as_array
 
@@ -87,12 +88,10 @@ class Traces(Mapping[str, Trace]):
         self._under_way = under_way
         under_way.append(self)
 
-    def take(self, samples: Iterable[Sample]) -> None:
+    def take(self, samples: Samples) -> None:
         """Keep the samples of the chosen ports."""
-        for sample in samples:
-            trace = self._traces.get(sample.port)
-            if trace is not None:
-                trace.samples.append(sample)
+        for sample in samples.of(self._traces):
+            self._traces[sample.port].samples.append(sample)
 
     def stop(self) -> None:
         """Keep what there is, and take no more."""
@@ -141,7 +140,7 @@ class Tracing:
             raise Refused("unknown_port", f"no sensor matches {', '.join(wanted)}; there are: {there}", "patterns")
         return Traces(chosen, self._under_way)
 
-    def take(self, samples: Iterable[Sample]) -> None:
+    def take(self, samples: Samples) -> None:
         """Hand the samples of some ticks to all of them."""
         for traces in self._under_way:
             traces.take(samples)

@@ -14,6 +14,7 @@ from uwserver_bench.swarm_client import PORTS
 from uwserver_bench.swarm_scenario import LEG_M, RATE_HZ, SPACING_M, mission, names, place
 
 from uwserver.copies.batch import Batch
+from uwserver.ports.told import Told
 from uwserver.simulation.clock import SystemTime, processor_ns
 from uwserver.world.world import World
 
@@ -93,7 +94,7 @@ def test_copies_are_loaded_commanded_and_stepped(sensors: tuple[str, ...], monke
         return batches[-1]
 
     monkeypatch.setattr(swarm_world, "copied", copied)
-    found = swarm_world.copy({"copies": 3, "sensors": sensors, **EFFORT})
+    found = swarm_world.copy({"copies": 3, "sensors": sensors, "kind": "over a bottom", **EFFORT})
     assert found["load_s"] > 0.0
     assert len(found["steps_per_s"]) == 2
     assert min(found["steps_per_s"]) > 0.0
@@ -107,13 +108,29 @@ def test_the_bars_of_copies_are_in_vehicle_steps(monkeypatch: pytest.MonkeyPatch
     asked = []
 
     def world(task: str, **arguments: Any) -> dict[str, Any]:
-        asked.append((task, arguments["copies"], arguments["sensors"]))
+        asked.append((arguments["kind"], arguments["copies"], arguments["sensors"]))
         return {"steps_per_s": [1.1e6 if not arguments["sensors"] else 2.9e5], "load_s": 6.5}
 
     monkeypatch.setattr(swarm, "_world", world)
     rows = swarm._copies(1024, EFFORT, lambda line: None)
-    assert asked == [("copy", 1024, ()), ("copy", 1024, ("imu", "depth", "dvl", "ahrs"))]
-    assert [(row.value, row.verdict) for row in rows] == [(1.1e6, "ok"), (2.9e5, "miss"), (6.5, "info")]
+    navigation = ("imu", "depth", "dvl", "ahrs")
+    assert asked == [("copied", 1024, ()), ("copied", 1024, navigation), ("over a bottom", 1024, navigation)]
+    assert [(row.value, row.verdict) for row in rows] == [(1.1e6, "ok"), (2.9e5, "miss"), (1.0, "ok"), (6.5, "info")]
+
+
+@pytest.mark.parametrize("kind", ["navigation", "bluerov2_qgc"])
+def test_samples_that_nobody_looks_at_are_not_made(kind: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither in a program nor in a server without clients."""
+    made: list[str] = []
+    monkeypatch.setattr(Told, "__iter__", lambda told: made.append("sample") or iter(()))
+    assert len(swarm_world.unread({"kind": kind, "vehicles": 2, **EFFORT})["ratio"]) == 2  # type: ignore[arg-type]
+    assert not made
+
+
+def test_what_is_unread_has_its_bar(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(swarm, "_world", lambda task, kind, vehicles, **_: {"ratio": [0.95 if vehicles < 100 else 0.5]})
+    rows = swarm._unread((1, 100), EFFORT, lambda line: None)
+    assert [row.verdict for row in rows] == ["ok", "miss"] * 2
 
 
 def fake(found: dict[tuple[str, int], dict[str, Any]]) -> Any:

@@ -5,6 +5,7 @@ import pytest
 
 import uwserver
 from uwserver.physics.collision.engine import missing_engine
+from uwserver.ports import Refused
 from uwserver.scenario.builder import ScenarioBuilder
 
 pytestmark = pytest.mark.skipif(missing_engine() is not None, reason="no engine for contacts is installed")
@@ -126,6 +127,18 @@ def test_all_copies_hear_the_bottom():
     assert batch.read("rov/dvl").valid.all()
     ranges = batch.read("rov/sonar")["range"]
     assert np.allclose(ranges, 12 - 3, atol=0.5)
+
+
+def test_a_factor_of_errors_is_refused_where_it_scales_none():
+    """Sensors in Python draw their own; a latency they all have."""
+    with pytest.raises(Refused, match="no factor scales: rov/ctd, rov/rpm, rov/fix"):
+        uwserver.batch(wet(), N, noise=0.5)
+    batch = uwserver.batch(wet(), N, latency=[0.0, 0.5, 0.0])
+    batch.step(240)
+    sent = batch.read("rov/rpm")
+    late = (sent.t_sent_ns - sent.t_ns).tolist()
+    assert late[1] - late[0] == 500_000_000
+    assert late[0] == late[2]
 
 
 def test_what_copies_only_read_of_solid_things_is_there_once():

@@ -10,7 +10,7 @@ import pytest
 from uwserver.modifiers.columns import columns_of
 from uwserver.ports import Field, Sample
 from uwserver.ports.crossing import TickOutput
-from uwserver.ports.told import Log, Origin, Told
+from uwserver.ports.told import Log, Origin, Samples, Told
 from uwserver.step.streams import ENTRY
 
 FORCE = columns_of((Field("f", "m/s^2", "Force.", shape=(3,)), Field("n", "1", "Number.", type="int")))
@@ -107,3 +107,49 @@ def test_dropped_samples_are_counted_and_gone():
     assert output.drop_samples() == 4
     assert output.samples == []
     assert output.drop_samples() == 0
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """Receives how many samples are made each time some are."""
+    counts, entries = [], Told.entries
+    monkeypatch.setattr(Told, "entries", lambda self: counts.append(len(self)) or entries(self))
+    return counts
+
+
+def several() -> Samples:
+    """Rows, then one that was made already."""
+    samples = Samples()
+    samples.add(told())
+    samples.add([])
+    samples.add(SAMPLES[:1])
+    return samples
+
+
+def test_samples_of_steps_are_made_when_somebody_looks_and_once(made):
+    samples, wanted = several(), [*SAMPLES, SAMPLES[0]]
+    assert (len(samples), bool(samples), made) == (4, True, [])
+    assert not Samples()
+    assert [*samples] == wanted
+    assert made == [3]
+    assert samples[1] is samples[1]
+    assert (samples[-1], samples[1:3]) == (wanted[-1], wanted[1:3])
+    assert samples == wanted == samples == several()
+    assert samples != wanted[:3]
+    assert samples + [1] == [*wanted, 1]  # noqa: RUF005  # that it can be added
+    assert [1] + samples == [1, *wanted]  # noqa: RUF005
+    grown = [0]
+    grown += samples
+    assert grown == [0, *wanted]
+    assert repr(samples) == repr(wanted)
+    samples.add(told())
+    assert [*samples] == [*wanted, *SAMPLES]
+
+
+def test_those_of_some_ports_alone_are_made(made):
+    samples = several()
+    assert [*samples.of({"rov/state"})] == [SAMPLES[1]]
+    assert made == [1]
+    assert [*samples.of({"rov/imu"})] == [SAMPLES[0], SAMPLES[2], SAMPLES[0]]
+    assert [*samples] == [*SAMPLES, SAMPLES[0]]
+    assert [*samples.of({"rov/imu"})] == [SAMPLES[0], SAMPLES[2], SAMPLES[0]]
