@@ -572,7 +572,7 @@ def test_what_waits_for_a_client_is_bounded_in_bytes():
     async def story():
         async with bridge(2, queue_bytes=5000) as (_, speaks, waits):
             for topic in ("/x", "/y"):
-                await waits.say(op="subscribe", topic=topic, throttle_rate=20, queue_length=100)
+                await waits.say(op="subscribe", topic=topic, throttle_rate=300, queue_length=100)
             await waits.settle()
             for topic in ("/x", "/y"):
                 for k in range(10):
