@@ -99,6 +99,10 @@ class Trace:
             self._spent[at] = self._threads.now()
         self._ends[at] = self._clock.now_ns()
 
+    def next_tick(self, tick: int) -> int:
+        """Each."""
+        return tick + 1
+
 
 class Megabyte(IdealSensor):
     """A sensor that gives 2**17 numbers: a megabyte as f64. Its first value tells whether a sample is whole and the right one."""

@@ -167,6 +167,9 @@ class Stage:
         elif self.driven:
             self.simulation.call("world/pause", {}, "", self._is_over)
 
+    def next_tick(self, tick: int) -> int:
+        return tick + 1
+
     def _is_over(self, answer: Reply | Progress) -> None:
         self._over = True
 

@@ -32,6 +32,10 @@ class Looker:
         if self._began is None:
             self._began = self._world.jumps
 
+    def next_tick(self, tick: int) -> int:
+        """After this one, the next in which it is time to tell where everybody is: the very next where nobody has been told of yet."""
+        return tick + 1 if self._seen is None else tick + self._every - tick % self._every
+
     def look(self) -> tuple[Presence | Seen, ...]:
         """Who is there, if that has changed, and where, if it is time to tell."""
         world, seen = self._world, self._seen

@@ -275,6 +275,10 @@ class Recorder:
         while self._may_wait() and self._full(MAX_SAMPLES // 2) and self._open and not self._error:
             self._ending.wait(_BACKPRESSURE_S)
 
+    def next_tick(self, tick: int) -> int:
+        """The next one of which it keeps a state, or where bodies are."""
+        return min(tick + self._second - tick % self._second, self._looker.next_tick(tick))
+
     def _follow_ports(self) -> None:
         if self._world.ports is not self._seen:
             self._seen = self._world.ports

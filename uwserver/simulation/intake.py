@@ -31,6 +31,9 @@ class Observer(Protocol):
     def ticked(self, world: World) -> None:
         """A tick is done; the world stands between two ticks."""
 
+    def next_tick(self, tick: int) -> int:
+        """Until which one, after this, nobody need tell it of ticks in which nothing was carried out."""
+
 
 class Intake:
     """Takes what was posted, and tells an observer. Simulation thread.

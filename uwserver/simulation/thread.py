@@ -247,17 +247,19 @@ class Simulation:
     def _is_free(self) -> bool:
         """Whether nothing paces ticks, and nobody looks at each: then they may be made in one go."""
         is_free = self._goals.hurries or self.timing.mode == "freerun"
-        return is_free and not (self.lockstep.asks or self._intake.observer is not None or self.world.is_watched)
+        return is_free and not (self.lockstep.asks or self.world.is_watched)
 
     def _free_ticks(self) -> TickOutput:
-        """Ticks in one go, of which none is missed that somebody waits for. Who has asked something is answered before; where that sets the time, one
-        tick follows by itself."""
-        if len(self.mailbox.posted) and self._answer_first():
+        """Ticks in one go, of which none is missed that somebody waits for. Who has asked something is answered before; where that sets the time, or
+        an observer sees what is carried out, one tick follows by itself."""
+        observer = self._intake.observer
+        if len(self.mailbox.posted) and (observer is not None or self._answer_first()):
             return self._one_tick()
         before = self.world.tick
         ends = [goal.tick for goal in self._goals] + [tick for tick, _ in self._appointments]
-        if self.until_tick is not None:
-            ends.append(self.until_tick)
+        if observer is not None:
+            ends.append(observer.next_tick(before))
+        ends += [] if self.until_tick is None else [self.until_tick]
         if len(self.mailbox.posted):  # came meanwhile, and nobody calls again
             ends.append(before + 1)
         most = min([end - before for end in ends] + [max(1, self.bus.ahead - self.bus.backlog())])

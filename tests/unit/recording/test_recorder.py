@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
+import queue
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -525,3 +526,43 @@ def test_ports_that_come_while_it_is_made_have_their_samples_written(
     recorder.end()
     recorder.close()
     assert (recorder.status()["error"], recorder.status()["samples"]) == ("", 1)
+
+
+def test_a_world_that_nothing_paces_makes_ticks_in_one_go_while_it_is_recorded(
+    tmp_path: Path, resolved: Resolved, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The file is that of single ticks: all samples, where the bodies are each few ticks, and the state of each second."""
+    files, lengths = [], []
+    for name in ("single", "free"):
+        if name == "single":
+            monkeypatch.setattr(Recorder, "next_tick", lambda recorder, tick: tick + 1)
+        else:
+            monkeypatch.undo()
+        bench = Bench(tmp_path / f"{name}.mcap", resolved, Timing("freerun"))
+        calls: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        bench.bus._wake_loop = calls.put
+        bench.simulation.until_tick = 600
+        made, advance = [], bench.world.advance
+
+        def counted(*given: Any, made: Any = made, advance: Any = advance, **named: Any) -> Any:
+            output = advance(*given, **named)
+            made.append(output.ticks)
+            return output
+
+        monkeypatch.setattr(bench.world, "advance", counted)
+        with bench.running():
+            thread = threading.Thread(target=bench.simulation.run)
+            thread.start()
+            while thread.is_alive():
+                with contextlib.suppress(queue.Empty):
+                    calls.get(timeout=0.01)()
+            bench.bus.drain()
+        assert sum(made) == 600
+        lengths.append(max(made))
+        with bench.recorder.path.open("rb") as file:
+            found = make_reader(file).iter_messages(log_time_order=False)
+            files.append(sorted((channel.topic, message.sequence, message.data) for _, channel, message in found))
+    assert lengths[0] == 1 < lengths[1]
+    assert files[0] == files[1]
+    topics = [topic for topic, _, _ in files[0]]
+    assert (topics.count("rov/imu"), topics.count(HASHES)) == (299, 3), "the last is under way yet"

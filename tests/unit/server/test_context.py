@@ -81,6 +81,9 @@ class Notes:
 
     def ticked(self, world: World) -> None: ...
 
+    def next_tick(self, tick: int) -> int:
+        return tick + 1
+
 
 @pytest.fixture
 def still(resolved: Resolved) -> Iterator[Rig]:

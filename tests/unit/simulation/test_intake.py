@@ -44,6 +44,9 @@ class Bench:
     def ticked(self, world: World) -> None:
         pass
 
+    def next_tick(self, tick: int) -> int:
+        return tick + 1
+
     def post(self, *sources: str, service: str = "test/cost") -> None:
         for source in sources:
             self.mailbox.post(Call(service, {}, source), self.noting(source))

@@ -131,6 +131,9 @@ def test_the_recorder_sees_what_a_driver_commands(resolved):
         def ticked(self, world):
             pass
 
+        def next_tick(self, tick):
+            return tick + 1
+
     rig = Rig(resolved, LOCKED)
     rig.simulation.observe(Observer())
     rig.start()

@@ -266,6 +266,9 @@ def test_the_observer_sees_requests_with_their_tick_and_every_tick(resolved):
         def ticked(self, world) -> None:
             self.ticks.append(world.tick)
 
+        def next_tick(self, tick) -> int:
+            return tick + 1
+
     notes = Notes()
     rig = Rig(resolved, Timing(paused=True))
     rig.simulation.observe(notes)
@@ -473,22 +476,28 @@ def spied(world):
 
 
 def test_who_looks_at_each_tick_sees_each(resolved):
-    """An observer, a clock that paces them, and a barrier in lockstep."""
+    """A clock that paces them, a barrier in lockstep, and an observer those that it asks for."""
 
     class Observer:
-        ticks = 0
+        def __init__(self, every: int) -> None:
+            self.every, self.ticks = every, list[int]()
 
         def requested(self, item, tick, batch) -> None: ...
 
         def ticked(self, world) -> None:
-            self.ticks += 1
+            self.ticks.append(world.tick)
 
-    rig, observer = Rig(resolved, FREE), Observer()
-    rig.simulation.until_tick = 100
-    rig.simulation.observe(observer)
-    lengths = spied(rig.world)
-    rig.simulation.run()
-    assert (observer.ticks, max(lengths)) == (100, 1)
+        def next_tick(self, tick) -> int:
+            return tick + self.every - tick % self.every
+
+    for every in (1, 12):
+        rig, observer = Rig(resolved, FREE), Observer(every)
+        rig.simulation.until_tick = 120
+        rig.simulation.observe(observer)
+        lengths = spied(rig.world)
+        rig.simulation.run()
+        assert {*range(every, 121, every)} <= {*observer.ticks}
+        assert (max(lengths), sum(lengths)) == (every, 120)
     with running(resolved, Timing(speed=100.0)) as rig:
         lengths = spied(rig.world)
         rig.call("world/run_until_tick", tick=50)
