@@ -86,7 +86,7 @@ RUN = np.dtype(
             "usual",  # ticks where the loop does not have the interpreter
             "forces_tick",  # when a part gives forces next
             "finds",  # 1: contacts are looked for by Python
-            "follows",  # 1: parts act behind bodies and water, in Python
+            "follow_ns",  # when parts act next behind bodies and water, in Python
             "calls",  # 1: sensors may be called
             "callable",  # so many samples can come of these
             "slow",  # 1: some readings take time

@@ -141,7 +141,7 @@ def _before_and_move(table: Array) -> int:
         run.stage, run.round = ARRIVALS, WHEN_CALLED
         _move_water(table)
         run.t_ns = time_of(course, run.tick)
-        if run.follows != 0:
+        if run.t_ns >= run.follow_ns:
             return FLOW
     return DONE
 

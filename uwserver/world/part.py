@@ -60,6 +60,8 @@ class Part(ABC):
         stage: when `before` or `after` runs.
         order: place among the parts of a stage, smaller first; then by path.
         next_tick: the first tick in which `before` has something to do; None for never. Looked at in every tick.
+        after_ns: time before which `after` has nothing to do, ns of simulation; of a part that acts before sensors read. Looked at when ticks begin,
+            and whenever one has needed Python.
         hears: paths of the ports whose delivered samples it gets.
         idle: it has nothing to do in any tick, though others of its kind do; decided when it is made.
         services: what it can be asked, and what that does.
@@ -69,6 +71,7 @@ class Part(ABC):
     stage: ClassVar[Stage] = Stage.FORCES
     order: ClassVar[int] = 0
     next_tick: int | None = None
+    after_ns: int = 0
     hears: tuple[str, ...] = ()
     idle: bool = False
     services: tuple[tuple[Service, Carry], ...] = ()
@@ -140,7 +143,7 @@ class Turns(NamedTuple):
     first: list[tuple[Part, Before]]
     watch: list[tuple[Part, Before]]
     forces: list[tuple[Part, Before]]
-    follow: list[After]
+    follow: list[tuple[Part, After]]
     last: list[After]
     ears: dict[str, list[Hear]]
 
@@ -162,16 +165,14 @@ def in_turn(awake: Iterable[Part], timed: Timer = untimed) -> Turns:
             ears.setdefault(port, []).append(hear)
     before = [(part, timed(part.stage.title, _what(part), part.before)) for part in acting]
     after = [
-        (part.stage, timed(part.stage.title, _what(part), part.after))
-        for part in everybody
-        if takes_part(type(part))[1]
+        (part, timed(part.stage.title, _what(part), part.after)) for part in everybody if takes_part(type(part))[1]
     ]
     return Turns(
         [turn for turn in before if turn[0].stage <= Stage.FAULTS],
         [turn for turn in before if Stage.FAULTS < turn[0].stage < Stage.FORCES],
         [turn for turn in before if turn[0].stage >= Stage.FORCES],
-        [act for stage, act in after if stage < Stage.SENSORS],
-        [act for stage, act in after if stage >= Stage.SENSORS],
+        [turn for turn in after if turn[0].stage < Stage.SENSORS],
+        [act for part, act in after if part.stage >= Stage.SENSORS],
         ears,
     )
 

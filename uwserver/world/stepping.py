@@ -177,8 +177,9 @@ class Stepping:
         forces = NEVER
         if turns.forces:
             forces = min([part.next_tick for part, _ in turns.forces if part.next_tick is not None], default=NEVER)
+        follow_ns = min([part.after_ns for part, _ in turns.follow], default=NEVER)
         self.given.run[_ASKED] = (
-            first, until, usual, forces, collider is not None and self.given.finding() is None, bool(turns.follow), sensing.calls,
+            first, until, usual, forces, collider is not None and self.given.finding() is None, follow_ns, sensing.calls,
             sensing.callable, not sensing.under_way.is_idle, 2 if turns.last else bool(turns.ears), self.profile is not None,
         )  # fmt: skip
 
@@ -240,8 +241,10 @@ class Stepping:
             self._water.sea.draw(self._now[0])
 
     def _follow(self) -> None:
-        for act in self.turns.follow:
-            act(*self._now, self._samples)
+        tick, t_ns = self._now
+        for part, act in self.turns.follow:
+            if t_ns >= part.after_ns:
+                act(tick, t_ns, self._samples)
 
     def _arrive(self) -> None:
         self._sensing.under_way.arrive(self._now[1])

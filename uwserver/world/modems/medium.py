@@ -51,7 +51,7 @@ class Medium(Part):
         self._count = 0
         self._packets: dict[int, Packet] = {}
         self._legs: list[Leg] = []
-        self._wake_ns = 0
+        self.after_ns = 0
         self._known: tuple[Mapping[str, Any] | None, dict[str, Node]] = (None, {})
         self._fading = Fading(world.seed, self.path)
         self._ranging = Ranging(world.answers, lambda: (world.tick, world.t_ns))
@@ -94,7 +94,7 @@ class Medium(Part):
         self._count += 1
         node.modem.memory.queue = (*node.modem.memory.queue, message)
         self._send_next(node)
-        self._wake_ns = 0  # to find out when is as much work for one message as for many
+        self.after_ns = 0  # to find out when is as much work for one message as for many
 
     def ask(self, path: str, destination: int, patience: float) -> Later:
         """Have the modem with this port ask another for its distance, which is told by the call too.
@@ -165,8 +165,6 @@ class Medium(Part):
 
     def after(self, tick: int, t_ns: int, samples: list[Sample]) -> None:
         """Carry out what is due: arrivals, then ends, then answers and messages that wait."""
-        if t_ns < self._wake_ns:
-            return
         now, nodes = t_ns / NANOSECONDS, self._nodes
         self._legs = [leg for leg in self._legs if leg.receiver in nodes and nodes[leg.receiver].slot.active]
         behind = self._meet_all(now)
@@ -327,7 +325,7 @@ class Medium(Part):
             wakes += [max(each.after, memory.busy) for each in memory.queue]
         now = self._now
         wakes += [packet.over for packet in self._packets.values() if packet.over > now]
-        self._wake_ns = math.ceil(min(wakes) * NANOSECONDS) if wakes else 2**62
+        self.after_ns = math.ceil(min(wakes) * NANOSECONDS) if wakes else 2**62
 
     # -- state ----------------------------------------------------------------------------------------------------------------------------
 
@@ -359,7 +357,7 @@ class Medium(Part):
         self._ranging.end("the world was put back to another time")
         self._count, self._legs = state.count, list(state.legs)
         self._packets = {packet.number: packet for packet in state.packets}
-        self._wake_ns = 0  # modems may have something to do
+        self.after_ns = 0  # modems may have something to do
 
 
 def _along(way: tuple[float, float, float], v: tuple[float, float, float]) -> float:

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 import pytest
-from modem_rig import counts, listen, modem, world_of, world_with
+from modem_rig import counts, heard, listen, modem, world_of, world_with
 from msgspec import structs
 
 from uwserver.scenario.build.world import build
@@ -42,6 +42,21 @@ def test_two_vehicles_1500_m_apart_hear_each_other_one_second_later():
     lost = 20.0 * math.log10(1500.0) + 1500.0 * world.water.absorption(26e3, 20.0)
     assert message.snr == pytest.approx(185.0 - lost - 40.0 - 10.0 * math.log10(4e3), abs=0.05)
     assert message.range is None
+
+
+def test_a_tick_needs_the_water_only_when_something_begins_or_ends():
+    """All others are made by compiled code alone; the message is heard in the very same tick."""
+    found = []
+    for at_once in (480, 1):
+        world = world_of(FAR)
+        world.command("a/modem/send", destination=2, data=b"hello")
+        samples = []
+        for _ in range(480 // at_once):
+            samples += world.step(at_once)
+        found.append(heard(samples))
+        assert found[-1]
+        assert 0 < world.stops["led bodies and modems"] < 20
+    assert found[0] == found[1]
 
 
 def test_an_answer_tells_the_range():
