@@ -76,7 +76,7 @@ class Batch:
         self._build = build
         self.n, self.seeds = len(seeds), [int(seed) for seed in seeds]
         worlds = [build(seed) for seed in self.seeds]
-        self._first = world = worlds[0]  # whose constants others read, whatever becomes of its copy
+        world = worlds[0]
         for path in sensors or ():
             find("port", path, world.sensors)
         self._measured = measured_of(world, sensors)
@@ -96,9 +96,12 @@ class Batch:
         self.ports = {path: port for path, (_, port) in self._streams.items()}
         self.commands = dict(self._commands.ports)
         self._services = tuple(f"{part.path}/" for part in world.parts.values() if isinstance(part, Piloting))
+        self._time_of = world.ticks.time_of
         self._rate, self.dt, self._last = world.rate_hz, world.hydro.dt, world.stepping.given.last
         self._next_faults, self._next_chores = np.full((2, self.n), NEVER, np.int64)
         self._events: list[tuple[int, Event]] = []
+        self._copies[0].move(self._memory.of(0))
+        self._constants = self._copies[0].constants()  # whatever becomes of that copy
         for i, copy in enumerate(self._copies):
             self._take(i, copy)
         self.reset(**(parameters or {}))
@@ -175,7 +178,7 @@ class Batch:
         for i, path in commands.watch(ticks, which):
             text = f'no command for "{path}" in {self.commands[path].timeout_s:g} s: it went to neutral'
             tick = int(ticks[i])
-            self._events.append((i, Event("watchdog", tick, self._first.ticks.time_of(tick), text)))
+            self._events.append((i, Event("watchdog", tick, self._time_of(tick), text)))
         for i in _due(self._next_chores <= ticks, which):
             self._act(i, lambda world: take_turns(world.stepping.turns.watch, world.tick, world.t_ns))
         for i in _due(ticks > self._last, which):
@@ -318,7 +321,7 @@ class Batch:
     def _take(self, i: int, copy: Copy) -> None:
         """Have what the ticks of a copy write lie beside that of others, and what they only read where the first world has it."""
         copy.move(self._memory.of(i))
-        copy.share(self._first)
+        copy.share(self._constants)
 
     def _begin(self, i: int, anew: bool) -> None:
         copy = self._copies[i]
