@@ -164,7 +164,9 @@ class Batch:
                 self._act(i, _do_nothing, self._steps.why(i))
             now = self.ticks
         # In the order of single ticks among all copies.
-        self._events[told:] = sorted(self._events[told:], key=lambda item: item[1].tick - int(begin[item[0]]))
+        self._events[told:] = sorted(
+            self._events[told:], key=lambda item: (item[1].tick - int(begin[item[0]]), item[0])
+        )
         del self._events[:-_MOST_EVENTS]
         return self.diverged
 

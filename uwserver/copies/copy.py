@@ -12,6 +12,7 @@ from uwserver.physics.collision.contacts import NO_IMPULSES
 from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import Array, IntArray
 from uwserver.physics.kernel.layout import Forms
+from uwserver.physics.kernel.team import ALONE
 from uwserver.sensors.bank import Bank, BankSensor
 from uwserver.step import rows
 from uwserver.step.rows import DONE
@@ -49,6 +50,7 @@ class Copy:
         world.sensing.choose(measured)
         # Threads share the copies among them, not the bodies of one.
         world.threads.want(1)
+        world.hydro.set_team(ALONE, 1)
         sensors = [slot.sensor for slot in world.sensors.values()]
         self.banks: dict[int, Bank] = {id(s.bank): s.bank for s in sensors if isinstance(s, BankSensor)}
         self._remembers = [part for part in world.parts.values() if _remembers(part)]

@@ -75,8 +75,10 @@ class Steps:
             self.lost[i] = stepping.lost
         if why in (rows.DIVERGED, rows.END):
             return False
-        stepping.answer(why)
-        if why not in QUIET:
-            stepping.ask_again()
-        self.find(i)
+        try:
+            stepping.answer(why)
+            if why not in QUIET:
+                stepping.ask_again()
+        finally:
+            self.find(i)
         return True

@@ -180,10 +180,13 @@ class Samples(Sequence[Sample]):
                 yield from (sample for sample in piece if sample.port in ports)
 
     def _all(self) -> list[Sample]:
-        pieces, self._pieces = self._pieces, []
-        for piece in pieces:
-            self._made += piece
+        if self._pieces:
+            self._made = [*self._made, *(sample for piece in self._pieces for sample in piece)]
+            self._pieces = []
         return self._made
+
+    def __reduce__(self) -> tuple[type[list[Sample]], tuple[list[Sample]]]:
+        return list, (self._all(),)
 
     def __len__(self) -> int:
         return self._count

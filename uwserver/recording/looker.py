@@ -34,7 +34,7 @@ class Looker:
 
     def next_tick(self, tick: int) -> int:
         """After this one, the next in which it is time to tell where everybody is: the very next where nobody has been told of yet."""
-        return tick + 1 if self._seen is None else tick + self._every - tick % self._every
+        return tick + 1 if self._seen is None and not self._is_blind else tick + self._every - tick % self._every
 
     def look(self) -> tuple[Presence | Seen, ...]:
         """Who is there, if that has changed, and where, if it is time to tell."""

@@ -58,7 +58,8 @@ def step_each(which: Array, copies: Array, code: int, ticks: int, way: Array, sc
     for i in which:
         copy = copies[i]
         table, sensors = _table(copy.table, _OF_STEP), _table(copy.sensors, _OF_SENSORS)
-        _table(copy.world, _OF_WORLD)[_SCRATCH, 0] = scratch
+        world = _table(copy.world, _OF_WORLD)
+        world[_SCRATCH, 0], world[_SCRATCH, 1] = scratch, 1
         run = _run(table)[0]
         if ticks > 0:
             run.first, run.until, run.usual = run.tick, run.tick + ticks, ticks

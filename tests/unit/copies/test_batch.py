@@ -8,6 +8,7 @@ import pytest
 
 import uwserver
 from uwserver.copies.copy import Copy
+from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.places import FUTEX
 from uwserver.ports import Refused
 from uwserver.scenario.builder import ScenarioBuilder
@@ -254,6 +255,13 @@ def test_a_copy_of_many_bodies_has_no_threads_of_its_own():
     assert world.threads.count == 2
     Copy(world, ())
     assert world.threads.count == 1
+    batch, alone = uwserver.batch(b.build(), 2, threads=2), uwserver.load(b.build())
+    batch.step(24)
+    alone.step(24)
+    assert batch.states("rov9")[0].tobytes() == alone.hydro.state[alone.vehicles["rov9"].row].tobytes()
+    k = [*layout.WORLD].index("scratch")
+    assert [int(copy.world.hydro.table[k, 1]) for copy in batch._copies] == [1, 1], "of the thread alone"
+    batch.close()
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -142,6 +144,7 @@ def test_samples_of_steps_are_made_when_somebody_looks_and_once(made):
     grown += samples
     assert grown == [0, *wanted]
     assert repr(samples) == repr(wanted)
+    assert copy.copy(several()) == pickle.loads(pickle.dumps(samples)) == wanted
     samples.add(told())
     assert [*samples] == [*wanted, *SAMPLES]
 
