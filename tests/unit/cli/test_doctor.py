@@ -145,7 +145,11 @@ KERNELS, LEVEL = Path("all of them"), "x86-64-v3"
             "warning",
             "not compiled yet: cameras, solids, fins in contact, fins, sensors, contact, ",
         ),
-        (CacheState(Path("/c"), ""), "warning", ", autopilots, free, pictures, soundings, sound, echoes, sea; in /c"),
+        (
+            CacheState(Path("/c"), ""),
+            "warning",
+            ", autopilots, free, pictures, soundings, sound, echoes, sea, copies; in /c",
+        ),
         (CacheState(Path("/c"), ""), "warning", "--warm"),
         (CacheState(None, "not writable: no space"), "warning", "NUMBA_CACHE_DIR"),
     ],
