@@ -59,7 +59,7 @@ def batch(
         scenario: as for `load`. Adapters that only let clients in are left out, as there.
         n: how many, 1 or more.
         seeds: one a copy, or that of the first, from which the others count on; default: the scenario's.
-        sensors: paths of those that measure; default: all.
+        sensors: paths of those that measure, and of what they need; default: all but ``<vehicle>/autopilot/state``.
         threads: how many step the copies, that of the caller included; default: one a core, up to four, from 128 copies on, else one. They change
             no number, and end with the batch, or with its `close`.
         parameters: by name, for all copies or one value each; see `uwserver.copies.batch.Batch.reset`.

@@ -8,6 +8,8 @@ from uwserver.autopilot.status import StateSensor
 from uwserver.ports import Refused
 from uwserver.scenario.load.default_adapter import KIND
 from uwserver.scenario.load.resolved import Resolved
+from uwserver.sensors.bank import BankSensor
+from uwserver.sensors.base import IdealSensor, Sensor
 from uwserver.sensors.modem import Modem
 from uwserver.sensors.onboard.battery import Battery
 from uwserver.world.piloting import Piloting
@@ -49,11 +51,24 @@ def measured_of(world: World, sensors: Collection[str] | None) -> tuple[str, ...
     """
     pilots = [part.pilot for part in world.parts.values() if isinstance(part, Piloting)]
     heard = {port for pilot in pilots for port in (*pilot.craft.hearing.ports, *pilot.craft.hearing.in_words)}
-    return tuple(
+    found = {
         path
         for path, slot in world.sensors.items()
         if _acts(slot, heard) or (path in sensors if sensors is not None else not isinstance(slot.sensor, StateSensor))
-    )
+    }
+    left = [*found]
+    while left:
+        path = left.pop()
+        vehicle = path.partition("/")[0]
+        needed = {f"{vehicle}/{name}" for name in world.sensors[path].sensor.needs} - found
+        found |= needed
+        left += needed
+    return tuple(path for path in world.sensors if path in found)
+
+
+def draws_in_python(sensor: Sensor) -> bool:
+    """Whether it has random errors of its own that are drawn in Python."""
+    return not (isinstance(sensor, BankSensor | IdealSensor | StateSensor) or sensor.repeats)
 
 
 def _acts(slot: SensorSlot, heard: Collection[str]) -> bool:

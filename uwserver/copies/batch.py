@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from uwserver.copies.admission import measured_of
+from uwserver.copies.admission import draws_in_python, measured_of
 from uwserver.copies.commands import Commands
 from uwserver.copies.copy import Copy
 from uwserver.copies.description import described
@@ -20,7 +20,6 @@ from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.layout import STATE_SIZE
 from uwserver.ports import Event, Json, Refused
 from uwserver.ports.checks import find
-from uwserver.sensors.bank import BankSensor
 from uwserver.step import rows
 from uwserver.step.streams import NEVER
 from uwserver.world.piloting import Piloting
@@ -84,8 +83,8 @@ class Batch:
         self._memory = Memory(self.n, self._copies[0].size)
         self._steps = Steps(self._copies, threads)
         self._commands = Commands(self._copies, self._steps.rows)
-        in_python = [path for path in self._measured if not isinstance(world.sensors[path].sensor, BankSensor)]
-        self._parameters = Parameters(self.n, in_python)
+        unscaled = [path for path in self._measured if draws_in_python(world.sensors[path].sensor)]
+        self._parameters = Parameters(self.n, unscaled)
         self.vehicles = tuple(world.vehicles)
         self._streams = {
             stream.port.path: (k, stream.port)

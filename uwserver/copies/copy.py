@@ -35,7 +35,7 @@ _NO_ENTRIES, _NO_NUMBERS = np.zeros(0, ENTRY), np.zeros(0)
 
 
 class Copy:
-    """A world that a batch steps: but for `move` its arrays never change places.
+    """A world that a batch steps. Its arrays may come to lie elsewhere whenever Python acts in it (`row`).
 
     Attributes:
         world: as `uwserver.load` gives it; its own `step` is never called.
@@ -43,8 +43,8 @@ class Copy:
         params: of its bodies, as the scenario says.
     """
 
-    def __init__(self, world: World, measured: Collection[str] | None) -> None:
-        """Of a world of which these sensors measure; None for all."""
+    def __init__(self, world: World, measured: Collection[str]) -> None:
+        """Of a world of which these sensors measure."""
         self.world = world
         world.want(())
         world.sensing.choose(measured)

@@ -55,12 +55,19 @@ class Steps:
         """Let copies make so many ticks, or fewer where they have something to tell. What they need of Python is done between the calls, for all that
         have stopped. Returns those that may have something to tell."""
         told: set[int] = set()
-        while len(which):
-            self.ranges.run(which, partial(self._step, ticks=ticks))
-            ticks = 0
-            stopped = which[self.rows["why"][which] != rows.DONE].tolist()
-            told.update(i for i in stopped if self.why(i) not in QUIET)
-            which = np.array([i for i in stopped if self._goes_on(i)], np.int64)
+        try:
+            while len(which):
+                self.ranges.run(which, partial(self._step, ticks=ticks))
+                ticks = 0
+                stopped = which[self.rows["why"][which] != rows.DONE].tolist()
+                told.update(i for i in stopped if self.why(i) not in QUIET)
+                which = np.array([i for i in stopped if self._goes_on(i)], np.int64)
+        except BaseException:  # Ctrl-C too: what is left of these ticks is not made, as where a world is broken off
+            for i in which.tolist():
+                self._copies[i].world.stepping.end(rows.DONE)
+                self._copies[i].begin()
+                self.find(i)
+            raise
         return sorted(told)
 
     def _step(self, which: IntArray, me: int, ticks: int) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated, NamedTuple, Protocol
 
@@ -286,15 +286,15 @@ class Sensor(ABC):
     memory: Memory = NOTHING
     rng: np.random.Generator
     dt = 1.0
-    paces = False
-    listens = False
-    rouses = False
+    paces = listens = rouses = False
     rouse: Callable[[], None] = staticmethod(lambda: None)
-    repeats = False
-    takes_time = False
-    learns = False
-    writes = False
+    repeats = takes_time = learns = writes = False
     writing: Writing | None = None
+
+    @property
+    def needs(self) -> Collection[str]:
+        """Names of sensors of its vehicle without which it does not measure as it should."""
+        return ()
 
     def __init__(self, settings: Settings | None = None) -> None:
         """Switched on with random numbers of no path, for one who reads it alone."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Annotated
 
 from msgspec import Meta, structs
@@ -42,6 +42,11 @@ class Compound(Sensor):
         self.doc = f"The last readings of {', '.join(config.members)} in one message; valid when all of them are."
         self._parts: tuple[Latest, ...] = ()
         super().__init__()
+
+    @property
+    def needs(self) -> Collection[str]:
+        """Its members."""
+        return self.members
 
     def join(self, others: Mapping[str, Latest]) -> None:
         """Find the members; the fields are theirs, each with the member's name in front."""

@@ -225,12 +225,11 @@ class Server:
 
     def _prepare(self, live: Simulation, stack: contextlib.ExitStack | contextlib.AsyncExitStack) -> None:
         """What is done with a world before its first tick."""
+        live.world.prepare()
         if self._recorder is not None:
             stack.enter_context(self._recorder.running(live, self._hub.bus))
-        if self._options.begin is not None:
-            refused = live.begin_from(self._options.begin)
-            if refused:
-                raise StartFailed(f"the run cannot begin from the saved state: {refused}")
+        if self._options.begin is not None and (refused := live.begin_from(self._options.begin)):
+            raise StartFailed(f"the run cannot begin from the saved state: {refused}")
         for t_s, path in self._options.save_at:
             tick = live.world.ticks.at(t_s)
             if tick < live.world.tick:

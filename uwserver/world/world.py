@@ -121,6 +121,11 @@ class World(InProcess):
         self.scene = self.hydro.collider = self.geometry = self.stepping.given.scene = scene
         self.sensing.schedule()  # who reads by rays keeps what to cast them at
 
+    def prepare(self) -> None:
+        """Do now what would make a tick late when it is needed first: before a run that the clock paces."""
+        if self.scene is not None:
+            self.scene.stocks.ways.open()
+
     def add(self, part: Part) -> None:
         """Let a part of its own live in the world, with its services.
 

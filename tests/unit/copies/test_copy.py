@@ -4,6 +4,7 @@ import gc
 
 import numpy as np
 import pytest
+from copies_rig import check_equal
 
 import uwserver
 from uwserver.copies.batch import Batch
@@ -26,20 +27,6 @@ def noisy():
     b.sensor("rov", "cell", "battery", rate_hz=2, profile="lipo_4s_18ah")
     b.modifier("rov", "ahrs", "late", "delay", latency_s=0.05, jitter_s=0.03)
     return b.build()
-
-
-def check_equal(batch, k, world):
-    """Copy k and a world have the same states and the same newest samples, bit by bit."""
-    assert batch.states()[k].tobytes() == world.hydro.state[0].tobytes()
-    for port in batch.ports:
-        ours, theirs = batch.read(port), world.read(port)
-        if theirs is None:
-            assert ours.seq[k] == -1, port
-            continue
-        assert ours.stamps[k].tolist() == [theirs.seq, theirs.t_ns, theirs.t_sent_ns, theirs.valid], port
-        for field in ours:
-            wanted = np.array(theirs.array(field), ours[field].dtype)
-            assert np.array_equal(ours[field][k], wanted, equal_nan=True), port
 
 
 def samples(batch, k):

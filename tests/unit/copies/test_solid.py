@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from copies_rig import check_equal
 
 import uwserver
 from uwserver.physics.collision.engine import missing_engine
@@ -50,23 +51,10 @@ def worlds_of(scenario):
     return [uwserver.load(scenario, seed=5 + i) for i in range(N)]
 
 
-def check_equal(batch, worlds):
-    """The same states and newest samples."""
+def check_all(batch, worlds):
+    """Each copy and its world."""
     for k, world in enumerate(worlds):
-        for name in batch.vehicles:
-            row = world.vehicles[name].row
-            assert batch.states(name)[k].tobytes() == world.hydro.state[row].tobytes(), (name, k)
-        for port in batch.ports:
-            ours, theirs = batch.read(port), world.read(port)
-            if theirs is None:
-                assert ours.seq[k] == -1, port
-                continue
-            assert ours.stamps[k].tolist() == [theirs.seq, theirs.t_ns, theirs.t_sent_ns, theirs.valid], port
-            for field in ours:
-                wanted = np.asarray(theirs.array(field))
-                if ours[field].dtype.kind == "i" and wanted.dtype.kind == "f":  # no value
-                    wanted = np.where(np.isnan(wanted), -(2**63), wanted).astype(np.int64)
-                assert np.array_equal(ours[field][k], wanted, equal_nan=True), (port, field)
+        check_equal(batch, k, world)
 
 
 def drive(batch, worlds, u, ticks):
@@ -87,7 +75,7 @@ def test_each_copy_is_what_load_gives(scenario, threads):
     batch, worlds = uwserver.batch(scenario(), N, threads=threads), worlds_of(scenario())
     for turn in range(6):
         drive(batch, worlds, AHEAD if turn % 3 else UP, 100)
-        check_equal(batch, worlds)
+        check_all(batch, worlds)
     for port in batch.ports:
         assert (batch.read(port).seq >= 0).all(), port
     batch.close()
@@ -100,10 +88,10 @@ def test_a_reset_copy_begins_anew_and_the_others_go_on(scenario):
     drive(batch, worlds, AHEAD, 330)
     batch.reset([1])
     worlds[1] = worlds_of(scenario())[1]
-    check_equal(batch, worlds)
+    check_all(batch, worlds)
     for _ in range(3):
         drive(batch, worlds, AHEAD, 110)
-        check_equal(batch, worlds)
+        check_all(batch, worlds)
 
 
 def test_what_is_pushed_pushes_back():
@@ -139,6 +127,45 @@ def test_a_factor_of_errors_is_refused_where_it_scales_none():
     late = (sent.t_sent_ns - sent.t_ns).tolist()
     assert late[1] - late[0] == 500_000_000
     assert late[0] == late[2]
+
+
+def test_what_draws_nothing_in_python_does_not_stand_against_a_factor():
+    """A contact sensor has no errors, and messages of others have theirs."""
+    assert uwserver.batch(pushing(), N, noise=0.5).n == N
+
+
+def test_sensors_measure_that_others_need():
+    b = begun("compound").sensor("rov", "ctd", "ctd", rate_hz=4)
+    b.sensor("rov", "water", "compound", rate_hz=4, members=["ctd"])
+    batch = uwserver.batch(b.build(), N, sensors=["rov/water"])
+    batch.step(240)
+    assert (batch.read("rov/water").seq >= 0).all()
+    assert set(batch.ports) == {"rov/water", "rov/ctd"}
+
+
+def test_a_call_that_is_broken_off_leaves_copies_that_can_go_on(monkeypatch):
+    """By Ctrl-C: all stand between two ticks, and are stepped again."""
+    batch = uwserver.batch(wet(), N)
+    stepping, left = batch._copies[1].world.stepping, [3]
+    answer = stepping.answer
+
+    def interrupted(why):
+        left[0] -= 1
+        if not left[0]:
+            raise KeyboardInterrupt
+        answer(why)
+
+    monkeypatch.setattr(stepping, "answer", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        batch.step(600)
+    before = batch.ticks
+    batch.step(240)
+    assert (batch.ticks - before).tolist() == [240] * N
+    assert not batch.diverged.any()
+    batch.reset()
+    worlds = worlds_of(wet())
+    drive(batch, worlds, AHEAD, 300)
+    check_all(batch, worlds)
 
 
 def test_what_copies_only_read_of_solid_things_is_there_once():

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import logging
+
+import numpy as np
+
 from uwserver.physics.collision.engine import AUTO, ENGINES, Engine, Pose, chosen_engine, missing_engine
 from uwserver.physics.geometry.rows import Part
-from uwserver.physics.geometry.shapes import Placed
+from uwserver.physics.geometry.shapes import BadSolid, Placed
 from uwserver.physics.kernel.arrays import FloatArray
+
+log = logging.getLogger(__name__)
 
 
 class WaysOut:
     """Of the shapes of a world, or of several that are stepped in one thread: what an engine answers depends on its question alone.
 
     The engine is opened for the first question, as its world takes 29 MB and what rests asks none. Shapes that are equal are one there, each moved to
-    where it is asked about, and a second where two of them have met: a swarm costs it no more than two vehicles.
+    where it is asked about, and a second where two of them have met: a swarm costs it no more than two vehicles. None is given back before the end:
+    who comes later is like somebody who was there.
 
     Args:
         engine: a name of `engine.ENGINES`, or "auto" for the first of them that is installed.
@@ -34,6 +41,7 @@ class WaysOut:
         self.name = chosen_engine(engine)
         self._engine: Engine | None = None
         self._handles: dict[Placed, list[int]] = {}
+        self._has_failed = False
 
     def close(self) -> None:
         """Give back the engine's world; the next question opens another."""
@@ -42,23 +50,33 @@ class WaysOut:
         self._engine = None
         self._handles.clear()
 
+    def open(self) -> None:
+        """Have the engine ready, which takes some 20 ms: before a run that the clock paces. Raises RuntimeError if it gives no further world."""
+        self._opened()
+
+    def _opened(self) -> Engine:
+        if self._engine is None:
+            self._engine = open_engine(self.name)
+        return self._engine
+
     def way_out(self, a: Placed, rows_a: Part, pose_a: Pose, b: Placed, rows_b: Part, pose_b: Pose) -> FloatArray:
-        """The direction (3) in N in which convex shape a comes out of b soonest; NaN if the engine knows none.
+        """The direction (3) in N in which convex shape a comes out of b soonest; NaN if the engine knows none, or fails, which is logged: a tick must
+        not end with it.
 
         Args:
             a, b: the shapes, as they are in their solids.
             rows_a, rows_b: the same as rows.
             pose_a, pose_b: where they are.
-
-        Raises:
-            BadSolid: the engine cannot hold one of them.
-            RuntimeError: it gives no further world.
         """
-        if self._engine is None:
-            self._engine = open_engine(self.name)
-        engine = self._engine
-        one = self._handle(engine, a, rows_a, 0)
-        return engine.way_out(one, pose_a, self._handle(engine, b, rows_b, 1 if a == b else 0), pose_b)
+        try:
+            engine = self._opened()
+            one, other = self._handle(engine, a, rows_a, 0), self._handle(engine, b, rows_b, 1 if a == b else 0)
+        except (BadSolid, RuntimeError) as error:
+            if not self._has_failed:
+                log.warning("the way out of an overlap is guessed: %s", error)
+            self._has_failed = True
+            return np.full(3, np.nan)
+        return engine.way_out(one, pose_a, other, pose_b)
 
     def _handle(self, engine: Engine, placed: Placed, rows: Part, k: int) -> int:
         handles = self._handles.setdefault(placed, [])

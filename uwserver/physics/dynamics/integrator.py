@@ -92,15 +92,6 @@ def _advance(table: Array, fitted: Any, t: float, dt: float) -> int:
 
 
 @compiled
-def advance_alone(me: int, table: Array, fitted: Any, t: float, dt: float) -> int:
-    """`advance` of a world whose bodies one thread steps, the number `me` of several that have work space there."""
-    count, w = state_at(table).shape[0], scratch_at(table)[me]
-    w.diverged = count
-    _advance_range(0, count, me, table, fitted, t, dt)
-    return int(w.diverged) if w.diverged < count else -1
-
-
-@compiled
 def _advance_range(first: int, end: int, me: int, table: Array, fitted: Any, t: float, dt: float) -> None:
     model, state, flows, w = model_at(table), state_at(table), flows_at(table), scratch_at(table)[me]
     for n in range(first, end):
@@ -137,12 +128,6 @@ def rates_of_change_fitted(table: Array, t: float, nu_dot: Array, tau: Array) ->
 @compiled
 def _rates_of_change(table: Array, fitted: Any, t: float, nu_dot: Array, tau: Array) -> None:
     share(team_at(table), _rates_range, (table, fitted, t, nu_dot, tau), state_at(table).shape[0], LEAST_RATES)
-
-
-@compiled
-def rates_alone(me: int, table: Array, fitted: Any, t: float, nu_dot: Array, tau: Array) -> None:
-    """`rates_of_change` likewise."""
-    _rates_range(0, state_at(table).shape[0], me, table, fitted, t, nu_dot, tau)
 
 
 @compiled

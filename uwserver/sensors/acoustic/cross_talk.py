@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from types import MappingProxyType
 from typing import NamedTuple, Protocol
 
@@ -108,6 +108,11 @@ class Sonar(Sensor):
     """A sensor that pings, which others hear, and that may hear them."""
 
     _nearby: Nearby = MappingProxyType({})
+
+    @property
+    def needs(self) -> Collection[str]:
+        """The others that ping."""
+        return [name for name, other in self._nearby.items() if isinstance(other.sensor, Sonar)]
 
     def join(self, others: Nearby) -> None:
         """These it hears."""

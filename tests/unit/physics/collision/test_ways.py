@@ -85,3 +85,30 @@ def test_after_its_end_another_engine_answers_the_same(opened: list[list[Placed]
     assert first == pytest.approx([1.0, 0.0, 0.0], abs=1e-3)
     assert len(opened) == 2
     ways.close()
+
+
+def test_an_engine_that_fails_ends_no_tick(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+    """The way out is guessed then, which is told once."""
+
+    def fail(name: str) -> Engine:
+        raise RuntimeError("Bullet gives no further world")
+
+    monkeypatch.setattr(module, "open_engine", fail)
+    with Solids() as solids:
+        for row in range(2):
+            solids.add_moving(CRATE, row)
+        for _ in range(3):
+            contacts = solids.find_contacts(two(-0.1), 1e-3)
+        assert len(contacts.gap)
+        assert np.isfinite(contacts.normal).all()
+    assert [record.message for record in caplog.records] == [
+        "the way out of an overlap is guessed: Bullet gives no further world"
+    ]
+
+
+def test_an_engine_can_be_ready_before_a_run(opened: list[list[Placed]]) -> None:
+    ways = WaysOut()
+    ways.open()
+    ways.open()
+    assert len(opened) == 1
+    ways.close()
