@@ -25,7 +25,7 @@ from uwserver.ports import Refused
 from uwserver.scenario.build.world import build
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.scenario import load
-from uwserver.sensors.bank import BankSensor
+from uwserver.sensors.bank import BankSensor, kernels
 from uwserver.simulation.clock import SystemTime, processor_ns
 from uwserver.step import delivery
 from uwserver.units import NANOSECONDS
@@ -117,7 +117,8 @@ def read(task: Mapping[str, Any]) -> dict[str, object]:
     # What is on its way must arrive, as it does in a world: time goes on, though nobody moves.
     times = itertools.count(now, NANOSECONDS // RATE_HZ)
 
-    kernel = straight(delivery.deliver)
+    kernel, (*_, run) = straight(delivery.deliver), kernels(bank)
+    measured = straight(run), here.heads.rows, here.rows_of(bank).rows, here.numbers.rows, due["inertial"], here.now
 
     def deliver(kind: str) -> None:
         here.take_over()
@@ -126,7 +127,7 @@ def read(task: Mapping[str, Any]) -> dict[str, object]:
         kernel(table, due[kind], next(times), True, values, told_values)
 
     def sample() -> None:
-        here.read(bank, due["inertial"], now / NANOSECONDS)
+        measured[0](*measured[1:], now / NANOSECONDS)
         deliver("inertial")
 
     samples, noises = [], []

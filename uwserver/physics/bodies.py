@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from uwserver.physics import entries
-from uwserver.physics.collision.contacts import NO_CONTACTS, NO_IMPULSES, Collider, Contacts, Impulses
+from uwserver.physics.collision.contacts import Collider, Contacts, Impulses
 from uwserver.physics.contact.touching import Touching
 from uwserver.physics.dynamics.body_rows import appended, rows_of, table_numbers
 from uwserver.physics.dynamics.lag import Lag
@@ -55,7 +55,6 @@ class Hydrodynamics:
         self._lag_row = cache(partial(lag_row, dt=dt))
         self._loaded: tuple[bool, ...] = ()
         self.team, self._threads = ALONE, 1
-        self.watch(lambda stage, what, function: function)
         self.set_bodies(bodies)
 
     def _clear(self) -> None:
@@ -287,13 +286,6 @@ class Hydrodynamics:
         external: FloatArray = self.bodies["external"]
         return external
 
-    def watch(self, timed: Callable[[str, str, Callable[..., Any]], Callable[..., Any]]) -> None:
-        """Call what a tick consists of through what `timed` makes of it (stage, kind, function); at first, of the functions themselves."""
-        self._flow = timed("water", "at the bodies", self.fill_flows)
-        self._detect = timed("contact", "detection", lambda collider: collider.find_contacts(self.state, self.dt))
-        self._respond = timed("contact", "response", self._advance_touching)
-        self._move: Callable[[float], int] = timed("physics", "bodies", self._advance_free)
-
     @property
     def is_fitted(self) -> bool:
         """Whether a body has appendages."""
@@ -307,39 +299,26 @@ class Hydrodynamics:
     def find_contacts(self) -> None:
         """Ask the collider what may touch in the coming tick."""
         assert self.collider is not None
-        contacts = self._detect(self.collider)
+        contacts = self.collider.find_contacts(self.state, self.dt)
         self.touching = self.touching.with_room(len(contacts.gap))
         self.touching.find(contacts)
 
     def advance(self, t: float) -> int:
         """Carry all bodies from t to t + dt (s). Returns -1, or the row of the first body whose state is not finite."""
         if self._sea is not None:
-            self._flow(t, 0.5 * self.dt)
+            self.fill_flows(t, 0.5 * self.dt)
         if self.collider is not None:
-            contacts = self._detect(self.collider)
-            if contacts is not NO_CONTACTS and len(contacts.gap):
-                return int(self._respond(contacts, t))
-            if self.touching.is_kept:
-                self.touching.keep(NO_IMPULSES)
-                self.contact_nu_dot[:] = 0.0
-        return self._move(t)
+            self.find_contacts()
+        return self._carry(t)
 
-    def _advance_free(self, t: float) -> int:
-        diverged: int = entries.advance(self._fitted)(self.table, t, self.dt)
-        return diverged
+    def _carry(self, t: float) -> int:
+        lost: int = entries.carry()(*self._given(), t, self.dt)
+        return lost
 
-    def _advance_touching(self, contacts: Contacts, t: float) -> int:
-        """The stages are those of `contact.step`."""
-        kernel, old = entries.contact(), self.touched
-        strike = kernel.strike_fitted if self._fitted else kernel.strike
-        struck = strike(self.table, contacts, old.contacts.key, old.contacts.point, old.hold, t, self.dt)
-        diverged = self._move(t)
-        if diverged < 0:
-            given = np.empty((2, len(contacts.gap), 3))
-            kernel.settle(self.table, struck, contacts, self.dt, *given, self.contact_nu_dot)
-            self.touching = self.touching.with_room(len(contacts.gap))
-            self.touching.keep(Impulses(contacts, *given))
-        return diverged
+    def _given(self) -> tuple[layout.Codes, IntArray, IntArray, FloatArray]:
+        """What kernels get that carry bodies on."""
+        codes = entries.codes(self._fitted, self.collider is not None)
+        return codes, self.table, self.touching.table, self.contact_nu_dot
 
     def rates_of_change(self, t: float) -> tuple[FloatArray, FloatArray]:
         """nu_dot (n, 6) in B, and the applied wrench (n, 6) about the origin in B, at the present state.
@@ -355,30 +334,19 @@ class Hydrodynamics:
         """`rates_of_change` into arrays (n, 6)."""
         if self.sea is not None:
             self.fill_flows(t)
-        entries.rates_of_change(self._fitted)(self.table, t, nu_dot, tau)
-        if self.touching.is_kept:
-            nu_dot += self.contact_nu_dot
+        entries.find_rates()(*self._given(), t, nu_dot, tau)
 
     def load_kernels(self) -> None:
-        """Load the compiled kernels, or compile them, now rather than in the first tick; runs them on no bodies at all, once for all alike."""
+        """Load the compiled kernels, or compile them, now rather than in the first tick; once for all alike."""
         needed = (self._fitted, self.collider is not None, self.sea is not None)
         if needed == self._loaded:
             return
         self._loaded = needed
-        nothing = Hydrodynamics((), self.dt)
-        nothing.load_free(self._fitted)
+        entries.codes(self._fitted, self.collider is not None)
         if self.collider is not None:
             self.collider.find_contacts(self.state, self.dt)  # which makes its arrays
-            nothing._advance_touching(NO_CONTACTS, 0.0)
         if self.sea is not None:
-            nothing.sea = self.sea
-            nothing.fill_flows(0.0)
-
-    def load_free(self, fitted: bool) -> None:
-        """`load_kernels` for open water, of worlds with or without appendages; of no bodies."""
-        self._fitted = fitted
-        self._advance_free(0.0)
-        self.rates_of_change(0.0)
+            entries.flow_code()
 
     def fill_flows(self, t: float, ahead: float = 0.0) -> None:
         """Find the water at each body, `ahead` s after t on its way, where there is a sea."""

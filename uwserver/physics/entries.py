@@ -11,9 +11,11 @@ import numpy as np
 
 from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import IntArray
+from uwserver.physics.kernel.layout import Codes
 from uwserver.physics.kernel.straight import address_of, straight
 
 _NO_TABLE: IntArray = np.zeros((0, 2), np.int64)
+_NO_CODES = Codes(0, 0, 0, 0)
 
 
 @cache
@@ -35,25 +37,13 @@ def _rates_of_change(fitted: bool) -> Any:
 
 
 @cache
-def advance(fitted: bool) -> Callable[..., Any]:
-    """`integrator.advance`, of a world with or without appendages."""
-    return straight(_advance(fitted))
+def codes(fitted: bool, touches: bool) -> Codes:
+    """Where the code lies of what carries bodies through a tick, of worlds with or without appendages, in which something is solid or not."""
+    advance, rates = address_of(_advance(fitted), "int64"), address_of(_rates_of_change(fitted), "none")
+    return Codes(advance, rates, *(_contact_codes(fitted) if touches else (0, 0)))
 
 
-@cache
-def rates_of_change(fitted: bool) -> Callable[..., Any]:
-    """`integrator.rates_of_change`, likewise."""
-    return straight(_rates_of_change(fitted))
-
-
-def codes(fitted: bool) -> tuple[int, int]:
-    """Where the code of both lies, for kernels that call it (`kernel.calling`)."""
-    return address_of(_advance(fitted), "int64"), address_of(_rates_of_change(fitted), "none")
-
-
-@cache
-def contact_codes(fitted: bool) -> tuple[int, int]:
-    """Likewise of `contact.step.strike` and `settle`."""
+def _contact_codes(fitted: bool) -> tuple[int, int]:
     from uwserver.physics.contact.calling import STRUCK, load
 
     strike, settle = load(fitted)
@@ -61,11 +51,23 @@ def contact_codes(fitted: bool) -> tuple[int, int]:
 
 
 @cache
-def contact() -> ModuleType:
-    """Of contacts: most worlds have none."""
-    from uwserver.physics.contact import step
+def carry() -> Callable[..., Any]:
+    """`contact.carrying.carry_alone`."""
+    from uwserver.physics.contact import carrying
 
-    return step
+    kernel: Any = carrying.carry_alone
+    kernel.load(_NO_CODES, _NO_TABLE, _NO_TABLE, np.empty((0, 6)), 0.0, 0.0)
+    return straight(kernel)
+
+
+@cache
+def find_rates() -> Callable[..., Any]:
+    """`contact.carrying.find_rates_alone`."""
+    from uwserver.physics.contact import carrying
+
+    kernel: Any = carrying.find_rates_alone
+    kernel.load(_NO_CODES, _NO_TABLE, _NO_TABLE, np.empty((0, 6)), 0.0, np.empty((0, 6)), np.empty((0, 6)))
+    return straight(kernel)
 
 
 @cache

@@ -14,8 +14,8 @@ from uwserver.physics.collision.solids import Solids
 from uwserver.physics.collision.ways import WaysOut
 from uwserver.physics.geometry.rows import Stock
 from uwserver.physics.geometry.shapes import Solid
-from uwserver.physics.kernel.arrays import FloatArray, IntArray
-from uwserver.physics.rays.casting import Instant, OneByOne, Rays, Still
+from uwserver.physics.kernel.arrays import FloatArray
+from uwserver.physics.rays.casting import Instant, Met, Rays, Still
 from uwserver.physics.rays.raycast import Hits
 from uwserver.physics.rays.surfaces import Surfaces
 
@@ -95,17 +95,13 @@ class Scene:
         assert self._finding is not None
         return self._finding
 
-    def one_by_one(self) -> OneByOne | None:
-        """See `Rays.one_by_one`."""
-        return self._rays.one_by_one()
+    def met(self) -> Met:
+        """See `Rays.met`."""
+        return self._rays.met()
 
     def raycast(self, origin: FloatArray, direction: FloatArray, max_range: float) -> Hits:
         """As `geometry.Geometry`, where the bodies are now."""
         return self._rays.at(self._state()).raycast(origin, direction, max_range)
-
-    def raycast_past(self, rows: IntArray, origin: FloatArray, direction: FloatArray, max_range: float) -> Hits:
-        """As `raycast`, of rays that each pass what the body in its row (n) carries: they start at it. Arrays are float64 and C-contiguous."""
-        return self._rays.cast_past(self._state(), rows, origin, direction, max_range)
 
     def still(self) -> Still:
         """The same as a geometry for one other thread, with the bodies where they are now."""

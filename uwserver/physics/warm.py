@@ -8,8 +8,9 @@ from functools import cache
 
 import numpy as np
 
+from uwserver.physics import entries
 from uwserver.physics.bodies import Hydrodynamics
-from uwserver.physics.collision.contacts import NO_CONTACTS, NO_IMPULSES, Contacts
+from uwserver.physics.collision.contacts import Contacts
 from uwserver.physics.dynamics.appendage_params import Appendages, PropellerParams, ServoParams
 from uwserver.physics.dynamics.lag import Lag
 from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, ForceTable, ThrusterParams, rigid_body_inertia
@@ -79,20 +80,17 @@ def _still_sea() -> tuple[SeaRows, FloatArray]:
 
 def _strike(fitted: bool) -> None:
     """Stages of contact but the step of the bodies, which `advance` compiles."""
-    from uwserver.physics.contact import step
+    from uwserver.physics.contact import calling
 
-    nothing, old = Hydrodynamics((), _DT).table, NO_IMPULSES
-    if fitted:
-        step.strike_fitted(nothing, NO_CONTACTS, old.contacts.key, old.contacts.point, old.hold, 0.0, _DT)
-        return
-    struck = step.strike(nothing, NO_CONTACTS, old.contacts.key, old.contacts.point, old.hold, 0.0, _DT)
-    step.settle(nothing, struck, NO_CONTACTS, _DT, old.impulse, old.hold, np.empty((0, 6)))
+    calling.load(fitted)
 
 
 def _free(fitted: bool) -> None:
     from uwserver.physics.kernel import giving_way, sharing
 
-    Hydrodynamics((), _DT).load_free(fitted)
+    entries.codes(fitted, False)
+    entries.carry()
+    entries.find_rates()
     sharing.load(ALONE)
     giving_way.load(shared_numbers(WAY_SIZE))
 
@@ -141,6 +139,7 @@ def solid_kernels() -> None:
     """
     try:
         from uwserver.physics.collision.solids import Solids
+        from uwserver.physics.rays import meeting
         from uwserver.physics.rays.casting import Rays
 
         solids = Solids()
@@ -155,11 +154,13 @@ def solid_kernels() -> None:
     rays = Rays()
     rays.add_static(0, ground)
     rays.add_moving(1, ball, 0)
-    hit = rays.at(state).raycast(np.array([[-0.5, -0.5, -1.0]]), np.array([[0.0, 0.0, 1.0]]), 10.0)
+    start, down, met = np.array([[-0.5, -0.5, -1.0]]), np.array([[0.0, 0.0, 1.0]]), no_hits(1)
+    hit = rays.at(state).raycast(start, down, 10.0)
+    meeting.meet(rays.met().table, start, down, 10.0, state, np.zeros(0, np.int64), *met)
     with solids:
         solids.add_static(ground)
         solids.add_moving(ball, 0)
-        if len(solids.find_contacts(state, _DT).gap) != 3 or hit.body[0] != 1:
+        if len(solids.find_contacts(state, _DT).gap) != 3 or hit.body[0] != 1 or met.body[0] != 1:
             raise RuntimeError(f"a ball on the ground was not found: reinstall numba and the engine {solids.ways.name}")
 
 

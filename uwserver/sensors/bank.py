@@ -16,7 +16,7 @@ of a valid reading of this instant, and draws the random numbers of `head.key` a
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from functools import cache, partial
+from functools import cache
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -29,8 +29,8 @@ from uwserver.physics.kernel.arrays import Array, FloatArray, IntArray
 from uwserver.physics.kernel.deferred import Deferred, Elsewhere, compiled, entry, inlined
 from uwserver.physics.kernel.pool import Pool
 from uwserver.physics.kernel.random import draw_normals
-from uwserver.physics.kernel.straight import address_of, straight
-from uwserver.physics.rays.raycast import Geometry, Hits, no_hits
+from uwserver.physics.kernel.straight import address_of
+from uwserver.physics.rays.raycast import Geometry, no_hits
 from uwserver.ports import Json
 from uwserver.sensors.base import Pose, Scope, Sensor, Settings
 
@@ -93,8 +93,7 @@ shaft_speed, power, supply_voltage, supply = _seen("shaft_speed", "power", "supp
 _share: Any = Elsewhere("uwserver.physics.kernel.sharing", "share")
 _LEAST = 16
 """Sensors that a thread reads at a time: some 5 us."""
-_CARRIERS_KEPT = 8
-"""Sets of rays for which it is known who carries them."""
+_MOST_AIMS = 2
 
 
 @compiled
@@ -113,17 +112,22 @@ def reading_of(head: Any, numbers: Array) -> Array:
 
 
 def record(parameters: list[Any], memory: list[Any] | None = None) -> np.dtype[Any]:
-    """The record of a sensor: parameters and settings, and as ``m`` what it remembers from reading to reading."""
-    return np.dtype([*parameters, ("m", np.dtype(memory or [("nothing", "i8")]))])
+    """The record of a sensor: parameters and settings, and as ``m`` what it remembers from reading to reading. In whole numbers of 64 bits."""
+    kept = ("m", np.dtype(memory or [("nothing", "i8")]))
+    rest = -np.dtype([*parameters, kept]).itemsize % 8
+    return np.dtype([*parameters, ("rest", "u1", (rest,)), kept] if rest else [*parameters, kept])
 
 
 class Bank(NamedTuple):
     """What a kind gives its bank.
 
+    A loop that aims gets what `run` gets, and after it arrays of rays to fill in: `origin` and `direction` (n, 3) in N, and `first` (m + 1), the
+    ray with which those of each sensor begin; then `Hits` of the rays that were in these arrays before. It returns how far the rays reach, m.
+
     Attributes:
         record: of one sensor.
         run: the loop over those that are due; where there are `aims`, with what their last rays hit.
-        aims: loops that cast rays, each after what those of the one before have hit.
+        aims: loops that cast rays, two at most, each after what those of the one before have hit. What carries a sensor is not seen by it.
         acts: a reading changes what others read, so that one thread makes them all, in their order. Where this is false threads share the loop.
     """
 
@@ -133,8 +137,14 @@ class Bank(NamedTuple):
     acts: bool = False
 
 
+def _named_as(function: Callable[..., Any], loop: Deferred) -> Any:
+    """An entry that goes by the name of a kind's own loop in the cache."""
+    function.__module__, function.__qualname__ = loop.py_func.__module__, loop.py_func.__qualname__
+    return entry(function).made()
+
+
 @cache
-def _loop(run: Deferred) -> Any:
+def _shared(run: Deferred) -> Any:
     """The loop over those that are due, which threads share."""
     part = Deferred(run.py_func, "compiled")
 
@@ -147,18 +157,50 @@ def _loop(run: Deferred) -> Any:
     def read_all(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
         _share(_team_at(now), read_range, (heads, rows, numbers, due, now, t), len(due), _LEAST)
 
-    # In the cache it goes by the name of the kind's own loop.
-    read_all.__module__, read_all.__qualname__ = run.py_func.__module__, run.py_func.__qualname__
-    return entry(read_all).made()
+    return _named_as(read_all, run)
 
 
-def _made(bank: Bank) -> Any:
-    return bank.run.made() if bank.acts or bank.aims else _loop(bank.run)
+@cache
+def _alone(run: Deferred) -> Any:
+    """The loop over those that are due, of a kind that acts."""
+    part = Deferred(run.py_func, "compiled")
+
+    def read_all(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
+        part(heads, rows, numbers, due, now, t)
+
+    return _named_as(read_all, run)
+
+
+@cache
+def _by_rays(run: Deferred) -> Any:
+    """The loop over those that are due, of a kind that has cast rays."""
+    part = Deferred(run.py_func, "compiled")
+
+    def read_all(
+        heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, direction: Array, first: Array, hits: Any
+    ) -> None:  # fmt: skip
+        part(heads, rows, numbers, due, now, t, direction, first, hits)
+
+    return _named_as(read_all, run)
+
+
+@cache
+def _aiming(aim: Deferred) -> Any:
+    """A loop that aims, and says how far as a float whatever its author wrote."""
+    part = Deferred(aim.py_func, "compiled")
+
+    def aim_all(
+        heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
+    ) -> float:  # fmt: skip
+        return float(part(heads, rows, numbers, due, now, t, origin, direction, first, hits))
+
+    return _named_as(aim_all, aim)
 
 
 def kernels(bank: Bank) -> tuple[Any, ...]:
     """Its loops, as numba has made them."""
-    return (*(loop.made() for loop in bank.aims), _made(bank))
+    read_all = _by_rays if bank.aims else _alone if bank.acts else _shared
+    return (*(_aiming(loop) for loop in bank.aims), read_all(bank.run))
 
 
 @cache
@@ -166,14 +208,18 @@ def load(bank: Bank) -> None:
     """Have its loops ready, compiled or from the cache, so that no tick waits for them.
 
     Raises:
-        RuntimeError: numba cannot compile one; the text says where it stands and why.
+        RuntimeError: numba cannot compile one; the text says where it stands and why. Or there are too many.
     """
     none, rays = np.zeros(0, np.int64), np.empty((0, 3))
     given = np.zeros(0, HEAD), np.zeros(0, bank.record), np.empty(0), none, np.zeros((0, 2), np.int64), 0.0
     hit = (rays, none, no_hits(0))
-    for loop, rest in (*((aim, (rays, *hit)) for aim in bank.aims), (bank.run, hit if bank.aims else ())):
+    if len(bank.aims) > _MOST_AIMS:
+        where = bank.run.py_func.__code__.co_filename
+        raise RuntimeError(f"{where}: {len(bank.aims)} loops that aim, {_MOST_AIMS} are possible")
+    rest = (*((rays, *hit) for _ in bank.aims), hit if bank.aims else ())
+    for loop, kernel, more in zip((*bank.aims, bank.run), kernels(bank), rest, strict=True):
         try:
-            (_made(bank) if loop is bank.run else loop.made()).load(*given, *rest)
+            kernel.load(*given, *more)
         except Exception as error:  # numba lets pass whatever its own code raises
             code = loop.py_func.__code__
             place = f"{code.co_filename}:{code.co_firstlineno}"
@@ -186,81 +232,29 @@ def codes_of(bank: Bank) -> tuple[int, ...]:
     return (*(address_of(aim, "float64") for aim in aims), address_of(run, "none"))
 
 
-class RayRoom:
-    """Room for rays, for one reading after the other: `origin` and `direction` (n, 3) are others after each growth."""
-
-    def __init__(self) -> None:
-        self.origin = self.direction = np.empty((0, 3))
-
-    def grow(self, count: int) -> None:
-        """Have room for so many at least."""
-        if count > len(self.origin):
-            self.origin, self.direction = np.empty((2, count, 3))
-
-
-def reader(
-    bank: Bank, heads: Array, rows: Array, numbers: FloatArray, due: IntArray, now: IntArray, solids: Geometry, room: RayRoom | None = None
-) -> Callable[[float], None]:  # fmt: skip
-    """What lets sensors of a kind read at a time (s), as often as it is called, while these arrays are theirs.
-
-    A loop that aims gets what `run` gets, and after it arrays of rays to fill in: `origin` and `direction` (n, 3) in N, and `first` (m + 1), the
-    ray with which those of each sensor begin; then `Hits` of the rays that were in these arrays before. It returns how far the rays reach, m.
+def read(
+    bank: Bank, heads: Array, rows: Array, numbers: FloatArray, due: IntArray, now: IntArray, t: float, solids: Geometry
+) -> None:
+    """Let sensors of a kind read at a time, outside a world; in one `step.readings` does.
 
     Args:
         bank: of the kind.
         heads, rows, numbers: arrays in which the sensors lie.
         due: (m) numbers of heads.
-        now: the world (`surroundings.FORMS`).
-        solids: what rays can hit; those of the body that carries a sensor are not seen by it.
-        room: for the rays, which others may use in turn.
+        now: what they see (`surroundings.FORMS`).
+        t: s.
+        solids: what rays can hit.
     """
-    if not bank.aims:
-        return partial(straight(_made(bank)), heads, rows, numbers, due, now)
-    most, room = int(heads["rays"][due].sum()), room or RayRoom()
-    room.grow(most)
-    first, nothing = np.zeros(len(due) + 1, np.int64), no_hits(0)
-    past: Callable[..., Hits] | None = getattr(solids, "raycast_past", None)
-    loops = [loop.made() for loop in (*bank.aims, bank.run)]
-    # Of other solids nobody knows the types of what they answer.
-    *aims, run = loops if past is None else map(straight, loops)
-    carriers_of = _carriers(heads["body"][due], first)
-
-    def cast(start: FloatArray, towards: FloatArray, reach: float) -> Hits:
-        return solids.raycast(start, towards, reach) if past is None else past(carriers_of(), start, towards, reach)
-
-    def read_by_rays(t: float) -> None:
-        hits, origin, direction = nothing, room.origin[:most], room.direction[:most]
-        for aim in aims:
-            reach = aim(heads, rows, numbers, due, now, t, origin, direction, first, hits)
-            count = int(first[-1])
-            hits = nothing if count == 0 else cast(origin[:count], direction[:count], reach)
-        run(heads, rows, numbers, due, now, t, direction, first, hits)
-
-    return read_by_rays
-
-
-def _carriers(bodies: IntArray, first: IntArray) -> Callable[[], IntArray]:
-    """What gives the body (of each sensor in `bodies`) that carries each ray, for those that `first` tells; the last few are kept, as sensors that
-    aim twice go to and fro between two."""
-    found: dict[bytes, IntArray] = {}
-
-    def carriers_of() -> IntArray:
-        tells = first.tobytes()
-        carriers = found.get(tells)
-        if carriers is None:
-            if len(found) >= _CARRIERS_KEPT:
-                found.clear()
-            carriers = found[tells] = np.repeat(bodies, np.diff(first))
-        return carriers
-
-    return carriers_of
-
-
-def read(
-    bank: Bank, heads: Array, rows: Array, numbers: FloatArray, due: IntArray, now: IntArray, t: float, solids: Geometry
-) -> None:
-    """Let sensors of a kind read once: as `reader`, at time t, s."""
-    reader(bank, heads, rows, numbers, due, now, solids)(t)
+    *aims, run = kernels(bank)
+    if not aims:
+        run(heads, rows, numbers, due, now, t)
+        return
+    most = int(heads["rays"][due].sum())
+    (origin, direction), first, hits = np.empty((2, most, 3)), np.zeros(len(due) + 1, np.int64), no_hits(0)
+    for aim in aims:
+        reach, count = aim(heads, rows, numbers, due, now, t, origin, direction, first, hits), int(first[-1])
+        hits = solids.raycast(origin[:count], direction[:count], reach) if count else no_hits(0)
+    run(heads, rows, numbers, due, now, t, direction, first, hits)
 
 
 class BankSensor(Sensor):

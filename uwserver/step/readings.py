@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.calling import call, call_for_float, call_for_number
 from uwserver.physics.kernel.compiled import compiled
 from uwserver.physics.kernel.handles import array_at, lay
-from uwserver.physics.kernel.layout import SeaRows
 from uwserver.physics.rays.hits import miss
 from uwserver.physics.rays.raycast import Hits
 from uwserver.sensors import surroundings
-from uwserver.step import contact, rows, streams
+from uwserver.step import bodies, rows, streams
+from uwserver.step.bodies import seconds_of, time_of
 from uwserver.step.rows import (
     ARRIVALS,
     CALLED,
@@ -56,35 +58,10 @@ _uniform, _profiles, _waves, _place = (
 
 
 @compiled
-def time_of(course: Any, tick: int) -> int:
-    """Of a tick, ns: as `Ticks.time_of`."""
-    if course.given != 0:
-        return course.t_ns if tick == course.given_tick else course.next_t_ns  # type: ignore[no-any-return]
-    return (tick * (2_000_000_000 * course.parts) + course.rate) // (2 * course.rate)  # type: ignore[no-any-return]
-
-
-@compiled
-def seconds_of(course: Any, tick: int) -> float:
-    """Of a tick, s."""
-    if course.given != 0:
-        return course.t if tick == course.given_tick else course.next_t  # type: ignore[no-any-return]
-    return tick * course.parts / course.rate  # type: ignore[no-any-return]
-
-
-@compiled
 def is_measured(run: Any, unit: int, which: int) -> bool:
     """A unit of work is done: whether to stop behind it."""
     run.unit, run.which = unit, which
     return bool(run.measured != 0)
-
-
-@compiled
-def fill_flows(table: Array, ahead: float) -> None:
-    """Find the water at the bodies, `ahead` s after the present tick on their way, where there is a sea."""
-    course, now = _course(table)[0], _now(table)
-    if course.fill_flows != 0:
-        sea = SeaRows(_uniform(now), _profiles(now), _waves(now))
-        call(course.fill_flows, (_world(table), sea, seconds_of(course, _run(table)[0].tick), ahead))
 
 
 @compiled
@@ -164,10 +141,10 @@ def _gather(table: Array) -> None:
 
 
 @compiled
-def _read_by_rays(table: Array, sensors: Array, kind: Any, due: Array, t: float) -> None:
-    """As `sensors.bank.reader` does where rays are cast at what is intersected one by one."""
+def _aim(table: Array, sensors: Array, kind: Any, due: Array, records: Array, t: float) -> Hits:
+    """Cast the rays of sensors of one kind, as often as it aims (`sensors.bank.Bank`); what the last ones hit."""
     course, now, heads, numbers = _course(table)[0], _now(table), _heads(sensors), _numbers(sensors)
-    records, first, past = lay(kind.rows, kind.row_count), _first(table)[: len(due) + 1], _past(table)
+    first, past = _first(table)[: len(due) + 1], _past(table)
     origin, direction = _origin(table), _direction(table)
     distance, normal, body, material = _distance(table), _normal(table), _body(table), _material(table)
     hits = Hits(distance[:0], normal[:0], body[:0], material[:0])
@@ -184,19 +161,43 @@ def _read_by_rays(table: Array, sensors: Array, kind: Any, due: Array, t: float)
         elif n > 0:
             given = _solids(table), origin[:n], direction[:n], reach, _state(table), past[:n]
             call(course.cast, given + (hits.distance, hits.normal, hits.body, hits.material))  # noqa: RUF005  # as numba joins tuples
-    call(kind.code, (heads, records, numbers, due, now, t, direction, first, hits))
+    return hits
 
 
 @compiled
 def _read(table: Array, sensors: Array, kind: Any, due: Array) -> None:
     """Let sensors of one kind read."""
-    course, now, run = _course(table)[0], _now(table), _run(table)[0]
-    t = seconds_of(course, run.tick)
-    if kind.by_rays != 0:
-        _read_by_rays(table, sensors, kind, due, t)
-        return
+    t = seconds_of(_course(table)[0], _run(table)[0].tick)
     records = lay(kind.rows, kind.row_count)
-    call(kind.code, (_heads(sensors), records, _numbers(sensors), due, now, t))
+    given = _heads(sensors), records, _numbers(sensors), due, _now(table), t
+    if kind.by_rays != 0:
+        hits = _aim(table, sensors, kind, due, records, t)
+        call(kind.code, given + (_direction(table), _first(table)[: len(due) + 1], hits))  # noqa: RUF005  # as numba joins tuples
+    else:
+        call(kind.code, given)
+
+
+@compiled
+def _read_exactly(table: Array, sensors: Array, kind: Any, due: Array) -> None:
+    """Let those of these sensors of a kind that are asked for it tell what they would read without errors: before they read, and as if they had
+    not."""
+    heads, numbers = _heads(sensors), _numbers(sensors)
+    for k in range(len(due)):
+        head = heads[due[k]]
+        if head.exact_first < 0:
+            continue
+        words = kind.row_size // 8
+        record = lay(kind.rows + head.row * kind.row_size, words)
+        kept, remembered = heads[due[k] : due[k] + 1].copy(), record.copy()
+        head.exact = head.shadow = 1
+        head.first = head.exact_first
+        _read(table, sensors, kind, due[k : k + 1])
+        valid = head.ready * head.valid
+        if head.ready == 0:
+            numbers[head.first : head.first + head.width] = np.nan
+        record[:] = remembered
+        heads[due[k]] = kept[0]
+        heads[due[k]].exact_valid = valid
 
 
 @compiled
@@ -249,24 +250,23 @@ def _round(table: Array, sensors: Array, values: Array, told_values: Array) -> i
         run.stage, run.turn = EXACT, 0
         _place(_now(table))[0].t_ns = run.t_ns
         if run.needs & NEEDS_RATES:
-            fill_flows(table, 0.0)
-            call(course.look, (_world(table), seconds_of(course, run.tick), _nu_dot(table), _tau(table)))
-            contact.feel(table, _nu_dot(table))
+            bodies.fill_flows(table, 0.0)
+            bodies.find_rates(table)
             if is_measured(run, RATES, 0):
                 return UNIT
     if run.stage == EXACT:
-        run.stage = READ
-        if run.needs & NEEDS_EXACT:
-            return EXACT
+        while run.needs & NEEDS_EXACT and run.turn < run.kinds:
+            mine = _turn(table)[run.turn]
+            run.turn += 1
+            _read_exactly(table, sensors, kinds[mine.kind], _turns(table)[mine.first : mine.first + mine.count])
+            if is_measured(run, READ, run.turn - 1):
+                return UNIT
+        run.stage, run.turn = READ, 0
     if run.stage == READ:
-        turns = _turns(table)
         while run.turn < run.kinds:
             mine = _turn(table)[run.turn]
             run.turn += 1
-            if kinds[mine.kind].code == 0:
-                run.which = run.turn - 1
-                return READ
-            _read(table, sensors, kinds[mine.kind], turns[mine.first : mine.first + mine.count])
+            _read(table, sensors, kinds[mine.kind], _turns(table)[mine.first : mine.first + mine.count])
             if is_measured(run, READ, run.turn - 1):
                 return UNIT
         run.stage = PYTHON

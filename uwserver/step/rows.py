@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from uwserver.physics.kernel.layout import STATE_SIZE, Forms, columns
+from uwserver.physics.kernel.layout import STATE_SIZE, Codes, Forms, columns
 
 (
     BEGIN, PILOTS, FORCES, FIND, MOVE, DRAW, FLOW, ARRIVALS, ROUND, RATES, EXACT, READ, PYTHON, WRITE, DELIVER, KEEP, HEAR, END,
@@ -49,11 +49,8 @@ COURSE = np.dtype(
         ("find_pairs", _WHOLE),  # that may touch, 0 where nothing can; then the lines between them, and contacts
         ("find_lines", _WHOLE),
         ("find_contacts", _WHOLE),
-        ("strike", _WHOLE),  # and what these do
-        ("settle", _WHOLE),
         ("cast", _WHOLE),  # rays; 0 in open water, where they meet nothing
-        ("move", _WHOLE),  # bodies
-        ("look", _WHOLE),  # at accelerations
+        ("codes", np.dtype([(name, _WHOLE) for name in Codes._fields])),  # that carry bodies on
         ("deliver", _WHOLE),
         ("last_round", _WHOLE),
     ]
@@ -143,9 +140,10 @@ KIND = np.dtype(
     [
         (name, _WHOLE)
         for name in (
-            "code",  # where that of its loop lies; 0: Python lets them read
+            "code",  # where that of its loop lies
             "rows",  # their records
             "row_count",
+            "row_size",  # bytes of one
             "by_rays",  # 1: they cast rays
             "aim",  # code that does so, 0 for none
             "aim_again",

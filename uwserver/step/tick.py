@@ -19,8 +19,9 @@ from uwserver.physics.kernel.places import ASKED, LATE, WAITED
 from uwserver.physics.kernel.places import CALLED as HAS_CALLED
 from uwserver.physics.kernel.right_of_way import NOBODY
 from uwserver.sensors import surroundings
-from uwserver.step import contact, rows, streams
-from uwserver.step.readings import brings_large, fill_flows, is_measured, measure, needs_room, seconds_of, time_of
+from uwserver.step import bodies, contact, rows, streams
+from uwserver.step.bodies import seconds_of, time_of
+from uwserver.step.readings import brings_large, is_measured, measure, needs_room
 from uwserver.step.rows import (
     ARRIVALS,
     BEGIN,
@@ -53,18 +54,6 @@ def _waits_for_python(table: Array) -> bool:
     course, run = _course(table)[0], _run(table)[0]
     given = _pilots(table), _world(table), run.tick, time_of(course, run.tick)
     return bool(call_for_number(course.step_pilots, given) != 0)
-
-
-@compiled
-def _move(table: Array, touches: bool) -> int:
-    """Carry all bodies through the tick. Returns -1, or the row of the first whose state is not finite."""
-    course = _course(table)[0]
-    t = seconds_of(course, _run(table)[0].tick)
-    if touches:
-        return contact.touch(table, t)
-    if contact.is_possible(table):
-        contact.part(table)
-    return call_for_number(course.move, (_world(table), t, course.dt))
 
 
 @compiled
@@ -116,7 +105,7 @@ def _before_and_move(table: Array) -> int:
             return FORCES
     if run.stage == FIND:
         run.stage = MOVE
-        fill_flows(table, 0.5 * course.dt)
+        bodies.fill_flows(table, 0.5 * course.dt)
         if contact.is_possible(table):
             if run.finds != 0 or not contact.find(table):
                 return FIND
@@ -124,8 +113,8 @@ def _before_and_move(table: Array) -> int:
                 return UNIT
     if run.stage == MOVE:
         run.stage = DRAW
-        touches = contact.is_possible(table) and contact.has_found(table)
-        lost = _move(table, touches)
+        touches = contact.has_found(table)
+        lost = bodies.move(table)
         if lost >= 0:
             run.tick += 1
             run.which = lost

@@ -10,7 +10,7 @@ import numpy as np
 
 from uwserver.physics.kernel.arrays import IntArray
 from uwserver.sensors import Scope
-from uwserver.sensors.bank import Bank, BankSensor
+from uwserver.sensors.bank import BankSensor
 from uwserver.world.instruments import Instruments
 from uwserver.world.profile import Timer, kind_of
 from uwserver.world.sensor_slot import SensorSlot
@@ -24,7 +24,6 @@ class _Chores(NamedTuple):
     """What sensors that read together need.
 
     Attributes:
-        exactly: what tells what sensors of banks would read without errors, each called with the time (s).
         in_python: sensors, and what reads each.
         written: what lets those of them read that need not see the world.
         texts: the same for those that compiled code writes otherwise.
@@ -35,7 +34,6 @@ class _Chores(NamedTuple):
         needs_rates: whether one of them does.
     """
 
-    exactly: tuple[Callable[[float], None], ...]
     in_python: tuple[tuple[SensorSlot, Callable[[Scope], None]], ...]
     written: tuple[Callable[[], None], ...]
     texts: tuple[Callable[[], None], ...]
@@ -53,25 +51,7 @@ class ByHand:
         """Of sensors by their heads, which lie in these instruments; `timed` is told what each step is."""
         self._slots, self._instruments, self._timed = slots, instruments, timed
         self._chores: dict[bytes, _Chores] = {}
-        self._readers: dict[tuple[int, bytes], Callable[[float], None]] = {}
         self._writes_texts = False
-
-    def exactly(self, due: IntArray, t: float) -> None:
-        """Sensors of banks tell what they would read without errors, before they read."""
-        for read in self._of(due).exactly:
-            read(t)
-
-    def read(self, bank: Bank, due: IntArray, t: float) -> None:
-        """Let sensors of a kind read. What lets the same sensors read is kept: what their rays need is as large as they are many."""
-        key = id(bank), due.tobytes()
-        reader = self._readers.get(key)
-        if reader is None:
-            if len(self._readers) >= _MOST_KEPT:
-                self._readers.clear()
-            sensor = self._slots[int(due[0])].sensor
-            made = self._instruments.reader(bank, due.copy())
-            reader = self._readers[key] = self._timed("sensors", kind_of(sensor), made, len(due))
-        reader(t)
 
     def sense(self, due: IntArray, t_ns: int) -> None:
         """Let sensors read that are written in Python, then make the errors that are."""
@@ -114,12 +94,10 @@ class ByHand:
         timed, instruments = self._timed, self._instruments
         texts = [slot for slot in slots if is_written(slot)]
         others = [slot for slot in slots if not is_written(slot)]
-        in_banks = [slot for slot in others if isinstance(slot.sensor, BankSensor)]
         in_python = [slot for slot in others if not isinstance(slot.sensor, BankSensor) and not slot.writes]
         wordy = [slot for slot in others if slot.is_wordy]
         ready_made = [slot for slot in others if any(stream.is_ready_made for stream in slot.streams)]
         return _Chores(
-            tuple(timed("sensors", kind_of(s.sensor), s.read_exactly) for s in in_banks if s.wants_exact),
             tuple((slot, timed("sensors", kind_of(slot.sensor), slot.read, 1)) for slot in in_python),
             self._writers(slot for slot in others if slot.writes),
             self._writers(texts),

@@ -19,7 +19,7 @@ from uwserver.physics.rays.raycast import Geometry, OpenWater
 from uwserver.ports.thinning import Thinning
 from uwserver.ports.told import Log
 from uwserver.sensors import Scope, surroundings
-from uwserver.sensors.bank import HEAD, Bank, RayRoom, load, reader
+from uwserver.sensors.bank import HEAD, Bank, load
 from uwserver.sensors.sight import Sight
 from uwserver.sensors.surroundings import place_row, water_arrays
 from uwserver.sensors.wiring import ELECTRIC, Wiring
@@ -66,7 +66,6 @@ class Instruments:
         wordy_count: how many of the samples of the last tick have values that are no numbers.
         log: what was read of late, and `logged` how many of its places are taken.
         computing: of readings that take time.
-        rays: room for those of one kind.
         is_read: whether somebody reads samples.
     """
 
@@ -83,7 +82,7 @@ class Instruments:
             Pool(HEAD), Pool(STREAM), Pool(OPERATION), Pool(np.float64),
         )  # fmt: skip
         self._banks: dict[int, Pool] = {}
-        self.rays, self.is_read = RayRoom(), True
+        self.is_read = True
         self.roused: dict[Any, None] = {}  # slots, which stand above this module
         self._pending, self._told = np.zeros(_SLOTS, ENTRY), np.zeros(_SLOTS, ENTRY)
         self._free, self._counts = np.arange(_SLOTS), np.zeros(1, COUNTS)
@@ -251,10 +250,6 @@ class Instruments:
         """The steady part of the current was changed."""
         self._place["current"] = self._water.current
 
-    def look(self, t: float) -> None:
-        """Fill in `nu_dot` and `tau` at the present state."""
-        self._hydro.rates_into(t, self.nu_dot, self.tau)
-
     def scopes(self, t_ns: int, with_rates: bool) -> Callable[[int, Wiring | None], Scope]:
         """What sensors in Python see at this instant, by the row of their body and its inside; made once a body. With rates: after `look`."""
         seen: dict[int, Scope] = {}
@@ -279,16 +274,6 @@ class Instruments:
     def solids(self) -> Geometry:
         """What rays can hit."""
         return self._around().solids
-
-    def reader(self, bank: Bank, due: IntArray) -> Callable[[float], None]:
-        """What lets sensors of a kind (numbers of heads) read the world at a time, s; until sensors or bodies come or go."""
-        rows = self._banks[id(bank)].rows
-        solids = self.solids if bank.aims else _OPEN
-        return reader(bank, self.heads.rows, rows, self.numbers.rows, due, self.now, solids, self.rays)
-
-    def read(self, bank: Bank, due: IntArray, t: float) -> None:
-        """Let them read once."""
-        self.reader(bank, due)(t)
 
     def to_deliver(self) -> tuple[IntArray, FloatArray, FloatArray]:
         """What `delivery.deliver` gets besides, until sensors come or go or there is another log."""

@@ -178,10 +178,12 @@ class SensorSlot(Part):
     @property
     def is_compiled(self) -> bool:
         """Whether compiled code can do everything for it, from its reading to its samples."""
-        if any(stream.is_ready_made for stream in self.streams) or self.wants_exact:
+        if any(stream.is_ready_made for stream in self.streams):
             return False
         if isinstance(self.sensor, BankSensor):
             return not self.is_wordy
+        if self.wants_exact:
+            return False
         at_once = not self.latency_ns and not any(stream.operations for stream in self.streams)
         return self.sensor.writing is not None and at_once
 
@@ -232,20 +234,6 @@ class SensorSlot(Part):
         """From now to the delivery of what it read just now, but for what its streams add."""
         head = self._here.row
         return int(head["delay_ns"]) - int(head["since_ns"]) + self.latency_ns
-
-    def read_exactly(self, t: float) -> None:
-        """What a sensor of a bank would read now without errors, into the arrays; before it reads itself."""
-        sensor, instruments = self.sensor, self._here.instruments
-        assert isinstance(sensor, BankSensor)
-        rows, heads = instruments.rows_of(sensor.bank).rows, instruments.heads.rows
-        head, kept, mine = heads[self.head], heads[self.head].copy(), rows[sensor.row].copy()
-        head["exact"], head["shadow"], head["first"] = 1, 1, kept["exact_first"]
-        instruments.read(sensor.bank, np.array([self.head]), t)
-        read = bool(head["ready"] and head["valid"])
-        if not head["ready"]:
-            self._here.numbers(kept["exact_first"], kept["width"])[:] = np.nan
-        rows[sensor.row], heads[self.head] = mine, kept
-        heads["exact_valid"][self.head] = read
 
     def disturb(self, t_ns: int) -> None:
         """Make the readings of streams whose errors are written in Python."""

@@ -11,11 +11,10 @@ import numpy as np
 from uwserver.environment.water import Water
 from uwserver.physics import entries
 from uwserver.physics.bodies import Hydrodynamics
-from uwserver.physics.collision.contacts import NO_IMPULSES
 from uwserver.physics.collision.finding import NO_FINDING, Finding
 from uwserver.physics.kernel.arrays import IntArray
 from uwserver.physics.kernel.layout import addresses
-from uwserver.physics.rays.raycast import Geometry, OpenWater
+from uwserver.physics.rays.raycast import Geometry
 from uwserver.step import rows
 from uwserver.units import NANOSECONDS
 from uwserver.world.instruments import Instruments
@@ -25,7 +24,7 @@ from uwserver.world.ticks import Ticks
 from uwserver.world.timetable import Timetable, timetable_of
 
 if TYPE_CHECKING:  # what is solid needs numba to be imported
-    from uwserver.physics.rays.casting import OneByOne
+    from uwserver.physics.rays.casting import Met
     from uwserver.physics.scene import Scene
 
 _NO_TABLE: IntArray = np.zeros((0, 2), np.int64)
@@ -112,36 +111,31 @@ class StepTable:
         """How it is found out whether anything may touch; None where nothing may, or compiled code cannot."""
         return self.scene.finding() if self.scene is not None and self.scene is self.hydro.collider else None
 
-    def _met(self, solids: Geometry) -> OneByOne | None:
-        """What rays are cast at; None where there are none or they meet nothing, or compiled code cannot."""
+    def _met(self, solids: Geometry) -> Met | None:
+        """What rays are cast at; None where there are none or they meet nothing."""
         is_met = self.sensing.casts and self.scene is solids
-        return self.scene.one_by_one() if is_met and self.scene is not None else None
+        return self.scene.met() if is_met and self.scene is not None else None
 
     def _tabulate(self) -> None:
         from uwserver.step import delivery
 
         hydro, instruments, bank = self.hydro, self.instruments, self.pilots.bank
         met = self._met(instruments.solids)
-        casts = met is not None or isinstance(instruments.solids, OpenWater)
-        self.timetable = made = timetable_of(self.sensing.groups, instruments, casts=casts)
+        self.timetable = made = timetable_of(self.sensing.groups, instruments)
         self._known = self._lies()
         self._ids = tuple(map(id, self._known))
-        move, look = entries.codes(hydro.is_fitted)
         step, hear, tell = (0, 0, 0) if bank is None else bank.codes()
         sea = self.water.sea
         no_drifts, no_intervals = np.zeros((0, 2, 3)), np.zeros(0, np.int64)
         drifts, intervals = (no_drifts, no_intervals) if sea is None else (sea.ends, sea.intervals)
         finding = self.finding() or NO_FINDING
-        if hydro.collider is None and hydro.touching.is_kept:  # nothing is solid any more
-            hydro.touching.keep(NO_IMPULSES)
-            hydro.contact_nu_dot[:] = 0.0
-        contact = entries.contact_codes(hydro.is_fitted) if hydro.collider is not None else (0, 0)
-        cast, solids = met or (0, _NO_TABLE)
+        cast, solids = (0, _NO_TABLE) if met is None else met[:2]
+        codes = entries.codes(hydro.is_fitted, hydro.collider is not None)
         course = np.zeros(1, rows.COURSE)
         last_round = max((group.round for group in self.sensing.groups), default=rows.WHEN_DUE)
         course[0] = (
             hydro.dt, finding.margin, self.rate_hz.numerator, self.rate_hz.denominator, *self._told, step, self.pilots.every, hear, tell,
-            0 if sea is None else entries.flow_code(), *finding[:3], *contact, cast, move, look, delivery.code(), max(last_round, rows.WHEN_DUE),
+            0 if sea is None else entries.flow_code(), *finding[:3], cast, codes, delivery.code(), max(last_round, rows.WHEN_DUE),
         )  # fmt: skip
         self.rows = made.rows | {
             "course": course, "run": self.run.view(rows.RUN), "ends": self.ends, "solids": solids, "world": hydro.table,

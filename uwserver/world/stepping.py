@@ -27,8 +27,8 @@ program that steps a world of its own."""
 REASONS = {
     rows.PILOTS: "autopilots", rows.FORCES: "forces", rows.FIND: "contacts", rows.DRAW: "drifting currents",
     rows.FLOW: "led bodies and modems", rows.ARRIVALS: "arrivals",
-    rows.EXACT: "exact readings", rows.READ: "readings", rows.PYTHON: "readings in Python",
-    rows.WRITE: "frozen texts", rows.KEEP: "values that are no numbers", rows.ROOM: "room", rows.CALLED: "called sensors",
+    rows.PYTHON: "readings in Python", rows.WRITE: "frozen texts", rows.KEEP: "values that are no numbers", rows.ROOM: "room",
+    rows.CALLED: "called sensors",
 }  # fmt: skip
 """What a step has stopped for, in words."""
 
@@ -43,7 +43,7 @@ _WORK = {rows.UNIT: 0, rows.PILOTS: rows.PILOTS, rows.DIVERGED: rows.MOVE}
 
 _CHANGING = (rows.PILOTS, rows.FORCES, rows.FIND, rows.FLOW)
 """Stops behind which things may lie elsewhere."""
-QUIET = (rows.FIND, rows.DRAW, rows.EXACT, rows.READ)
+QUIET = (rows.FIND, rows.DRAW)
 """Stops behind which nothing else has changed."""
 
 _NAMES = rows.RUN.names or ()
@@ -88,9 +88,8 @@ class Stepping:
         self.profile: Profile | None = None
         self._answers = {
             rows.PILOTS: self._attend, rows.FORCES: self._give_forces, rows.FIND: given.hydro.find_contacts, rows.DRAW: self._draw,
-            rows.FLOW: self._follow, rows.ARRIVALS: self._arrive, rows.EXACT: self._read_exactly, rows.READ: self._read,
-            rows.PYTHON: self._sense, rows.WRITE: self._write, rows.KEEP: self._keep, rows.ROOM: self._make_room,
-            rows.CALLED: self._call,
+            rows.FLOW: self._follow, rows.ARRIVALS: self._arrive, rows.PYTHON: self._sense, rows.WRITE: self._write, rows.KEEP: self._keep,
+            rows.ROOM: self._make_room, rows.CALLED: self._call,
         }  # fmt: skip
 
     # -- ticks ----------------------------------------------------------------------------------------------------------------------
@@ -287,14 +286,6 @@ class Stepping:
         _, first, count = self.given.rows["turn"][number].tolist()
         heads: IntArray = self.given.rows["turns"][first : first + count]
         return heads
-
-    def _read_exactly(self) -> None:
-        self._sensing.by_hand.exactly(self._due, self._seconds)
-
-    def _read(self) -> None:
-        number = int(self.given.run[_WHICH])
-        bank = self.given.timetable.banks[int(self.given.rows["turn"][number]["kind"])]
-        self._sensing.by_hand.read(bank, self._turn(number), self._seconds)
 
     def _sense(self) -> None:
         self._sensing.by_hand.sense(self._due, self._now[1])

@@ -85,9 +85,9 @@ def needs_of(slots: Iterable[SensorSlot]) -> int:
 class _Maker:
     """Makes the rows of a timetable."""
 
-    def __init__(self, instruments: Instruments, casts: bool) -> None:
-        """Of sensors that lie in these instruments; `casts`: compiled code can cast rays."""
-        self._instruments, self._casts = instruments, casts
+    def __init__(self, instruments: Instruments) -> None:
+        """Of sensors that lie in these instruments."""
+        self._instruments = instruments
         self.banks: list[Bank] = []
         self._numbers: dict[int, int] = {}
         self.groups: list[tuple[int, ...]] = []
@@ -129,28 +129,25 @@ class _Maker:
         )
 
     def kind(self, bank: Bank) -> tuple[int, ...]:
-        """The row of a kind. Its loops are called by compiled code where they give what is expected, and rays can be cast there."""
+        """The row of a kind."""
         *aims, code = codes_of(bank)
         rows = self._instruments.rows_of(bank).rows
-        is_called = (self._casts or not aims) and len(aims) <= 2 and all((*aims, code))
-        return code if is_called else 0, rows.ctypes.data, len(rows), bool(aims), *(*aims, 0, 0)[:2]
+        return code, rows.ctypes.data, len(rows), rows.dtype.itemsize, bool(aims), *(*aims, 0, 0)[:2]
 
 
-def timetable_of(groups: Sequence[Group], instruments: Instruments, *, casts: bool) -> Timetable:
+def timetable_of(groups: Sequence[Group], instruments: Instruments) -> Timetable:
     """The timetable of a world.
 
     Args:
         groups: in the order of a tick.
         instruments: where they lie.
-        casts: compiled code can cast rays.
     """
-    made = _Maker(instruments, casts)
+    made = _Maker(instruments)
     for group in groups:
         made.add(group)
     kinds = np.array([made.kind(bank) for bank in made.banks], KIND)
     heads = instruments.heads.rows
     rays, most_heads = _most_rays(made, heads)
-    instruments.rays.grow(rays)
     count = len(heads)
 
     def whole(values: Sequence[int]) -> IntArray:
@@ -168,8 +165,8 @@ def timetable_of(groups: Sequence[Group], instruments: Instruments, *, casts: bo
         "turns": np.zeros(count, np.int64),
         "turn": np.zeros(len(kinds), SHARE),
         "place": np.full(len(kinds), -1, np.int64),
-        "origin": instruments.rays.origin,
-        "direction": instruments.rays.direction,
+        "origin": np.empty((rays, 3)),
+        "direction": np.empty((rays, 3)),
         "first": np.zeros(most_heads + 1, np.int64),
         "past": np.zeros(rays, np.int64),
         **no_hits(rays)._asdict(),

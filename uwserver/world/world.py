@@ -41,6 +41,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Diverged", "World"]
 
+_OPEN_WATER = OpenWater()
+
 
 class World(InProcess):
     """All vehicles and their components, stepped tick by tick.
@@ -54,7 +56,6 @@ class World(InProcess):
         members: all bodies with their components, by name; `vehicles`, `sensors` and `actuators` follow from them.
         vehicles: the bodies by name, free objects too.
         scene: solid things; None where nothing is solid.
-        geometry: the same, as sensors see it.
         lambert, sediments: (n) backscatter of their materials by number, and these as a bottom that reflects.
         water, earth, sight: the environment, where N lies, and what cameras see.
         parts: all that lives in it, by path: its own parts and those of the members, sorted. The rows of the bodies stand before all others,
@@ -73,7 +74,6 @@ class World(InProcess):
         super().__init__()
         self.name, self.rate_hz, self.seed, self.epoch_utc = name, rate_hz, seed, epoch_utc
         self.hydro, self.water = hydro, water
-        self.geometry: Geometry = OpenWater()
         self.earth, self.lambert, self.sediments = Earth(), SEDIMENT, BOTTOM
         self.sight: Sight | None = None
         self._rate, self.ticks = (rate_hz.numerator, rate_hz.denominator), Ticks(rate_hz)
@@ -116,9 +116,14 @@ class World(InProcess):
     def _around(self) -> Around:
         return Around(self.vehicles, self.earth, self.geometry, self.lambert, self.sediments, self.sight)
 
+    @property
+    def geometry(self) -> Geometry:
+        """Solid things, as sensors see them."""
+        return _OPEN_WATER if self.scene is None else self.scene
+
     def set_scene(self, scene: Scene) -> None:
         """Give the world its solid things; before any body is in it."""
-        self.scene = self.hydro.collider = self.geometry = self.stepping.given.scene = scene
+        self.scene = self.hydro.collider = self.stepping.given.scene = scene
         self.sensing.schedule()  # who reads by rays keeps what to cast them at
 
     def prepare(self) -> None:
@@ -212,7 +217,6 @@ class World(InProcess):
         self._profile = self.stepping.profile = profile
         self._timed = untimed if profile is None else profile.timed
         self._carry_out = self._timed("requests", "requests", self.requests.carry_out)
-        self.hydro.watch(self._timed)
         self.sensing.watch(self._timed)
         self._line_up()
 

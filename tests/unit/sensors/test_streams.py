@@ -9,6 +9,8 @@ import pytest
 from msgspec import structs
 
 from uwserver.modifiers import Bias, ClockDrift, Delay, Dropout, WhiteNoise
+from uwserver.physics.geometry.shapes import HalfSpace, Placed, Solid, Sphere
+from uwserver.physics.scene import Scene
 from uwserver.ports import Refused
 from uwserver.scenario.build.world import build
 from uwserver.scenario.files.errors import ScenarioError
@@ -16,8 +18,6 @@ from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors import ImuConfig, MotionCaptureConfig, PressureConfig, StreamTable
-from uwserver.testing import FakeGeometry
-from uwserver.testing.fake_geometry import Plane, Sphere
 
 NOISE = WhiteNoise(field="p_NS", sigma=0.1)
 IDEAL = {"ideal": StreamTable(ideal=True)}
@@ -110,7 +110,10 @@ def heavy(resolved, change):
         "heavy": type(vehicle)("heavy", vehicle.entry, file, vehicle.devices, vehicle.solid),
     }
     world = build(type(resolved)(resolved.name, resolved.scenario, vehicles, None, ()))
-    world.geometry = FakeGeometry([Plane((0.0, 0.0, 20.0), (0.0, 0.0, -1.0)), Sphere((8.0, 3.0, 5.0), 2.0)])
+    scene = Scene(lambda: world.hydro.state)
+    scene.add_static(Solid("bottom", (Placed(HalfSpace(), p=np.array([0.0, 0.0, 20.0])),)))
+    scene.add_static(Solid("ball", (Placed(Sphere(2.0), p=np.array([8.0, 3.0, 5.0])),)))
+    world.set_scene(scene)
     world.command("heavy/thrusters", u=[0.3] * 8)
     return world
 

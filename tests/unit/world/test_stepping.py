@@ -25,8 +25,6 @@ from uwserver.ports.thinning import Thinning
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 from uwserver.sensors.bank import BankSensor
-from uwserver.testing import FakeGeometry
-from uwserver.testing.fake_geometry import Plane
 from uwserver.world import Diverged, World
 from uwserver.world import snapshot as snapshots
 from uwserver.world.part import Part, State
@@ -443,31 +441,14 @@ def test_ticks_that_are_measured_are_made_one_by_one_and_watchdogs_have_theirs(t
     assert [event.event for event in world.advance(most=50).events] == ["watchdog"]
 
 
-def test_who_lets_a_kind_read_does_not_matter(twins: Twins) -> None:
-    """Where compiled code cannot call the loop of a kind, the step stops for it: the readings are the same."""
-    twins.step(480)
-    twins.other.stepping.given.rows["kinds"]["code"] = 0
-    twins.do(fly)
-    twins.step(240)
-    assert twins.stops["readings"] > 240
-
-
-def test_kinds_read_in_the_order_in_which_the_first_of_each_is_due(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_kinds_read_in_the_order_in_which_the_first_of_each_is_due(tmp_path: Path) -> None:
     """Also where several intervals end in one tick: what one of them changes, as a battery the voltage, others see or do not see."""
     world = Twins(tmp_path).other
-    world.step(1)
-    stepping = world.stepping
-    stepping.given.rows["kinds"]["code"] = 0
-    read, real = [], world.sensing.by_hand.read
-    monkeypatch.setattr(
-        world.sensing.by_hand, "read", lambda bank, due, t: (read.append((bank, due.copy())), real(bank, due, t))
-    )
     tick = 120  # all are due
-    world.step(tick - 2)
-    read.clear()
-    world.step(1)
+    world.step(tick)
+    rows, timetable = world.stepping.given.rows, world.stepping.given.timetable
+    turns = rows["turn"][: int(rows["run"]["kinds"][0])].tolist()
+    read = [(timetable.banks[kind], rows["turns"][first : first + count]) for kind, first, count in turns]
     slots = [slot for group in world.sensing.groups if tick % group.divisor == 0 for slot in group.slots]
     banks = [slot.sensor.bank for slot in slots if isinstance(slot.sensor, BankSensor)]
     assert [id(bank) for bank, _ in read] == list(dict.fromkeys(map(id, banks)))
@@ -542,17 +523,6 @@ def test_a_sea_needs_python_where_a_current_is_drawn_anew(tmp_path: Path, more: 
     twins = Twins(tmp_path, more=more)
     twins.step(300)
     assert twins.stops == ({} if "waves" in more else {"drifting currents": 2})
-
-
-def test_what_rays_meet_may_be_known_to_python_alone(twins: Twins) -> None:
-    twins.step(30)
-    assert not twins.stops
-    for world in (twins.one, twins.other):
-        world.geometry = FakeGeometry([Plane((0.0, 0.0, 9.0), (0.0, 0.0, -1.0))])
-        world.refresh()
-    altitudes = [sample.value[0] for sample in twins.step(240) if sample.port == "rov/echosounder" and sample.valid]
-    assert min(altitudes) == pytest.approx(4.0, abs=0.5)  # type: ignore[type-var]
-    assert twins.stops == {"readings": 18}, "of an echosounder at 10 Hz and a DVL at 8 Hz"
 
 
 # -- the loop that has the interpreter meanwhile ---------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Kinds of sensors that a user has written: the step calls their code, or stops for it."""
+"""Kinds of sensors that a user has written: the step calls their code, or stops for what is in Python."""
 
 from __future__ import annotations
 
@@ -109,13 +109,25 @@ def one_by_one(world: World, ticks: int) -> list[Sample]:
 @pytest.mark.parametrize("reach", ["50.0", "50"], ids=["float", "whole number"])
 @pytest.mark.parametrize("bottom", [BOTTOM, ""], ids=["bottom", "open water"])
 def test_rays_of_a_kind_reach_as_far_as_it_says(tmp_path: Path, reach: str, bottom: str) -> None:
-    """Also where its code gives another type than ours does: then Python calls it."""
+    """Also where its code gives another type than ours does."""
     one, other = worlds(tmp_path, ping(reach), 'kind = "ping"\nrate_hz = 60', bottom)
     samples = one_by_one(one, 60)
     assert other.step(60) == samples
     ranges = [sample.value[0] for sample in samples if sample.port == "rov/own"]
     assert len(ranges) == 15
     assert ranges == ([pytest.approx(15.0, abs=0.5)] * 15 if bottom else [math.inf] * 15)
+    assert {reason for reason, count in other.stepping.stops.items() if count} <= {"room"}
+
+
+@pytest.mark.parametrize(
+    ("code", "said"),
+    [(ping("None"), 'cannot compile "aim"'), (ping("50.0").replace("(aim,)", "(aim,) * 3"), "3 loops that aim, 2 are")],
+    ids=["nothing", "three"],
+)
+def test_a_kind_that_cannot_be_called_is_told_where_it_stands(tmp_path: Path, code: str, said: str) -> None:
+    with pytest.raises(RuntimeError, match=said) as refused:
+        worlds(tmp_path, code, 'kind = "ping"\nrate_hz = 60')
+    assert "kind.py" in str(refused.value)
 
 
 def test_a_kernel_that_raises_ends_the_ticks_where_it_does(tmp_path: Path) -> None:

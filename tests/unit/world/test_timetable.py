@@ -49,7 +49,7 @@ def test_of_a_vehicle_compiled_code_does_everything_and_writes_what_its_autopilo
 
 def test_heads_of_a_group_stand_together_and_those_of_a_kind_beside_each_other() -> None:
     world = uwserver.load("bluerov2_qgc")
-    made = timetable_of(world.sensing.groups, world.instruments, casts=True)
+    made = timetable_of(world.sensing.groups, world.instruments)
     for group, row in zip(world.sensing.groups, made.rows["groups"], strict=True):
         heads = made.rows["scheduled"][row["first"] : row["first"] + row["count"]].tolist()
         assert heads == [slot.head for slot in group.slots]
@@ -61,10 +61,11 @@ def test_heads_of_a_group_stand_together_and_those_of_a_kind_beside_each_other()
             assert members == [
                 s.head for s in group.slots if isinstance(s.sensor, BankSensor) and s.sensor.bank is bank
             ]
-    casting = [bool(bank.aims) for bank in made.banks]
-    assert any(casting)
-    blind = timetable_of(world.sensing.groups, world.instruments, casts=False).rows["kinds"]
-    assert [not code for code in blind["code"].tolist()] == casting, "Python lets them read"
+    kinds = made.rows["kinds"]
+    assert kinds["by_rays"].tolist() == [bool(bank.aims) for bank in made.banks]
+    assert kinds["by_rays"].any()
+    assert kinds["code"].all()
+    assert kinds["row_size"].tolist() == [bank.record.itemsize for bank in made.banks]
 
 
 def test_a_rig_without_sensors_makes_its_ticks() -> None:

@@ -33,7 +33,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 ENTRY_KERNELS = {
     "free": (
-        "integrator.advance", "integrator.rates_of_change", "sharing.serve", "sharing.stop",
+        "integrator.advance", "integrator.rates_of_change", "carrying.carry_alone", "carrying.find_rates_alone", "sharing.serve", "sharing.stop",
         "giving_way.await_event", "giving_way.send_aside", "giving_way.give_way", "giving_way.answer",
     ),
     "fins": ("integrator.advance_fitted", "integrator.rates_of_change_fitted"),
@@ -43,7 +43,7 @@ ENTRY_KERNELS = {
     "solids": (
         "broad_phase.find_pairs", "broad_phase.place", "broad_phase.bound", "directions.find_lines", "directions.refine_lines",
         "narrow_phase.find_contacts", "mesh.fill_cells", "hits.intersect_simple", "hits.select_rays", "hits.refine",
-        *(() if find_spec("embreex") else ("tree.build", "tree.pick_nearest")),
+        "meeting.meet", "tree.build", *(() if find_spec("embreex") else ("tree.pick_nearest",)),
     ),
     "echoes": ("hits.intersect_level", "echoes.backscatter"),
 }  # fmt: skip

@@ -310,6 +310,16 @@ Forms = Mapping[str, "np.dtype[Any]"]
 """Of each array of a table of addresses, in its order: name, and dtype of a row. The one list by which a table is written and read."""
 
 
+class Codes(NamedTuple):
+    """Where the code lies of what carries bodies through a tick, and of what tells how they are accelerated (`contact.carrying`). That of contacts is
+    0 in a world where nothing is solid."""
+
+    advance: int
+    rates: int
+    strike: int
+    settle: int
+
+
 def columns(dtype: type[np.generic], *shape: int) -> np.dtype[Any]:
     """The form of an array (n, *shape) of plain numbers."""
     return np.dtype((dtype, shape))

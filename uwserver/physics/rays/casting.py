@@ -1,15 +1,15 @@
 """Rays against everything solid in a world: the engine of all ranging sensors.
 
-Half-spaces and moving solids of few triangles are intersected one by one, exactly. For all else a picker says which triangle a ray meets
-first: Embree, which works in float32, or where that is not installed a slower tree of our own. Range and normal are computed from the triangle
-in float64, and each surface is kept about an origin near it. That of what never moves is the nearest point of a fixed lattice, so that something
-far away changes no range, not in its last bit. A picker knows no instances: what moves has a surface in its own frame, shared by equal solids,
-and only rays that pass it go there. Imported only when a world has something solid.
+Half-spaces and moving solids of few triangles are intersected one by one, exactly. For all else it is found which triangle a ray meets first: for
+sensors that compiled code reads by a tree (`met`), so that they cost no stop of a tick; for those in Python, which cast many rays at a time, by a
+picker (`surfaces`), which is quicker then. Range and normal are computed from the triangle in float64, and each surface is kept about an origin near
+it. That of what never moves is the nearest point of a fixed lattice, so that something far away changes no range, not in its last bit. What moves
+has a surface in its own frame, shared by equal solids, and only rays that pass it go there. Imported only when a world has something solid.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -20,7 +20,7 @@ from uwserver.physics.geometry.tessellation import facets
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.layout import Q, addresses
 from uwserver.physics.kernel.straight import address_of, straight
-from uwserver.physics.rays import hits
+from uwserver.physics.rays import hits, meeting
 from uwserver.physics.rays.raycast import Hits
 from uwserver.physics.rays.rows import CARRIED, SIDE, Simple, middle, planes, sides
 from uwserver.physics.rays.surfaces import Surface, Surfaces
@@ -57,16 +57,26 @@ def _intersects_simple() -> Callable[..., Any]:
     return straight(_intersect_simple())
 
 
-class OneByOne(NamedTuple):
-    """What compiled code casts rays at (`hits.intersect_simple`), where everything is intersected one by one.
+@cache
+def _meet_code() -> int:
+    table, none, body = np.zeros((0, 2), np.int64), np.empty((0, 3)), np.empty(0, np.int64)
+    kernel: Any = meeting.meet
+    kernel.load(table, none, none, 0.0, np.empty((0, 13)), body, np.empty(0), none, body, body)
+    return address_of(kernel, "none")
+
+
+class Met(NamedTuple):
+    """What compiled code casts rays at (`meeting.meet`).
 
     Attributes:
         code: where that lies (`kernel.calling`).
-        table: of what is intersected.
+        table: of what is solid.
+        rows: the arrays of the table.
     """
 
     code: int
     table: IntArray
+    rows: Mapping[str, Any]
 
 
 def _plain(origin: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -75,15 +85,13 @@ def _plain(origin: FloatArray, direction: FloatArray) -> tuple[FloatArray, Float
 
 
 def _cast(
-    table: IntArray, still: Iterable[Surface], moving: Iterable[_Moved], state: FloatArray, rays: tuple[FloatArray, FloatArray, float],
-    past: IntArray = _NONE,
+    table: IntArray, still: Iterable[Surface], moving: Iterable[_Moved], state: FloatArray, rays: tuple[FloatArray, FloatArray, float]
 ) -> Hits:  # fmt: skip
-    """The first thing that rays (`Geometry.raycast`, but `_plain`) meet: of what is intersected one by one, by its table, and of surfaces.
-    `past`: of the former they pass what the body in their row (n) carries."""
+    """The first thing that rays (`Geometry.raycast`, but `_plain`) meet: of what is intersected one by one, by its table, and of surfaces."""
     origin, direction, max_range = rays
     n, limit = len(origin), float(max_range)
     answer = Hits(np.empty(n), np.empty((n, 3)), np.empty(n, np.int64), np.empty(n, np.int64))
-    _intersects_simple()(table, origin, direction, limit, state, past, *answer)
+    _intersects_simple()(table, origin, direction, limit, state, _NONE, *answer)
     for surface in still:
         surface.cast(_STILL, -1, origin, direction, limit, answer)
     for body, row, surface in moving:
@@ -107,8 +115,7 @@ class Rays:
         self._still: tuple[Surface, ...] | None = None
         self._simple: tuple[Simple, IntArray] | None = None
         self._others: dict[int, tuple[Simple, IntArray]] = {}
-        self._rows: IntArray = np.empty(0, np.int64)
-        self._one_by_one: OneByOne | None = None
+        self._met: Met | None = None
 
     def add_static(self, body: int, solid: Solid) -> None:
         """Add something that never moves. Raises BadSolid."""
@@ -143,38 +150,24 @@ class Rays:
         where = np.ascontiguousarray(state, np.float64)
         return self._cast_plain(where, (*_plain(origin, direction), max_range), without)
 
-    def _cast_plain(
-        self,
-        state: FloatArray,
-        rays: tuple[FloatArray, FloatArray, float],
-        without: int = NOBODY,
-        past: IntArray = _NONE,
-    ) -> Hits:
+    def _cast_plain(self, state: FloatArray, rays: tuple[FloatArray, FloatArray, float], without: int = NOBODY) -> Hits:
         _, table = self._simple_without(without)
         moving = [
             (body, c.row, c.surface) for body, c in self._moving.items() if c.surface is not None and c.row != without
         ]
-        return _cast(table, self._still or (), moving, state, rays, past)
+        return _cast(table, self._still or (), moving, state, rays)
 
-    def cast_past(
-        self, state: FloatArray, rows: IntArray, origin: FloatArray, direction: FloatArray, max_range: float
-    ) -> Hits:
-        """As `cast`; each ray passes what the body in its row (n) carries. Origins and directions are C-contiguous."""
-        answer = self._cast_plain(state, (origin, direction, max_range), past=rows)
-        own = self._rows[answer.body] == rows  # as surfaces do not know whom a ray passes
-        if np.count_nonzero(own):
-            for row in np.unique(rows[own]).tolist():
-                chosen = np.flatnonzero(own & (rows == row))
-                found = self._cast_plain(state, (origin[chosen], direction[chosen], max_range), row)
-                for column, again in zip(answer, found, strict=True):
-                    column[chosen] = again
-        return answer
-
-    def one_by_one(self) -> OneByOne | None:
-        """What compiled code needs to cast as `cast_past`, the same object until something comes or goes; None where there are surfaces."""
-        if self._simple is None:
-            self._gather()
-        return self._one_by_one
+    def met(self) -> Met:
+        """What compiled code needs to cast rays, the same object until something comes or goes."""
+        simple, _ = self._simple_without(NOBODY)
+        if self._met is None:
+            still = [(surface.table.ctypes.data, -1, -1) for surface in self._still or ()]
+            moving = [
+                (c.surface.table.ctypes.data, body, c.row) for body, c in self._moving.items() if c.surface is not None
+            ]
+            rows = {**simple._asdict(), "placed": np.array([*still, *moving], meeting.PLACED)}
+            self._met = Met(_meet_code(), addresses(meeting.SOLID, rows), rows)
+        return self._met
 
     def still(self, state: FloatArray, without: int = NOBODY) -> Still:
         """The solids as they are now, where this state (n, 13) puts them, for one other thread; not those of the row `without`. The first after a
@@ -221,13 +214,9 @@ class Rays:
                 first += len(each[-1])
             rows.append((body, row, *places[key]))
         self._others.clear()
-        # The last is nobody's: where a ray meets nothing, its body is -1.
-        self._rows = np.full(max([*self._static, *self._moving], default=0) + 2, NOBODY)
-        self._rows[[*self._moving]] = [carried.row for carried in self._moving.values()]
+        self._met = None
         simple = Simple(planes(self._static.items()), np.array(rows, CARRIED), np.concatenate(each))
         table = addresses(hits.SIMPLE, simple._asdict())
-        is_all = not self._still and all(carried.surface is None for carried in self._moving.values())
-        self._one_by_one = OneByOne(address_of(_intersect_simple(), "none"), table) if is_all else None
         self._simple = simple, table
         return self._simple
 

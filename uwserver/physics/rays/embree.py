@@ -10,7 +10,7 @@ from uwserver.physics.kernel.arrays import FloatArray, IntArray
 
 
 class EmbreePicker:
-    """A `casting.Picker`. One that is not `robust` is a fifth quicker, and a ray may slip through between two triangles: for pictures."""
+    """A `surfaces.Picker`. One that is not `robust` is a fifth quicker, and a ray may slip through between two triangles: for pictures."""
 
     def __init__(self, corners: FloatArray, robust: bool = True) -> None:
         n = len(corners)
@@ -19,6 +19,6 @@ class EmbreePicker:
         self._mesh = EmbreeMesh(self._scene, flat, np.arange(3 * n, dtype=np.int32).reshape(-1, 3))
 
     def pick(self, origin: FloatArray, direction: FloatArray, limit: FloatArray | None = None) -> IntArray:
-        """As `casting.Picker`."""
+        """As `surfaces.Picker`."""
         picked: IntArray = self._scene.run(origin, direction, limit)
         return picked

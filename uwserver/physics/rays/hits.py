@@ -6,7 +6,7 @@ All functions keep in `raycast.Hits` the nearest hit of each ray that is not far
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -55,7 +55,13 @@ def intersect_simple(
         past: (n) of each ray the row of a body whose solids it passes, or nothing, for rays that pass none.
         distance, normal, body, material: of `Hits`, receive the answer.
     """
-    simple, hits = _simple_at(table), Hits(distance, normal, body, material)
+    begin(table, origin, direction, limit, state, past, Hits(distance, normal, body, material))
+
+
+@compiled
+def begin(table: Array, origin: Array, direction: Array, limit: float, state: Array, past: Array, hits: Hits) -> None:
+    """As `intersect_simple`."""
+    simple = _simple_at(table)
     miss(hits)
     _intersect_planes(origin, direction, limit, simple.planes, hits)
     _intersect_carried(origin, direction, limit, simple, state, past, hits)
@@ -239,9 +245,61 @@ BATCH: Forms = {
 _batch_at = arrays_at(Batch, BATCH)
 
 
+@compiled
+def bring(
+    origin: Array, direction: Array, x: Array, R: Array, centre: Array, half: Array, start: Array, towards: Array
+) -> float:
+    """Bring a ray into the frame of a surface.
+
+    Args:
+        origin, direction: (3) of the ray in N.
+        x, R: (13) state that places the frame, and its attitude.
+        centre, half: (3) of the box around the surface.
+        start, towards: (3) out, about the centre.
+
+    Returns:
+        How far from the box a ray may pass and meet what is in it, as float32 has it, m.
+    """
+    slack = 0.0
+    for j in range(3):
+        s = d = 0.0
+        for k in range(3):
+            s += R[k, j] * (origin[k] - x[P + k])
+            d += R[k, j] * direction[k]
+        s -= centre[j]
+        start[j], towards[j] = s, d
+        slack = max(slack, ROUNDING * (abs(s) + half[j]))
+    return slack
+
+
+@compiled
+def enters(start: Array, towards: Array, half: Array, slack: float, limit: float) -> float:
+    """How far at most a ray is in a box, m; -1 where it does not pass it within the limit (the slab test)."""
+    near, far = 0.0, limit
+    for j in range(3):
+        s, d, edge = start[j], towards[j], half[j] + slack
+        if d != 0.0:
+            first, second = (-edge - s) / d, (edge - s) / d
+            near, far = max(near, min(first, second)), min(far, max(first, second))
+        elif abs(s) > edge:
+            far = -1.0
+    return far if near <= far else -1.0
+
+
+@compiled
+def met_side(side: Any, start: Array, towards: Array) -> tuple[float, float]:
+    """How fast a ray comes out of the plane of a triangle, 0 along it, and how far away it meets it."""
+    approach, height = dot(side.normal, towards), 0.0
+    if approach == 0.0:
+        return 0.0, math.inf
+    for j in range(3):
+        height += side.normal[j] * (side.corners[0, j] - start[j])
+    return approach, height / approach
+
+
 @entry
 def select_rays(table: Array, origin: Array, direction: Array, limit: float, x: Array, distance: Array) -> int:
-    """Bring rays that pass a box, before what they have hit so far, into its frame (the slab test).
+    """Bring rays that pass a box, before what they have hit so far, into its frame.
 
     Args:
         table: made by `BATCH`; receives them.
@@ -264,24 +322,9 @@ def select_rays(table: Array, origin: Array, direction: Array, limit: float, x: 
     rotation(x[Q], x[Q + 1], x[Q + 2], x[Q + 3], R)
     count = 0
     for i in range(len(origin)):
-        near, far = 0.0, min(limit, distance[i])
-        slack = 0.0
-        for j in range(3):
-            s = d = 0.0
-            for k in range(3):
-                s += R[k, j] * (origin[i, k] - x[P + k])
-                d += R[k, j] * direction[i, k]
-            s -= centre[j]
-            start[count, j], towards[count, j] = s, d
-            slack = max(slack, ROUNDING * (abs(s) + half[j]))
-        for j in range(3):
-            s, d, edge = start[count, j], towards[count, j], half[j] + slack
-            if d != 0.0:
-                first, second = (-edge - s) / d, (edge - s) / d
-                near, far = max(near, min(first, second)), min(far, max(first, second))
-            elif abs(s) > edge:
-                far = -1.0
-        if not near <= far:
+        slack = bring(origin[i], direction[i], x, R, centre, half, start[count], towards[count])
+        far = enters(start[count], towards[count], half, slack, min(limit, distance[i]))
+        if far < 0.0:
             continue
         for j in range(3):
             engine[count, j], engine[count, 3 + j] = start[count, j], towards[count, j]
@@ -314,15 +357,10 @@ def refine(
         t = picked[k]
         if t < 0:
             continue
-        side = batch.sides[t]
-        approach = dot(side.normal, towards[k])
+        side, i = batch.sides[t], batch.rays[k]
+        approach, reached = met_side(side, start[k], towards[k])
         if approach == 0.0:
             continue
-        height = 0.0
-        for j in range(3):
-            height += side.normal[j] * (side.corners[0, j] - start[k, j])
-        reached = height / approach
-        i = batch.rays[k]
         if approach > 0.0 and side.sided != 0:
             batch.ahead[count], batch.rays[count] = max(reached, batch.ahead[k]), i
             for j in range(3):

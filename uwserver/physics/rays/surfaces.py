@@ -1,11 +1,13 @@
-"""Triangles of solids, of which a picker says which one a ray meets first: Embree, which works in float32, or where that is not installed a slower
-tree of our own. Range and normal are computed from the triangle in float64, and each surface is kept about an origin near it.
+"""Triangles of solids, of which is found which one a ray meets first: in compiled code by a tree of our own (`meeting`), in Python by a picker, which
+is Embree, that works in float32, or where that is not installed the tree. Range and normal are computed from the triangle in float64, and each
+surface is kept about an origin near it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from copy import copy
+from functools import cached_property
 from importlib.util import find_spec
 from typing import NamedTuple, Protocol
 
@@ -16,8 +18,10 @@ from uwserver.physics.geometry.tessellation import Facets, facets
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.layout import addresses
 from uwserver.physics.rays import hits
+from uwserver.physics.rays.meeting import SURFACE
 from uwserver.physics.rays.raycast import Hits
 from uwserver.physics.rays.rows import middle, sides
+from uwserver.physics.rays.tree import grow
 
 FEW = 96
 """Triangles of a moving solid, as eight boxes have, up to which one by one is quicker than the engine."""
@@ -78,11 +82,23 @@ class Surface:
         self._sides, self._owners = sides(parts, self._box[0]), owners
         self._works: dict[int, _Work] = {}
         self._apart: Surface | None = None
-        self._picker = make_picker(self._sides["corners"])
+
+    @cached_property
+    def _picker(self) -> Picker:
+        return make_picker(self._sides["corners"])
+
+    @cached_property
+    def table(self) -> IntArray:
+        """Of `meeting.SURFACE`, for compiled code; what it tells of is kept with the surface."""
+        tree = grow(self._sides["corners"], self._sides["sided"])
+        arrays = {**tree._asdict(), "sides": self._sides, "owners": self._owners, "box": self._box}
+        self._kept = arrays
+        return addresses(SURFACE, arrays)
 
     def apart(self) -> Surface:
         """The same triangles for one other thread, with work space of its own; always the same answer. What picks is safe in many threads."""
         if self._apart is None:
+            _ = self._picker  # which both share
             self._apart = other = copy(self)
             other.__dict__["_works"] = {}
         return self._apart

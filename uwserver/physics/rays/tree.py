@@ -1,4 +1,4 @@
-"""A tree of boxes as a picker of triangles, for machines without Embree (compiled, float64).
+"""A tree of boxes around triangles (compiled, float64): for sensors that are read in compiled code, and as a picker where Embree is not installed.
 
 A perfect binary tree in one array, as of a heap: the children of box k are 2 k + 1 and 2 k + 2. Each box is halved at the median of its
 triangles' middles along its longest side, until few are left in one.
@@ -7,36 +7,74 @@ triangles' middles along its longest side, until few are left in one.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from uwserver.physics.kernel.arrays import Array, FloatArray, IntArray
 from uwserver.physics.kernel.compiled import compiled, entry
+from uwserver.physics.kernel.layout import Forms, columns
 
 _LEAF = 4
 """Most triangles of a leaf."""
-_DEEPEST = 64
+DEEPEST = 64
+"""Boxes that wait at most while a ray is followed."""
 _ROUNDING = 1e-15
 
 
+class Tree(NamedTuple):
+    """Triangles in a tree.
+
+    Attributes:
+        corners: (t, 3, 3) of the triangles.
+        sided: (t) 1: only its outside is met, which its corners go round counter-clockwise.
+        boxes: (2 m - 1, 2, 3) low and high corners.
+        first: (m + 1) where each leaf's triangles begin in `order`.
+        order: (t) numbers of the triangles.
+    """
+
+    corners: Array
+    sided: Array
+    boxes: Array
+    first: Array
+    order: Array
+
+
+TREE: Forms = {
+    "corners": columns(np.float64, 3, 3),
+    "sided": columns(np.int64),
+    "boxes": columns(np.float64, 2, 3),
+    "first": columns(np.int64),
+    "order": columns(np.int64),
+}
+"""Of a table of its arrays."""
+
+
+def grow(corners: FloatArray, sided: IntArray | None = None) -> Tree:
+    """The tree of triangles (t, 3, 3), each met from either side unless it is `sided` (t)."""
+    n = len(corners)
+    depth = max(math.ceil(math.log2(max(n, 1) / _LEAF)), 0)
+    sided = np.zeros(n, np.int64) if sided is None else np.ascontiguousarray(sided, np.int64)
+    tree = Tree(
+        np.ascontiguousarray(corners, np.float64), sided, np.empty((2 ** (depth + 1) - 1, 2, 3)), np.zeros(2**depth + 1, np.int64), np.arange(n),
+    )  # fmt: skip
+    build(tree.corners, tree.boxes, tree.first, tree.order)
+    return tree
+
+
 class TreePicker:
-    """A `casting.Picker`."""
+    """A `surfaces.Picker`."""
 
     def __init__(self, corners: FloatArray) -> None:
-        n = len(corners)
-        depth = max(math.ceil(math.log2(max(n, 1) / _LEAF)), 0)
-        self._corners = np.ascontiguousarray(corners, np.float64)
-        self._boxes = np.empty((2 ** (depth + 1) - 1, 2, 3))
-        self._first, self._order = np.zeros(2**depth + 1, np.int64), np.arange(n)
-        build(self._corners, self._boxes, self._first, self._order)
+        self._tree = grow(corners)
 
     def pick(self, origin: FloatArray, direction: FloatArray, limit: FloatArray | None = None) -> IntArray:
-        """As `casting.Picker`."""
+        """As `surfaces.Picker`."""
         n = len(origin)
         picked: IntArray = np.empty(n, np.int32)
         limits = np.full(n, np.inf) if limit is None else np.ascontiguousarray(limit, np.float64)
         start, towards = np.ascontiguousarray(origin, np.float64), np.ascontiguousarray(direction, np.float64)
-        pick_nearest(self._corners, self._boxes, self._first, self._order, start, towards, limits, picked)
+        pick_nearest(*self._tree, start, towards, limits, picked)
         return picked
 
 
@@ -79,12 +117,13 @@ def build(corners: Array, boxes: Array, first: Array, order: Array) -> None:
 
 
 @compiled
-def _entered(box: Array, o: Array, inverse: Array, limit: float) -> float:
-    """How far along a ray it enters a box; inf if it misses it or enters behind the limit (the slab test)."""
-    near, far = 0.0, limit
-    for i in range(3):
-        a, b = (box[0, i] - o[i]) * inverse[i], (box[1, i] - o[i]) * inverse[i]
-        near, far = max(near, min(a, b)), min(far, max(a, b))
+def _entered(box: Array, o: Array, ix: float, iy: float, iz: float, limit: float) -> float:
+    """How far along a ray it enters a box, by the inverses of its direction; inf if it misses it or enters behind the limit (the slab test)."""
+    ax, bx = (box[0, 0] - o[0]) * ix, (box[1, 0] - o[0]) * ix
+    ay, by = (box[0, 1] - o[1]) * iy, (box[1, 1] - o[1]) * iy
+    az, bz = (box[0, 2] - o[2]) * iz, (box[1, 2] - o[2]) * iz
+    near = max(0.0, min(ax, bx), min(ay, by), min(az, bz))
+    far = min(limit, max(ax, bx), max(ay, by), max(az, bz))
     # A flat box, as of a level seabed, is as thick as rounding.
     return near if near <= far * (1.0 + 1e-12) + 1e-12 else math.inf
 
@@ -98,10 +137,13 @@ def _side(corners: Array, t: int, j: int, k: int, o: Array, d: Array) -> float:
 
 
 @compiled
-def _reached(corners: Array, t: int, o: Array, d: Array) -> float:
-    """How far along a ray it meets a triangle, from either side; inf if it misses it. No ray slips through where two meet."""
+def _reached(corners: Array, sided: int, t: int, o: Array, d: Array) -> float:
+    """How far along a ray it meets a triangle, from either side, or from the outside alone; inf if it misses it. No ray slips through where two
+    meet."""
     u, v, w = _side(corners, t, 1, 2, o, d), _side(corners, t, 2, 0, o, d), _side(corners, t, 0, 1, o, d)
     total, farthest = u + v + w, 0.0
+    if sided != 0 and total > 0.0:
+        return math.inf
     for c in range(3):
         far = 0.0
         for i in range(3):
@@ -119,42 +161,62 @@ def _reached(corners: Array, t: int, o: Array, d: Array) -> float:
     return reached if reached >= 0.0 else math.inf
 
 
+@compiled
+def nearest_of(tree: Tree, o: Array, d: Array, limit: float, todo: Array, entry_at: Array) -> int:
+    """The number of the triangle that a ray meets first.
+
+    Args:
+        tree: of all.
+        o, d: (3) where the ray starts, and its direction.
+        limit: m; farther triangles are not met.
+        todo, entry_at: (`DEEPEST`) work space.
+
+    Returns:
+        -1 for none.
+    """
+    ix, iy, iz = (
+        (1.0 / d[0] if d[0] != 0.0 else 1e300),
+        (1.0 / d[1] if d[1] != 0.0 else 1e300),
+        (1.0 / d[2] if d[2] != 0.0 else 1e300),
+    )
+    boxes, first, order = tree.boxes, tree.first, tree.order
+    inner = len(first) - 2  # boxes that are not leaves
+    nearest, best, size = limit, -1, 1
+    todo[0], entry_at[0] = 0, _entered(boxes[0], o, ix, iy, iz, nearest)
+    while size > 0:
+        size -= 1
+        box = todo[size]
+        if entry_at[size] > nearest or entry_at[size] == math.inf:
+            continue
+        if box >= inner:
+            leaf = box - inner
+            for m in range(first[leaf], first[leaf + 1]):
+                reached = _reached(tree.corners, tree.sided[order[m]], order[m], o, d)
+                if reached < nearest or (reached == nearest and reached < math.inf and best < 0):
+                    nearest, best = reached, order[m]
+            continue
+        left, right = 2 * box + 1, 2 * box + 2
+        a, b = _entered(boxes[left], o, ix, iy, iz, nearest), _entered(boxes[right], o, ix, iy, iz, nearest)
+        if a < b:  # the nearer one comes off the stack first
+            left, right, a, b = right, left, b, a
+        todo[size], entry_at[size], todo[size + 1], entry_at[size + 1] = left, a, right, b
+        size += 2
+    return best
+
+
 @entry
 def pick_nearest(
-    corners: Array, boxes: Array, first: Array, order: Array, origin: Array, direction: Array, limit: Array, picked: Array
+    corners: Array, sided: Array, boxes: Array, first: Array, order: Array, origin: Array, direction: Array, limit: Array, picked: Array
 ) -> None:  # fmt: skip
     """The triangle that each ray meets first.
 
     Args:
-        corners, boxes, first, order: of a tree, as `build` fills it.
+        corners, sided, boxes, first, order: of a `Tree`.
         origin, direction: (n, 3) of the rays.
         limit: (n) m; farther triangles are not met.
         picked: (n) receives their numbers, -1 for none.
     """
-    inverse, todo, entry_at = np.empty(3), np.empty(_DEEPEST, np.int64), np.empty(_DEEPEST)
-    inner = len(first) - 2  # boxes that are not leaves
+    tree = Tree(corners, sided, boxes, first, order)
+    todo, entry_at = np.empty(DEEPEST, np.int64), np.empty(DEEPEST)
     for k in range(len(origin)):
-        o, d, nearest, best = origin[k], direction[k], limit[k], -1
-        for i in range(3):
-            inverse[i] = 1.0 / d[i] if d[i] != 0.0 else 1e300
-        size = 1
-        todo[0], entry_at[0] = 0, _entered(boxes[0], o, inverse, nearest)
-        while size > 0:
-            size -= 1
-            box = todo[size]
-            if entry_at[size] > nearest or entry_at[size] == math.inf:
-                continue
-            if box >= inner:
-                leaf = box - inner
-                for m in range(first[leaf], first[leaf + 1]):
-                    reached = _reached(corners, order[m], o, d)
-                    if reached < nearest or (reached == nearest and reached < math.inf and best < 0):
-                        nearest, best = reached, order[m]
-                continue
-            left, right = 2 * box + 1, 2 * box + 2
-            a, b = _entered(boxes[left], o, inverse, nearest), _entered(boxes[right], o, inverse, nearest)
-            if a < b:  # the nearer one comes off the stack first
-                left, right, a, b = right, left, b, a
-            todo[size], entry_at[size], todo[size + 1], entry_at[size + 1] = left, a, right, b
-            size += 2
-        picked[k] = best
+        picked[k] = nearest_of(tree, origin[k], direction[k], limit[k], todo, entry_at)

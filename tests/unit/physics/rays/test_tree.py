@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
-from uwserver.physics.rays.tree import TreePicker
+from uwserver.physics.rays.tree import DEEPEST, TreePicker, grow, nearest_of
 
 
 def unit(rng: np.random.Generator, n: int) -> FloatArray:
@@ -69,6 +69,25 @@ def test_along_the_axes_and_in_a_plane() -> None:
     )
     direction = np.array([[0, 0, 1], [0, 0, 1], [0, 0, -1], [0, 0, -1], [0, 0, 1], [1, 0, 0]], float)
     assert tree.pick(origin, direction).tolist() == [0, 1, 0, -1, -1, -1]
+
+
+def test_of_a_triangle_that_is_sided_only_the_outside_is_met() -> None:
+    """Three level squares below each other, of sided triangles or not, from above and from below."""
+    square = np.array(
+        [[[-1, -1, 2], [1, 1, 2], [1, -1, 2]], [[-1, -1, 2], [-1, 1, 2], [1, 1, 2]]], float
+    )  # seen from z = 0
+    corners = np.concatenate([square + np.array([0.0, 0.0, lower]) for lower in (0.0, 2.0, 4.0)])
+    down, up = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0])
+    above, below = np.array([0.5, 0.2, 0.0]), np.array([0.5, 0.2, 9.0])
+    work = np.empty(DEEPEST, np.int64), np.empty(DEEPEST)
+    for sided, seen, behind in (
+        ([0] * 6, {0, 1}, {4, 5}),
+        ([1] * 6, {0, 1}, {-1}),
+        ([1, 1, 0, 0, 1, 1], {0, 1}, {2, 3}),
+    ):
+        tree = grow(corners, np.array(sided))
+        assert nearest_of(tree, above, down, np.inf, *work) in seen
+        assert nearest_of(tree, below, up, np.inf, *work) in behind
 
 
 def test_the_answer_is_in_the_numbers_that_embree_gives() -> None:

@@ -12,6 +12,8 @@ import pytest
 from msgspec import structs
 
 from uwserver.frames import quat_from_rpy
+from uwserver.physics.geometry.shapes import HalfSpace, Placed, Solid
+from uwserver.physics.scene import Scene
 from uwserver.ports import Refused
 from uwserver.scenario.build.world import build
 from uwserver.scenario.files.convert import kinds_of
@@ -165,7 +167,9 @@ def test_settings_memory_and_stream_are_part_of_a_snapshot(tmp_path):
     path = tmp_path / "x.toml"
     path.write_text(SCENARIO.format(profile="a50", more=""))
     world = build(load(path, adapters={}))
-    world.geometry = FakeGeometry([Plane((0.0, 0.0, 9.0), (0.0, 0.0, -1.0))])
+    scene = Scene(lambda: world.hydro.state)
+    scene.add_static(Solid("bottom", (Placed(HalfSpace(), p=np.array([0.0, 0.0, 9.0])),)))
+    world.set_scene(scene)
     world.command("rov/thrusters", u=[0.3] * 8)
     world.step(200)
     world.call("rov/log/set", max_altitude=40.0)

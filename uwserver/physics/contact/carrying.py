@@ -1,0 +1,123 @@
+"""The tick of all bodies, from where contacts were found until each stands at its next state, and how they are accelerated (compiled). Imports numba.
+
+    1. strike:  what contacts do at the start of the tick, and what holds over it (`contact.step`); where nothing touches there is none.
+    2. advance: each body by its own equations of motion (`dynamics.integrator`).
+    3. settle:  what contacts have left at the end of it.
+
+These are called by where their code lies, as each is compiled for worlds with or without appendages.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from uwserver.physics.collision.contacts import Contacts
+from uwserver.physics.contact.calling import call_for_struck
+from uwserver.physics.contact.touching import COLUMNS, FORMS, FOUND, KEPT
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.calling import call, call_for_number
+from uwserver.physics.kernel.compiled import compiled, entry
+from uwserver.physics.kernel.handles import array_at, arrays_at
+from uwserver.physics.kernel.layout import Codes
+
+found_at, kept_at = arrays_at(Contacts, COLUMNS), arrays_at(Contacts, FORMS)  # what was found stands first in the table
+counts_at = array_at(FORMS, "counts")
+_impulse, _hold = array_at(FORMS, "impulse"), array_at(FORMS, "hold")
+
+
+@compiled
+def _first_of(contacts: Any, n: int) -> Any:
+    """The first n contacts."""
+    return Contacts(
+        contacts.body_a[:n], contacts.body_b[:n], contacts.point[:n], contacts.normal[:n], contacts.gap[:n], contacts.key[:n],
+        contacts.friction[:n], contacts.restitution[:n],
+    )  # fmt: skip
+
+
+@compiled
+def _keep(touching: Array, n: int) -> None:
+    """What was found is what the tick had."""
+    found, kept = found_at(touching), kept_at(touching)
+    for k in range(n):
+        kept.body_a[k], kept.body_b[k], kept.gap[k], kept.key[k] = (
+            found.body_a[k], found.body_b[k], found.gap[k], found.key[k]
+        )  # fmt: skip
+        for i in range(3):
+            kept.point[k, i], kept.normal[k, i] = found.point[k, i], found.normal[k, i]
+        kept.friction[k], kept.restitution[k] = found.friction[k], found.restitution[k]
+    counts_at(touching)[KEPT] = n
+
+
+@compiled
+def _advance(codes: Codes, world: Array, t: float, dt: float) -> int:
+    return call_for_number(codes.advance, (world, t, dt))
+
+
+@compiled
+def _touch(codes: Codes, world: Array, touching: Array, contact_nu_dot: Array, t: float, dt: float) -> int:
+    counts, old, hold = counts_at(touching), kept_at(touching), _hold(touching)
+    n, m = counts[FOUND], counts[KEPT]
+    contacts = _first_of(found_at(touching), n)
+    struck = call_for_struck(codes.strike, (world, contacts, old.key[:m], old.point[:m], hold[:m], t, dt))
+    lost = _advance(codes, world, t, dt)
+    if lost < 0:
+        _keep(touching, n)
+        call(codes.settle, (world, struck, contacts, dt, _impulse(touching)[:n], hold[:n], contact_nu_dot))
+    counts[FOUND] = 0
+    return lost
+
+
+@compiled
+def carry(codes: Codes, world: Array, touching: Array, contact_nu_dot: Array, t: float, dt: float) -> int:
+    """Carry all bodies from t to t + dt, in place.
+
+    Args:
+        codes: of the world.
+        world: table of its rows (`layout.WORLD`).
+        touching: table of its contacts (`touching.FORMS`): those that were found for this tick become those of the last one, with their
+            impulses.
+        contact_nu_dot: (n, 6) in and out, mean acceleration in B by the contacts of the tick.
+        t, dt: start and length of the tick, s.
+
+    Returns:
+        -1, or the row of the first body whose state is not finite or absurdly fast.
+    """
+    counts = counts_at(touching)
+    if counts[FOUND] > 0:
+        return _touch(codes, world, touching, contact_nu_dot, t, dt)
+    if counts[KEPT] > 0:
+        counts[KEPT] = 0
+        contact_nu_dot[:] = 0.0
+    return _advance(codes, world, t, dt)
+
+
+@compiled
+def find_rates(
+    codes: Codes, world: Array, touching: Array, contact_nu_dot: Array, t: float, nu_dot: Array, tau: Array
+) -> None:
+    """How bodies are accelerated at one instant, by what acts on them (`integrator.rates_of_change`), and by the contacts of the last tick.
+
+    Args:
+        codes, world, touching, contact_nu_dot, t: as for `carry`.
+        nu_dot: (n, 6) out, derivative of nu in B, as an accelerometer feels it, m/s2 and rad/s2.
+        tau: (n, 6) out, applied wrench about the origin in B, N and N m.
+    """
+    call(codes.rates, (world, t, nu_dot, tau))
+    if counts_at(touching)[KEPT] > 0:
+        for k in range(len(contact_nu_dot)):
+            for i in range(6):
+                nu_dot[k, i] += contact_nu_dot[k, i]
+
+
+@entry
+def carry_alone(codes: Codes, world: Array, touching: Array, contact_nu_dot: Array, t: float, dt: float) -> int:
+    """`carry` for who calls it from Python, for bodies without all else that a world has."""
+    return carry(codes, world, touching, contact_nu_dot, t, dt)
+
+
+@entry
+def find_rates_alone(
+    codes: Codes, world: Array, touching: Array, contact_nu_dot: Array, t: float, nu_dot: Array, tau: Array
+) -> None:
+    """`find_rates`, likewise."""
+    find_rates(codes, world, touching, contact_nu_dot, t, nu_dot, tau)

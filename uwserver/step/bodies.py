@@ -1,0 +1,66 @@
+"""Bodies in a tick, in compiled code: its time, the water at them, and how they move. Imports numba."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from uwserver.physics.contact import carrying
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.calling import call
+from uwserver.physics.kernel.compiled import compiled
+from uwserver.physics.kernel.handles import array_at
+from uwserver.physics.kernel.layout import Codes, SeaRows
+from uwserver.sensors import surroundings
+from uwserver.step import rows
+
+_course, _run, _world, _now = (array_at(rows.FORMS, name) for name in ("course", "run", "world", "now"))
+_touching, _contact_nu_dot = (array_at(rows.FORMS, name) for name in ("touching", "contact_nu_dot"))
+_nu_dot, _tau = (array_at(rows.FORMS, name) for name in ("nu_dot", "tau"))
+_uniform, _profiles, _waves = (array_at(surroundings.FORMS, name) for name in ("uniform", "profiles", "waves"))
+
+
+@compiled
+def time_of(course: Any, tick: int) -> int:
+    """Of a tick, ns: as `Ticks.time_of`."""
+    if course.given != 0:
+        return course.t_ns if tick == course.given_tick else course.next_t_ns  # type: ignore[no-any-return]
+    return (tick * (2_000_000_000 * course.parts) + course.rate) // (2 * course.rate)  # type: ignore[no-any-return]
+
+
+@compiled
+def seconds_of(course: Any, tick: int) -> float:
+    """Of a tick, s."""
+    if course.given != 0:
+        return course.t if tick == course.given_tick else course.next_t  # type: ignore[no-any-return]
+    return tick * course.parts / course.rate  # type: ignore[no-any-return]
+
+
+@compiled
+def fill_flows(table: Array, ahead: float) -> None:
+    """Find the water at the bodies, `ahead` s after the present tick on their way, where there is a sea."""
+    course, now = _course(table)[0], _now(table)
+    if course.fill_flows != 0:
+        sea = SeaRows(_uniform(now), _profiles(now), _waves(now))
+        call(course.fill_flows, (_world(table), sea, seconds_of(course, _run(table)[0].tick), ahead))
+
+
+@compiled
+def _codes(table: Array) -> Codes:
+    codes = _course(table)[0].codes
+    return Codes(codes.advance, codes.rates, codes.strike, codes.settle)
+
+
+@compiled
+def move(table: Array) -> int:
+    """Carry all bodies through the tick. Returns -1, or the row of the first whose state is not finite."""
+    course, felt = _course(table)[0], _contact_nu_dot(table)
+    t = seconds_of(course, _run(table)[0].tick)
+    return carrying.carry(_codes(table), _world(table), _touching(table), felt, t, course.dt)
+
+
+@compiled
+def find_rates(table: Array) -> None:
+    """Find how they are accelerated at the present tick, and by what."""
+    course, felt = _course(table)[0], _contact_nu_dot(table)
+    t = seconds_of(course, _run(table)[0].tick)
+    carrying.find_rates(_codes(table), _world(table), _touching(table), felt, t, _nu_dot(table), _tau(table))
