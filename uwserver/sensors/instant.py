@@ -247,8 +247,12 @@ def thrust(now: Array, k: int) -> float:
 
 
 @compiled
-def shaft_speed(now: Array, k: int) -> float:
-    """Of a row of the thrusters, rad/s, signed as its thrust; NaN where that is not known."""
+def shaft_speed(head: Any, now: Array, number: int) -> float:
+    """Of one of the vehicle's thrusters, by its number among them; rad/s, signed as its thrust, NaN where that is not known."""
+    body = _bodies_at(now)[head.body]
+    if not 0 <= number < body.thruster_count:
+        return math.nan
+    k = body.thruster_first + number
     electric, force = _electrics_at(now)[k], thrust(now, k)
     if electric.wired == 0:
         return math.nan

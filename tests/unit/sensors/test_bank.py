@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from sensor_rig import MOUNT, at, started
 
+from uwserver.modifiers import Measurement
 from uwserver.modifiers.columns import Columns
 from uwserver.physics.kernel.pool import Pool
 from uwserver.physics.kernel.random import draw_normals, key_of
-from uwserver.ports import Refused
-from uwserver.sensors import AltimeterConfig, CtdConfig, DvlConfig, GpsConfig, ImuConfig, Pose, SoundSpeedConfig
+from uwserver.ports import Field, Refused
+from uwserver.sensors import AltimeterConfig, DvlConfig, GpsConfig, ImuConfig, Pose, Sensor, SoundSpeedConfig
 from uwserver.sensors.acoustic.altimeter import AltimeterMemory
 from uwserver.sensors.alone import Alone
 from uwserver.sensors.bank import HEAD, read
@@ -96,11 +97,20 @@ def test_rays_are_those_of_the_sensor_though_one_among_them_is_silent(scope):
     assert len({reading[2] for reading in readings if reading}) == 3
 
 
+class Drawn(Sensor):
+    """What it draws, and nothing else."""
+
+    doc, fields = "Chance.", (Field("chance", "1", "drawn"),)
+
+    def sense(self, scope):
+        return Measurement([float(self.rng.standard_normal())], True)
+
+
 def test_the_numbers_of_a_reading_are_those_of_its_number_alone(scope):
     """Of a kind in a bank, and of one in plain Python."""
     instant = at(scope, 1.0)
-    for config in (NOISY, CtdConfig(rate_hz=16, temperature_sigma_degc=0.1, conductivity_sigma_Spm=0.01)):
-        one, other = started(config), started(config)
+    for made in (lambda: started(NOISY), Drawn):
+        one, other = made(), made()
         for number in range(5):
             one.begin(number)
             one.sense(instant)
