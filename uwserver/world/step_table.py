@@ -124,6 +124,7 @@ class StepTable:
         met = self._met(instruments.solids)
         casts = met is not None or isinstance(instruments.solids, OpenWater)
         self.timetable = made = timetable_of(self.sensing.groups, instruments, casts=casts)
+        instruments.follow_contacts()
         self._known = self._lies()
         self._ids = tuple(map(id, self._known))
         move, look = entries.codes(hydro.is_fitted)
