@@ -13,7 +13,7 @@ from uwserver.ports import Field, Value
 
 WIDEST = 64
 """Whole numbers of a field that still stand among the others; more are a picture rather than a reading."""
-_NO_INT = -(1 << 63)
+NO_INT = -(1 << 63)
 """Stands for a missing whole number, as NaN does for a missing float."""
 
 
@@ -75,7 +75,7 @@ class Columns:
         if self._whole:
             whole = row.view(np.int64)
             for k in self._whole:
-                whole[k] = _NO_INT if numbers[k] is None else numbers[k]
+                whole[k] = NO_INT if numbers[k] is None else numbers[k]
 
     def unpack(self, row: Any, loose: Sequence[Value] = ()) -> tuple[Value, ...]:
         """The reading of a row; `loose`: the values that have no place there, in their order."""
@@ -97,10 +97,10 @@ class Columns:
         for i, field, k, size in self._wholes:
             at = first + k
             if field.shape:
-                mixed[i] = tuple([None if n == _NO_INT else n for n in whole[at : at + size].tolist()])
+                mixed[i] = tuple([None if n == NO_INT else n for n in whole[at : at + size].tolist()])
             else:
                 n = whole.item(at)
-                mixed[i] = None if n == _NO_INT else n
+                mixed[i] = None if n == NO_INT else n
         for i, value in zip(self.loose, loose, strict=True):
             mixed[i] = value
         return tuple(mixed)

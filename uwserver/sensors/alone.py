@@ -2,16 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from uwserver.physics.collision.contacts import Contacts, Impulses
+from uwserver.physics.contact.touching import Touching
 from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.team import ALONE
 from uwserver.sensors.base import Scope
 from uwserver.sensors.surroundings import FORMS, place_row, water_arrays
-from uwserver.sensors.wiring import ELECTRIC
+from uwserver.sensors.wiring import ELECTRIC, Touch
+
+
+def _touching(touches: Sequence[Touch]) -> Touching:
+    """The contacts of the one body that there is, which is in row 0; others keep their rows in the world."""
+    n, made = len(touches), Touching(len(touches))
+    rows, nothing = np.array([touch.other for touch in touches], np.int64), np.zeros((n, 3))
+    points = np.array([touch.point for touch in touches]).reshape(n, 3)
+    impulses = np.array([touch.impulse for touch in touches]).reshape(n, 3)
+    flat: FloatArray = np.zeros(n)
+    contacts = Contacts(np.zeros_like(rows), rows, points, nothing, flat, rows, flat, flat)
+    made.keep(Impulses(contacts, impulses, nothing))
+    return made
 
 
 class Alone:
@@ -28,6 +43,7 @@ class Alone:
         electrics = np.zeros(len(thrusters), ELECTRIC)
         if wiring is not None:
             wiring.fill(electrics)
+        self._touching = _touching([] if wiring is None else wiring.touches())
         self.arrays = {
             "state": state,
             "nu_dot": np.array([scope.nu_dot], float),
@@ -40,6 +56,7 @@ class Alone:
             "lambert": scope.lambert,
             **water_arrays(scope.water),
             "team": ALONE,
+            "touching": self._touching.table,
         }
         self.arrays["place"]["t_ns"] = scope.t_ns
         self.table: IntArray = layout.addresses(FORMS, self.arrays)

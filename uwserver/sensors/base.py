@@ -191,9 +191,7 @@ class Scope:
 
     def velocity_of(self, p_BS: Vec3) -> Vec3:
         """Velocity of a point fixed to the body at p_BS, m/s in B."""
-        wx, wy, wz = self.w_NB_B
-        vx, vy, vz = self.v_NB_B
-        rx, ry, rz = p_BS
+        (vx, vy, vz), (wx, wy, wz), (rx, ry, rz) = self.v_NB_B, self.w_NB_B, p_BS
         return (vx + wy * rz - wz * ry, vy + wz * rx - wx * rz, vz + wx * ry - wy * rx)
 
     def level_turns(self) -> tuple[Vec3, Vec3]:
@@ -211,8 +209,7 @@ class Scope:
         """
         wx, wy, wz = self.w_NB_B
         ax, ay, az, bx, by, bz = self.nu_dot
-        rx, ry, rz = mount.p
-        ux, uy, uz = self.velocity_of(mount.p)
+        (rx, ry, rz), (ux, uy, uz) = mount.p, self.velocity_of(mount.p)
         a_B = (
             ax + by * rz - bz * ry + wy * uz - wz * uy,
             ay + bz * rx - bx * rz + wz * ux - wx * uz,
@@ -318,6 +315,9 @@ class Sensor(ABC):
 
     def join(self, others: Mapping[str, Latest]) -> None:  # noqa: B027 - only who repeats or hears others needs them
         """Get to know the other sensors of the vehicle, by name; before anything is read."""
+
+    def wire(self, wiring: Wiring) -> None:  # noqa: B027 - only who tells of single thrusters needs it
+        """Get to know the inside of the vehicle; before anything is read."""
 
     def load_kernels(self) -> None:  # noqa: B027 - most have none
         """Load what is compiled for the readings now, so that no tick waits for it."""

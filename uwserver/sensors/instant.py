@@ -17,6 +17,7 @@ from uwserver.environment import earth, geodesy
 from uwserver.environment.column import DEPTH, PRESSURE, SALINITY, TEMPERATURE
 from uwserver.environment.materials import SURFACE_DB
 from uwserver.frames import Quat, Vec3
+from uwserver.physics.contact import touching
 from uwserver.physics.dynamics.flow import ELEVATION, HEAD, POINT_SIZE, V, water_at
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, inlined
@@ -32,6 +33,10 @@ _thrusters_at, _lags_at = array_at(FORMS, "thrusters"), array_at(FORMS, "lags")
 _lambert_at = array_at(FORMS, "lambert")
 _places_at, _column_at = array_at(FORMS, "place"), array_at(FORMS, "column")
 team_at = array_at(FORMS, "team")
+_touching_at = array_at(FORMS, "touching")
+_body_a_at, _body_b_at, _point_at, _impulse_at, _counts_at = (
+    array_at(touching.FORMS, name) for name in ("body_a", "body_b", "point", "impulse", "counts")
+)
 _uniform_at, _profiles_at, _waves_at = array_at(FORMS, "uniform"), array_at(FORMS, "profiles"), array_at(FORMS, "waves")
 
 rotate, multiply = compiled(frames.rotate), compiled(frames.multiply)
@@ -247,8 +252,12 @@ def thrust(now: Array, k: int) -> float:
 
 
 @compiled
-def shaft_speed(now: Array, k: int) -> float:
-    """Of a row of the thrusters, rad/s, signed as its thrust; NaN where that is not known."""
+def shaft_speed(head: Any, now: Array, number: int) -> float:
+    """Of one of the vehicle's thrusters, by its number among them; rad/s, signed as its thrust, NaN where that is not known."""
+    body = _bodies_at(now)[head.body]
+    if not 0 <= number < body.thruster_count:
+        return math.nan
+    k = body.thruster_first + number
     electric, force = _electrics_at(now)[k], thrust(now, k)
     if electric.wired == 0:
         return math.nan
@@ -286,6 +295,15 @@ def supply(head: Any, now: Array, voltage: float) -> None:
             thrusters[k].voltage, thrusters[k].fresh = voltage, 1
             if voltage == 0.0:
                 thrusters[k].efficiency = 0.0
+
+
+@inlined
+def touched(now: Array) -> tuple[Array, Array, Array, Array, int]:
+    """Contacts of the last tick: rows of the bodies a and b, -1 for what does not move; points (m) and impulses on a (N s), both in N. And how many
+    they are: there is room for more."""
+    table = _touching_at(now)
+    count = _counts_at(table)[touching.KEPT]
+    return _body_a_at(table), _body_b_at(table), _point_at(table), _impulse_at(table), count
 
 
 MU_SURFACE = 10.0 ** (0.1 * SURFACE_DB)

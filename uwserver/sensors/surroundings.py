@@ -48,6 +48,7 @@ FORMS: Forms = {
     "profiles": columns(np.float64, PROFILE_SIZE),
     "waves": columns(np.float64, WAVE_SIZE),
     "team": columns(np.int64),
+    "touching": columns(np.int64, 2),  # the contacts, a table again (`physics.contact.touching`)
 }
 """Of the table `now`."""
 

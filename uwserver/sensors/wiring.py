@@ -114,9 +114,10 @@ class Wiring:
         force = float(lag["C"] @ thruster["x"] + lag["D"] * thruster["demand"]) * float(thruster["efficiency"])
         return force / float(thruster["installed"])
 
-    def shaft_speed(self, name: str) -> float:
-        """rad/s of a thruster, signed as its thrust."""
-        return self._electrics[name].turn(self._thrust(self._thrusters[name]))
+    def place_of(self, name: str) -> int:
+        """Which of the vehicle's thrusters it is, in the order of their rows; -1 where power and speed are not known."""
+        first = int(self._hydro.bodies["thruster_first"][self._row])
+        return self._thrusters[name] - first if name in self._electrics else -1
 
     def power(self) -> float:
         """Electric power that all thrusters draw, W."""

@@ -31,6 +31,8 @@ _SLOTS, _OPEN = 64, OpenWater()
 _LOGGED, _LOGGED_NUMBERS = 4096, 1 << 17
 """Samples of a log, and numbers that it has room for; more where a tick may need them."""
 _NONE: FloatArray = np.zeros(0)
+_TOUCHING = list(surroundings.FORMS).index("touching")
+"""Place of the contacts in `now`."""
 
 
 class Around(NamedTuple):
@@ -127,7 +129,13 @@ class Instruments:
         self._tabulate()
 
     def _find_seen(self) -> None:
+        self._seen["touching"] = self._hydro.touching.table
         self.now = layout.addresses(surroundings.FORMS, self._seen)
+
+    def follow_contacts(self) -> None:
+        """The contacts of the world lie elsewhere, as when there was no room for more. `now` stays where it is: others have its address."""
+        self._seen["touching"] = table = self._hydro.touching.table
+        self.now[_TOUCHING] = table.ctypes.data, len(table)
 
     def move(self, place: Callable[[Any], Any]) -> None:
         """Have all that a tick writes lie elsewhere, after the bodies' rows: `place` gives a copy of an array in other memory."""

@@ -122,6 +122,7 @@ class StepTable:
         hydro, instruments, bank = self.hydro, self.instruments, self.pilots.bank
         met = self._met(instruments.solids)
         self.timetable = made = timetable_of(self.sensing.groups, instruments)
+        instruments.follow_contacts()
         self._known = self._lies()
         self._ids = tuple(map(id, self._known))
         step, hear, tell = (0, 0, 0) if bank is None else bank.codes()

@@ -39,7 +39,7 @@ def sounding():
 
 
 def wet():
-    """Sensors in Python: water, shafts, and a beacon on whose answer one waits."""
+    """Water, shafts, and a beacon on whose answer one waits: a sensor in Python."""
     b = begun("wet").seabed("flat", depth_m=12)
     b.sensor("rov", "ctd", "ctd", rate_hz=4)
     b.sensor("rov", "rpm", "rpm", rate_hz=10, members=["t1", "t5"])
@@ -119,7 +119,7 @@ def test_all_copies_hear_the_bottom():
 
 def test_a_factor_of_errors_is_refused_where_it_scales_none():
     """Sensors in Python draw their own; a latency they all have."""
-    with pytest.raises(Refused, match="no factor scales: rov/ctd, rov/rpm, rov/fix"):
+    with pytest.raises(Refused, match="no factor scales: rov/fix;"):
         uwserver.batch(wet(), N, noise=0.5)
     batch = uwserver.batch(wet(), N, latency=[0.0, 0.5, 0.0])
     batch.step(240)
@@ -177,3 +177,38 @@ def test_what_copies_only_read_of_solid_things_is_there_once():
     triangles = [int(each.table[k, 0]) for each in finding for k in range(len(each.table)) if each.table[k, 1] > 1000]
     assert triangles
     assert len(set(triangles)) < len(triangles) / 2
+
+
+def measured():
+    """What four kinds of sensors tell without Python: water, shafts, a bumper, rays."""
+    b = begun("measured").seabed("flat", depth_m=12).vehicle("other", "bluerov2_heavy", position_ned_m=[3, 0, 5])
+    b.sensor("rov", "ctd", "ctd", rate_hz=240, temperature_sigma_degc=0.01)
+    b.sensor("other", "rays", "range_array", rate_hz=240, rpy_deg=[0, -90, 0], sigma_m=0.02)
+    b.sensor("rov", "bump", "contact", rate_hz=240)
+    for name in ("rov", "other"):
+        b.sensor(name, "shafts", "rpm", rate_hz=240, members=["t2", "t1"], sigma_radps=0.1)
+    return b.build()
+
+
+def test_four_kinds_need_no_python():
+    """And each vehicle tells of its own shafts."""
+    world = uwserver.load(measured())
+    world.command("other/thrusters", u=[0.5, -0.7, 0, 0, 0, 0, 0, 0])
+    samples = {sample.port: sample for sample in world.step(240)}
+    assert {why for why, count in world.stops.items() if count} <= {"room"}
+    assert all(samples[f"{name}/shafts"].valid for name in ("rov", "other"))
+    rest, turning = (samples[f"{name}/shafts"].value[0] for name in ("rov", "other"))
+    assert np.allclose(rest, 0.0, atol=0.6)
+    assert turning[0] < -50.0
+    assert turning[1] > 50.0
+
+
+def test_a_factor_scales_their_errors():
+    factors = [0.0, 1.0, 3.0]
+    batch = uwserver.batch(measured(), N, seeds=[1] * N, noise=factors)
+    batch.step(240)
+    for port, field in (("rov/ctd", "temperature"), ("other/shafts", "speeds"), ("other/rays", "ranges")):
+        errors = np.asarray(batch.read(port)[field], float).reshape(N, -1)
+        errors = errors - errors[0]
+        assert (errors[1] != 0.0).all(), port
+        assert np.allclose(errors[2], 3.0 * errors[1], rtol=1e-6, atol=1e-9), port

@@ -7,16 +7,27 @@ import numpy as np
 import pytest
 from sensor_rig import MOUNT, at, started
 
+from uwserver.modifiers import Measurement
 from uwserver.modifiers.columns import Columns
 from uwserver.physics.kernel.pool import Pool
 from uwserver.physics.kernel.random import draw_normals, key_of
-from uwserver.ports import Refused
-from uwserver.sensors import AltimeterConfig, CtdConfig, DvlConfig, GpsConfig, ImuConfig, Pose, SoundSpeedConfig
+from uwserver.ports import Field, Refused
+from uwserver.sensors import (
+    AltimeterConfig,
+    DvlConfig,
+    GpsConfig,
+    ImuConfig,
+    Pose,
+    RangeArrayConfig,
+    Sensor,
+    SoundSpeedConfig,
+)
 from uwserver.sensors.acoustic.altimeter import AltimeterMemory
 from uwserver.sensors.alone import Alone
 from uwserver.sensors.bank import HEAD, read
 from uwserver.sensors.motion.triad import TriadErrors
 from uwserver.sensors.water.sound_speed import SoundSpeedMemory
+from uwserver.testing.fake_geometry import FakeGeometry, Plane
 from uwserver.testing.sensors import BOTTOM
 
 NOISY = SoundSpeedConfig(rate_hz=10, accuracy_mps=0.5, sigma_mps=0.1)
@@ -69,7 +80,13 @@ def several(config, count=4):
 
 @pytest.mark.parametrize(
     "config",
-    [NOISY, ECHO, DvlConfig(rate_hz=5), ImuConfig(rate_hz=100, gyroscope=TriadErrors(noise_density=1e-3, turn_on=0.1))],
+    [
+        NOISY,
+        ECHO,
+        DvlConfig(rate_hz=5),
+        ImuConfig(rate_hz=100, gyroscope=TriadErrors(noise_density=1e-3, turn_on=0.1)),
+        RangeArrayConfig(rate_hz=5, beams=9, field_of_view_deg=90, max_range_m=60, sigma_m=0.1, loss_probability=0.2),
+    ],
     ids=lambda config: config.__struct_config__.tag,
 )
 @pytest.mark.parametrize("due", [[0, 1, 2, 3], [3, 1, 0, 2], [2]], ids=str)
@@ -96,11 +113,28 @@ def test_rays_are_those_of_the_sensor_though_one_among_them_is_silent(scope):
     assert len({reading[2] for reading in readings if reading}) == 3
 
 
+def test_one_that_sees_farther_beside_it_does_not_lengthen_its_range(scope):
+    """Rays of all are cast together."""
+    both = Together([started(RangeArrayConfig(rate_hz=10, beams=3, max_range_m=r), mount=Pose()) for r in (4.0, 20.0)])
+    wall = FakeGeometry([Plane((6.0, 0.0, 0.0), (-1.0, 0.0, 0.0))])
+    told_ranges = [ranges for _, _, (ranges,) in both.read(at(scope, 0.0, geometry=wall), [0, 1])]
+    assert told_ranges == [(None,) * 3, (5.0,) * 3]
+
+
+class Drawn(Sensor):
+    """What it draws, and nothing else."""
+
+    doc, fields = "Chance.", (Field("chance", "1", "drawn"),)
+
+    def sense(self, scope):
+        return Measurement([float(self.rng.standard_normal())], True)
+
+
 def test_the_numbers_of_a_reading_are_those_of_its_number_alone(scope):
     """Of a kind in a bank, and of one in plain Python."""
     instant = at(scope, 1.0)
-    for config in (NOISY, CtdConfig(rate_hz=16, temperature_sigma_degc=0.1, conductivity_sigma_Spm=0.01)):
-        one, other = started(config), started(config)
+    for made in (lambda: started(NOISY), Drawn):
+        one, other = made(), made()
         for number in range(5):
             one.begin(number)
             one.sense(instant)

@@ -72,7 +72,7 @@ def ask(heads, now, t, out):
 def inside(heads, now, voltage, out):
     """What the vehicle is wired to; then the supply is set."""
     head = heads[0]
-    out[0] = instant.shaft_speed(now, 0)
+    out[0] = instant.shaft_speed(head, now, 0)
     out[1] = instant.power(head, now)
     out[2] = instant.supply_voltage(head, now)
     if voltage >= 0.0:
@@ -127,8 +127,11 @@ def test_the_inside_of_a_vehicle_is_that_of_its_wiring(scope):
     heads, there, out = head_on(MOUNT), Alone(scope(wiring=wiring)), np.zeros(3)
     inside(heads, there.table, -1.0, out)
     assert wiring.power() > 100.0
-    assert wiring.shaft_speed("t1") < 0.0
-    assert out.tolist() == pytest.approx([wiring.shaft_speed("t1"), wiring.power(), wiring.voltage], rel=1e-12)
+    row, lag = wiring.thrusters[0], wiring.lags[int(wiring.thrusters[0]["lag"])]
+    force = float(lag["C"] @ row["x"] + lag["D"] * row["demand"]) / float(row["installed"])
+    speed = wiring.electrics["t1"].turn(force)
+    assert speed < 0.0
+    assert out.tolist() == pytest.approx([speed, wiring.power(), wiring.voltage], rel=1e-12)
     inside(heads, there.table, 11.5, out)
     assert wiring.voltage == 11.5
     assert (wiring.thrusters["fresh"] == 1).all()

@@ -87,6 +87,7 @@ def vehicle_member(world: World, resolved: ResolvedVehicle, row: int, name: str)
         built[key] = sensor_slot(world, path, configs[key], sensor, row, mounts[key], built)
     for slot in built.values():
         slot.wiring = wiring
+        slot.sensor.wire(wiring)
     sensors = list(built.values())
     if not isinstance(entry.truth, UnsetType):
         sensors += truth_slots(world, name, entry.truth.rate_hz, row)

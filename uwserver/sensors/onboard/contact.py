@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
+import numpy as np
 from msgspec import Meta
 
-from uwserver.frames import Vec3, conjugate, rotate
-from uwserver.ports import Field, Value
-from uwserver.sensors.base import IdealSensor, Pose, Scope, SensorTable
+from uwserver.modifiers.columns import NO_INT
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import Elsewhere, compiled, entry
+from uwserver.ports import Field
+from uwserver.sensors.bank import MISSING, Bank, BankSensor, begins, conjugate, p_NB, q_NB, reading_of, record, rotate
+from uwserver.sensors.base import Pose, SensorTable
 from uwserver.table import NonNegative
+
+MOST_POINTS = 16
+touched: Any = Elsewhere("uwserver.sensors.instant", "touched")
 
 
 class ContactConfig(SensorTable, tag="contact", kw_only=True, frozen=True):
@@ -20,7 +27,7 @@ class ContactConfig(SensorTable, tag="contact", kw_only=True, frozen=True):
         threshold_Ns: a weaker impulse is not felt.
     """
 
-    points: Annotated[int, Meta(ge=1, le=16)] = 4
+    points: Annotated[int, Meta(ge=1, le=MOST_POINTS)] = 4
     threshold_Ns: NonNegative = 0.0
 
     def build(self, mount: Pose) -> Contact:
@@ -28,14 +35,81 @@ class ContactConfig(SensorTable, tag="contact", kw_only=True, frozen=True):
         return Contact(self)
 
 
-class Contact(IdealSensor):
+_RECORD = record(
+    [
+        ("points", "i8"), ("threshold", "f8"),
+        # Of this reading: how many contacts are told, which, and the square of how strong each is (N2 s2).
+        ("told", "i8"), ("contact", "i8", (MOST_POINTS,)), ("strength", "f8", (MOST_POINTS,)),
+    ]
+)  # fmt: skip
+TOUCHING, COUNT, IMPULSE, BODY, POINTS = 0, 1, 2, 5, 6
+"""Where in a reading each field begins; behind the points come their impulses."""
+
+
+@compiled
+def _note(row: Any, contact: int, strength: float) -> None:
+    """Have it among those that are told, if it is one of the strongest; the first of equal ones comes first."""
+    k = row.told
+    if k == row.points:
+        k -= 1
+        if strength <= row.strength[k]:
+            return
+    else:
+        row.told += 1
+    while k > 0 and row.strength[k - 1] < strength:
+        row.contact[k], row.strength[k] = row.contact[k - 1], row.strength[k - 1]
+        k -= 1
+    row.contact[k], row.strength[k] = contact, strength
+
+
+@compiled
+def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+    """Always valid; missing values where there are fewer contacts."""
+    body_a, body_b, point, impulse, contacts = touched(now)
+    count, x, y, z, row.told = 0, 0.0, 0.0, 0.0, 0
+    for k in range(contacts):
+        mine = 1.0 if body_a[k] == head.body else -1.0 if body_b[k] == head.body else 0.0
+        strength = impulse[k, 0] ** 2 + impulse[k, 1] ** 2 + impulse[k, 2] ** 2
+        if mine == 0.0 or strength <= row.threshold**2:
+            continue
+        count += 1
+        x, y, z = x + mine * impulse[k, 0], y + mine * impulse[k, 1], z + mine * impulse[k, 2]
+        _note(row, k, strength)
+    to_B, p = conjugate(q_NB(head, now)), p_NB(head, now)
+    whole = out.view(np.int64)
+    out[:] = MISSING
+    out[TOUCHING], whole[COUNT], whole[BODY] = 1.0 if count > 0 else 0.0, count, NO_INT
+    x, y, z = rotate(to_B, (x, y, z))
+    out[IMPULSE], out[IMPULSE + 1], out[IMPULSE + 2] = x + 0.0, y + 0.0, z + 0.0  # no zero has a sign
+    for n in range(row.told):
+        k, i, j = row.contact[n], POINTS + 3 * n, POINTS + 3 * (row.points + n)
+        is_a = body_a[k] == head.body
+        if n == 0:
+            whole[BODY] = body_b[k] if is_a else body_a[k]
+        out[i], out[i + 1], out[i + 2] = rotate(to_B, (point[k, 0] - p[0], point[k, 1] - p[1], point[k, 2] - p[2]))
+        mine = 1.0 if is_a else -1.0
+        out[j], out[j + 1], out[j + 2] = rotate(
+            to_B, (mine * impulse[k, 0], mine * impulse[k, 1], mine * impulse[k, 2])
+        )
+
+
+@entry
+def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
+    """Readings of those that are due."""
+    for k in due:
+        if begins(heads[k]):
+            measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
+
+
+class Contact(BankSensor):
     """Contacts of the whole hull."""
 
     doc = "Contacts of the hull with bodies and things in the last tick: bumper, landing, collision."
+    bank = Bank(_RECORD, run)
+    exact = True
 
     def __init__(self, config: ContactConfig) -> None:
-        n = self._points = config.points
-        self._threshold = config.threshold_Ns
+        self._config, n = config, config.points
         self.fields = (
             Field("touching", "1", "whether anything is touched", type="bool"),
             Field("count", "1", "number of contacts", type="int"),
@@ -44,20 +118,7 @@ class Contact(IdealSensor):
             Field("points_B", "m", "contact points, the strongest first; x y z of each", "B", (n, 3)),
             Field("impulses_B", "N s", "on this vehicle at each point", "B", (n, 3)),
         )
+        super().__init__(Pose())
 
-    def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
-        """Always valid; missing values where there are fewer contacts."""
-        touches = [] if scope.wiring is None else scope.wiring.touches()
-        to_B = conjugate(scope.q_NB)
-        found = [(t.other, rotate(to_B, _less(t.point, scope.p_NB)), rotate(to_B, t.impulse)) for t in touches]
-        found = [touch for touch in found if sum(part**2 for part in touch[2]) > self._threshold**2]
-        total = tuple(sum(entry[2][i] for entry in found) + 0.0 for i in range(3))
-        missing = (None,) * (3 * max(0, self._points - len(found)))
-        told = found[: self._points]
-        points = tuple(x for _, point, _ in told for x in point) + missing
-        impulses = tuple(x for _, _, impulse in told for x in impulse) + missing
-        return True, [bool(found), len(found), total, found[0][0] if found else None, points, impulses]
-
-
-def _less(a: Vec3, b: Vec3) -> Vec3:
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+    def fill(self, row: Any) -> None:
+        row["points"], row["threshold"] = self._config.points, self._config.threshold_Ns

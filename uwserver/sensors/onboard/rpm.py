@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import math
+from typing import Annotated, Any
 
 from msgspec import Meta
 
 from uwserver.modifiers.base import Measurement
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.physics.kernel.random import SAMPLE, normals
 from uwserver.ports import Field
-from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
+from uwserver.sensors.bank import MISSING, Bank, BankSensor, begins, reading_of, record, shaft_speed
+from uwserver.sensors.base import Pose, Scope, SensorTable
+from uwserver.sensors.wiring import Wiring
 from uwserver.table import Name, NonNegative
+
+MOST_MEMBERS = 64
+"""Thrusters of which one tells."""
 
 
 class RpmConfig(SensorTable, tag="rpm", kw_only=True, frozen=True):
@@ -23,7 +32,7 @@ class RpmConfig(SensorTable, tag="rpm", kw_only=True, frozen=True):
     """
 
     ideal: bool = False
-    members: Annotated[tuple[Name, ...], Meta(min_length=1)]
+    members: Annotated[tuple[Name, ...], Meta(min_length=1, max_length=MOST_MEMBERS)]
     sigma_radps: NonNegative = 0.0
     signed: bool = True
 
@@ -32,25 +41,57 @@ class RpmConfig(SensorTable, tag="rpm", kw_only=True, frozen=True):
         return Rpm(self)
 
 
-class Rpm(Sensor):
+_RECORD = record([("members", "i8", (MOST_MEMBERS,)), ("signed", "i8"), ("sigma", "f8")])
+
+
+@compiled
+def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+    """Invalid where the speed of one of them is not known."""
+    for k in range(len(out)):
+        speed = shaft_speed(head, now, row.members[k])
+        if math.isnan(speed):
+            out[:], head.valid = MISSING, 0
+            return
+        out[k] = speed if row.signed != 0 else abs(speed)
+        if head.exact == 0:
+            noise, _ = normals(head.key, head.number, SAMPLE, k)
+            out[k] += row.sigma * noise
+
+
+@entry
+def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
+    """Readings of those that are due."""
+    for k in due:
+        if begins(heads[k]):
+            measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
+
+
+class Rpm(BankSensor):
     """Speeds from the thrust that the shafts give at rest."""
 
     doc = "Shaft speed of thrusters; no value where the device file does not give it."
+    bank = Bank(_RECORD, run)
+    random = ("sigma",)
 
     def __init__(self, config: RpmConfig) -> None:
-        self._config = config
-        self._sigma = 0.0 if config.ideal else config.sigma_radps
+        self._config, self.exact = config, config.ideal
+        self._places = [-1] * len(config.members)
         order = ", ".join(config.members)
         self.fields = (Field("speeds", "rad/s", f"shaft speed, order: {order}", "", (len(config.members),)),)
-        super().__init__()
+        super().__init__(Pose())
 
-    def sense(self, scope: Scope) -> Measurement:
-        """Invalid where no thruster is known."""
-        members, wiring = self._config.members, scope.wiring
-        draws = self.rng.standard_normal(len(members)).tolist()
-        if wiring is None or not all(name in wiring.electrics for name in members):
-            return Measurement([(None,) * len(members)], False)
-        speeds = [wiring.shaft_speed(name) for name in members]
-        if not self._config.signed:
-            speeds = [abs(speed) for speed in speeds]
-        return Measurement([tuple(s + self._sigma * d for s, d in zip(speeds, draws, strict=True))], True)
+    def wire(self, wiring: Wiring) -> None:
+        """Find its thrusters: by their numbers among those of the vehicle, which stay whoever else comes or goes."""
+        self._places = [wiring.place_of(name) for name in self._config.members]
+        self.fill(self.rows.rows[self.row])
+
+    def fill(self, row: Any) -> None:
+        c = self._config
+        row["members"][: len(c.members)] = self._places
+        row["signed"], row["sigma"] = c.signed, c.sigma_radps
+
+    def sense(self, scope: Scope) -> Measurement | None:
+        """A reading alone, of the thrusters that there are."""
+        if scope.wiring is not None:
+            self.wire(scope.wiring)
+        return super().sense(scope)

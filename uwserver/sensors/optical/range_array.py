@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-import numpy as np
 from msgspec import Meta
 
-from uwserver.frames import rotate
-from uwserver.modifiers.base import Measurement
-from uwserver.ports import Argument, Field, Value
-from uwserver.sensors.base import Distance, Pose, Scope, Sensor, SensorTable, Settings
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.physics.kernel.random import SAMPLE, normals, uniforms
+from uwserver.ports import Argument, Field
+from uwserver.sensors.bank import MISSING, Bank, BankSensor, begins, p_NS, q_NS, reading_of, record, rotate, submergence
+from uwserver.sensors.base import Distance, Pose, SensorTable, Settings
 from uwserver.table import NonNegative, Positive, Probability
 from uwserver.units import rad
 
+MOST_BEAMS = 4096
+_LOSSES = MOST_BEAMS
+"""Random numbers from here on say which rays are lost, those before are noise."""
+
 
 class RangeArrayConfig(SensorTable, tag="range_array", kw_only=True, frozen=True):
-    """Thin rays in the sensor's xy plane about its x axis, the first to port.
+    """Thin rays in the sensor's xy plane about its x axis, the first to port. They pass what its own vehicle consists of.
 
     Attributes:
         ideal: exact, whatever else is given.
@@ -30,7 +35,7 @@ class RangeArrayConfig(SensorTable, tag="range_array", kw_only=True, frozen=True
     """
 
     ideal: bool = False
-    beams: Annotated[int, Meta(ge=1, le=4096)] = 1
+    beams: Annotated[int, Meta(ge=1, le=MOST_BEAMS)] = 1
     field_of_view_deg: Annotated[float, Meta(ge=0, lt=361)] = 0.0
     min_range_m: NonNegative = 0.0
     max_range_m: Positive = 10.0
@@ -48,36 +53,89 @@ class RangeSettings(Settings, frozen=True):
     max_range_m: Distance
 
 
-class RangeArray(Sensor):
+_RECORD = record(
+    [
+        ("beams", "i8"), ("first", "f8"), ("step", "f8"), ("low", "f8"), ("high", "f8"), ("sigma", "f8"), ("loss", "f8"),
+        ("anywhere", "i8"),
+    ]
+)  # fmt: skip
+
+
+@entry
+def aim(
+    heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
+) -> float:  # fmt: skip
+    """The fans; none in air, unless the medium is any."""
+    count, reach = 0, 0.0
+    for n, k in enumerate(due):
+        head = heads[k]
+        first[n] = count
+        if not begins(head):
+            continue
+        row, p, q = rows[head.row], p_NS(head, now), q_NS(head, now)
+        if row.anywhere != 0 or submergence(now, p, t) >= 0.0:
+            for i in range(row.beams):
+                angle = row.first + i * row.step
+                origin[count, 0], origin[count, 1], origin[count, 2] = p
+                ray = rotate(q, (math.cos(angle), math.sin(angle), 0.0))
+                direction[count, 0], direction[count, 1], direction[count, 2] = ray
+                count += 1
+            reach = max(reach, row.high)
+    first[len(due)] = count
+    return reach
+
+
+@compiled
+def _range(head: Any, row: Any, i: int, distance: float) -> float:
+    """What ray i tells of a distance, m; a missing number where it sees nothing."""
+    if not row.low <= distance <= row.high:
+        return MISSING
+    if head.exact != 0:
+        return distance
+    luck, _ = uniforms(head.key, head.number, SAMPLE, _LOSSES + i)
+    if luck < row.loss:
+        return MISSING
+    noise, _ = normals(head.key, head.number, SAMPLE, i)
+    return float(distance + row.sigma * noise)
+
+
+@entry
+def run(
+    heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, direction: Array, first: Array, hits: Any
+) -> None:  # fmt: skip
+    """Readings of those that are due, from what their rays hit."""
+    for n, k in enumerate(due):
+        head = heads[k]
+        if head.ready == 0:
+            continue
+        row, out = rows[head.row], reading_of(head, numbers)
+        if first[n + 1] == first[n]:
+            out[:], head.valid = MISSING, 0
+            continue
+        for i in range(row.beams):
+            out[i] = _range(head, row, i, hits.distance[first[n] + i])
+
+
+class RangeArray(BankSensor):
     """Distances to the first solid thing."""
 
     doc = "Distances along thin rays, from port to starboard; no value where a ray hits nothing. Invalid while the sensor is in air."
+    bank = Bank(_RECORD, run, (aim,))
+    random = ("sigma",)
     settings: RangeSettings
 
     def __init__(self, mount: Pose, config: RangeArrayConfig) -> None:
-        self._mount, self._config = mount, config
-        self._sigma, self._loss = (0.0, 0.0) if config.ideal else (config.sigma_m, config.loss_probability)
-        half = 0.5 * rad(config.field_of_view_deg)
-        angles = np.linspace(-half, half, config.beams) if config.beams > 1 else np.zeros(1)
-        self._rays = [(math.cos(a), math.sin(a), 0.0) for a in angles.tolist()]
+        self._config, self.exact, self.rays = config, config.ideal, config.beams
         self.fields = (Field("ranges", "m", "distance along each ray", "", (config.beams,)),)
         self.arguments = (
             Argument("max_range_m", "float", "how far it looks", "m", required=False, minimum=0.01, maximum=1e4),
         )
-        super().__init__(RangeSettings(config.max_range_m))
+        super().__init__(mount, RangeSettings(config.max_range_m))
 
-    def sense(self, scope: Scope) -> Measurement:
-        """Invalid in air, unless the medium is any."""
-        n, limit = len(self._rays), self.settings.max_range_m
-        noise = self.rng.standard_normal(n) * self._sigma
-        lost = self.rng.random(n) < self._loss
-        p = scope.position(self._mount.p)
-        if self._config.medium == "water" and scope.submergence(p) < 0.0:
-            return Measurement([(None,) * n], False)
-        q = scope.attitude(self._mount.q)
-        direction = np.array([rotate(q, ray) for ray in self._rays])
-        distance = scope.geometry.raycast(np.broadcast_to(np.array(p), direction.shape), direction, limit).distance
-        seen = (distance <= limit) & (distance >= self._config.min_range_m) & ~lost
-        measured = np.where(seen, distance, 0.0) + noise
-        value: Value = tuple(float(d) if s else None for d, s in zip(measured, seen, strict=True))
-        return Measurement([value], True)
+    def fill(self, row: Any) -> None:
+        c, field = self._config, rad(self._config.field_of_view_deg)
+        row["beams"], row["first"], row["step"] = c.beams, -0.5 * field, field / max(1, c.beams - 1)
+        if c.beams == 1:
+            row["first"] = 0.0
+        row["low"], row["high"], row["anywhere"] = c.min_range_m, self.settings.max_range_m, c.medium == "any"
+        row["sigma"], row["loss"] = c.sigma_m, c.loss_probability

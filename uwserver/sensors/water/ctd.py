@@ -3,14 +3,31 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, Any
 
-import gsw
 from msgspec import Meta
 
-from uwserver.modifiers.base import Measurement, Memory, Number
+from uwserver.environment.column import SALINITY, TEMPERATURE
+from uwserver.environment.salinity import conductivity_of, practical_salinity
+from uwserver.modifiers.base import Memory, Number
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.physics.kernel.random import SAMPLE, normals
 from uwserver.ports import Field
-from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, blank
+from uwserver.sensors.bank import (
+    MISSING,
+    Bank,
+    BankSensor,
+    begins,
+    gauge_pressure,
+    p_NS,
+    place_of,
+    reading_of,
+    record,
+    submergence,
+    water_property,
+)
+from uwserver.sensors.base import Pose, SensorTable
 from uwserver.table import NonNegative
 
 _DECIBAR = 1e4
@@ -46,7 +63,7 @@ class CtdMemory(Memory):
     temperature, conductivity: as thermistor (degC) and cell (S/m) had them then.
     temperature_offset, conductivity_offset, pressure_offset: constant errors, degC, S/m and Pa."""
 
-    wet: bool = False
+    wet: Annotated[int, Meta(ge=0, le=1)] = 0
     temperature: Annotated[float, Meta(ge=-20, le=100)] = 0.0
     conductivity: Annotated[float, Meta(ge=0, le=100)] = 0.0
     temperature_offset: Annotated[float, Meta(ge=-100, le=100)] = 0.0
@@ -54,7 +71,59 @@ class CtdMemory(Memory):
     pressure_offset: Number = 0.0
 
 
-class Ctd(Sensor):
+_RECORD = record(
+    [
+        ("temperature_lag", "f8"), ("conductivity_lag", "f8"),
+        ("temperature_sigma", "f8"), ("conductivity_sigma", "f8"), ("pressure_sigma", "f8"),
+    ],
+    [
+        ("wet", "i8"), ("temperature", "f8"), ("conductivity", "f8"),
+        ("temperature_offset", "f8"), ("conductivity_offset", "f8"), ("pressure_offset", "f8"),
+    ],
+)  # fmt: skip
+
+
+@compiled
+def _share(dt: float, lag: float) -> float:
+    """How far a first-order lag follows within dt (s)."""
+    return 1.0 if lag == 0.0 else -math.expm1(-dt / lag)
+
+
+@compiled
+def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+    """Invalid in air."""
+    m, p = row.m, p_NS(head, now)
+    if submergence(now, p, t) < 0.0:
+        m.wet, head.valid = 0, 0
+        out[:] = MISSING
+        return
+    temperature, salinity = water_property(now, TEMPERATURE, p[2]), water_property(now, SALINITY, p[2])
+    gauge, atmosphere, conductivity = gauge_pressure(now, p, t), place_of(now).atmosphere, 0.0
+    if salinity > 0.0:
+        conductivity = conductivity_of(salinity, temperature, gauge / _DECIBAR)
+    if m.wet != 0 and head.exact == 0:
+        temperature = m.temperature + (temperature - m.temperature) * _share(head.dt, row.temperature_lag)
+        conductivity = m.conductivity + (conductivity - m.conductivity) * _share(head.dt, row.conductivity_lag)
+    m.temperature, m.conductivity, m.wet = temperature, conductivity, 1
+    if head.exact == 0:
+        a, b = normals(head.key, head.number, SAMPLE, 0)
+        c, _ = normals(head.key, head.number, SAMPLE, 1)
+        temperature += m.temperature_offset + row.temperature_sigma * a
+        conductivity += m.conductivity_offset + row.conductivity_sigma * b
+        gauge += m.pressure_offset + row.pressure_sigma * c
+    out[0], out[1], out[2] = conductivity, temperature, atmosphere + gauge
+    out[3] = practical_salinity(conductivity, temperature, gauge / _DECIBAR)
+
+
+@entry
+def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
+    """Readings of those that are due."""
+    for k in due:
+        if begins(heads[k]):
+            measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
+
+
+class Ctd(BankSensor):
     """Water at the mount."""
 
     doc = "Conductivity, temperature and pressure of the water, and the practical salinity computed from them; no values in air."
@@ -64,59 +133,23 @@ class Ctd(Sensor):
         Field("pressure", "Pa", "absolute pressure"),
         Field("salinity", "1", "practical salinity (PSS-78)"),
     )
-
-    memory: CtdMemory
+    bank = Bank(_RECORD, run)
+    random = ("temperature_sigma", "conductivity_sigma", "pressure_sigma")
+    memory_type = CtdMemory
 
     def __init__(self, mount: Pose, config: CtdConfig) -> None:
-        self._mount = mount
-        self._config = CtdConfig(rate_hz=config.rate_hz) if config.ideal else config
-        super().__init__()
+        self._config, self.exact = config, config.ideal
+        super().__init__(mount)
 
-    def turn_on(self) -> CtdMemory:
-        """Constant errors; no water yet."""
+    def fill(self, row: Any) -> None:
         c = self._config
-        t, s, p = self.rng.standard_normal(3).tolist()
-        return CtdMemory(
-            temperature_offset=c.temperature_accuracy_degc * t,
-            conductivity_offset=c.conductivity_accuracy_Spm * s,
-            pressure_offset=c.pressure_accuracy_Pa * p,
-        )
+        row["temperature_lag"], row["conductivity_lag"] = c.temperature_lag_s, c.conductivity_lag_s
+        row["temperature_sigma"], row["conductivity_sigma"] = c.temperature_sigma_degc, c.conductivity_sigma_Spm
+        row["pressure_sigma"] = c.pressure_sigma_Pa
 
-    def sense(self, scope: Scope) -> Measurement:
-        """Invalid in air."""
-        c, m, water = self._config, self.memory, scope.water
-        p_NS = scope.position(self._mount.p)
-        draws = self.rng.standard_normal(3).tolist()
-        if scope.submergence(p_NS) < 0.0:
-            m.wet = False
-            return Measurement(blank(self.fields), False)
-        depth = p_NS[2]
-        t, truth = water.temperature_at(depth), water.pressure(p_NS, scope.t)
-        salinity, sea = water.salinity_at(depth), (truth - water.atmospheric_pressure) / _DECIBAR
-        conductivity = 0.1 * float(gsw.C_from_SP(salinity, t, sea)) if salinity > 0.0 else 0.0
-        if m.wet:
-            t = m.temperature + (t - m.temperature) * _share(self.dt, c.temperature_lag_s)
-            conductivity = m.conductivity + (conductivity - m.conductivity) * _share(self.dt, c.conductivity_lag_s)
-        m.temperature, m.conductivity, m.wet = t, conductivity, True
-        t += m.temperature_offset + c.temperature_sigma_degc * draws[0]
-        conductivity += m.conductivity_offset + c.conductivity_sigma_Spm * draws[1]
-        pressure = truth + m.pressure_offset + c.pressure_sigma_Pa * draws[2]
-        sea = (pressure - water.atmospheric_pressure) / _DECIBAR
-        return Measurement([conductivity, t, pressure, practical_salinity(conductivity, t, sea)], True)
-
-
-def _share(dt: float, lag: float) -> float:
-    """How far a first-order lag follows within dt (s)."""
-    return 1.0 if lag == 0.0 else -math.expm1(-dt / lag)
-
-
-def practical_salinity(conductivity: float, temperature: float, sea_pressure: float) -> float:
-    """PSS-78 with its extension below 2; 0 for what conducts less than fresh water, or is no water at all.
-
-    Args:
-        conductivity: S/m.
-        temperature: degC, ITS-90.
-        sea_pressure: dbar.
-    """
-    salinity = float(gsw.SP_from_C(10.0 * conductivity, temperature, sea_pressure))
-    return salinity if salinity > 0.0 else 0.0  # gsw gives nan where there is none
+    def turn_on_row(self, memory: Any) -> None:
+        """Constant errors; no water yet."""
+        c, (t, s, p) = self._config, self.drawn(3).tolist()
+        memory["temperature_offset"] = c.temperature_accuracy_degc * t
+        memory["conductivity_offset"] = c.conductivity_accuracy_Spm * s
+        memory["pressure_offset"] = c.pressure_accuracy_Pa * p

@@ -19,6 +19,7 @@ from uwserver.scenario.vehicle.body import force_table
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors import (
     BatteryConfig,
+    RpmConfig,
 )
 
 
@@ -47,12 +48,12 @@ def test_power_of_the_thrusters_is_that_of_their_thrust():
 
 
 def test_sag_limits_thrust():
-    stiff = world_with(battery=BatteryConfig(rate_hz=20, resistance_ohm=0.0))
-    soft = world_with(battery=BatteryConfig(rate_hz=20, resistance_ohm=0.05))
+    shafts = RpmConfig(rate_hz=20, members=("t1",))
+    stiff = world_with(battery=BatteryConfig(rate_hz=20, resistance_ohm=0.0), shafts=shafts)
+    soft = world_with(battery=BatteryConfig(rate_hz=20, resistance_ohm=0.05), shafts=shafts)
     speeds = []
     for world in (stiff, soft):
-        full_speed(world, 3.0, "battery")
-        speeds.append(world.sensors["rov/battery"].wiring.shaft_speed("t1"))
+        speeds.append(full_speed(world, 3.0, "shafts")[0][0])
     assert speeds[1] < 0.97 * speeds[0]
     voltage = soft.hydro.thrusters["voltage"]
     assert (voltage == voltage[0]).all()

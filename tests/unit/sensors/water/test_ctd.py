@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import gsw
 import numpy as np
 import pytest
@@ -17,7 +19,6 @@ from uwserver.sensors import (
     CtdConfig,
     Pose,
 )
-from uwserver.sensors.water.ctd import practical_salinity
 
 
 @pytest.mark.parametrize("z", [1.0, 13.7, 19.0, 500.0])
@@ -32,18 +33,39 @@ def test_an_ideal_one_equals_the_truth(scope, z):
     assert conductivity == pytest.approx(0.1 * gsw.C_from_SP(SEA.salinity_at(z), temperature, sea), abs=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("ratio", "t", "p", "salinity"),
-    [(1.0, 15.0, 0.0, 35.0), (1.2, 20.0, 2000.0, 37.245628), (0.65, 5.0, 1500.0, 27.995347)],
-)
-def test_practical_salinity_gives_the_check_values_of_unesco(ratio, t, p, salinity):
-    """Technical Paper 44 (1983); its temperatures are those of IPTS-68, and 4.2914 S/m is the conductivity of standard sea water."""
-    assert practical_salinity(4.2914 * ratio, t / 1.00024, p) == pytest.approx(salinity, abs=1e-6)
+def expected(water, depths, config):
+    """What a CTD without random errors tells at one depth (m) after the other, by gsw and in plain Python."""
+    told, t, c = [], None, None
+    for z in depths:
+        pressure = water.pressure((0.0, 0.0, z), 0.0)
+        sea = (pressure - water.atmospheric_pressure) / 1e4
+        t_now, c_now = water.temperature_at(z), 0.1 * gsw.C_from_SP(water.salinity_at(z), water.temperature_at(z), sea)
+        if t is None:
+            t, c = t_now, c_now
+        else:
+            t += (t_now - t) * (1.0 - math.exp(-1.0 / config.rate_hz / config.temperature_lag_s))
+            c += (c_now - c) * (1.0 - math.exp(-1.0 / config.rate_hz / config.conductivity_lag_s))
+        told.append((c, t, pressure, gsw.SP_from_C(10.0 * c, t, sea)))
+    return np.array(told)
 
 
-@pytest.mark.parametrize("conductivity", [-1.0, 0.0, 1e-5])
-def test_what_conducts_less_than_fresh_water_has_no_salinity(conductivity):
-    assert practical_salinity(conductivity, 12.0, 5.0) == pytest.approx(0.0, abs=1e-15)
+def test_without_errors_it_is_what_gsw_gives_of_lagged_water(scope):
+    config = CtdConfig(rate_hz=16, temperature_lag_s=0.5, conductivity_lag_s=0.05)
+    depths = np.linspace(2.0, 25.0, 60).tolist()
+    ctd = started(config, mount=Pose())
+    found = [ctd.sense(at(scope, k / 16, p_NB=(0.0, 0.0, z), water=SEA)).values for k, z in enumerate(depths)]
+    np.testing.assert_allclose(found, expected(SEA, depths, config), rtol=1e-12, atol=0.0)
+
+
+def test_out_of_the_air_it_begins_anew(scope):
+    """What it had before is no part of what it tells."""
+    config = CtdConfig(rate_hz=16, temperature_lag_s=5.0, conductivity_lag_s=5.0)
+    ctd = started(config, mount=Pose())
+    for z in (30.0, -2.0):
+        ctd.sense(at(scope, 0.0, p_NB=(0.0, 0.0, z), water=SEA))
+    assert ctd.memory.wet == 0
+    assert ctd.sense(at(scope, 0.0, p_NB=(0.0, 0.0, 5.0), water=SEA)).values[1] == SEA.temperature_at(5.0)
+    assert ctd.memory.wet == 1
 
 
 def test_fresh_water_does_not_conduct(scope):
