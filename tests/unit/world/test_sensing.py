@@ -12,10 +12,8 @@ from sensing_rig import Adds, Counter, Listener, Repeater, Rig, Shouts, Speaker,
 from uwserver.modifiers import Measurement
 from uwserver.ports import Buffer, Field, Port, Sample, told
 from uwserver.sensors import Sensor
-from uwserver.world.by_hand import ByHand
 from uwserver.world.components import SensorStream
 from uwserver.world.on_their_way import WAY, OnTheirWay
-from uwserver.world.profile import untimed
 from uwserver.world.sensor_slot import SensorSlot
 
 
@@ -27,21 +25,6 @@ def slot(path: str, divisor: int = 1, late: int = 0, kind: type[Counter] = Count
 def test_each_is_due_every_divisor_ticks() -> None:
     rig = Rig(slot("a", 2), slot("b", 3))
     assert [[port for port, _ in rig.tick(n)] for n in (1, 2, 3, 6)] == [[], ["a"], ["b"], ["a", "b"]]
-
-
-def test_what_lets_the_same_sensors_read_is_made_once() -> None:
-    made: list[list[int]] = []
-
-    class Arrays:
-        def reader(self, bank: Any, due: Any) -> Any:
-            made.append(due.tolist())
-            return lambda t: None
-
-    one, other = ("a bank",), ("another",)
-    by_hand = ByHand({k: slot(str(k)) for k in (1, 2)}, Arrays(), untimed)  # type: ignore[arg-type]  # all that it asks of them
-    for bank, due in ((one, [1, 2]), (one, [1, 2]), (one, [2]), (other, [1, 2])):
-        by_hand.read(bank, np.array(due), 0.0)  # type: ignore[arg-type]  # whose kinds do not matter
-    assert made == [[1, 2], [2], [1, 2]]
 
 
 def test_one_that_repeats_others_reads_after_them() -> None:

@@ -1,17 +1,14 @@
-"""What lets sensors of a kind read is made when sensors come or go, and reads on with the same arrays in each tick."""
+"""Readings in the step: sensors of a kind read on where their arrays lie elsewhere, and what they would read without errors is read as if it had not
+been."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import uwserver
-from uwserver.physics.kernel.arrays import IntArray
-from uwserver.sensors.bank import Bank
-from uwserver.world.instruments import Instruments
 from uwserver.world.world import World
 
 SCENARIO = """
@@ -44,31 +41,6 @@ def values(world: World, ticks: int) -> list[Any]:
     return [(s.port, s.seq, s.t_ns, s.valid, s.value) for s in world.step(ticks)]
 
 
-def test_rays_cast_with_arrays_of_before_hit_the_same(world: World, tmp_path: Path, monkeypatch: Any) -> None:
-    kept = values(world, 240)
-    other = uwserver.load(tmp_path / "pings.toml")
-    made = Instruments.reader
-
-    def fresh(self: Instruments, bank: Bank, due: IntArray) -> Callable[[float], None]:
-        def read(t: float) -> None:
-            made(self, bank, due)(t)
-
-        return read
-
-    monkeypatch.setattr(Instruments, "reader", fresh)
-    other.refresh()
-    assert kept == values(other, 240)
-    assert {port for port, *_, valid, _ in kept if valid} >= {"rov/sounder", "rov/far", "rov/dvl"}
-
-
-def test_a_tick_makes_no_readers(world: World, monkeypatch: Any) -> None:
-    values(world, 120)
-    made = []
-    monkeypatch.setattr(Instruments, "reader", lambda *args: made.append(args))
-    values(world, 120)
-    assert made == []
-
-
 def test_sensors_that_come_move_the_arrays_of_the_others(world: World, tmp_path: Path) -> None:
     values(world, 10)
     alone = uwserver.load(tmp_path / "pings.toml")
@@ -76,6 +48,32 @@ def test_sensors_that_come_move_the_arrays_of_the_others(world: World, tmp_path:
     for k in range(3):
         world.call("world/spawn", name=f"r{k}", like="rov", p_NB=[20.0 * k + 20.0, 0.0, 5.0])
     assert [value for value in values(world, 120) if value[0].startswith("rov/")] == values(alone, 120)
+
+
+def test_what_is_asked_for_without_errors_changes_no_other_reading(world: World, tmp_path: Path) -> None:
+    """Nor its time: a ping that would begin anew in the shadow of another is none. And nothing stops for it."""
+    file = tmp_path / "both.toml"
+    imu = '[vehicles.rov.sensors]\nimu = { kind = "imu", rate_hz = 120 }\n'
+    both = SCENARIO.replace("[vehicles.rov.sensors]\n", imu)
+    both = both.replace(" }\n", ", streams = { ideal = { ideal = true } } }\n")
+    file.write_text(both)
+    twice = uwserver.load(file)
+    told = values(twice, 480)
+    mine = [value for value in told if not value[0].endswith("/ideal")]
+    assert [value for value in mine if value[0] != "rov/imu"] == [
+        value for value in values(world, 480) if value[0] != "rov/imu"
+    ]
+    ideal = {
+        port: [entry for entry in told if entry[0] == f"{port}/ideal"]
+        for port in ("rov/sounder", "rov/far", "rov/dvl", "rov/imu")
+    }
+    for port, entries in ideal.items():
+        own = [entry for entry in mine if entry[0] == port]
+        assert [entry[1:3] for entry in entries] == [entry[1:3] for entry in own]
+        assert entries != own
+    ranges = [value[0] for _, _, _, valid, value in ideal["rov/sounder"] if valid]
+    assert max(ranges) - min(ranges) < 0.2, "it sinks or rises slowly, and has no noise"
+    assert {reason for reason, count in twice.stepping.stops.items() if count} <= {"room"}
 
 
 MANY = """
