@@ -38,6 +38,7 @@ class Work(NamedTuple):
 
     Attributes:
         ring, codes: corners (k, 3) of the feature that is cut, and a number of each.
+        kept, kept_codes: the same of what a side leaves of it.
         cut, cut_codes: of the feature that cuts.
         contacts, keys: (CANDIDATES, NUMBERS) and (CANDIDATES) found so far.
         t, face: (3) normals.
@@ -45,6 +46,8 @@ class Work(NamedTuple):
 
     ring: Array
     codes: Array
+    kept: Array
+    kept_codes: Array
     cut: Array
     cut_codes: Array
     contacts: Array
@@ -57,7 +60,8 @@ class Work(NamedTuple):
 def new_work() -> Work:
     """Work space for any pair."""
     return Work(
-        np.empty((4 * RING, 3)), np.empty(4 * RING, np.int64), np.empty((RING, 3)), np.empty(RING, np.int64),
+        np.empty((4 * RING, 3)), np.empty(4 * RING, np.int64), np.empty((4 * RING, 3)), np.empty(4 * RING, np.int64),
+        np.empty((RING, 3)), np.empty(RING, np.int64),
         np.empty((CANDIDATES, NUMBERS)), np.empty(CANDIDATES, np.int64), np.empty(3), np.empty(3),
     )  # fmt: skip
 
@@ -85,24 +89,19 @@ def clip(work: Work, count: int, cuts: int, t: Array) -> int:
 
     Sutherland and Hodgman 1974. work.cut, of `cuts` corners, is counter-clockwise about t; with two corners it is a line, cut at its ends.
     """
-    ring, codes, cut = work.ring, work.codes, work.cut
-    kept, kept_codes = np.empty_like(ring), np.empty_like(codes)
-    side = np.empty(3)
+    ring, codes, cut, kept, kept_codes = work.ring, work.codes, work.cut, work.kept, work.kept_codes
     for e in range(cuts):
-        a, b = cut[e], cut[(e + 1) % cuts]
-        if cuts == 2:
-            for i in range(3):
-                side[i] = b[i] - a[i]
-        else:
-            ex, ey, ez = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-            side[0], side[1], side[2] = t[1] * ez - t[2] * ey, t[2] * ex - t[0] * ez, t[0] * ey - t[1] * ex
-        length = math.sqrt(dot(side, side))
-        offset = dot(side, a)
-        n = 0
+        a, b = e, (e + 1) % cuts
+        sx, sy, sz = cut[b, 0] - cut[a, 0], cut[b, 1] - cut[a, 1], cut[b, 2] - cut[a, 2]
+        if cuts != 2:
+            sx, sy, sz = t[1] * sz - t[2] * sy, t[2] * sx - t[0] * sz, t[0] * sy - t[1] * sx
+        length = math.sqrt(sx * sx + sy * sy + sz * sz)
+        offset = sx * cut[a, 0] + sy * cut[a, 1] + sz * cut[a, 2]
+        n, j = 0, count - 1
+        # A corner on the border belongs to both sides.
+        before = sx * ring[j, 0] + sy * ring[j, 1] + sz * ring[j, 2] - offset + 1e-9 * length if count > 0 else 0.0
         for k in range(count):
-            j = (k + count - 1) % count
-            # A corner on the border belongs to both sides.
-            now, before = dot(side, ring[k]) - offset + 1e-9 * length, dot(side, ring[j]) - offset + 1e-9 * length
+            now = sx * ring[k, 0] + sy * ring[k, 1] + sz * ring[k, 2] - offset + 1e-9 * length
             if (now >= 0.0) != (before >= 0.0) and n < len(ring):
                 part = before / (before - now)
                 for i in range(3):
@@ -111,10 +110,12 @@ def clip(work: Work, count: int, cuts: int, t: Array) -> int:
                 kept_codes[n] = _CROSSING + (first * 65_599 + second * 257 + 7 * e) % 65_521
                 n += 1
             if now >= 0.0 and n < len(ring):
-                kept[n], kept_codes[n] = ring[k], codes[k]
+                kept[n, 0], kept[n, 1], kept[n, 2], kept_codes[n] = ring[k, 0], ring[k, 1], ring[k, 2], codes[k]
                 n += 1
+            j, before = k, now
         count = n
-        ring[:count], codes[:count] = kept[:count], kept_codes[:count]
+        for k in range(count):
+            ring[k, 0], ring[k, 1], ring[k, 2], codes[k] = kept[k, 0], kept[k, 1], kept[k, 2], kept_codes[k]
     return count
 
 
