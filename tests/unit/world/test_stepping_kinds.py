@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from uwserver.ports import Sample
@@ -156,3 +157,53 @@ def test_what_may_be_large_comes_in_a_tick_by_itself(tmp_path: Path) -> None:
     assert [(s.port, s.seq, s.t_sent_ns) for s in got] == [(s.port, s.seq, s.t_sent_ns) for s in samples]
     assert sum(sample.port == "rov/own" for sample in got) == 9
     assert most > 5
+
+
+EVERYTHING = """
+schema = 1
+seed = 4
+[world]
+rate_hz = 240
+[seabed]
+kind = "grid"
+file = "bottom.npy"
+spacing_m = [1.0, 1.0]
+[environment.waves]
+spectrum = "jonswap"
+significant_height_m = 0.3
+peak_period_s = 5
+direction_deg = 30
+[objects.crate]
+kind = "box"
+size_m = [0.5, 0.5, 0.5]
+density_kgpm3 = 1200
+position_ned_m = [3.0, 0.0, 9.74]
+[vehicles.rov]
+model = "bluerov2_heavy"
+position_ned_m = [0.0, 0.0, 5.0]
+[vehicles.rov.autopilot]
+[vehicles.rov.sensors]
+ctd = { kind = "ctd", profile = "sbe49", rate_hz = 16 }
+shafts = { kind = "rpm", rate_hz = 20, members = ["t1", "t5"], sigma_radps = 0.5 }
+bumper = { kind = "contact", rate_hz = 240 }
+lasers = { kind = "range_array", rate_hz = 10, beams = 5, field_of_view_deg = 60, rpy_deg = [0.0, -90.0, 0.0] }
+dvl = { kind = "dvl", profile = "a50", rate_hz = 8, streams = { ideal = { ideal = true } } }
+"""
+
+
+def test_nothing_that_is_numbers_stops_the_step(tmp_path: Path) -> None:
+    """Waves, what rests, rays at a mesh, CTD, shafts, bumper and lasers; and in one go all is as it is tick by tick."""
+    x = np.arange(-20.0, 21.0)
+    np.save(tmp_path / "bottom.npy", 10.0 + 0.3 * np.maximum(0.0, np.add.outer(np.abs(x) - 6.0, np.zeros(41))))
+    file = tmp_path / "everything.toml"
+    file.write_text(EVERYTHING, encoding="utf-8")
+    resolved = load(file, adapters={})
+    one, other = build(resolved), build(resolved)
+    samples = one_by_one(one, 720)
+    assert other.step(720) == samples
+    assert one.call("world/state_hash") == other.call("world/state_hash")
+    assert {reason for reason, count in other.stops.items() if count} == {"room"}
+    newest = {sample.port: sample for sample in samples if sample.valid}
+    assert {f"rov/{name}" for name in ("ctd", "shafts", "bumper", "lasers", "dvl", "dvl/ideal")} <= newest.keys()
+    assert None not in newest["rov/lasers"].value[0], "five of them meet the bottom"
+    assert other.hydro.touching.is_kept, "the crate rests"
