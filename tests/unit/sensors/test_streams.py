@@ -111,8 +111,8 @@ def heavy(resolved, change):
     }
     world = build(type(resolved)(resolved.name, resolved.scenario, vehicles, None, ()))
     scene = Scene(lambda: world.hydro.state)
-    scene.add_static(Solid("bottom", (Placed(HalfSpace(), p=np.array([0.0, 0.0, 20.0])),)))
-    scene.add_static(Solid("ball", (Placed(Sphere(2.0), p=np.array([8.0, 3.0, 5.0])),)))
+    scene.add_static(Solid("bottom", (Placed(HalfSpace(), p=(0.0, 0.0, 20.0)),)))
+    scene.add_static(Solid("ball", (Placed(Sphere(2.0), p=(8.0, 3.0, 5.0)),)))
     world.set_scene(scene)
     world.command("heavy/thrusters", u=[0.3] * 8)
     return world

@@ -168,7 +168,7 @@ def test_settings_memory_and_stream_are_part_of_a_snapshot(tmp_path):
     path.write_text(SCENARIO.format(profile="a50", more=""))
     world = build(load(path, adapters={}))
     scene = Scene(lambda: world.hydro.state)
-    scene.add_static(Solid("bottom", (Placed(HalfSpace(), p=np.array([0.0, 0.0, 9.0])),)))
+    scene.add_static(Solid("bottom", (Placed(HalfSpace(), p=(0.0, 0.0, 9.0)),)))
     world.set_scene(scene)
     world.command("rov/thrusters", u=[0.3] * 8)
     world.step(200)
