@@ -76,6 +76,8 @@ class Commands(Part):
                 slot.conflicts += 1
                 slot.other_tick = tick
         slot.source, slot.last_tick = command.source, tick
+        # In the order of the last ones: of set points of an autopilot, each a port of its own, the last one counts as it does between two ticks.
+        self._newest.pop(path, None)
         self._newest[path] = command
         return conflict
 

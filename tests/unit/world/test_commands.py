@@ -52,6 +52,21 @@ def test_the_last_of_a_tick_acts_once() -> None:
     assert rig.slot.last_value == ((0.2,),)
 
 
+def test_actuators_are_told_in_the_order_of_their_last_commands() -> None:
+    """As set points of one autopilot: position, attitude, position again is position in the end, as if each had come between two ticks."""
+    rig, order = Rig(), list[str]()
+    for path in ("rov/autopilot/position", "rov/autopilot/attitude"):
+        lights = Lights()
+        lights.apply = lambda value, path=path: order.append(path)  # type: ignore[method-assign, misc]
+        rig.slots[path] = ActuatorSlot(
+            Port(path, "actuator", "lights", Lights.fields, "", timeout_s=0), lights, Fraction(10), 0
+        )
+    for path in ("rov/autopilot/position", "rov/autopilot/attitude", "rov/autopilot/position"):
+        rig.commands.accept(Command(path, ((0.5,),), "a"), 0)
+    rig.commands.apply(0)
+    assert order == ["rov/autopilot/attitude", "rov/autopilot/position"]
+
+
 def test_two_sources_within_a_second_are_in_conflict_and_told_once() -> None:
     rig = Rig()
     assert not rig.send(0.1, 0, "a")
