@@ -120,7 +120,7 @@ def test_every_long_way_is_equal(way: str, scenario: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("scenario", SCENARIOS)
 def test_another_process_is_equal_for_long(scenario: str) -> None:
-    assert not difference(expected(scenario, LONG), elsewhere(LONG, SCENARIOS)[scenario])
+    assert not difference(expected(scenario, LONG), elsewhere(LONG, (scenario,))[scenario])
 
 
 @pytest.mark.slow
