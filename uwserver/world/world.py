@@ -124,12 +124,13 @@ class World(InProcess):
     def set_scene(self, scene: Scene) -> None:
         """Give the world its solid things; before any body is in it."""
         self.scene = self.hydro.collider = self.stepping.given.scene = scene
-        self.sensing.schedule()  # who reads by rays keeps what to cast them at
 
     def prepare(self) -> None:
         """Do now what would make a tick late when it is needed first: before a run that the clock paces."""
+        self.stepping.given.settle()
         if self.scene is not None:
             self.scene.stocks.ways.open()
+            self.scene.still()  # which makes the surfaces
 
     def add(self, part: Part) -> None:
         """Let a part of its own live in the world, with its services.

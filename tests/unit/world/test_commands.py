@@ -55,12 +55,18 @@ def test_the_last_of_a_tick_acts_once() -> None:
 def test_actuators_are_told_in_the_order_of_their_last_commands() -> None:
     """As set points of one autopilot: position, attitude, position again is position in the end, as if each had come between two ticks."""
     rig, order = Rig(), list[str]()
+
+    class Told(Lights):
+        def __init__(self, path: str) -> None:
+            super().__init__()
+            self.path = path
+
+        def apply(self, value: tuple[Any, ...]) -> None:
+            order.append(self.path)
+
     for path in ("rov/autopilot/position", "rov/autopilot/attitude"):
-        lights = Lights()
-        lights.apply = lambda value, path=path: order.append(path)  # type: ignore[method-assign, misc]
-        rig.slots[path] = ActuatorSlot(
-            Port(path, "actuator", "lights", Lights.fields, "", timeout_s=0), lights, Fraction(10), 0
-        )
+        port = Port(path, "actuator", "lights", Lights.fields, Lights.doc, timeout_s=0)
+        rig.slots[path] = ActuatorSlot(port, Told(path), Fraction(10), 0)
     for path in ("rov/autopilot/position", "rov/autopilot/attitude", "rov/autopilot/position"):
         rig.commands.accept(Command(path, ((0.5,),), "a"), 0)
     rig.commands.apply(0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import uwserver
 from uwserver.ports import Call, Command, Refused, Reply
 from uwserver.units import NANOSECONDS
 from uwserver.world import Diverged
@@ -127,3 +128,16 @@ def test_a_command_in_the_same_process_is_checked_once(world, monkeypatch):
     world.submit(Command("rov/thrusters", ((0.0,) * 8,)))
     world.step()
     assert len(again) == 1, "nobody knows against what this was checked"
+
+
+def test_what_rays_meet_is_made_before_a_run_that_the_clock_paces(monkeypatch):
+    """For sensors in compiled code, and for those in Python; else it would make the tick late in which the first ray is cast."""
+    world = uwserver.load("follow_the_pipe")
+    world.prepare()
+    made = []
+    for name in ("make_picker", "grow"):
+        monkeypatch.setattr(f"uwserver.physics.rays.surfaces.{name}", lambda *_, name=name: made.append(name))
+    world.step(120)
+    hits = world.geometry.raycast(np.array([[0.0, 0.0, 1.0]]), np.array([[0.0, 0.0, 1.0]]), 100.0)
+    assert hits.body[0] >= 0
+    assert made == []

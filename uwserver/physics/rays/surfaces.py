@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from copy import copy
 from functools import cached_property
 from importlib.util import find_spec
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -88,12 +88,14 @@ class Surface:
         return make_picker(self._sides["corners"])
 
     @cached_property
-    def table(self) -> IntArray:
-        """Of `meeting.SURFACE`, for compiled code; what it tells of is kept with the surface."""
+    def _met(self) -> dict[str, Any]:
         tree = grow(self._sides["corners"], self._sides["sided"])
-        arrays = {**tree._asdict(), "sides": self._sides, "owners": self._owners, "box": self._box}
-        self._kept = arrays
-        return addresses(SURFACE, arrays)
+        return {**tree._asdict(), "sides": self._sides, "owners": self._owners, "box": self._box}
+
+    @cached_property
+    def table(self) -> IntArray:
+        """Of `meeting.SURFACE`, for compiled code."""
+        return addresses(SURFACE, self._met)
 
     def apart(self) -> Surface:
         """The same triangles for one other thread, with work space of its own; always the same answer. What picks is safe in many threads."""
