@@ -80,6 +80,10 @@ class Client:
         """Wait until the world is at a tick."""
         await until(lambda: self.server.hub.simulation.world.tick >= tick)
 
+    async def pass_ticks(self, ticks: int) -> None:
+        """Let the world make some more ticks."""
+        await self.reach(self.server.hub.simulation.world.tick + ticks)
+
     def told(self) -> list[str]:
         """Of recordings."""
         return [event.text for event in self.events if event.event == "recording"]
@@ -139,10 +143,9 @@ def test_a_recording_from_the_midst_of_a_run_replays_bit_for_bit(resolved: Resol
         began = await client.ask("recording/start", name="dive")
         assert began["name"] == "dive.mcap"
         assert began["t_ns"] >= client.server.hub.simulation.world.ticks.time_of(500)
-        tick = client.server.hub.simulation.world.tick
-        await client.reach(tick + 300)
+        await client.pass_ticks(300)
         client.context.command("rov/thrusters", {"u": [-u for u in thrust["u"]]}, "me", None)
-        await client.reach(tick + 900)
+        await client.pass_ticks(600)  # from here on: the command is carried out in one of them
         status = await client.ask("recording/stop")
         assert status["path"] == str(folder / "dive.mcap")
         assert (status["recording"], status["error"], status["dropped"]) == (False, "", 0)
@@ -172,8 +175,7 @@ def test_a_reset_and_bodies_that_came_before_are_in_it(resolved: Resolved, folde
         await client.ask("world/spawn", name="third", like="rov", p_NB=[6.0, 0.0, 2.0])
         await client.ask("recording/start", name="one")
         await client.ask("world/remove", name="third")
-        tick = client.server.hub.simulation.world.tick
-        await client.reach(tick + 300)
+        await client.pass_ticks(300)
         await client.ask("world/reset")
         await client.reach(260)
         await client.ask("recording/stop")
@@ -320,7 +322,7 @@ def test_the_end_of_the_server_closes_the_file(resolved: Resolved, folder: Path)
     async def script(client: Client) -> None:
         await client.reach(10)
         await client.ask("recording/start", name="run")
-        await client.reach(client.server.hub.simulation.world.tick + 300)
+        await client.pass_ticks(300)
 
     assert serve(resolved, script)[0] == 0
     found = replay(folder / "run.mcap")
@@ -418,7 +420,7 @@ def test_a_disk_that_becomes_full_ends_the_recording_and_not_the_world(
         monkeypatch.setattr(module, "RESERVE_BYTES", 2**62)
         await until(lambda: len(client.told()) == 2)
         assert "the disk is full" in client.told()[1]
-        await client.reach(client.server.hub.simulation.world.tick + 10)
+        await client.pass_ticks(10)
 
     assert serve(resolved, script)[0] == 0
     assert replay(folder / "run.mcap").truncated is False
@@ -437,7 +439,7 @@ def test_a_file_that_cannot_be_written_any_more_is_told_and_another_can_begin(
         assert "No space left" in client.told()[1]
         assert (await client.ask("world/status"))["recorder"]["error"] == "No space left on device"
         await client.ask("recording/start", name="next")
-        await client.reach(client.server.hub.simulation.world.tick + 10)
+        await client.pass_ticks(10)
 
     assert serve(resolved, script)[0] == 0
     assert replay(folder / "next.mcap").difference is None
@@ -461,7 +463,7 @@ def test_a_file_that_somebody_took_away_ends_the_recording_and_is_told(
         assert status["recording"] is False
         assert "deleted" in status["error"]
         await client.ask("recording/start", name="next")
-        await client.reach(client.server.hub.simulation.world.tick + 10)
+        await client.pass_ticks(10)
 
     assert serve(resolved, script)[0] == 0
     assert replay(folder / "next.mcap").difference is None
@@ -492,7 +494,7 @@ def test_a_state_that_cannot_be_written_leaves_no_file_and_no_recording(
                 await client.ask("recording/start", name="run")
         assert list(folder.iterdir()) == []
         await client.ask("recording/start", name="run")
-        await client.reach(client.server.hub.simulation.world.tick + 10)
+        await client.pass_ticks(10)
 
     assert serve(resolved, script)[0] == 0
     assert replay(folder / "run.mcap").difference is None
@@ -549,7 +551,7 @@ def test_a_fault_of_ours_as_it_begins_leaves_no_file_and_nobody_who_follows(
                 await client.ask("recording/start", name="run")
         assert list(folder.iterdir()) == []
         assert threads == ["simulation"]
-        await client.reach(client.server.hub.simulation.world.tick + 10)
+        await client.pass_ticks(10)
 
     assert serve(resolved, script)[0] == 0
 
