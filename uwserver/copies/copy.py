@@ -27,7 +27,7 @@ _RUNNING = ("state", "bodies", "thrusters", "wrenches", "servos", "contact_nu_do
 """Arrays of `Hydrodynamics` that change in a run."""
 _CONSTANT = ("shapes", "tables", "lags", "foils", "propellers", "weights", "derivatives", "hulls")
 """And those that no run changes."""
-_SCHEDULE = ("course", "writings", "shares", "scheduled", "members")
+_SCHEDULE = ("course", "writings", "repeatings", "repeated", "shares", "scheduled", "members")
 """Arrays of a step that only change when others are due."""
 _FORGETFUL = {"world/bodies", "world/samples", "world/autopilots", "world/commands", "world/population"}
 """Parts whose state stands in arrays alone, or never changes in a batch."""

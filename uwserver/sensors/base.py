@@ -266,9 +266,8 @@ class Sensor(ABC):
         dt: time between readings, s.
         paces: its memory holds no error, but what decides when and how it reads next; an ideal twin follows it.
         listens: it waits for something that comes between two readings, as told by `wake`.
-        rouses: the same, but it says so by `rouse` when `wake` has become a time, so that nobody asks before.
-        rouse: see there; set where it lives.
-        repeats: it repeats what other sensors have just read, and so reads after them.
+        rouses: the same, but it says so by `rouse`, set where it lives, when `wake` has become a time, so that nobody asks before.
+        repeats, repeated: it reads after others, as it repeats what they have read; these, if its numbers are the age (s) of the oldest and theirs.
         takes_time: its readings are begun and computed later (`uwserver.sensors.job`).
         learns: `learn` hears what was computed.
         writes: it has no errors, timing and memory of its own, and sees nothing of the world: `write` is its short way.
@@ -286,6 +285,7 @@ class Sensor(ABC):
     paces = listens = rouses = False
     rouse: Callable[[], None] = staticmethod(lambda: None)
     repeats = takes_time = learns = writes = False
+    repeated: Sequence[Latest] = ()
     writing: Writing | None = None
 
     @property

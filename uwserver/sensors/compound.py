@@ -40,7 +40,6 @@ class Compound(Sensor):
     def __init__(self, config: CompoundConfig) -> None:
         self.members = config.members
         self.doc = f"The last readings of {', '.join(config.members)} in one message; valid when all of them are."
-        self._parts: tuple[Latest, ...] = ()
         super().__init__()
 
     @property
@@ -50,18 +49,18 @@ class Compound(Sensor):
 
     def join(self, others: Mapping[str, Latest]) -> None:
         """Find the members; the fields are theirs, each with the member's name in front."""
-        self._parts = tuple(others[name] for name in self.members)
+        self.repeated = tuple(others[name] for name in self.members)
         fields = [_AGE]
-        for name, part in zip(self.members, self._parts, strict=True):
+        for name, part in zip(self.members, self.repeated, strict=True):
             fields.append(Field(f"{name}_valid", "1", f"whether {name} could measure", type="bool"))
             fields += [structs.replace(field, name=f"{name}_{field.name}") for field in part.fields]
         self.fields = tuple(fields)
 
     def sense(self, scope: Scope) -> Measurement | None:
-        """None until each member has measured once."""
+        """None until each member has measured once. Where all values are numbers the step does this (`step.readings`)."""
         values: list[Value] = []
         oldest, valid = scope.t_ns, True
-        for part in self._parts:
+        for part in self.repeated:
             if part.held is None:
                 return None
             fine, read = part.held

@@ -23,6 +23,10 @@ class Latest(Protocol):
         """When that was."""
 
     @property
+    def stream(self) -> int:
+        """Number of its own stream in the world."""
+
+    @property
     def sensor(self) -> object:
         """The sensor itself."""
 

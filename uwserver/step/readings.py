@@ -27,10 +27,12 @@ from uwserver.step.rows import (
     NEEDS_KEEPING,
     NEEDS_PYTHON,
     NEEDS_RATES,
+    NEEDS_REPEATING,
     NEEDS_TEXTS,
     PYTHON,
     RATES,
     READ,
+    REPEAT,
     ROUND,
     UNIT,
     WHEN_CALLED,
@@ -38,10 +40,12 @@ from uwserver.step.rows import (
     WRITE,
 )
 from uwserver.step.streams import LARGE
+from uwserver.units import NANOSECONDS
 
 _course, _run, _groups, _kinds, _writings = (
     array_at(rows.FORMS, name) for name in ("course", "run", "groups", "kinds", "writings")
 )
+_repeatings, _repeated = array_at(rows.FORMS, "repeatings"), array_at(rows.FORMS, "repeated")
 _shares, _scheduled, _members, _active = (
     array_at(rows.FORMS, name) for name in ("shares", "scheduled", "members", "active")
 )
@@ -201,6 +205,45 @@ def _read_exactly(table: Array, sensors: Array, kind: Any, due: Array) -> None:
 
 
 @compiled
+def _repeat_one(sensors: Array, repeating: Any, members: Array, t_ns: int) -> None:
+    """What several sensors have read last, errors included: the age (s) of the oldest reading, and of each its validity and its numbers; valid when
+    all of them are. Nothing before each has read once."""
+    head, all_streams, numbers = _heads(sensors)[repeating.head], _streams(sensors), _numbers(sensors)
+    head.ready, head.valid, head.delay_ns, head.since_ns = 1 - head.silent, 1, 0, 0
+    oldest = t_ns
+    for k in members:
+        held = all_streams[k].held
+        head.ready, head.valid, oldest = head.ready & held.there, head.valid & held.valid, min(oldest, held.t_ns)
+    if head.ready == 0:
+        return
+    n = head.first
+    numbers[n] = (t_ns - oldest) / NANOSECONDS
+    n += 1
+    for k in members:
+        member = all_streams[k]
+        numbers[n] = member.held.valid
+        for i in range(member.width):
+            numbers[n + 1 + i] = numbers[member.first + i]
+        n += 1 + member.width
+    if head.exact_first >= 0:  # it has no errors of its own
+        head.exact_valid = head.valid
+        numbers[head.exact_first : head.exact_first + head.width] = numbers[head.first : head.first + head.width]
+
+
+@compiled
+def _repeat(table: Array, sensors: Array) -> None:
+    """Let sensors of this round repeat what the others have read."""
+    run, groups, active = _run(table)[0], _groups(table), _active(table)
+    repeatings, repeated = _repeatings(table), _repeated(table)
+    for a in range(run.active):
+        group = groups[active[a]]
+        if group.round == run.round:
+            for k in range(group.repeating_first, group.repeating_first + group.repeating_count):
+                mine = repeatings[k]
+                _repeat_one(sensors, mine, repeated[mine.first : mine.first + mine.count], run.t_ns)
+
+
+@compiled
 def _is_frozen(table: Array, sensors: Array) -> bool:
     """Whether a sensor of this round that writes has to repeat itself, and its texts with it, which stand in Python."""
     run, groups, active, writings = _run(table)[0], _groups(table), _active(table), _writings(table)
@@ -269,7 +312,13 @@ def _round(table: Array, sensors: Array, values: Array, told_values: Array) -> i
             _read(table, sensors, kinds[mine.kind], _turns(table)[mine.first : mine.first + mine.count])
             if is_measured(run, READ, run.turn - 1):
                 return UNIT
+        run.stage = REPEAT
+    if run.stage == REPEAT:
         run.stage = PYTHON
+        if run.needs & NEEDS_REPEATING:
+            _repeat(table, sensors)
+            if is_measured(run, REPEAT, 0):
+                return UNIT
     if run.stage == PYTHON:
         run.stage = WRITE
         if run.needs & NEEDS_PYTHON:

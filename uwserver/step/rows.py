@@ -7,8 +7,8 @@ import numpy as np
 from uwserver.physics.kernel.layout import STATE_SIZE, Codes, Forms, columns
 
 (
-    BEGIN, PILOTS, FORCES, FIND, MOVE, DRAW, FLOW, ARRIVALS, ROUND, RATES, EXACT, READ, PYTHON, WRITE, DELIVER, KEEP, HEAR, END,
-) = range(18)  # fmt: skip
+    BEGIN, PILOTS, FORCES, FIND, MOVE, DRAW, FLOW, ARRIVALS, ROUND, RATES, EXACT, READ, REPEAT, PYTHON, WRITE, DELIVER, KEEP, HEAR, END,
+) = range(19)  # fmt: skip
 """Stages of a tick, in their order; those from ROUND to KEEP follow each other again in each round of readings. A stage is also the name of what
 Python is needed for, when a step stops there."""
 
@@ -20,9 +20,9 @@ WHEN_CALLED, WHEN_DUE, AS_REPEATED = range(3)
 """Rounds of a tick: sensors to which something has come that they wait for; those that are due; from there on those that repeat what the others have
 read, those of a shorter interval first."""
 
-NEEDS_RATES, NEEDS_EXACT, NEEDS_PYTHON, NEEDS_KEEPING, NEEDS_TEXTS = 1, 2, 4, 8, 16
+NEEDS_RATES, NEEDS_EXACT, NEEDS_PYTHON, NEEDS_KEEPING, NEEDS_TEXTS, NEEDS_REPEATING = 1, 2, 4, 8, 16, 32
 """Of a round: accelerations; what a device would read without errors; readings or errors in Python; values that are no numbers wait there; sensors
-that compiled code writes, and whose texts it tells (`sensors.writing.Writing`)."""
+that compiled code writes, and whose texts it tells (`sensors.writing.Writing`); sensors that repeat the numbers that others have read."""
 
 _WHOLE = "i8"
 
@@ -128,6 +128,8 @@ GROUP = np.dtype(
             "share_count",
             "writing_first",
             "writing_count",
+            "repeating_first",
+            "repeating_count",
         )
     ]
 )
@@ -155,6 +157,9 @@ KIND = np.dtype(
 WRITING = np.dtype([(name, _WHOLE) for name in ("head", "row", "stream_first", "stream_count", "first", "width")])
 """A sensor that writes: its head, its number, its streams, and where its reading stands."""
 
+REPEATING = np.dtype([(name, _WHOLE) for name in ("head", "first", "count")])
+"""A sensor that repeats: its head, and those streams in `repeated` whose last readings it tells."""
+
 FORMS: Forms = {
     "course": COURSE,
     "run": RUN,
@@ -167,6 +172,8 @@ FORMS: Forms = {
     "pilots": columns(np.int64, 2),
     "kinds": KIND,
     "writings": WRITING,
+    "repeatings": REPEATING,
+    "repeated": columns(np.int64),
     "shares": SHARE,
     "scheduled": columns(np.int64),  # heads of all groups, one after the other
     "members": columns(np.int64),  # the same, those of a kind beside each other

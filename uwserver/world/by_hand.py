@@ -14,7 +14,7 @@ from uwserver.sensors.bank import BankSensor
 from uwserver.world.instruments import Instruments
 from uwserver.world.profile import Timer, kind_of
 from uwserver.world.sensor_slot import SensorSlot
-from uwserver.world.timetable import is_written
+from uwserver.world.timetable import is_repeated, is_written
 
 _MOST_KEPT = 512
 """Sets of sensors that read together for which it is known what they need."""
@@ -94,7 +94,8 @@ class ByHand:
         timed, instruments = self._timed, self._instruments
         texts = [slot for slot in slots if is_written(slot)]
         others = [slot for slot in slots if not is_written(slot)]
-        in_python = [slot for slot in others if not isinstance(slot.sensor, BankSensor) and not slot.writes]
+        compiled = [slot for slot in others if isinstance(slot.sensor, BankSensor) or is_repeated(slot)]
+        in_python = [slot for slot in others if slot not in compiled and not slot.writes]
         wordy = [slot for slot in others if slot.is_wordy]
         ready_made = [slot for slot in others if any(stream.is_ready_made for stream in slot.streams)]
         return _Chores(

@@ -35,7 +35,8 @@ REASONS = {
 _UNITS = {
     rows.PILOTS: ("autopilots", "autopilots"), rows.FIND: ("contact", "detection"), rows.MOVE: ("physics", "bodies"),
     rows.RATES: ("sensors", "accelerations"),
-    rows.WRITE: ("sensors", "status"), rows.DELIVER: ("delivery", "errors, delays"), rows.HEAR: ("listening", "autopilots"),
+    rows.REPEAT: ("sensors", "compound"), rows.WRITE: ("sensors", "status"),
+    rows.DELIVER: ("delivery", "errors, delays"), rows.HEAR: ("listening", "autopilots"),
 }  # fmt: skip
 """Stage and kind of what compiled code does, as in a profile."""
 _WORK = {rows.UNIT: 0, rows.PILOTS: rows.PILOTS, rows.DIVERGED: rows.MOVE}

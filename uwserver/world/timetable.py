@@ -18,7 +18,9 @@ from uwserver.step.rows import (
     NEEDS_KEEPING,
     NEEDS_PYTHON,
     NEEDS_RATES,
+    NEEDS_REPEATING,
     NEEDS_TEXTS,
+    REPEATING,
     SHARE,
     WHEN_DUE,
     WRITING,
@@ -64,7 +66,12 @@ def groups_of(slots: Iterable[SensorSlot]) -> list[Group]:
 
 def is_written(slot: SensorSlot) -> bool:
     """Whether compiled code writes it, and tells its texts."""
-    return slot.is_compiled and not isinstance(slot.sensor, BankSensor)
+    return slot.is_compiled and slot.sensor.writing is not None
+
+
+def is_repeated(slot: SensorSlot) -> bool:
+    """Whether compiled code repeats for it what others have read."""
+    return bool(slot.sensor.repeated) and not slot.is_wordy
 
 
 def needs_of(slots: Iterable[SensorSlot]) -> int:
@@ -75,9 +82,10 @@ def needs_of(slots: Iterable[SensorSlot]) -> int:
         if is_written(slot):
             needs |= NEEDS_TEXTS
             continue
-        in_bank = isinstance(slot.sensor, BankSensor)
+        in_bank, repeats = isinstance(slot.sensor, BankSensor), is_repeated(slot)
         needs |= NEEDS_EXACT * (in_bank and slot.wants_exact)
-        needs |= NEEDS_PYTHON * (not in_bank or any(stream.is_ready_made for stream in slot.streams))
+        needs |= NEEDS_REPEATING * repeats
+        needs |= NEEDS_PYTHON * (not (in_bank or repeats) or any(stream.is_ready_made for stream in slot.streams))
         needs |= NEEDS_KEEPING * slot.is_wordy
     return needs
 
@@ -93,12 +101,15 @@ class _Maker:
         self.groups: list[tuple[int, ...]] = []
         self.shares: list[tuple[int, ...]] = []
         self.writings: list[tuple[int, ...]] = []
+        self.repeatings: list[tuple[int, ...]] = []
+        self.repeated: list[int] = []
         self.scheduled: list[int] = []
         self.members: list[int] = []
 
     def add(self, group: Group) -> None:
         """One group more."""
-        first, share_first, writing_first = len(self.scheduled), len(self.shares), len(self.writings)
+        first, share_first = len(self.scheduled), len(self.shares)
+        writing_first, repeating_first = len(self.writings), len(self.repeatings)
         by_kind: dict[int, list[int]] = {}
         for slot in group.slots:
             self.scheduled.append(slot.head)
@@ -106,12 +117,17 @@ class _Maker:
                 by_kind.setdefault(self._number(slot.sensor.bank), []).append(slot.head)
             elif is_written(slot):
                 self._add_writing(slot)
+            elif is_repeated(slot):
+                members = [member.stream for member in slot.sensor.repeated]
+                self.repeatings.append((slot.head, len(self.repeated), len(members)))
+                self.repeated += members
         for kind, heads in by_kind.items():
             self.shares.append((kind, len(self.members), len(heads)))
             self.members += heads
         self.groups.append((
             group.divisor, 0, group.round, first, len(group.slots), sum(len(slot.streams) for slot in group.slots), needs_of(group.slots),
             share_first, len(by_kind), writing_first, len(self.writings) - writing_first,
+            repeating_first, len(self.repeatings) - repeating_first,
         ))  # fmt: skip
 
     def _number(self, bank: Bank) -> int:
@@ -157,6 +173,8 @@ def timetable_of(groups: Sequence[Group], instruments: Instruments) -> Timetable
         "groups": np.array(made.groups, GROUP),
         "kinds": kinds,
         "writings": np.array(made.writings, WRITING),
+        "repeatings": np.array(made.repeatings, REPEATING),
+        "repeated": whole(made.repeated),
         "shares": np.array(made.shares, SHARE),
         "scheduled": whole(made.scheduled),
         "members": whole(made.members),

@@ -11,7 +11,7 @@ import pytest
 from uwserver.ports import Sample
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
-from uwserver.world import World
+from uwserver.world import World, by_hand, timetable
 
 PING = '''
 from uwserver.physics.kernel.deferred import entry
@@ -188,11 +188,12 @@ shafts = { kind = "rpm", rate_hz = 20, members = ["t1", "t5"], sigma_radps = 0.5
 bumper = { kind = "contact", rate_hz = 240 }
 lasers = { kind = "range_array", rate_hz = 10, beams = 5, field_of_view_deg = 60, rpy_deg = [0.0, -90.0, 0.0] }
 dvl = { kind = "dvl", profile = "a50", rate_hz = 8, streams = { ideal = { ideal = true } } }
+all = { kind = "compound", rate_hz = 120, members = ["ctd", "lasers", "imu"], streams = { same = { ideal = true } } }
 """
 
 
 def test_nothing_that_is_numbers_stops_the_step(tmp_path: Path) -> None:
-    """Waves, what rests, rays at a mesh, CTD, shafts, bumper and lasers; and in one go all is as it is tick by tick."""
+    """Waves, what rests, rays at a mesh, CTD, shafts, bumper, lasers, and what repeats others; and in one go all is as it is tick by tick."""
     x = np.arange(-20.0, 21.0)
     np.save(tmp_path / "bottom.npy", 10.0 + 0.3 * np.maximum(0.0, np.add.outer(np.abs(x) - 6.0, np.zeros(41))))
     file = tmp_path / "everything.toml"
@@ -204,6 +205,26 @@ def test_nothing_that_is_numbers_stops_the_step(tmp_path: Path) -> None:
     assert one.call("world/state_hash") == other.call("world/state_hash")
     assert {reason for reason, count in other.stops.items() if count} == {"room"}
     newest = {sample.port: sample for sample in samples if sample.valid}
-    assert {f"rov/{name}" for name in ("ctd", "shafts", "bumper", "lasers", "dvl", "dvl/ideal")} <= newest.keys()
+    assert {
+        f"rov/{name}" for name in ("ctd", "shafts", "bumper", "lasers", "dvl", "dvl/ideal", "all", "all/same")
+    } <= newest.keys()
     assert None not in newest["rov/lasers"].value[0], "five of them meet the bottom"
     assert other.hydro.touching.is_kept, "the crate rests"
+
+
+def test_what_is_repeated_in_compiled_code_is_what_python_repeats(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    np.save(tmp_path / "bottom.npy", np.full((41, 41), 10.0))
+    file = tmp_path / "everything.toml"
+    file.write_text(EVERYTHING, encoding="utf-8")
+    resolved = load(file, adapters={})
+    told = build(resolved).step(480)
+    monkeypatch.setattr(timetable, "is_repeated", lambda slot: False)
+    monkeypatch.setattr(by_hand, "is_repeated", lambda slot: False)
+    other = build(resolved)
+    assert other.step(480) == told
+    assert other.stops["readings in Python"] >= 240
+    ages = {sample.value[0] for sample in told if sample.port == "rov/all"}
+    assert len(ages) > 5
+    assert all(0.0 <= age < 0.2 for age in ages)
