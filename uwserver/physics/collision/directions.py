@@ -192,9 +192,9 @@ def triangles_in(shapes: Shapes, s: int, low: Array, high: Array, found: Array) 
 
 @compiled
 def _add_line(
-    shapes: Shapes, a: int, b: int, triangle: int, reach: float, cores: Cores, work: Work, lines: Array, overlapping: Array, total: int
+    shapes: Shapes, a: int, b: int, triangle: int, reach: float, cores: Cores, work: Work, line: Array, lines: Array, overlapping: Array,
+    total: int,
 ) -> int:  # fmt: skip
-    line = np.empty(LINE)
     outcome = over_triangle(shapes, a, b, triangle, reach, cores, work, line) if triangle >= 0 else -1
     if outcome < 0:
         outcome = apart(shapes, a, b, triangle, reach, cores, line)
@@ -225,7 +225,7 @@ def find_lines(table: Array, pairs: Array, first: Array, lines: Array, overlappi
         How many lines there are.
     """
     shapes, reach, low, high = _shapes_at(table), _reach_at(table), _low_at(table), _high_at(table)
-    cores, work, near = new_cores(), new_work(), np.empty(256, np.int64)
+    cores, work, near, line = new_cores(), new_work(), np.empty(256, np.int64), np.empty(LINE)
     total = 0
     for i in range(len(pairs)):
         a, b = pairs[i]
@@ -234,14 +234,14 @@ def find_lines(table: Array, pairs: Array, first: Array, lines: Array, overlappi
         if shapes.slots[b].kind == HALF_SPACE:
             continue
         if shapes.slots[b].kind != MESH:
-            total = _add_line(shapes, a, b, -1, far, cores, work, lines, overlapping, total)
+            total = _add_line(shapes, a, b, -1, far, cores, work, line, lines, overlapping, total)
             continue
         count = triangles_in(shapes, b, low[a], high[a], near)
         if count > len(near):
             near = np.empty(2 * count, np.int64)
             count = triangles_in(shapes, b, low[a], high[a], near)
         for k in range(count):
-            total = _add_line(shapes, a, b, near[k], far, cores, work, lines, overlapping, total)
+            total = _add_line(shapes, a, b, near[k], far, cores, work, line, lines, overlapping, total)
     first[len(pairs)] = total
     return total
 

@@ -6,6 +6,8 @@ of a triangle, its own. What is found is as exact as the shapes are. Everything 
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from uwserver.physics.collision.cores import FAR, Cores, core_radius, farthest
@@ -40,8 +42,9 @@ def triangle_side(shapes: Shapes, a: int, b: int, triangle: int, n: Array) -> No
 @compiled
 def _lowest_over(shapes: Shapes, s: int, cuts: int, t: Array, cores: Cores, work: Work, x: Array) -> float:
     """Height (m) of the lowest point x (3) of a shape over the feature that cuts, whose outward normal is t; FAR if none is over it."""
-    slot, R, ring = shapes.slots[s], shapes.R[s], work.ring
-    d = -t
+    slot, R, ring, d = shapes.slots[s], shapes.R[s], work.ring, cores.trial
+    for i in range(3):
+        d[i] = -t[i]
     flat = support_face(slot, R, d, shapes.face_normals, work.face) >= FLAT
     if slot.kind == CYLINDER or slot.kind == CAPSULE:
         flat = flat or abs(R[0, 0] * t[0] + R[1, 0] * t[1] + R[2, 0] * t[2]) < _LEVEL
@@ -64,6 +67,30 @@ def _lowest_over(shapes: Shapes, s: int, cuts: int, t: Array, cores: Cores, work
 
 
 @compiled
+def _gap_along(shapes: Shapes, s: int, n: Array, origin: Array, d: Array) -> float:
+    """How far (m) a shape is beyond the plane through `origin` with the normal n; d (3) is for passing use."""
+    for i in range(3):
+        d[i] = -n[i]
+    return -support(shapes.slots[s], shapes.P[s], shapes.R[s], d, shapes.vertices) - dot(origin, n)
+
+
+@compiled
+def _is_beside(shapes: Shapes, s: int, reach: float, t: Array, cores: Cores, work: Work) -> bool:
+    """Whether a shape is farther than reach (m) beyond a side of the triangle that cuts, whose normal is t."""
+    cut, across = work.cut, work.face
+    for e in range(3):
+        f = (e + 1) % 3
+        x, y, z = cut[f, 0] - cut[e, 0], cut[f, 1] - cut[e, 1], cut[f, 2] - cut[e, 2]
+        across[0], across[1], across[2] = y * t[2] - z * t[1], z * t[0] - x * t[2], x * t[1] - y * t[0]
+        length = math.sqrt(dot(across, across))
+        for i in range(3):
+            across[i] /= length
+        if _gap_along(shapes, s, across, cut[e], cores.trial) > reach:
+            return True
+    return False
+
+
+@compiled
 def over_triangle(
     shapes: Shapes, a: int, b: int, triangle: int, reach: float, cores: Cores, work: Work, line: Array
 ) -> int:
@@ -74,8 +101,8 @@ def over_triangle(
     n, x = line[:3], line[3:6]
     triangle_side(shapes, a, b, triangle, n)
     cut_by_triangle(shapes, triangle, n, work)
-    gap = -support(shapes.slots[a], shapes.P[a], shapes.R[a], -n, shapes.vertices) - dot(work.cut[0], n)
-    if gap > reach:
+    gap = _gap_along(shapes, a, n, work.cut[0], cores.trial)
+    if gap > reach or _is_beside(shapes, a, reach, n, cores, work):
         return 0
     if gap < SHALLOW:
         return -1

@@ -121,7 +121,7 @@ def mesh_pair(shapes: Shapes, a: int, b: int, found: Array, reach: float, work: 
     for j in range(len(found)):
         if found[j, 6] > reach:
             continue
-        n = found[j, :3].copy()
+        n = found[j, :3]
         for i in range(3):
             x[i] = found[j, 3 + i]
         meeting = triangles_at(shapes, x, 2e-4, here)
@@ -157,7 +157,9 @@ def mesh_pair(shapes: Shapes, a: int, b: int, found: Array, reach: float, work: 
 def _triangle_contacts(shapes: Shapes, a: int, k: int, t: Array, reach: float, work: Work, count: int) -> int:
     """Contacts of what a shape shows to the plane of a triangle, over the triangle, whose normal towards the shape is t."""
     cut_by_triangle(shapes, k, t, work)
-    d = -t
+    d = work.face
+    for i in range(3):
+        d[i] = -t[i]
     size = support_feature(shapes, a, d, work.ring, work.codes)
     size = clip(work, size, 3, t)
     return add_polygon(work, size, work.cut[0], t, True, 8 * k, reach, count)

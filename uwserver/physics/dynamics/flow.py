@@ -6,13 +6,13 @@ continued with their value at that level, where linear theory ends.
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, entry
+from uwserver.physics.kernel.elementary import exponentials, sines_and_cosines
 from uwserver.physics.kernel.handles import array_at, flows_at, state_at, team_at
 from uwserver.physics.kernel.layout import (
     FLOW_KIND,
@@ -59,50 +59,69 @@ def _add_profiles(profiles: Array, z: float, point: Array) -> None:
 
 
 @compiled
-def _add_wave(wave: Array, x: float, y: float, z: float, t: float, point: Array) -> None:
-    """Add one linear wave, elevation a cos(kx x + ky y - omega t + phase), at a point in N. Airy theory, e.g. Holthuijsen 2007, section 5.4."""
-    kx, ky, k, omega, a, h = (
-        wave[WAVE_KX],
-        wave[WAVE_KY],
-        wave[WAVE_K],
-        wave[WAVE_OMEGA],
-        wave[WAVE_AMPLITUDE],
-        wave[WAVE_DEPTH],
-    )
-    theta = kx * x + ky * y - omega * t + wave[WAVE_PHASE]
-    cos, sin = a * math.cos(theta), a * math.sin(theta)
-    point[ELEVATION] += cos
-    point[SLOPE] -= kx * sin
-    point[SLOPE + 1] -= ky * sin
-    point[ELEVATION_T] += omega * sin
-    below = min(max(z, 0.0), h)
-    along = across = head = math.exp(-k * below)
-    if h < np.inf:
-        # cosh k(h - z) and sinh k(h - z) over sinh kh, cosh k(h - z) over cosh kh, in a form that does not overflow
-        image, bottom = math.exp(-2.0 * k * (h - below)), math.exp(-2.0 * k * h)
-        along *= (1.0 + image) / (1.0 - bottom)
-        across *= (1.0 - image) / (1.0 - bottom)
-        head *= (1.0 + image) / (1.0 + bottom)
-    point[HEAD] += head * cos
-    ex, ey = kx / k, ky / k
-    c, s, c_v, s_v = omega * along * cos, omega * along * sin, omega * across * cos, omega * across * sin
-    point[V] += ex * c
-    point[V + 1] += ey * c
-    point[V + 2] -= s_v
-    point[V_T] += ex * omega * s
-    point[V_T + 1] += ey * omega * s
-    point[V_T + 2] += omega * c_v
+def _fall_off(waves: Array, z: float, along: Array, across: Array, head: Array, work: Array) -> None:
+    """What is left at depth z (m) of the velocities along and across the surface, and of the head, of each wave."""
+    n, is_deep = len(waves), True
+    for i in range(n):
+        below = min(max(z, 0.0), waves[i, WAVE_DEPTH])
+        along[i], is_deep = -waves[i, WAVE_K] * below, is_deep and waves[i, WAVE_DEPTH] == np.inf
+    exponentials(along, work[0])
+    across[:], head[:] = along, along
+    if is_deep:
+        return
+    # cosh k(h - z) and sinh k(h - z) over sinh kh, cosh k(h - z) over cosh kh, in a form that does not overflow.
+    image, bottom = work[1], work[2]
+    for i in range(n):
+        k, h = waves[i, WAVE_K], waves[i, WAVE_DEPTH]
+        image[i], bottom[i] = -2.0 * k * (h - min(max(z, 0.0), h)), -2.0 * k * h
+    exponentials(image, work[0])
+    exponentials(bottom, work[0])
+    for i in range(n):
+        along[i] *= (1.0 + image[i]) / (1.0 - bottom[i])
+        across[i] *= (1.0 - image[i]) / (1.0 - bottom[i])
+        head[i] *= (1.0 + image[i]) / (1.0 + bottom[i])
+
+
+@compiled
+def _add_waves(waves: Array, x: float, y: float, z: float, t: float, point: Array) -> None:
+    """Add linear waves, each of elevation a cos(kx x + ky y - omega t + phase), at a point in N. Airy theory, e.g. Holthuijsen 2007, section 5.4.
+
+    In loops over all waves, for which the processor has wide instructions; sums are made one after the other, so that they do not depend on it.
+    """
+    work = np.empty((9, len(waves)))
+    angle, sin, cos, along, across, head = work[0], work[1], work[2], work[3], work[4], work[5]
+    for i in range(len(waves)):
+        wave = waves[i]
+        angle[i] = wave[WAVE_KX] * x + wave[WAVE_KY] * y - wave[WAVE_OMEGA] * t + wave[WAVE_PHASE]
+    sines_and_cosines(angle, sin, cos)
+    _fall_off(waves, z, along, across, head, work[6:])
+    elevation = slope_x = slope_y = rise = heads = u = v = w = u_t = v_t = w_t = 0.0
+    xx = xy = yy = zx = zy = xx_held = yy_held = zx_held = zy_held = 0.0
+    for i in range(len(waves)):
+        wave = waves[i]
+        kx, ky, k, omega, a = wave[WAVE_KX], wave[WAVE_KY], wave[WAVE_K], wave[WAVE_OMEGA], wave[WAVE_AMPLITUDE]
+        c, s = a * cos[i], a * sin[i]
+        elevation, heads = elevation + c, heads + head[i] * c
+        slope_x, slope_y, rise = slope_x + kx * s, slope_y + ky * s, rise + omega * s
+        flat, upright = omega * along[i] / k, omega * across[i]
+        u, v, w = u + kx * (flat * c), v + ky * (flat * c), w + upright * s
+        sx, sy, c_v = kx * (flat * s), ky * (flat * s), upright * c
+        u_t, v_t, w_t = u_t + omega * sx, v_t + omega * sy, w_t + omega * c_v
+        xx, xy, yy = xx + kx * sx, xy + ky * sx, yy + ky * sy
+        zx, zy = zx + kx * c_v, zy + ky * c_v
+        if not 0.0 < z < wave[WAVE_DEPTH]:  # it is held there as it is at the level, or at the bottom
+            xx_held, yy_held = xx_held + kx * sx, yy_held + ky * sy
+            zx_held, zy_held = zx_held + kx * c_v, zy_held + ky * c_v
+    point[ELEVATION], point[HEAD] = elevation, heads
+    point[SLOPE], point[SLOPE + 1], point[ELEVATION_T] = -slope_x, -slope_y, rise
+    point[V], point[V + 1], point[V + 2] = point[V] + u, point[V + 1] + v, point[V + 2] - w
+    point[V_T], point[V_T + 1], point[V_T + 2] = point[V_T] + u_t, point[V_T + 1] + v_t, point[V_T + 2] + w_t
+    # Such water does not turn and keeps its volume: the gradient is symmetric, and its trace is zero.
     G = GRADIENT
-    point[G] -= ex * kx * s
-    point[G + 1] -= ex * ky * s
-    point[G + 3] -= ey * kx * s
-    point[G + 4] -= ey * ky * s
-    point[G + 6] -= kx * c_v
-    point[G + 7] -= ky * c_v
-    if 0.0 < z < h:
-        point[G + 2] -= k * ex * c_v
-        point[G + 5] -= k * ey * c_v
-        point[G + 8] += k * s
+    point[G], point[G + 1], point[G + 2] = point[G] - xx, point[G + 1] - xy, point[G + 2] - (zx - zx_held)
+    point[G + 3], point[G + 4], point[G + 5] = point[G + 3] - xy, point[G + 4] - yy, point[G + 5] - (zy - zy_held)
+    point[G + 6], point[G + 7] = point[G + 6] - zx, point[G + 7] - zy
+    point[G + 8] += (xx - xx_held) + (yy - yy_held)
 
 
 @compiled
@@ -120,8 +139,8 @@ def water_at(sea: Any, x: float, y: float, z: float, t: float, point: Array) -> 
         point[V + i] = uniform[i] + uniform[3 + i] * (t - uniform[6])
         point[V_T + i] = uniform[3 + i]
     _add_profiles(sea.profiles, z, point)
-    for n in range(sea.waves.shape[0]):
-        _add_wave(sea.waves[n], x, y, z, t, point)
+    if len(sea.waves) > 0:
+        _add_waves(sea.waves, x, y, z, t, point)
 
 
 @entry

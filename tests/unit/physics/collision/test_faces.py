@@ -29,6 +29,7 @@ from uwserver.physics.geometry.shapes import (
     TriangleMesh,
 )
 from uwserver.physics.geometry.slots import Shapes
+from uwserver.physics.geometry.support import support
 from uwserver.physics.kernel.arrays import FloatArray
 
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
@@ -106,6 +107,17 @@ def test_what_lies_flat_over_a_triangle_needs_no_corner_in_it(name: str) -> None
     np.testing.assert_allclose(line[:3], [0.0, 0.0, -1.0], rtol=0.0, atol=1e-15)
     assert line[6] == pytest.approx(-1e-5, abs=1e-4 * 0.06)  # over the triangle, not at the corner 0.3 m away
     assert abs(line[3]) <= 0.05 + 1e-8
+
+
+@pytest.mark.parametrize("name", MOVED)
+@pytest.mark.parametrize(("away", "outcome"), [(0.005, -1), (0.02, 0)])
+def test_what_is_far_beside_a_triangle_needs_no_search(name: str, away: float, outcome: int) -> None:
+    """As most triangles of a mesh are that are near a body; this one's side runs along x = -1."""
+    shapes = pair(MOVED[name], (0.0, 0.0, 0.0), LEVEL, triangle())
+    half = support(shapes.slots[0], shapes.P[0], shapes.R[0], np.array([1.0, 0.0, 0.0]), shapes.vertices)
+    level = lowest(pair(MOVED[name], (-0.5, -0.5, 0.0), LEVEL, triangle()))
+    shapes.P[0] = -1.0 - away - half, 0.0, level
+    assert over_triangle(shapes, 0, 1, 0, 0.01, new_cores(), new_work(), np.zeros(LINE)) == outcome
 
 
 def test_deep_in_a_triangle_a_search_tells() -> None:
