@@ -1,4 +1,5 @@
-"""What a velocity log makes of its beams, as those of a Janus configuration: velocities and altitude by least squares."""
+"""Slanted beams about an axis, as those of a Janus configuration: vectors and altitudes by least squares over those that tell something, and what
+a velocity log makes of them."""
 
 from __future__ import annotations
 
@@ -19,55 +20,82 @@ ALTITUDE, MERIT, COVARIANCE, BEAMS = 3, 4, 5, 14
 """Places in a reading of n beams; velocities, ranges and locks of the beams follow each other, and then the velocity relative to the water."""
 WATER = 16
 """First lane of random numbers for the water track, one for each beam."""
+_FLAT = 1e12
+"""So much more sure is one direction than another (as a variance) where beams lie in a plane, but for rounding: they give no vector then."""
 
 
 @compiled
-def _spread_of(row: Any, out: Array, locks: int) -> Array:
-    """(3, 3) inverse of B^T B of the beams in lock, or of all where `locks` is 0; B has their directions as rows."""
+def told_by(told: Array) -> int:
+    """How many beams tell something: a number that is not NaN."""
+    count = 0
+    for k in range(len(told)):
+        count += 0 if math.isnan(told[k]) else 1
+    return count
+
+
+@compiled
+def spread_of(beams: Array, told: Array) -> Array:
+    """(3, 3) inverse of B^T B of those of n beams that tell something; B has their directions as rows. NaN where these lie in one plane.
+
+    Args:
+        beams: (n or more, 3) unit vectors.
+        told: (n) what each beam tells; NaN for nothing.
+    """
     total, inverse = np.zeros((3, 3)), np.eye(3)
-    for i in range(row.beams):
-        if locks == 0 or out[locks + i] != 0.0:
+    for i in range(len(told)):
+        if not math.isnan(told[i]):
             for a in range(3):
                 for b in range(3):
-                    total[a, b] += row.believed[i, a] * row.believed[i, b]
+                    total[a, b] += beams[i, a] * beams[i, b]
+    size = total[0, 0] + total[1, 1] + total[2, 2]
     solve(total, inverse)
+    if not size * (abs(inverse[0, 0]) + abs(inverse[1, 1]) + abs(inverse[2, 2])) < _FLAT:
+        inverse[:] = np.nan
     return inverse
 
 
 @compiled
-def _projected(row: Any, spread: Array, i: int, a: int) -> float:
+def _projected(beams: Array, spread: Array, i: int, a: int) -> float:
     """Row a, column i of the least squares' matrix from beams to a vector."""
-    beam = row.believed[i]
-    return float(spread[a, 0] * beam[0] + spread[a, 1] * beam[1] + spread[a, 2] * beam[2])
+    return float(spread[a, 0] * beams[i, 0] + spread[a, 1] * beams[i, 1] + spread[a, 2] * beams[i, 2])
+
+
+@compiled
+def vector_of(beams: Array, spread: Array, told: Array) -> Vec3:
+    """The vector whose parts along the beams come nearest to what they tell; arguments as of `spread_of`, and what that gives."""
+    x = y = z = 0.0
+    for i in range(len(told)):
+        if not math.isnan(told[i]):
+            x += _projected(beams, spread, i, 0) * told[i]
+            y += _projected(beams, spread, i, 1) * told[i]
+            z += _projected(beams, spread, i, 2) * told[i]
+    return x, y, z
+
+
+@compiled
+def altitude_of(beams: Array, spread: Array, ranges: Array) -> float:
+    """Distance (m) along the axis of the plane that beams meet at (n) ranges (m; NaN for none); NaN where there is no such plane before them."""
+    # 1 / r_i = n . u_i on a plane n . x = 1: the same least squares give its distance along the axis.
+    normal = 0.0
+    for i in range(len(ranges)):
+        if not math.isnan(ranges[i]):
+            normal += _projected(beams, spread, i, 2) / max(ranges[i], 1e-9)
+    return 1.0 / normal if normal > 0.0 else math.nan
 
 
 @compiled
 def solve_bottom(head: Any, row: Any, out: Array) -> bool:
     """Velocity, altitude and what the device expects of them, from at least three beams in lock."""
     n = row.beams
-    velocities, ranges, locks = BEAMS, BEAMS + n, BEAMS + 2 * n
-    used = 0
-    for i in range(n):
-        used += 1 if out[locks + i] != 0.0 else 0
-    if used < 3:
+    velocities, ranges = out[BEAMS : BEAMS + n], out[BEAMS + n : BEAMS + 2 * n]
+    if told_by(velocities) < 3:
         return False
-    spread = _spread_of(row, out, locks)
-    # 1 / r_i = n . u_i on a plane n . x = 1: the same least squares give its distance along the axis.
-    normal = 0.0
-    v = (0.0, 0.0, 0.0)
-    for i in range(n):
-        if out[locks + i] != 0.0:
-            normal += _projected(row, spread, i, 2) / max(out[ranges + i], 1e-9)
-            s = out[velocities + i]
-            v = (
-                v[0] + _projected(row, spread, i, 0) * s,
-                v[1] + _projected(row, spread, i, 1) * s,
-                v[2] + _projected(row, spread, i, 2) * s,
-            )
-    if normal <= 0.0:
+    spread = spread_of(row.believed, velocities)
+    altitude = altitude_of(row.believed, spread, ranges)
+    if math.isnan(altitude):
         return False
-    out[0], out[1], out[2] = v
-    out[ALTITUDE] = 1.0 / normal
+    out[0], out[1], out[2] = vector_of(row.believed, spread, velocities)
+    out[ALTITUDE] = altitude
     sigma = 0.0 if head.exact != 0 else row.beam_sigma
     trace = 0.0
     for a in range(3):
@@ -81,14 +109,13 @@ def solve_bottom(head: Any, row: Any, out: Array) -> bool:
 @compiled
 def track_water(head: Any, row: Any, out: Array, gain: float, v: Vec3) -> None:
     """Velocity relative to a layer of water, by all beams."""
-    spread = _spread_of(row, out, 0)
-    first, sigma = BEAMS + 3 * row.beams, 0.0 if head.exact != 0 else row.water_sigma
-    out[first] = out[first + 1] = out[first + 2] = 0.0
-    for i in range(row.beams):
+    n, sigma = row.beams, 0.0 if head.exact != 0 else row.water_sigma
+    drawn = np.empty(n)
+    for i in range(n):
         noise, _ = normals(head.key, head.number, SAMPLE, WATER + i)
-        drawn = gain * along(head, row, i, v) + sigma * noise
-        for a in range(3):
-            out[first + a] += _projected(row, spread, i, a) * drawn
+        drawn[i] = gain * along(head, row, i, v) + sigma * noise
+    first = BEAMS + 3 * n
+    out[first], out[first + 1], out[first + 2] = vector_of(row.believed, spread_of(row.believed, drawn), drawn)
 
 
 @compiled
