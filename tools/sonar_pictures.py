@@ -13,11 +13,14 @@ from msgspec import structs
 from PIL import Image
 
 from uwserver.environment.acoustics.noise import ambient_db
+from uwserver.environment.currents import ProfileConfig, profile_rows
 from uwserver.environment.materials import lambert
+from uwserver.environment.sea import Sea
 from uwserver.environment.water import Water
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.geometry.shapes import Box, Cylinder, Placed, Solid, TriangleMesh
 from uwserver.physics.kernel.arrays import FloatArray
+from uwserver.physics.kernel.layout import WAVE_SIZE, SeaRows
 from uwserver.physics.rays.casting import Rays
 from uwserver.physics.rays.raycast import Geometry
 from uwserver.ports import Buffer
@@ -349,25 +352,21 @@ def dvl(geometry: Geometry) -> Figure:
     return figure
 
 
-class Jet:
-    """Water that flows faster towards the surface, and across in a layer; under a flat surface."""
-
-    def velocity(self, p: tuple[float, float, float], t: float) -> tuple[float, float, float]:
-        return 0.4 * (1.0 - p[2] / 40.0), 0.25 * math.exp(-(((p[2] - 20.0) / 4.0) ** 2)), 0.0
-
-    def elevation(self, x: float, y: float, t: float) -> float:
-        return 0.0
+def jet(z: float) -> tuple[float, float, float]:
+    """Velocity (m/s, N) at a depth (m) of water that flows faster towards the surface, and across in a layer."""
+    return 0.4 * (1.0 - z / 40.0), 0.25 * math.exp(-(((z - 20.0) / 4.0) ** 2)), 0.0
 
 
 def adcp(geometry: Geometry) -> Figure:
     """One ensemble of a profiler that moves, over ground, against the truth; and what it does to the last cells above the bottom."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(10.5, 4.5), layout="constrained")
-    water = Water(1025.0, 9.81, 10.0, 101_325.0, (0.0, 0.0, 0.0), Jet())  # type: ignore[arg-type]
+    depth = np.linspace(0.0, 40.0, 401)
+    truth = np.array([jet(z) for z in depth])
+    profile = ProfileConfig(depth_m=tuple(depth.tolist()), velocity_ned_mps=tuple(map(jet, depth.tolist())))
+    sea = Sea(SeaRows(np.zeros(7), profile_rows(profile), np.zeros((0, WAVE_SIZE))))
     flat = FakeGeometry([Plane((0.0, 0.0, 40.0), (0.0, 0.0, -1.0))])
     scope = instant(flat, (0.0, 0.0, 3.0))
-    scope.water = water
-    depth = np.linspace(3.0, 40.0, 200)
-    truth = np.array([Jet().velocity((0.0, 0.0, z), 0.0) for z in depth])
+    scope.water = Water(1025.0, 9.81, 10.0, 101_325.0, (0.0, 0.0, 0.0), sea)
     for axis, pings, title in ((left, 1, "one ping"), (right, 64, "64 pings")):
         profiler = device(
             "workhorse600", cell_size_m=1.0, cells=40, pings=pings, heading_sigma_deg=0.0, tilt_sigma_deg=0.0
@@ -376,7 +375,7 @@ def adcp(geometry: Geometry) -> Figure:
         z = 3.0 + np.array(values[0], float)
         over_ground = np.array(values[2], float).reshape(-1, 3)
         for i, name in enumerate(("north", "east")):
-            axis.plot(truth[:, i], depth, color=f"C{i}", lw=1, alpha=0.6)
+            axis.plot(truth[depth >= 3.0, i], depth[depth >= 3.0], color=f"C{i}", lw=1, alpha=0.6)
             axis.plot(over_ground[:, i], z, ".", color=f"C{i}", label=name)
         axis.axhline(3.0 + 37.0 * math.cos(rad(20.0)), color="k", lw=0.8, ls=":", label="side lobes meet the bottom")
         axis.axhline(40.0, color="k", lw=0.8)

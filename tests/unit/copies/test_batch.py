@@ -26,6 +26,7 @@ def stormy():
     b.sensor("rov", "ahrs", "attitude", rate_hz=40, profile="mems_ahrs", latency_s=0.02)
     b.sensor("rov", "dvl", "dvl", rate_hz=8, profile="a50")
     b.sensor("rov", "sonar", "altimeter", rate_hz=5, profile="ping1d")
+    b.sensor("rov", "currents", "adcp", rate_hz=2, profile="workhorse600", cells=4, cell_size_m=1)
     b.sensor("rov", "cell", "battery", rate_hz=2, profile="lipo_4s_18ah")
     b.modifier("rov", "ahrs", "wander", "gauss_markov", field="heading", sigma=0.01, tau_s=3)
     b.modifier("rov", "ahrs", "late", "delay", latency_s=0.05, jitter_s=0.03)

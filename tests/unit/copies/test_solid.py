@@ -30,11 +30,14 @@ def pushing():
 
 
 def sounding():
-    """Rays at a bottom and at another vehicle: a DVL with lock, an altimeter, a sonar that scans, and an array of rays."""
+    """Rays at a bottom and at another vehicle: a DVL with lock, an altimeter, a current profiler, a sonar that scans, and an array of rays."""
     b = begun("sounding").seabed("flat", depth_m=12).vehicle("other", "bluerov2_heavy", position_ned_m=[3, 0, 5])
     b.sensor("rov", "dvl", "dvl", rate_hz=8, profile="a50")
     b.sensor("rov", "sonar", "altimeter", rate_hz=5, profile="ping1d")
     b.sensor("rov", "rays", "range_array", rate_hz=4)
+    b.sensor(
+        "rov", "currents", "adcp", rate_hz=4, profile="signature1000", cells=10, cell_size_m=0.5, heading_sigma_deg=1
+    )
     return b.sensor("rov", "scan", "scanning_sonar", rate_hz=10, profile="ping360").build()
 
 

@@ -13,6 +13,7 @@ from uwserver.physics.kernel.pool import Pool
 from uwserver.physics.kernel.random import draw_normals, key_of
 from uwserver.ports import Field, Refused
 from uwserver.sensors import (
+    AdcpConfig,
     AltimeterConfig,
     DvlConfig,
     GpsConfig,
@@ -84,6 +85,7 @@ def several(config, count=4):
         NOISY,
         ECHO,
         DvlConfig(rate_hz=5),
+        AdcpConfig(rate_hz=2, cells=12, axial_beam=True, pings=3, scale_sigma=0.01, heading_sigma_deg=1.0),
         ImuConfig(rate_hz=100, gyroscope=TriadErrors(noise_density=1e-3, turn_on=0.1)),
         RangeArrayConfig(rate_hz=5, beams=9, field_of_view_deg=90, max_range_m=60, sigma_m=0.1, loss_probability=0.2),
     ],

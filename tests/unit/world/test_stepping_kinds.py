@@ -189,11 +189,12 @@ bumper = { kind = "contact", rate_hz = 240 }
 lasers = { kind = "range_array", rate_hz = 10, beams = 5, field_of_view_deg = 60, rpy_deg = [0.0, -90.0, 0.0] }
 dvl = { kind = "dvl", profile = "a50", rate_hz = 8, streams = { ideal = { ideal = true } } }
 all = { kind = "compound", rate_hz = 120, members = ["ctd", "lasers", "imu"], streams = { same = { ideal = true } } }
+currents = { kind = "adcp", profile = "signature1000", rate_hz = 8, cells = 8, cell_size_m = 0.5, streams = { ideal = { ideal = true } } }
 """
 
 
 def test_nothing_that_is_numbers_stops_the_step(tmp_path: Path) -> None:
-    """Waves, what rests, rays at a mesh, CTD, shafts, bumper, lasers, and what repeats others; and in one go all is as it is tick by tick."""
+    """Waves, what rests, rays at a mesh, CTD, shafts, bumper, lasers, currents, and what repeats others; in one go all is as tick by tick."""
     x = np.arange(-20.0, 21.0)
     np.save(tmp_path / "bottom.npy", 10.0 + 0.3 * np.maximum(0.0, np.add.outer(np.abs(x) - 6.0, np.zeros(41))))
     file = tmp_path / "everything.toml"
@@ -205,9 +206,8 @@ def test_nothing_that_is_numbers_stops_the_step(tmp_path: Path) -> None:
     assert one.call("world/state_hash") == other.call("world/state_hash")
     assert {reason for reason, count in other.stops.items() if count} == {"room"}
     newest = {sample.port: sample for sample in samples if sample.valid}
-    assert {
-        f"rov/{name}" for name in ("ctd", "shafts", "bumper", "lasers", "dvl", "dvl/ideal", "all", "all/same")
-    } <= newest.keys()
+    numbers = "ctd", "shafts", "bumper", "lasers", "dvl", "dvl/ideal", "all", "all/same", "currents", "currents/ideal"
+    assert {f"rov/{name}" for name in numbers} <= newest.keys()
     assert None not in newest["rov/lasers"].value[0], "five of them meet the bottom"
     assert other.hydro.touching.is_kept, "the crate rests"
 

@@ -3,25 +3,56 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, Any, get_args
 
 import numpy as np
 from msgspec import UNSET, Meta, UnsetType
-from numpy.typing import NDArray
 
-from uwserver.frames import Quat, matrix, multiply, quat_from_rpy
-from uwserver.modifiers.base import Measurement, Memory, Number, Time
-from uwserver.physics.kernel.arrays import FloatArray
-from uwserver.physics.rays.raycast import SURFACE, Hits
-from uwserver.ports import Argument, Field, Value
-from uwserver.sensors.acoustic.current_profile import Mapping, Solver, points_of, to_levels, weigh, wrap
-from uwserver.sensors.acoustic.echo import MU_SEDIMENT, Absorption, cast, load_kernels, scattering
-from uwserver.sensors.base import Distance, Pose, Scope, Sensor, SensorTable, Settings, SoundSpeed, blank
+from uwserver.environment.column import SOUND_SPEED
+from uwserver.frames import Quat
+from uwserver.modifiers.base import Memory, Number, Time
+from uwserver.modifiers.columns import columns_of
+from uwserver.modifiers.operations import rounded_ns
+from uwserver.physics.kernel.arrays import Array, FloatArray
+from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.ports import Argument, Field
+from uwserver.sensors.acoustic.cell_echoes import (
+    BEAM_VELOCITIES,
+    DISTANCES,
+    ERRORS,
+    MOST_BEAMS,
+    V_S,
+    VELOCITIES_N,
+    VELOCITIES_S,
+    boundary_of,
+    ensemble_of,
+    hear_cells,
+    note_hits,
+    point_beams,
+    point_to_boundaries,
+    reach_of_beams,
+    reach_of_cells,
+    track_bottom,
+)
+from uwserver.sensors.acoustic.current_profile import Mapping, solve_levels
+from uwserver.sensors.bank import (
+    MISSING,
+    Bank,
+    BankSensor,
+    begins,
+    multiply,
+    p_NS,
+    quat_from_rpy,
+    reading_of,
+    record,
+    rotate,
+    submergence,
+    water_property,
+)
+from uwserver.sensors.base import Distance, Pose, SensorTable, Settings, SoundSpeed
 from uwserver.table import NonNegative, Positive
-from uwserver.units import NANOSECONDS, rad
+from uwserver.units import rad
 
-_LOCK = 4.0
-"""Signal over noise (ratio of intensities) at which bottom track has lock: 6 dB, as of the velocity log."""
 MOST_PINGS = 256
 
 
@@ -125,194 +156,167 @@ class AdcpMemory(Memory):
     tilt: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
 
 
-class _Instant:
-    """One ensemble's view: where the device is, where its beams point, and how sound goes. Vectors in N as rows."""
+_RECORD = record(
+    [
+        ("slanted", "i8"), ("beams", "i8"), ("direction", "f8", (MOST_BEAMS, 3)), ("disagreement", "f8", (MOST_BEAMS,)), ("place", "i8", (10,)),
+        ("cosine", "f8"), ("frequency", "f8"), ("cells", "i8"), ("cell", "f8"), ("blanking", "f8"), ("range", "f8"), ("pings", "i8"),
+        ("sigma", "f8"), ("sigma_cell", "f8"), ("ambiguity", "f8"), ("nominal", "f8"), ("least_correlation", "f8"), ("side_lobe", "f8"),
+        ("mapping", "i8"), ("sound_speed", "f8"), ("bottom_low", "f8"), ("bottom_high", "f8"), ("bottom_speed", "f8"), ("bottom_sigma", "f8"),
+        ("bottom_range_sigma", "f8"), ("processing", "f8"),
+        # Of this ensemble: whether there is one, in water, and how far each beam reaches, what stands there, and how well that is heard.
+        ("pings_now", "i8"), ("distance", "f8", (MOST_BEAMS,)), ("normal", "f8", (MOST_BEAMS, 3)), ("surface", "i8", (MOST_BEAMS,)),
+        ("back", "f8", (MOST_BEAMS,)),
+    ],
+    [("ready", "f8"), ("scale", "f8"), ("tilt", "f8", (3,))],
+)  # fmt: skip
 
-    def __init__(self, scope: Scope, mount: Pose, beams: FloatArray) -> None:
-        self.scope, self.p = scope, scope.position(mount.p)
-        self.q: Quat = scope.attitude(mount.q)
-        self.beams: FloatArray = beams @ np.array(matrix(self.q)).T
-        self.v: FloatArray = np.array(matrix(scope.q_NB)) @ np.array(scope.velocity_of(mount.p))
-        self.c = scope.water.sound_speed(self.p[2])
+
+@entry
+def aim(
+    heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
+) -> float:  # fmt: skip
+    """The beams; none while the last ensemble is not over, or in air."""
+    count, reach = 0, 0.0
+    for n, k in enumerate(due):
+        head, row = heads[k], rows[heads[k].row]
+        first[n], row.pings_now = count, 0
+        if not begins(head):
+            continue
+        if t < row.m.ready - 1e-6:
+            head.ready = 0
+        elif submergence(now, p_NS(head, now), t) > 0.0:
+            row.pings_now = 1
+            point_beams(head, row, now, origin, direction, count)
+            count, reach = count + row.beams, max(reach, reach_of_beams(head, row, now))
+    first[len(due)] = count
+    return reach
 
 
-class Adcp(Sensor):
+@entry
+def seek(
+    heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
+) -> float:  # fmt: skip
+    """The ways to the nearest bottom or surface, whose echo comes in through side lobes; an ideal device has none."""
+    for n, k in enumerate(due):
+        if rows[heads[k].row].pings_now != 0:
+            note_hits(heads[k], rows[heads[k].row], now, t, direction, first[n], hits)
+    count, reach = 0, 0.0
+    for n, k in enumerate(due):
+        head, row = heads[k], rows[heads[k].row]
+        first[n] = count
+        if row.pings_now != 0 and head.exact == 0:
+            count += point_to_boundaries(head, row, now, origin, direction, count)
+            reach = max(reach, reach_of_cells(head, row, now))
+    first[len(due)] = count
+    return reach
+
+
+@compiled
+def _believed(head: Any, row: Any, q: Quat) -> Quat:
+    """Attitude by the device's own compass and tilt sensors."""
+    if head.exact != 0:
+        return q
+    tilt = row.m.tilt
+    seen: Quat = multiply(quat_from_rpy(0.0, 0.0, tilt[2]), multiply(q, quat_from_rpy(tilt[0], tilt[1], 0.0)))
+    return seen
+
+
+@compiled
+def _turn_to_ground(row: Any, q: Quat, out: Array) -> None:
+    """Velocities over ground, in N, from those relative to the device and its own by bottom track."""
+    v, first, over_ground = row.place[V_S], row.place[VELOCITIES_S], row.place[VELOCITIES_N]
+    for k in range(0, 3 * row.cells, 3):
+        x, y, z = out[first + k] + out[v], out[first + k + 1] + out[v + 1], out[first + k + 2] + out[v + 2]
+        out[over_ground + k], out[over_ground + k + 1], out[over_ground + k + 2] = rotate(q, (x, y, z))
+
+
+@compiled
+def _profile(
+    head: Any, row: Any, now: Array, t: float, direction: Array, begin: int, end: int, hits: Any, out: Array
+) -> bool:
+    """Fill in what an ensemble tells; whether a cell has a velocity."""
+    ensemble, place = ensemble_of(head, row, now, t), row.place
+    boundary = boundary_of(head, row, now, ensemble, direction, begin, end, hits)
+    hear_cells(head, row, now, ensemble, boundary, out)
+    q, down = _believed(head, row, ensemble.q), np.empty(row.slanted)
+    for i in range(row.slanted):
+        beam = row.direction[i]
+        down[i] = rotate(q, (beam[0], beam[1], beam[2]))[2] / beam[2]
+    along = out[place[BEAM_VELOCITIES] : place[BEAM_VELOCITIES] + row.cells * row.beams]
+    velocities = out[place[VELOCITIES_S] : place[VELOCITIES_S] + 3 * row.cells]
+    found = solve_levels(row, along, down, velocities, out[place[ERRORS] : place[ERRORS] + row.cells])
+    if track_bottom(head, row, ensemble, out):
+        _turn_to_ground(row, q, out)
+    return bool(found)
+
+
+@entry
+def run(
+    heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, direction: Array, first: Array, hits: Any
+) -> None:  # fmt: skip
+    """Readings of those that are due, from what their rays hit."""
+    for n, k in enumerate(due):
+        head, row = heads[k], rows[heads[k].row]
+        if head.ready == 0:
+            continue
+        out = reading_of(head, numbers)
+        out[:], head.valid = MISSING, 0
+        for cell in range(row.cells):
+            out[row.place[DISTANCES] + cell] = row.blanking + row.cell * (cell + 1)
+        farthest = max(row.blanking + row.cell * row.cells + 0.5 * row.cell, row.bottom_high) / row.cosine
+        travel = 2.0 * farthest / water_property(now, SOUND_SPEED, p_NS(head, now)[2])
+        row.m.ready = t + row.pings * travel
+        head.delay_ns = rounded_ns(row.pings * travel + row.processing)
+        if row.pings_now != 0:
+            head.valid = 1 if _profile(head, row, now, t, direction, first[n], first[n + 1], hits, out) else 0
+
+
+class Adcp(BankSensor):
     """A profile of the water's velocity, relative to the device and over ground, and what each beam saw."""
 
     doc = (
         "Current profiler: velocity of the water in cells along its beams, relative to the mount and, with bottom track, over ground; velocity "
         "of the mount over ground and altitude; velocity, echo and correlation of each beam. Valid with at least one cell."
     )
+    bank = Bank(_RECORD, run, (aim, seek))
+    random = ("sigma", "bottom_sigma", "bottom_range_sigma")
+    memory_type = AdcpMemory
     settings: AdcpSettings
-    memory: AdcpMemory
-    paces = True  # an ideal one does not look at the errors that its memory holds besides
 
     def __init__(self, mount: Pose, config: AdcpConfig) -> None:
-        self._mount, self._config = mount, config
         slanted = _directions(config)
-        self._slanted, self._cosine = len(slanted), math.cos(rad(config.beam_angle_deg))
+        self._config, self.exact = config, config.ideal
         self._beams: FloatArray = np.vstack([slanted, [[0.0, 0.0, 1.0]]]) if config.axial_beam else slanted
-        self._solver, self._absorption = Solver(slanted), Absorption(config.frequency_hz)
-        self.fields, self.arguments = _fields(config.cells, self._slanted, len(self._beams)), _arguments(config)
+        self._disagreement = _disagreement(slanted)
+        self.rays = len(self._beams) + 3  # square to what each beam meets, and along the vertical and the axis
+        self.fields, self.arguments = _fields(config.cells, len(slanted), len(self._beams)), _arguments(config)
         speed = 0.0 if config.assumed_sound_speed_mps is UNSET else config.assumed_sound_speed_mps
-        super().__init__(AdcpSettings(config.cell_size_m, config.blanking_m, config.pings, speed))
+        super().__init__(mount, AdcpSettings(config.cell_size_m, config.blanking_m, config.pings, speed))
 
-    def load_kernels(self) -> None:
-        load_kernels()
+    def fill(self, row: Any) -> None:
+        c, s, n = self._config, self.settings, len(self._beams)
+        row["slanted"], row["beams"], row["cells"] = len(c.beam_azimuth_deg), n, c.cells
+        row["direction"][:n], row["disagreement"][: len(self._disagreement)] = self._beams, self._disagreement
+        row["place"], row["cosine"] = columns_of(self.fields).first, math.cos(rad(c.beam_angle_deg))
+        row["frequency"], row["range"], row["mapping"] = (
+            c.frequency_hz,
+            c.max_range_m,
+            get_args(Mapping).index(c.bin_mapping),
+        )
+        row["cell"], row["blanking"], row["pings"], row["sound_speed"] = s.cell_size, s.blanking, s.pings, s.sound_speed
+        row["sigma"], row["sigma_cell"], row["ambiguity"] = c.beam_sigma_mps, c.sigma_cell_m, c.ambiguity_velocity_mps
+        row["nominal"], row["least_correlation"] = c.nominal_correlation, c.correlation_threshold
+        row["side_lobe"], row["processing"] = 10.0 ** (0.1 * c.side_lobe_db), c.processing_s
+        row["bottom_low"], row["bottom_high"] = c.bottom_min_altitude_m, c.bottom_max_altitude_m
+        row["bottom_speed"], row["bottom_sigma"] = c.bottom_max_speed_mps, c.bottom_sigma_mps
+        row["bottom_range_sigma"] = c.bottom_range_sigma_m
 
-    def turn_on(self) -> AdcpMemory:
+    def turn_on_row(self, memory: Any) -> None:
         """Ready at once, with the errors of this run."""
         c = self._config
-        scale, *tilt = self.rng.standard_normal(4).tolist()
         level, heading = rad(c.tilt_sigma_deg), rad(c.heading_sigma_deg)
-        return AdcpMemory(0.0, c.scale_sigma * scale, (level * tilt[0], level * tilt[1], heading * tilt[2]))
-
-    def sense(self, scope: Scope) -> Measurement | None:
-        """An ensemble; None while the last one is not over."""
-        now, s = scope.t, self.settings
-        if now < self.memory.ready - 1e-6:
-            return None
-        at = _Instant(scope.without_own_body(), self._mount, self._beams)
-        distances: FloatArray = s.blanking + s.cell_size * np.arange(1, self._config.cells + 1, dtype=np.float64)
-        farthest = (float(distances[-1]) + 0.5 * s.cell_size) / self._cosine
-        travel = 2.0 * max(farthest, self._config.bottom_max_altitude_m / self._cosine) / at.c
-        self.memory.ready = now + s.pings * travel
-        values = blank(self.fields)
-        values[0] = tuple(distances.tolist())
-        reading = Measurement(values, False, round((s.pings * travel + self._config.processing_s) * NANOSECONDS))
-        if scope.submergence(at.p) > 0.0:
-            reading.valid = self._profile(at, distances, values)
-        return reading
-
-    # -- what is there ------------------------------------------------------------------------------------------------------------------
-
-    def _profile(self, at: _Instant, distances: FloatArray, values: list[Value]) -> bool:
-        """Fill in the values; whether a cell has a velocity."""
-        config, s, n = self._config, self.settings, self._slanted
-        stretch = s.sound_speed / at.c if s.sound_speed > 0.0 and not config.ideal else 1.0
-        slant = self._beams[:, 2:3]
-        # The device places an echo by the speed of sound that it believes in.
-        points = points_of(distances, s.cell_size) / slant / stretch
-        reach = max(float(points[:, -1].max()), 1.1 * config.bottom_max_altitude_m / float(slant.min()))
-        hits = cast(at.scope, at.p, at.beams, reach)
-        decay = self._absorption.at(at.scope, at.p[2])
-        beams, strength = self._hear(at, points, hits, decay)
-        gain = stretch * (1.0 if config.ideal else 1.0 + self.memory.scale)
-        with np.errstate(invalid="ignore"):
-            correlation = config.nominal_correlation / (1.0 + 1.0 / strength)
-            if not config.ideal:
-                beams = np.where(correlation >= config.correlation_threshold, beams, np.nan)
-                beams = self._pings(beams, correlation)
-        beams = gain * beams
-        R = np.array(matrix(self._believed(at.q)))
-        down = (self._beams[:n] @ R.T)[:, 2] / self._beams[:n, 2]
-        mapped = to_levels(beams[:n], down, s.blanking, s.cell_size, config.bin_mapping)
-        velocity = self._solver.solve(mapped)
-        values[1] = _numbers(velocity)
-        values[3] = _numbers(self._solver.errors(mapped))
-        values[4] = _numbers(beams.T)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            values[5] = _numbers(10.0 * np.log10(strength).T)
-        values[6] = _numbers(correlation.T)
-        ground = self._track_bottom(at, hits, decay, stretch, gain, values)
-        if ground is not None:
-            values[2] = _numbers((velocity + ground) @ R.T)
-        return bool(np.isfinite(velocity[:, 0]).any())
-
-    def _hear(self, at: _Instant, points: FloatArray, hits: Hits, decay: float) -> tuple[FloatArray, FloatArray]:
-        """(beams, cells) velocity of the water along each beam, m/s, and signal over noise; nan behind what a beam meets.
-
-        Args:
-            at: the instant.
-            points: (beams, 2 cells + 1) ranges, m.
-            hits: of the beams.
-            decay: dB/m.
-        """
-        config, before = self._config, points < hits.distance[:, None]
-        velocity = np.where(before, self._flow(at, points, before), np.nan)
-        if config.ideal:
-            return weigh(velocity), weigh(np.where(before, math.inf, np.nan))
-        reach = config.max_range_m / self._beams[:, 2:3]
-        middle = points[:, 1::2]
-        spread = (reach / np.maximum(middle, 1e-3)) ** 2 * 10.0 ** (0.2 * decay * (reach - middle))
-        strength = spread * self.settings.cell_size / config.sigma_cell_m
-        near, toward = self._nearest(at, hits, float(points.max()))
-        # Beyond the shortest way to bottom or surface, their echo through the side lobes arrives together with that of the water.
-        leak = np.where(points > near, 10.0 ** (0.1 * config.side_lobe_db), 0.0)
-        total = weigh(1.0 + leak)
-        boundary = -float(at.v @ toward)
-        mixed = weigh(velocity + leak * boundary) / total
-        return mixed, np.where(np.isfinite(mixed), strength * total, np.nan)
-
-    def _flow(self, at: _Instant, points: FloatArray, before: NDArray[np.bool_]) -> FloatArray:
-        """(beams, points) velocity of the water relative to the device along each beam, m/s; 0 where nobody asks."""
-        water, t, out = at.scope.water, at.scope.t, np.zeros(points.shape)
-        if water.sea is None:
-            out[:] = (at.beams @ (np.array(water.current) - at.v))[:, None]
-            return out
-        for i, beam in enumerate(at.beams):
-            places = np.array(at.p) + points[i, before[i], None] * beam
-            flow = np.array([water.velocity((x, y, z), t) for x, y, z in places.tolist()]).reshape(-1, 3)
-            out[i, before[i]] = (flow - at.v) @ beam
-        return out
-
-    def _nearest(self, at: _Instant, hits: Hits, reach: float) -> tuple[float, FloatArray]:
-        """Shortest distance (m) to bottom or surface before the device, and the unit vector (N) towards it; inf and zeros for none.
-
-        Asked along the vertical and square to what the beams meet, which is exact where that is plane.
-        """
-        axis = np.array(matrix(at.q))[:, 2]
-        ways = [(0.0, 0.0, 1.0), (0.0, 0.0, -1.0), axis, *-hits.normal[np.isfinite(hits.distance)]]
-        directions = np.array([way for way in ways if np.dot(way, axis) > 1e-6])
-        found = cast(at.scope, at.p, directions, reach)
-        k = int(np.argmin(found.distance))
-        return float(found.distance[k]), directions[k] if math.isfinite(found.distance[k]) else np.zeros(3)
-
-    # -- what the device makes of it ----------------------------------------------------------------------------------------------------
-
-    def _pings(self, beams: FloatArray, correlation: FloatArray) -> FloatArray:
-        """(beams, cells) mean of the pings' velocities, each with its noise and on its side of the ambiguity."""
-        c, s = self._config, self.settings
-        # Variance of a pulse pair's phase: (1 / rho^2 - 1) / 2M, so that a weak echo is told worse.
-        worse = np.sqrt((correlation**-2.0 - 1.0) / (c.nominal_correlation**-2.0 - 1.0))
-        sigma = c.beam_sigma_mps * c.sigma_cell_m / s.cell_size * worse
-        noise = self.rng.standard_normal((s.pings, *beams.shape))
-        mean: FloatArray = wrap(beams + sigma * noise, c.ambiguity_velocity_mps).mean(axis=0)
-        return mean
-
-    def _believed(self, q_NS: Quat) -> Quat:
-        """Attitude by the device's own compass and tilt sensors."""
-        if self._config.ideal:
-            return q_NS
-        x, y, heading = self.memory.tilt
-        return multiply(quat_from_rpy(0.0, 0.0, heading), multiply(q_NS, quat_from_rpy(x, y, 0.0)))
-
-    def _track_bottom(
-        self, at: _Instant, hits: Hits, decay: float, stretch: float, gain: float, values: list[Value]
-    ) -> FloatArray | None:
-        """Fill in the values of bottom track; (3) velocity of the mount over ground, S, or None without lock of three beams."""
-        c, n = self._config, self._slanted
-        noise = self.rng.standard_normal((2, n))
-        r = hits.distance[:n]
-        speed, cosine = at.beams[:n] @ at.v, self._beams[:n, 2]
-        lock = (r * cosine >= c.bottom_min_altitude_m) & (r * cosine <= c.bottom_max_altitude_m)
-        lock &= (np.abs(speed) <= c.bottom_max_speed_mps) & (hits.body[:n] != SURFACE)
-        if not c.ideal:
-            reach = c.bottom_max_altitude_m / cosine
-            back = scattering(at.scope, hits, at.beams)[:n] / (MU_SEDIMENT * cosine**2)
-            with np.errstate(invalid="ignore", over="ignore"):
-                strength = _LOCK * back * (reach / np.maximum(r, 1e-3)) ** 2 * 10.0 ** (0.2 * decay * (reach - r))
-            lock &= strength >= _LOCK
-            speed = gain * speed + c.bottom_sigma_mps * noise[0]
-            r = np.maximum(stretch * r + c.bottom_range_sigma_m * noise[1], 1e-3)
-        ranges = np.where(lock, r, np.nan)
-        values[9] = _numbers(ranges)
-        altitude = self._solver.altitude(ranges)
-        if altitude is None:
-            return None
-        ground: FloatArray = self._solver.solve(np.where(lock, speed, np.nan)[:, None])[0]
-        values[7], values[8] = _numbers(ground), altitude
-        return ground
+        memory["scale"], *tilt = np.array((c.scale_sigma, level, level, heading)) * self.drawn(4)
+        memory["tilt"] = tilt
 
 
 def _directions(config: AdcpConfig) -> FloatArray:
@@ -323,9 +327,14 @@ def _directions(config: AdcpConfig) -> FloatArray:
     return np.array([(across * math.cos(a), across * math.sin(a), math.cos(angle)) for a in turns])
 
 
-def _numbers(values: FloatArray) -> tuple[float | None, ...]:
-    """Row by row; None for what is not finite."""
-    return tuple(v if math.isfinite(v) else None for v in values.ravel().tolist())
+def _disagreement(directions: FloatArray) -> FloatArray:
+    """(beams) weights of what four beams disagree by, so that their noise shows in it as in a horizontal component; NaN for other numbers."""
+    if len(directions) != 4:
+        return np.full(len(directions), np.nan)
+    null: FloatArray = np.linalg.svd(directions.T)[2][-1]
+    across = np.hypot(directions[0, 0], directions[0, 1])
+    weights: FloatArray = null * np.copysign(1.0, null[0]) / (np.sqrt(2.0) * across)
+    return weights
 
 
 def _fields(cells: int, slanted: int, beams: int) -> tuple[Field, ...]:

@@ -2,121 +2,117 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from uwserver.physics.kernel.arrays import FloatArray
+from uwserver.frames import Vec3
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import compiled
+from uwserver.sensors.acoustic.janus import spread_of, told_by, vector_of
 
 Mapping = Literal["off", "nearest", "linear"]
+OFF, NEAREST, LINEAR = 0, 1, 2
+"""Its values in a record, in their order."""
 _SLOWEST = 0.3
 """A beam that goes down by less than this for each metre of distance crosses too few levels to be sorted by them."""
 
 
-def points_of(distances: FloatArray, cell: float) -> FloatArray:
-    """(2 cells + 1) distances (m) at which water is sampled: middles of cells, and halfway between them.
+@compiled
+def point_of(blanking: float, cell: float, j: int) -> float:
+    """Distance (m) of point j at which water is sampled: middles of cells, at 1, 3, ..., and halfway between them, from the front of the first on.
 
     Args:
-        distances: (cells) of the middles, m.
+        blanking: before the first cell, m; its middle lies a cell farther.
         cell: size of a cell, m.
+        j: from 0 to twice the number of cells.
     """
-    first = float(distances[0]) - 0.5 * cell
-    points: FloatArray = first + 0.5 * cell * np.arange(2 * len(distances) + 1, dtype=np.float64)
-    return points
+    return float((blanking + cell) - 0.5 * cell + 0.5 * cell * j)
 
 
-def weigh(points: FloatArray) -> FloatArray:
-    """(..., cells) means of (..., 2 cells + 1) points, by the triangle of two cells that gating a pulse as long as the cell makes.
+@compiled
+def weigh(front: float, middle: float, back: float) -> float:
+    """Mean of a cell by its three points, as of the triangle of two cells that gating a pulse as long as the cell makes.
 
     Equal weights of the middle and of both points half a cell away have the triangle's second moment, so that the mean is exact for cubics.
-    A cell with a missing point (nan) is missing.
+    A cell with a missing point (NaN) is missing.
     """
-    mean: FloatArray = (points[..., 0:-2:2] + points[..., 1:-1:2] + points[..., 2::2]) / 3.0
-    return mean
+    return (front + middle + back) / 3.0
 
 
-def wrap(velocity: FloatArray, ambiguity: float) -> FloatArray:
-    """Velocities as a phase shows them that goes once around from -ambiguity to +ambiguity, m/s."""
-    return np.mod(velocity + ambiguity, 2.0 * ambiguity) - ambiguity
+@compiled
+def wrap(velocity: float, ambiguity: float) -> float:
+    """A velocity as a phase shows it that goes once around from -ambiguity to +ambiguity, m/s."""
+    return float((velocity + ambiguity) % (2.0 * ambiguity) - ambiguity)
 
 
-def to_levels(beams: FloatArray, down: FloatArray, blanking: float, cell: float, mapping: Mapping) -> FloatArray:
-    """Beams' velocities by cells of their own, sorted into levels as far from the device, vertically, as the cells along the axis of a level device.
+@compiled
+def mapping_of(down: Array, mapping: int) -> int:
+    """`mapping`, or `OFF` where the beams cannot be sorted by depth: one is too near the horizontal, or one goes up and another down.
 
     Args:
-        beams: (beams, cells) by distance along each beam.
         down: (beams) vertical way for each metre of distance along the axis of the device; 1 for a device that hangs straight.
-        blanking, cell: m.
-        mapping: take the nearest cell of the beam, or interpolate between two; the outermost serve half a cell beyond themselves.
+        mapping: take the nearest cell of the beam (`NEAREST`), interpolate between two (`LINEAR`), or neither (`OFF`).
     """
-    count = beams.shape[1]
-    if mapping == "off" or np.min(np.abs(down)) < _SLOWEST or np.ptp(np.sign(down)) != 0.0:
-        return beams
-    levels = blanking + cell * np.arange(1, count + 1)
-    out = np.full_like(beams, np.nan)
-    for i, way in enumerate(np.abs(down)):
-        place = (levels / way - blanking) / cell - 1.0
-        known = (place >= -0.5) & (place <= count - 0.5)
-        place = place[known]
-        if mapping == "nearest" or count == 1:
-            out[i, known] = beams[i, np.clip(np.rint(place).astype(int), 0, count - 1)]
+    for way in down:
+        if abs(way) < _SLOWEST or (way < 0.0) != (down[0] < 0.0):
+            return OFF
+    return mapping
+
+
+@compiled
+def at_level(column: Array, down: float, k: int, blanking: float, cell: float, mapping: int) -> float:
+    """What a beam tells of the k-th level: as far from the device, vertically, as the k-th cell along the axis of a level device.
+
+    Args:
+        column: (cells) by distance along the beam.
+        down: as of `mapping_of`, whose answer `mapping` is.
+        k: from 0 on.
+        blanking, cell: m.
+        mapping: the outermost cells serve half a cell beyond themselves; NaN farther out.
+    """
+    count = len(column)
+    if mapping == OFF:
+        return float(column[k])
+    place = ((blanking + cell * (k + 1)) / abs(down) - blanking) / cell - 1.0
+    if not -0.5 <= place <= count - 0.5:
+        return math.nan
+    if mapping == NEAREST or count == 1:
+        return float(column[min(max(int(np.rint(place)), 0), count - 1)])
+    low = min(max(int(place), 0), count - 2)
+    part, near, far = place - low, column[low], column[low + 1]
+    # A missing neighbour that has no weight does not matter: rounding of a level device is no weight.
+    if abs(part) < 1e-9:
+        return float(near)
+    return float(far if abs(part - 1.0) < 1e-9 else near + part * (far - near))
+
+
+@compiled
+def solve_levels(row: Any, along: Array, down: Array, velocities: Array, errors: Array) -> bool:
+    """Vectors in S from what slanted beams tell, level by level; whether there is one.
+
+    Args:
+        row: record of a profiler: directions of its slanted beams, its cells, and how it maps them.
+        along: (cells beams) along each beam by its own cells, the beams of a cell together, the axial one last, m/s.
+        down: (slanted) as of `mapping_of`.
+        velocities: (3 cells) receives them, m/s; NaN where beams of fewer than three directions tell something.
+        errors: (cells) receives what four beams disagree by, so that beams' noise shows in it as in a horizontal component; NaN of other numbers.
+    """
+    n, mapping, found = row.slanted, mapping_of(down, row.mapping), False
+    told, spread, last = np.empty(n), np.empty((3, 3)), 0
+    for k in range(row.cells):
+        error, beams = 0.0, 0
+        for i in range(n):
+            told[i] = at_level(along[i :: row.beams], down[i], k, row.blanking, row.cell, mapping)
+            error += row.disagreement[i] * told[i]
+            beams |= 0 if math.isnan(told[i]) else 1 << i
+        errors[k] = error
+        if told_by(told) < 3:
             continue
-        low = np.clip(place.astype(int), 0, count - 2)
-        part = place - low
-        near, far = beams[i, low], beams[i, low + 1]
-        # A missing neighbour that has no weight does not matter: rounding of a level device is no weight.
-        out[i, known] = np.where(
-            abs(part) < 1e-9, near, np.where(abs(part - 1.0) < 1e-9, far, near + part * (far - near))
-        )
-    return out
-
-
-class Solver:
-    """Vectors in S from velocities along slanted beams: least squares over those that are there, from three on."""
-
-    def __init__(self, directions: FloatArray) -> None:
-        """directions: (beams, 3) unit vectors in S."""
-        self._directions = directions
-        self._inverses: dict[bytes, FloatArray] = {}
-        n = len(directions)
-        self._error: FloatArray | None = None
-        if n == 4:
-            null: FloatArray = np.linalg.svd(directions.T)[2][-1]
-            across = float(np.hypot(directions[0, 0], directions[0, 1]))
-            self._error = null * np.copysign(1.0, null[0]) / (np.sqrt(2.0) * across)
-
-    def inverse(self, there: NDArray[np.bool_]) -> FloatArray:
-        """(3, beams) the least squares' matrix from the beams that are there; columns of the others are zero."""
-        key = there.tobytes()
-        if key not in self._inverses:
-            matrix = np.zeros((3, len(there)))
-            matrix[:, there] = np.linalg.pinv(self._directions[there])
-            self._inverses[key] = matrix
-        return self._inverses[key]
-
-    def solve(self, beams: FloatArray) -> FloatArray:
-        """(cells, 3) velocities of (beams, cells); nan where fewer than three beams are there."""
-        cells = beams.shape[1]
-        out, there = np.full((cells, 3), np.nan), np.isfinite(beams)
-        filled = np.where(there, beams, 0.0)
-        patterns: Any = np.unique(there.T, axis=0)
-        for pattern in patterns:
-            if pattern.sum() >= 3:
-                chosen = (pattern == there.T).all(axis=1)
-                out[chosen] = (self.inverse(pattern) @ filled[:, chosen]).T
-        return out
-
-    def errors(self, beams: FloatArray) -> FloatArray:
-        """(cells) what four beams disagree by, scaled so that beams' noise shows in it as in a horizontal component; nan for other numbers."""
-        if self._error is None:
-            return np.full(beams.shape[1], np.nan)
-        return self._error @ beams
-
-    def altitude(self, ranges: FloatArray) -> float | None:
-        """Distance (m) along the axis of the plane that (beams) ranges meet, nan for none: 1 / r_i = n . u_i on a plane n . x = 1."""
-        there = np.isfinite(ranges)
-        if there.sum() < 3:
-            return None
-        normal = float(self.inverse(there)[2, there] @ (1.0 / np.maximum(ranges[there], 1e-9)))
-        return 1.0 / normal if normal > 0.0 else None
+        if beams != last:
+            spread, last = spread_of(row.direction, told), beams
+        velocity: Vec3 = vector_of(row.direction, spread, told)
+        velocities[3 * k], velocities[3 * k + 1], velocities[3 * k + 2] = velocity
+        found = found or not math.isnan(velocity[0])
+    return found

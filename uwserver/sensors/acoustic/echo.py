@@ -58,19 +58,6 @@ def cast_from(geometry: Geometry, origin: Vec3, height: float, direction: FloatA
     return found
 
 
-def scattering(scope: Scope, found: Hits, direction: FloatArray) -> FloatArray:
-    """(n) intensity that a square metre of what each ray hits scatters back at 1 m, per unit of incident intensity: Lambert's law.
-
-    Args:
-        scope: knows the materials.
-        found: hits of the rays; nothing comes back from a miss.
-        direction: (n, 3) of the rays.
-    """
-    out = np.empty(len(direction))
-    kernels()[0].backscatter(direction, found.normal, found.body, found.material, scope.lambert, MU_SURFACE, out)
-    return out
-
-
 class Absorption:
     """Absorption of sound of one frequency, dB/m, by metres of depth: it changes so little that an instrument asks once a metre.
 

@@ -1,4 +1,7 @@
-"""The current profiler against closed forms: uniform and sheared water, motion, tilt, ambiguity, side lobes, blanking, noise, bottom track."""
+"""The current profiler against closed forms: uniform and sheared water, motion, tilt, ambiguity, side lobes, blanking, noise, bottom track.
+
+Also of uwserver.sensors.acoustic.cell_echoes.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +14,25 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from uwserver.environment.currents import ProfileConfig, profile_rows
+from uwserver.environment.sea import Sea
 from uwserver.environment.water import Water
 from uwserver.frames import quat_from_rpy
+from uwserver.physics.kernel.layout import (
+    PROFILE_SIZE,
+    WAVE_AMPLITUDE,
+    WAVE_DEPTH,
+    WAVE_K,
+    WAVE_KX,
+    WAVE_KY,
+    WAVE_OMEGA,
+    WAVE_PHASE,
+    WAVE_SIZE,
+    SeaRows,
+)  # fmt: skip
 from uwserver.scenario.vehicle.profiles import check_profile
 from uwserver.sensors import Pose
 from uwserver.sensors.acoustic.adcp import AdcpConfig
-from uwserver.sensors.acoustic.current_profile import Solver, points_of, to_levels, weigh, wrap
 from uwserver.testing import FakeGeometry, check_sensor
 from uwserver.testing.fake_geometry import Plane
 from uwserver.testing.sensors import measured, scopes
@@ -29,21 +45,12 @@ QUIET = AdcpConfig(rate_hz=2, cells=20, beam_sigma_mps=0.0, bottom_sigma_mps=0.0
 THETA = math.radians(20.0)
 
 
-class Flow:
-    """A sea whose water moves as a function of depth says, under a flat surface."""
-
-    def __init__(self, velocity):
-        self._velocity = velocity
-
-    def velocity(self, p, t):
-        return self._velocity(p[2])
-
-    def elevation(self, x, y, t):
-        return 0.0
-
-
-def flowing(velocity):
-    return Water(1025.0, 9.81, 12.0, 101_325.0, (0.0, 0.0, 0.0), Flow(velocity))
+def flowing(velocity, *depths):
+    """Water whose velocity is linear between these depths (m), where it is as the function says; by default linear down to 300 m."""
+    depths = depths or (0.0, DEEP + 100.0)
+    rows = profile_rows(ProfileConfig(depth_m=depths, velocity_ned_mps=tuple(velocity(z) for z in depths)))
+    sea = Sea(SeaRows(np.zeros(7), rows, np.zeros((0, WAVE_SIZE))))
+    return Water(1025.0, 9.81, 12.0, 101_325.0, (0.0, 0.0, 0.0), sea)
 
 
 STILL = Water(1025.0, 9.81, 12.0, 101_325.0, (0.0, 0.0, 0.0))
@@ -112,9 +119,31 @@ def test_sheared_water_is_told_at_the_middle_of_each_cell(deep):
 
 def test_a_cell_is_the_triangular_mean_over_two_cells(deep):
     """For u = z^2 the mean of a triangle of half width h is z^2 + h^2 / 6."""
-    water = flowing(lambda z: (0.001 * (z - DEEP) ** 2, 0.0, 0.0))
+    # It is asked for the water at each of these depths.
+    depths = DEEP + 1.5 + np.arange(21.0)
+    water = flowing(lambda z: (0.001 * (z - DEEP) ** 2, 0.0, 0.0), *depths.tolist())
     seen = profile(change(cell_size_m=2.0, cells=10), deep(water=water))
     assert seen["velocities_S"][:, 0] == pytest.approx(0.001 * (seen["distances"] ** 2 + 4.0 / 6.0), abs=1e-12)
+
+
+def test_waves_are_told_where_each_beam_meets_them(deep):
+    """Of a tilted device, and at its time: three points of equal weight along each beam, also beyond the range."""
+    waves = np.zeros((1, WAVE_SIZE))
+    waves[0, [WAVE_K, WAVE_KX, WAVE_KY, WAVE_OMEGA]] = 0.1, 0.06, 0.08, 1.0
+    waves[0, [WAVE_AMPLITUDE, WAVE_PHASE, WAVE_DEPTH]] = 1.5, 0.3, math.inf
+    sea = Sea(SeaRows(np.array([0.1, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0]), np.zeros((0, PROFILE_SIZE)), waves))
+    rpy, p = (0.1, -0.2, 0.7), np.array((3.0, -2.0, 15.0))
+    instant = deep(p_NB=tuple(p), q_NB=quat_from_rpy(*rpy), t_ns=3_000_000_000, water=replace(STILL, sea=sea))
+    seen = profile(change(ideal=True, cells=6, max_range_m=3.0), instant)
+    azimuths = np.radians((45.0, 135.0, 225.0, 315.0))
+    beams_S = np.stack(
+        [np.cos(azimuths) * math.sin(THETA), np.sin(azimuths) * math.sin(THETA), [math.cos(THETA)] * 4], 1
+    )
+    for i, beam in enumerate(Rotation.from_euler("ZYX", rpy[::-1]).apply(beams_S)):
+        ranges = (seen["distances"][:, None] + (-0.5, 0.0, 0.5)) / math.cos(THETA)
+        along = [[np.dot(beam, sea.velocity(tuple(p + r * beam), 3.0)) for r in cell] for cell in ranges]
+        assert seen["beam_velocities"][:, i] == pytest.approx(np.mean(along, axis=1), abs=1e-12)
+    assert np.ptp(seen["beam_velocities"]) > 0.1
 
 
 def test_a_moving_vehicle_sees_the_water_go_by_and_knows_the_ground(deep):
@@ -154,10 +183,19 @@ def test_one_beam_less_gives_the_same_vectors_without_an_error_velocity(deep):
     assert (np.isnan(seen["error_velocities"]) == blocked).all()
 
 
-def test_two_beams_give_no_vector():
-    solver = Solver(np.array([(0.3, 0.0, 0.95), (-0.3, 0.0, 0.95), (0.0, 0.3, 0.95), (0.0, -0.3, 0.95)]))
-    assert np.isnan(solver.solve(np.array([[1.0], [1.0], [math.nan], [math.nan]]))).all()
-    assert solver.altitude(np.array([5.0, 5.0, math.nan, math.nan])) is None
+def test_two_beams_give_no_vector(deep):
+    """A wall ends the other two, 3.9 m along the axis, which is too near for a bottom."""
+    instant = deep(water=replace(STILL, current=CURRENT))
+    wall, bottom = Plane((1.0, 0.0, DEEP), (-1.0, 0.0, 0.0)), Plane((0.0, 0.0, DEEP + 20.0), (0.0, 0.0, -1.0))
+    instant.geometry = FakeGeometry([wall, bottom])
+    seen = profile(change(side_lobe_db=-300.0, bottom_min_altitude_m=10.0), instant)
+    there = np.isfinite(seen["beam_velocities"])
+    assert there[:2].all()
+    assert (there[2:18] == [False, True, True, False]).all()
+    assert (np.isfinite(seen["velocities_S"]) == there.all(axis=1)[:, None]).all()
+    assert (np.isfinite(seen["beam_ranges"]) == [False, True, True, False]).all()
+    assert math.isnan(seen["altitude"])
+    assert np.isnan(seen["v_S"]).all()
 
 
 def test_the_axial_beam_tells_the_vertical(deep):
@@ -208,14 +246,6 @@ def test_the_nearest_cell_is_half_a_cell_off_at_most(pitched):
     assert 1e-4 < np.abs(off).max() <= 0.5 * SHEAR * 2.0
 
 
-def test_beams_beside_the_vertical_are_not_mapped():
-    beams = np.arange(12.0).reshape(3, 4)
-    for down in ((1.0, 1.0, 0.1), (1.0, 1.0, -1.0)):
-        assert (to_levels(beams, np.array(down), 0.5, 1.0, "linear") == beams).all()
-    level = to_levels(beams, np.ones(3), 0.5, 1.0, "linear")
-    assert level == pytest.approx(beams)
-
-
 def test_own_compass_turns_the_velocities_over_ground(deep):
     config = change(heading_sigma_deg=2.0, tilt_sigma_deg=0.0)
     sensor = config.build(Pose())
@@ -241,26 +271,13 @@ def test_a_velocity_beyond_the_ambiguity_comes_back_on_the_other_side(deep, spee
     assert seen["beam_velocities"][:, 4] == pytest.approx(np.full(20, along), abs=1e-12)
 
 
-def test_wrapping_keeps_what_is_inside():
-    inside = np.linspace(-0.99, 0.99, 7)
-    for turn in (-4.0, -2.0, 0.0, 2.0, 6.0):
-        assert wrap(inside + turn, 1.0) == pytest.approx(inside)
-
-
 def test_nothing_is_heard_in_the_blanking_distance(deep):
     """Water that rushes by in the first two metres is not in any cell when these are blanked, and in the first ones when not."""
-    water = flowing(lambda z: (1.0, 0.0, 0.0) if z < DEEP + 2.1 else (0.0, 0.0, 0.0))
+    water = flowing(lambda z: (1.0 if z < DEEP + 2.1 else 0.0, 0.0, 0.0), 0.0, DEEP + 2.1 - 1e-6, DEEP + 2.1)
     assert profile(change(blanking_m=2.0), deep(water=water))["velocities_S"][:, 0] == pytest.approx(np.zeros(20))
     seen = profile(change(blanking_m=2.0), deep(water=water), blanking=0.0)
     assert seen["distances"][0] == 1.0
     assert seen["velocities_S"][:4, 0] == pytest.approx([1.0, 2.0 / 3.0, 0.0, 0.0], abs=1e-12)
-
-
-def test_points_lie_in_the_cells():
-    points = points_of(np.array([1.5, 2.5, 3.5]), 1.0)
-    assert points == pytest.approx([1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0])
-    assert weigh(points) == pytest.approx([1.5, 2.5, 3.5])
-    assert np.isnan(weigh(np.array([1.0, 1.0, 1.0, 1.0, math.nan]))).tolist() == [False, True]
 
 
 def reach_of(config, instant, cell):
@@ -365,20 +382,24 @@ def test_the_surface_spoils_the_last_cells_of_a_device_that_looks_up(deep):
 # -- noise ------------------------------------------------------------------------------------------------------------------------------
 
 
-def spread(config, instant, count=300, cells=4, **settings):
-    """Standard deviations over ensembles of x, y, z, the error velocity and one beam, of the first cells."""
+def ensembles(config, instant, count, **settings):
+    """So many, each with its own random numbers."""
     sensor = config.build(Pose())
     sensor.change(settings)
-    rows = []
     for number in range(count):
         sensor.begin(number)
         sensor.memory = msgspec.structs.replace(sensor.memory, ready=0.0)
-        seen = fields_of(sensor, (True, sensor.sense(instant).values))
-        rows.append(
-            np.column_stack(
-                [seen["velocities_S"][:cells], seen["error_velocities"][:cells], seen["beam_velocities"][:cells, 0]]
-            )
+        yield fields_of(sensor, (True, sensor.sense(instant).values))
+
+
+def spread(config, instant, count=300, cells=4, **settings):
+    """Standard deviations over ensembles of x, y, z, the error velocity and one beam, of the first cells."""
+    rows = [
+        np.column_stack(
+            [seen["velocities_S"][:cells], seen["error_velocities"][:cells], seen["beam_velocities"][:cells, 0]]
         )
+        for seen in ensembles(config, instant, count, **settings)
+    ]
     return np.std(np.concatenate(rows), axis=0)
 
 
@@ -398,6 +419,14 @@ def test_noise_goes_down_with_cell_size_and_pings(deep):
     assert spread(NOISY, deep(), cell_size=2.0)[4] == pytest.approx(0.01, rel=0.1)
     assert spread(NOISY, deep(), cell_size=0.5)[4] == pytest.approx(0.04, rel=0.1)
     assert spread(NOISY, deep(), pings=16)[4] == pytest.approx(0.005, rel=0.1)
+
+
+@pytest.mark.parametrize("pings", [1, 2, 3])
+def test_each_beam_and_cell_has_noise_of_its_own(deep, pings):
+    told = [seen["beam_velocities"].ravel() for seen in ensembles(NOISY, deep(), 400, pings=pings)]
+    between = np.corrcoef(np.array(told).T) - np.eye(16)
+    assert np.abs(between).max() < 4.5 / math.sqrt(400)
+    assert np.std(told) == pytest.approx(0.02 / math.sqrt(pings), rel=0.05)
 
 
 def test_a_weak_echo_is_noisier(deep):
@@ -448,13 +477,8 @@ def test_bottom_track_ends_at_its_largest_altitude_and_speed(deep):
 
 
 def test_noise_of_bottom_track(deep):
-    sensor, instant = change(bottom_sigma_mps=0.01, bottom_range_sigma_m=0.05, cells=1).build(Pose()), deep(20.0)
-    found = []
-    for number in range(500):
-        sensor.begin(number)
-        sensor.memory = msgspec.structs.replace(sensor.memory, ready=0.0)
-        seen = fields_of(sensor, (True, sensor.sense(instant).values))
-        found.append([*seen["v_S"], seen["beam_ranges"][2]])
+    config = change(bottom_sigma_mps=0.01, bottom_range_sigma_m=0.05, cells=1)
+    found = [[*seen["v_S"], seen["beam_ranges"][2]] for seen in ensembles(config, deep(20.0), 500)]
     horizontal = 0.01 / (math.sqrt(2.0) * math.sin(THETA))
     expected = (horizontal, horizontal, 0.01 / (2.0 * math.cos(THETA)), 0.05)
     assert np.std(found, axis=0) == pytest.approx(expected, rel=0.15)
