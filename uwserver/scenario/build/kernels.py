@@ -7,11 +7,13 @@ from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.vehicle.body import params_by_name
 from uwserver.sensors import (
     AcousticModemConfig,
+    AdcpConfig,
     AltimeterConfig,
     CameraConfig,
     DvlConfig,
     LblConfig,
     MultibeamConfig,
+    RangeArrayConfig,
     ScanningSonarConfig,
     UsblConfig,
 )
@@ -42,7 +44,7 @@ def kernels_of(resolved: Resolved, sea: bool) -> frozenset[str]:
         needs.add("cameras")
     if vehicles:
         needs.add("sensors")
-    if any(isinstance(config, AltimeterConfig | DvlConfig) for config in sensors):
+    if any(isinstance(config, AdcpConfig | AltimeterConfig | DvlConfig | RangeArrayConfig) for config in sensors):
         needs.add("soundings")
     if any(
         isinstance(config, LblConfig | UsblConfig | AcousticModemConfig) and config.propagation == "layered"

@@ -193,7 +193,7 @@ def aim(
 
 
 @entry
-def seek(
+def aim_at_boundaries(
     heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
 ) -> float:  # fmt: skip
     """The ways to the nearest bottom or surface, whose echo comes in through side lobes; an ideal device has none."""
@@ -278,7 +278,7 @@ class Adcp(BankSensor):
         "Current profiler: velocity of the water in cells along its beams, relative to the mount and, with bottom track, over ground; velocity "
         "of the mount over ground and altitude; velocity, echo and correlation of each beam. Valid with at least one cell."
     )
-    bank = Bank(_RECORD, run, (aim, seek))
+    bank = Bank(_RECORD, run, (aim, aim_at_boundaries))
     random = ("sigma", "bottom_sigma", "bottom_range_sigma")
     memory_type = AdcpMemory
     settings: AdcpSettings

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from uwserver.scenario.build.kernels import kernels_of
+from uwserver.scenario.builder import ScenarioBuilder
 from uwserver.scenario.load.scenario import load
 
 ALL = ("sensors", "autopilots")
@@ -40,3 +41,10 @@ def test_what_shipped_scenarios_need(scenario: str, sea: bool, needs: set[str]) 
     from uwserver.adapter import installed_adapters
 
     assert kernels_of(load(scenario, adapters=installed_adapters()), sea) == needs
+
+
+@pytest.mark.parametrize("kind", ["adcp", "altimeter", "dvl", "range_array"])
+def test_each_kind_that_casts_rays_in_compiled_code_needs_those_of_soundings(kind: str) -> None:
+    """Else its loops would be compiled where the world waits for them."""
+    scenario = ScenarioBuilder("rays").vehicle("rov", "bluerov2_heavy").sensor("rov", "own", kind, rate_hz=1).build()
+    assert kernels_of(load(scenario, adapters={}), False) == {"fins", "soundings", *ALL}
