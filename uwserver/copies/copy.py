@@ -96,7 +96,9 @@ class Copy:
     def _arrays(self) -> list[Any]:
         hydro, instruments = self.world.hydro, self.world.instruments
         arrays = [getattr(hydro, name) for name in _RUNNING]
-        arrays += [pool.rows for pool in (instruments.heads, instruments.streams, instruments.operations)]
+        arrays += [
+            pool.rows for pool in (instruments.heads, instruments.streams, instruments.operations, instruments.voices)
+        ]
         arrays += [instruments.numbers.rows, *(instruments.rows_of(bank).rows for bank in self.banks.values())]
         return arrays
 

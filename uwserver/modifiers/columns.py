@@ -11,8 +11,8 @@ import numpy as np
 
 from uwserver.ports import Field, Value
 
-WIDEST = 64
-"""Whole numbers of a field that still stand among the others; more are a picture rather than a reading."""
+WIDEST = 4096
+"""Whole numbers of a field that still stand among the others, as many as a ping has bins; more are a picture rather than a reading."""
 NO_INT = -(1 << 63)
 """Stands for a missing whole number, as NaN does for a missing float."""
 

@@ -10,8 +10,9 @@ import numpy as np
 from uwserver.physics.collision.contacts import Contacts, Impulses
 from uwserver.physics.contact.touching import Touching
 from uwserver.physics.kernel import layout
-from uwserver.physics.kernel.arrays import FloatArray, IntArray
+from uwserver.physics.kernel.arrays import FloatArray, IntArray, Records
 from uwserver.physics.kernel.team import ALONE
+from uwserver.sensors.acoustic.voices import NO_VOICES
 from uwserver.sensors.base import Scope
 from uwserver.sensors.surroundings import FORMS, place_row, water_arrays
 from uwserver.sensors.wiring import ELECTRIC, Touch
@@ -32,7 +33,8 @@ def _touching(touches: Sequence[Touch]) -> Touching:
 class Alone:
     """Keeps the arrays whose addresses are in `table`."""
 
-    def __init__(self, scope: Scope) -> None:
+    def __init__(self, scope: Scope, voices: Records = NO_VOICES) -> None:
+        """Of a scope, and of sonars that are heard."""
         state: FloatArray = np.array([[*scope.p_NB, *scope.q_NB, *scope.v_NB_B, *scope.w_NB_B]])
         wiring = scope.wiring
         bodies: Any = np.zeros(1, layout.BODY)
@@ -57,6 +59,7 @@ class Alone:
             **water_arrays(scope.water),
             "team": ALONE,
             "touching": self._touching.table,
+            "voices": voices,
         }
         self.arrays["place"]["t_ns"] = scope.t_ns
         self.table: IntArray = layout.addresses(FORMS, self.arrays)

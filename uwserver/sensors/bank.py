@@ -25,13 +25,14 @@ from msgspec import Struct, convert, structs
 from uwserver.frames import conjugate as conjugated
 from uwserver.modifiers.base import Measurement, Memory
 from uwserver.modifiers.columns import Columns
-from uwserver.physics.kernel.arrays import Array, FloatArray, IntArray
+from uwserver.physics.kernel.arrays import Array, FloatArray, IntArray, Records
 from uwserver.physics.kernel.deferred import Deferred, Elsewhere, compiled, entry, inlined
 from uwserver.physics.kernel.pool import Pool
 from uwserver.physics.kernel.random import draw_normals
 from uwserver.physics.kernel.straight import address_of
 from uwserver.physics.rays.raycast import Geometry, no_hits
-from uwserver.ports import Json
+from uwserver.ports import Json, Value
+from uwserver.sensors.acoustic.voices import NO_VOICES
 from uwserver.sensors.base import Pose, Scope, Sensor, Settings
 
 HEAD = np.dtype(
@@ -53,6 +54,8 @@ HEAD = np.dtype(
         ("exact", "i8"),  # 1: it has no errors of its own
         ("silent", "i8"),  # 1: a fault keeps it from reading
         ("rays", "i8"),  # how many it casts at most at a time
+        ("sees_own", "i8"),  # 1: these meet what carries it, too
+        ("voice", "i8"),  # row of its voice among those of all sonars; -1 of who sends no sound
         ("shadow", "i8"),  # 1: it is only asked what it would read without errors, and must act on nothing
         # Of the last reading, as `modifiers.Measurement`:
         ("ready", "i8"),  # 0: it had none to give
@@ -73,34 +76,27 @@ def _seen(*names: str) -> Iterator[Any]:
     return (Elsewhere("uwserver.sensors.instant", name) for name in names)
 
 
-rotate, multiply, conjugate, quat_from_rpy, rpy_from_quat = _seen(
-    "rotate", "multiply", "conjugate", "quat_from_rpy", "rpy_from_quat"
-)
-p_NB, q_NB, v_NB_B, w_NB_B, p_NS, q_NS, p_BS, q_BS, q_SB = _seen(
-    "p_NB", "q_NB", "v_NB_B", "w_NB_B", "p_NS", "q_NS", "p_BS", "q_BS", "q_SB"
-)
+rotate, multiply, conjugate = _seen("rotate", "multiply", "conjugate")
+quat_from_rpy, rpy_from_quat = _seen("quat_from_rpy", "rpy_from_quat")
+p_NB, q_NB, v_NB_B, w_NB_B = _seen("p_NB", "q_NB", "v_NB_B", "w_NB_B")
+p_NS, q_NS, p_BS, q_BS, q_SB = _seen("p_NS", "q_NS", "p_BS", "q_BS", "q_SB")
 latitude_longitude, velocity_of, specific_force = _seen("latitude_longitude", "velocity_of", "specific_force")
 level_turns, inertial_rate = _seen("level_turns", "inertial_rate")
-water_property, depth_of, place_of, gauge_pressure, water_velocity, submergence = _seen(
-    "water_property", "depth_of", "place_of", "gauge_pressure", "water_velocity", "submergence"
-)
-magnetic_field, nu_dot_at, tau_at = _seen("magnetic_field", "nu_dot_at", "tau_at")
-sound_absorption, echo_of, meet_surface = _seen("absorption", "echo_of", "meet_surface")
+water_property, depth_of, place_of = _seen("water_property", "depth_of", "place_of")
+gauge_pressure, water_velocity, submergence = _seen("gauge_pressure", "water_velocity", "submergence")
+magnetic_field, nu_dot_at, tau_at, voices_of = _seen("magnetic_field", "nu_dot_at", "tau_at", "voices_of")
+sound_absorption, ground_of, echo_of, meet_surface = _seen("absorption", "ground_of", "echo_of", "meet_surface")
 shaft_speed, power, supply_voltage, supply = _seen("shaft_speed", "power", "supply_voltage", "supply")
-
-
 (_team_at,) = _seen("team_at")
 _share: Any = Elsewhere("uwserver.physics.kernel.sharing", "share")
-_LEAST = 16
-"""Sensors that a thread reads at a time: some 5 us."""
+_LEAST = 16  # sensors that a thread reads at a time: some 5 us
 _MOST_AIMS = 2
 
 
 @compiled
 def begins(head: Any) -> bool:
     """Whether a sensor that is due reads; its reading is then valid and of this instant, unless it says otherwise."""
-    head.ready = 1 - head.silent
-    head.valid = 1
+    head.ready, head.valid = 1 - head.silent, 1
     head.delay_ns = head.since_ns = 0
     return bool(head.silent == 0)
 
@@ -127,7 +123,8 @@ class Bank(NamedTuple):
     Attributes:
         record: of one sensor.
         run: the loop over those that are due; where there are `aims`, with what their last rays hit.
-        aims: loops that cast rays, two at most, each after what those of the one before have hit. What carries a sensor is not seen by it.
+        aims: loops that cast rays, two at most, each after what those of the one before have hit. What carries a sensor is seen by those alone whose
+            `sees_own` says so.
         acts: a reading changes what others read, so that one thread makes them all, in their order. Where this is false threads share the loop.
     """
 
@@ -264,6 +261,7 @@ class BankSensor(Sensor):
         bank: of its kind.
         exact: it has no errors of its own.
         rays: how many it casts at most at a time.
+        sees_own: whether these meet what carries it, too.
         random: numbers of its record that grow with its random errors, as ``m.error``; not those of what it draws once and keeps.
         heads, head: rows of HEAD, and its number there.
         rows, row: rows of the bank's records, and its number there.
@@ -272,7 +270,7 @@ class BankSensor(Sensor):
 
     bank: ClassVar[Bank]
     memory_type: ClassVar[type[Memory]] = Memory
-    exact = False
+    exact = sees_own = False
     rays = 0
     random: ClassVar[tuple[str, ...]] = ()
 
@@ -281,7 +279,8 @@ class BankSensor(Sensor):
         self.head, self.row = self.heads.take(1), self.rows.take(1)
         head = self.heads.rows[self.head]
         head["p"], head["q"], head["to_S"] = mount.p, mount.q, conjugated(mount.q)
-        head["exact_first"], head["exact"], head["rays"] = -1, self.exact, self.rays
+        head["exact_first"] = head["voice"] = -1
+        head["exact"], head["rays"], head["sees_own"] = self.exact, self.rays, self.sees_own
         self.key: int | None = None
         if settings is not None:
             self.settings = settings
@@ -345,24 +344,34 @@ class BankSensor(Sensor):
         super().change(args)
         self.fill(self.rows.rows[self.row])
 
+    def loose(self, *, exactly: bool) -> tuple[Value, ...]:
+        """The values of its last reading that are no numbers (`Columns.loose`); `exactly`: of what it would have read without errors."""
+        return ()
+
+    def voices(self) -> Records:
+        """(n) of VOICE: of one that sends sound, its own and those that it may hear."""
+        return NO_VOICES
+
     def sense(self, scope: Scope) -> Measurement | None:
         """A reading alone, outside a world."""
         from uwserver.sensors.alone import Alone
 
         if self.key is None:
             self.start(0)
-        columns, there = Columns(self.fields), Alone(scope)
+        columns, there = Columns(self.fields), Alone(scope, self.voices())
         numbers, heads, rows = np.zeros(max(1, columns.width)), Pool(HEAD, 1), Pool(self.bank.record, 1)
         heads.rows[0], rows.rows[0] = self.heads.rows[self.head], self.rows.rows[self.row]
         head = heads.rows[0]
-        head["row"], head["body"], head["first"], head["width"], head["dt"] = 0, 0, 0, columns.width, self.dt
-        solids = scope.without_own_body().geometry
+        head["row"] = head["body"] = head["first"] = head["voice"] = 0
+        head["width"], head["dt"] = columns.width, self.dt
+        solids = (scope if self.sees_own else scope.without_own_body()).geometry
         read(self.bank, heads.rows, rows.rows, numbers, np.zeros(1, np.int64), there.table, scope.t, solids)
         self.rows.rows[self.row] = rows.rows[0]
         if not head["ready"]:
             return None
         self.heads.rows["number"][self.head] += 1
-        reading = Measurement(list(columns.unpack(numbers[: columns.width])), bool(head["valid"]))
+        values = [*columns.unpack(numbers[: columns.width], self.loose(exactly=False))]
+        reading = Measurement(values, bool(head["valid"]))
         reading.delay_ns, reading.since_ns = int(head["delay_ns"]), int(head["since_ns"])
         return reading
 

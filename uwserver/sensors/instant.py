@@ -33,6 +33,7 @@ _thrusters_at, _lags_at = array_at(FORMS, "thrusters"), array_at(FORMS, "lags")
 _lambert_at = array_at(FORMS, "lambert")
 _places_at, _column_at = array_at(FORMS, "place"), array_at(FORMS, "column")
 team_at = array_at(FORMS, "team")
+voices_of = array_at(FORMS, "voices")
 _touching_at = array_at(FORMS, "touching")
 _body_a_at, _body_b_at, _point_at, _impulse_at, _counts_at = (
     array_at(touching.FORMS, name) for name in ("body_a", "body_b", "point", "impulse", "counts")
@@ -317,9 +318,15 @@ def absorption(now: Array, frequency: float, depth: float) -> float:
 
 
 @compiled
+def ground_of(now: Array) -> Ground:
+    """How strongly what rays hit scatters sound back."""
+    return Ground(_lambert_at(now), MU_SURFACE)
+
+
+@compiled
 def echo_of(now: Array, direction: Array, normal: Array, body: int, material: int) -> float:
     """Intensity that a square metre of what a ray hits scatters back at 1 m, per unit of incident intensity."""
-    return returned(direction, normal, body, material, Ground(_lambert_at(now), MU_SURFACE))
+    return returned(direction, normal, body, material, ground_of(now))
 
 
 @compiled

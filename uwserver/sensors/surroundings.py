@@ -9,6 +9,7 @@ import numpy as np
 from uwserver.environment.earth import Earth
 from uwserver.environment.water import Water
 from uwserver.physics.kernel.layout import BODY, LAG, PROFILE_SIZE, STATE_SIZE, THRUSTER, WAVE_SIZE, Forms, columns
+from uwserver.sensors.acoustic.voices import VOICE
 from uwserver.sensors.wiring import ELECTRIC
 
 PLACE = np.dtype(
@@ -49,6 +50,7 @@ FORMS: Forms = {
     "waves": columns(np.float64, WAVE_SIZE),
     "team": columns(np.int64),
     "touching": columns(np.int64, 2),  # the contacts, a table again (`physics.contact.touching`)
+    "voices": VOICE,  # of all sonars
 }
 """Of the table `now`."""
 

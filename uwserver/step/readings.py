@@ -11,7 +11,7 @@ from uwserver.physics.kernel.calling import call, call_for_float, call_for_numbe
 from uwserver.physics.kernel.compiled import compiled
 from uwserver.physics.kernel.handles import array_at, lay
 from uwserver.physics.rays.hits import miss
-from uwserver.physics.rays.raycast import Hits
+from uwserver.physics.rays.raycast import NOTHING, Hits
 from uwserver.sensors import surroundings
 from uwserver.step import bodies, rows, streams
 from uwserver.step.bodies import seconds_of, time_of
@@ -159,7 +159,8 @@ def _aim(table: Array, sensors: Array, kind: Any, due: Array, records: Array, t:
         n = first[len(due)]
         hits = Hits(distance[:n], normal[:n], body[:n], material[:n])
         for k in range(len(due)):
-            past[first[k] : first[k + 1]] = heads[due[k]].body
+            head = heads[due[k]]
+            past[first[k] : first[k + 1]] = head.body if head.sees_own == 0 else NOTHING
         if course.cast == 0:
             miss(hits)
         elif n > 0:

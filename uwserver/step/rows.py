@@ -202,7 +202,7 @@ FORMS: Forms = {
     "normal": columns(np.float64, 3),
     "body": columns(np.int64),
     "material": columns(np.int64),
-    "past": columns(np.int64),  # and of each the row of the body that carries its sensor
+    "past": columns(np.int64),  # and of each the row of the body that carries its sensor, -1 where that is seen too
     "state": columns(np.float64, STATE_SIZE),
     "nu_dot": columns(np.float64, 6),
     "tau": columns(np.float64, 6),

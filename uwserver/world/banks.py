@@ -12,6 +12,7 @@ from uwserver.environment.acoustics import channel
 from uwserver.modifiers import choosing, lines
 from uwserver.physics.kernel.random import draw_normals
 from uwserver.sensors import bank, truth
+from uwserver.sensors.acoustic.cross_talk import BankSonar
 from uwserver.sensors.bank import Bank, BankSensor
 
 
@@ -22,11 +23,29 @@ def _kinds(base: type[BankSensor]) -> Iterator[type[BankSensor]]:
             yield from _kinds(kind)
 
 
-def banks_of_all(casts_rays: bool) -> dict[int, Bank]:
-    """The banks of all kinds of sensors that cast rays, or that do not."""
+def banks_of_all(stage: str) -> dict[int, Bank]:
+    """The banks of all kinds of sensors of a stage: `sonars`, others that cast rays (`soundings`), or those that do not (`sensors`)."""
     assert truth  # whose kinds no table names
-    found = {id(kind.bank): kind.bank for kind in _kinds(BankSensor) if "bank" in vars(kind)}
-    return {key: bank for key, bank in found.items() if bool(bank.aims) == casts_rays}
+    kinds = [kind for kind in _kinds(BankSensor) if "bank" in vars(kind)]
+    return {id(kind.bank): kind.bank for kind in kinds if _stage_of(kind) == stage}
+
+
+def _stage_of(kind: type[BankSensor]) -> str:
+    if issubclass(kind, BankSonar):
+        return "sonars"
+    return "soundings" if kind.bank.aims else "sensors"
+
+
+def _loader_of(stage: str) -> Callable[[], None]:
+    def load_all() -> None:
+        for each in banks_of_all(stage).values():
+            bank.load(each)
+
+    return load_all
+
+
+def _kernels_of_banks(stage: str) -> Callable[[], Iterable[Any]]:
+    return lambda: [kernel for each in banks_of_all(stage).values() for kernel in bank.kernels(each)]
 
 
 def _sensors() -> Iterable[Any]:
@@ -35,8 +54,7 @@ def _sensors() -> Iterable[Any]:
     from uwserver.step.tick import step
 
     yield from (deliver, step, disturb_alone.made(), lines.write_lines.made(), choosing.choose_samples.made())
-    for each in banks_of_all(False).values():
-        yield from bank.kernels(each)
+    yield from _kernels_of_banks("sensors")()
 
 
 def _load_sensors() -> None:
@@ -49,13 +67,7 @@ def _load_sensors() -> None:
     choosing.load()
     chain.load()
     draw_normals(0, 1)
-    for each in banks_of_all(False).values():
-        bank.load(each)
-
-
-def _load_soundings() -> None:
-    for each in banks_of_all(True).values():
-        bank.load(each)
+    _loader_of("sensors")()
 
 
 def _load_pictures() -> None:
@@ -109,14 +121,16 @@ def _copies() -> Iterable[Any]:
 
 
 COMPILE: dict[str, Callable[[], None]] = {
-    "sensors": _load_sensors, "soundings": _load_soundings, "sound": channel.load_kernels, "pictures": _load_pictures,
+    "sensors": _load_sensors, "soundings": _loader_of("soundings"), "sonars": _loader_of("sonars"), "sound": channel.load_kernels,
+    "pictures": _load_pictures,
     "autopilots": load_autopilots, "cameras": _load_cameras, "copies": _load_copies,
 }  # fmt: skip
 """What compiles the kernels of a stage, and no others."""
 
 _KERNELS: dict[str, Callable[[], Iterable[Any]]] = {
     "sensors": _sensors,
-    "soundings": lambda: [kernel for each in banks_of_all(True).values() for kernel in bank.kernels(each)],
+    "soundings": _kernels_of_banks("soundings"),
+    "sonars": _kernels_of_banks("sonars"),
     "sound": channel.kernels,
     "pictures": _pictures,
     "autopilots": _autopilots,

@@ -15,7 +15,7 @@ from uwserver.world import banks
 
 STAGES = {
     "fins in contact": 12.0, "fins": 12.0, "solids": 18.0, "contact": 10.0, "free": 8.0, "echoes": 4.0, "sea": 4.0,
-    "sensors": 12.0, "soundings": 9.0, "sound": 5.0, "pictures": 8.0, "autopilots": 10.0,
+    "sensors": 12.0, "soundings": 9.0, "sonars": 12.0, "sound": 5.0, "pictures": 8.0, "autopilots": 10.0,
     "cameras": 25.0, "copies": 2.0,
 }  # fmt: skip
 """The parts of the kernels, each for what a world may have, with the processor time (s) that they take on a 2.5 GHz Xeon, alone."""

@@ -25,6 +25,7 @@ class _Chores(NamedTuple):
 
     Attributes:
         in_python: sensors, and what reads each.
+        loose: what takes those values that are no numbers of those that compiled code reads.
         written: what lets those of them read that need not see the world.
         texts: the same for those that compiled code writes otherwise.
         ready_made: what makes the errors of those whose errors are written in Python.
@@ -35,6 +36,7 @@ class _Chores(NamedTuple):
     """
 
     in_python: tuple[tuple[SensorSlot, Callable[[Scope], None]], ...]
+    loose: tuple[Callable[[], None], ...]
     written: tuple[Callable[[], None], ...]
     texts: tuple[Callable[[], None], ...]
     ready_made: tuple[Callable[[int], None], ...]
@@ -60,6 +62,8 @@ class ByHand:
             scope_of = self._instruments.scopes(t_ns, chores.needs_rates)
             for slot, read in chores.in_python:
                 read(scope_of(slot.row, slot.wiring))
+        for take in chores.loose:
+            take()
         for write in chores.written:
             write()
         for disturb in chores.ready_made:
@@ -100,6 +104,7 @@ class ByHand:
         ready_made = [slot for slot in others if any(stream.is_ready_made for stream in slot.streams)]
         return _Chores(
             tuple((slot, timed("sensors", kind_of(slot.sensor), slot.read, 1)) for slot in in_python),
+            tuple(slot.take_loose for slot in others if slot.is_wordy and isinstance(slot.sensor, BankSensor)),
             self._writers(slot for slot in others if slot.writes),
             self._writers(texts),
             tuple(timed("delivery", "errors in Python", slot.disturb) for slot in ready_made),

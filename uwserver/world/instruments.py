@@ -19,6 +19,7 @@ from uwserver.physics.rays.raycast import Geometry, OpenWater
 from uwserver.ports.thinning import Thinning
 from uwserver.ports.told import Log
 from uwserver.sensors import Scope, surroundings
+from uwserver.sensors.acoustic.voices import VOICE
 from uwserver.sensors.bank import HEAD, Bank, load
 from uwserver.sensors.sight import Sight
 from uwserver.sensors.surroundings import place_row, water_arrays
@@ -62,6 +63,7 @@ class Instruments:
 
     Attributes:
         heads, streams, operations, numbers: of all sensors (`sensors.bank`, `step.streams`, `modifiers.operations`).
+        voices: of all sonars (`sensors.acoustic.voices`).
         nu_dot, tau: (n, 6) of the bodies, where a sensor needs them: see `Hydrodynamics.rates_of_change`.
         next_ns: when the next sample on its way arrives.
         roused: sensors that have something to tell, whatever their rate (`Sensor.rouse`).
@@ -83,6 +85,7 @@ class Instruments:
         self.heads, self.streams, self.operations, self.numbers = (
             Pool(HEAD), Pool(STREAM), Pool(OPERATION), Pool(np.float64),
         )  # fmt: skip
+        self.voices = Pool(VOICE)
         self._banks: dict[int, Pool] = {}
         self.is_read = True
         self.roused: dict[Any, None] = {}  # slots, which stand above this module
@@ -123,6 +126,7 @@ class Instruments:
             "lambert": around.lambert,
             **water_arrays(self._water),
             "team": hydro.team,
+            "voices": self.voices.rows,
         }
         self._find_seen()
         self._make_room(0, int(self.streams.rows["width"].max(initial=0)))
@@ -139,13 +143,13 @@ class Instruments:
 
     def move(self, place: Callable[[Any], Any]) -> None:
         """Have all that a tick writes lie elsewhere, after the bodies' rows: `place` gives a copy of an array in other memory."""
-        for pool in (self.heads, *self._banks.values(), self.streams, self.operations, self.numbers):
+        for pool in (self.heads, *self._banks.values(), self.streams, self.operations, self.numbers, self.voices):
             pool.move(place)
         self._counts, self._pending, self._free = place(self._counts), place(self._pending), place(self._free)
         self._told_counts = self._counts.view(np.int64)
         self._values, self._told, self._told_values = place(self._values), place(self._told), place(self._told_values)
         self.nu_dot, self.tau, self._place = place(self.nu_dot), place(self.tau), place(self._place)
-        own = {"nu_dot": self.nu_dot, "tau": self.tau, "place": self._place}
+        own = {"nu_dot": self.nu_dot, "tau": self.tau, "place": self._place, "voices": self.voices.rows}
         self._seen |= own | {name: getattr(self._hydro, name) for name in ("state", "bodies", "thrusters")}
         self._find_seen()
         self._tabulate()

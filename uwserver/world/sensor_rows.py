@@ -12,6 +12,7 @@ from uwserver.modifiers.operations import Operation
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Value
 from uwserver.sensors import Sensor
+from uwserver.sensors.acoustic.cross_talk import Sonar
 from uwserver.sensors.bank import HEAD, BankSensor
 from uwserver.step.streams import HELD, STREAM
 from uwserver.world.components import SensorStream
@@ -49,7 +50,7 @@ class SensorRows:
 
     __slots__ = (
         "_bank", "_count", "_first", "_held_at", "_kept", "_kept_at", "_memory_at", "_number_at", "_operations", "_pools", "_remembering",
-        "_sensor", "_streams", "head", "instruments", "reading", "streams",
+        "_sensor", "_sonar", "_streams", "head", "instruments", "reading", "streams",
     )  # fmt: skip
 
     def __init__(
@@ -58,6 +59,7 @@ class SensorRows:
         """Take rows for a sensor on this body, with errors that remember nothing yet."""
         self.instruments, self._sensor, self._streams = instruments, sensor, streams
         self._bank = sensor if isinstance(sensor, BankSensor) else None
+        self._sonar = sensor if isinstance(sensor, Sonar) else None
         if self._bank is not None:
             self._bank.enter(instruments.heads, instruments.rows_of(self._bank.bank))
             self.head = self._bank.head
@@ -75,6 +77,7 @@ class SensorRows:
         head["body"], head["first"], head["width"], head["latency_ns"] = body, at, width, latency_ns
         head["stream_first"], head["stream_count"] = first, len(streams)
         head["exact_first"] = at + width if ideal else -1
+        head["voice"] = -1 if self._sonar is None else instruments.voices.take(1)
         self._enter_streams(at, at + width * (1 + ideal))
         self._know_bytes()
 
@@ -124,6 +127,10 @@ class SensorRows:
             instruments.operations.give_back(place, count)
         instruments.streams.give_back(self.streams.start, len(self.streams))
         instruments.numbers.give_back(self._first, self._count)
+        if self._sonar is not None:
+            voice = int(self.row["voice"])
+            instruments.voices.rows["works"][voice] = 0
+            instruments.voices.give_back(voice, 1)
         if self._bank is not None:
             self._bank.leave()
         else:
@@ -145,6 +152,14 @@ class SensorRows:
         """So long (s) is it from one reading to the next."""
         self.instruments.heads.rows["dt"][self.head] = dt
         self.instruments.streams.rows["dt"][self.streams.start : self.streams.stop] = dt
+
+    def speak(self, works: bool) -> None:
+        """Say how it sounds now, and whether at all, to sonars in compiled code."""
+        if self._sonar is not None:
+            row = self.row
+            voice = self.instruments.voices.rows[row["voice"]]
+            voice["body"], voice["works"] = row["body"], works
+            self._sonar.speak(voice)
 
     def set_fault(self, fault: str) -> None:
         """What is broken of it."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from copy import copy
 from dataclasses import replace
 from fractions import Fraction
@@ -12,7 +12,7 @@ import numpy as np
 from msgspec import structs
 
 from uwserver.modifiers import Measurement
-from uwserver.ports import Field, Port
+from uwserver.ports import Field, Json, Port
 from uwserver.ports.checks import check_values
 from uwserver.sensors import Scope, Sensor
 from uwserver.sensors.bank import BankSensor
@@ -39,7 +39,6 @@ class SensorSlot(Part):
         rate_hz: of the physics.
         divisor: it measures every so many ticks.
         latency_ns: of the device.
-        active: it measures at all.
         wiring: the inside of its vehicle.
         twin: the instrument without errors that ideal streams read, where the sensor is written in Python.
         is_wordy: some of its values are no numbers.
@@ -59,7 +58,7 @@ class SensorSlot(Part):
     ) -> None:
         self.sensor, self.streams, self.row, self.rate_hz, self.divisor = sensor, streams, row, rate_hz, divisor
         self.latency_ns, self.twin = latency_ns, twin
-        self.active = True
+        self._active = True
         self.wiring: Wiring | None = None
         self._fault: Fault = ""
         self._rows: SensorRows | None = None
@@ -94,6 +93,16 @@ class SensorSlot(Part):
     def wants_exact(self) -> bool:
         """Whether a stream is of what the device would read without errors."""
         return any(stream.ideal for stream in self.streams)
+
+    @property
+    def active(self) -> bool:
+        """Whether it measures at all."""
+        return self._active
+
+    @active.setter
+    def active(self, active: bool) -> None:
+        self._active = active
+        self._speak()
 
     # -- its place ------------------------------------------------------------------------------------------------------------------
 
@@ -149,6 +158,7 @@ class SensorSlot(Part):
                 modifier.stream.dt = dt
         if self._rows is not None:
             self._rows.set_time(dt)
+            self._speak()
 
     @property
     def fault(self) -> Fault:
@@ -162,6 +172,17 @@ class SensorSlot(Part):
         self._fault = fault
         if self._rows is not None:
             self._rows.set_fault(fault)
+            self._speak()
+
+    def change(self, args: Mapping[str, Json]) -> None:
+        """As `Sensor.change`."""
+        self.sensor.change(args)
+        self._speak()
+
+    def _speak(self) -> None:
+        """Have others hear it as it is now."""
+        if self._rows is not None:
+            self._rows.speak(self.works)
 
     # -- readings -------------------------------------------------------------------------------------------------------------------
 
@@ -209,6 +230,7 @@ class SensorSlot(Part):
         head["ready"] = reading is not None
         if reading is None:
             return
+        self._speak()
         head["valid"], head["delay_ns"], head["since_ns"] = reading.valid, reading.delay_ns, reading.since_ns
         if self.sensor.takes_time:  # until the next tick at least
             head["delay_ns"] = max(reading.delay_ns, reading.since_ns + 1)
@@ -222,6 +244,15 @@ class SensorSlot(Part):
             exact_loose = loose if exactly is reading else self._loose_of(exactly)
         for stream in self.streams:
             stream.fresh = exact_loose if stream.ideal else loose
+
+    def take_loose(self) -> None:
+        """Take from the sensor what is no number of a reading that compiled code has made."""
+        sensor = self.sensor
+        assert isinstance(sensor, BankSensor)
+        if not self._here.row["ready"]:
+            return
+        for stream in self.streams:
+            stream.fresh = sensor.loose(exactly=stream.ideal)
 
     def _loose_of(self, reading: Measurement) -> Loose:
         columns = self.streams[0].columns
@@ -367,6 +398,7 @@ class SensorSlot(Part):
         if sensor.wake is not None:
             sensor.rouse()
         self._here.load(state.number, state.memory, state.held, state.numbers)
+        self._speak()
         for stream, loose in zip(self.streams, state.loose or state.pictures, strict=False):
             stream.loose = loose
         for modifier, data in zip(self._in_python, state.modifiers, strict=True):

@@ -166,7 +166,7 @@ class _OfSensor:
     def change(self, args: Mapping[str, Json]) -> Json:
         given = {name: value for name, value in args.items() if value is not None}
         divisor = self._divisor_of(given.pop("rate_hz")) if "rate_hz" in given else self.slot.divisor
-        self.slot.sensor.change(given)
+        self.slot.change(given)
         if self.slot.divisor != divisor:
             self.slot.set_divisor(divisor)
             self.world.follow_slots(f'"{self.slot.path}" was changed')

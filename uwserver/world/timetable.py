@@ -85,7 +85,8 @@ def needs_of(slots: Iterable[SensorSlot]) -> int:
         in_bank, repeats = isinstance(slot.sensor, BankSensor), is_repeated(slot)
         needs |= NEEDS_EXACT * (in_bank and slot.wants_exact)
         needs |= NEEDS_REPEATING * repeats
-        needs |= NEEDS_PYTHON * (not (in_bank or repeats) or any(stream.is_ready_made for stream in slot.streams))
+        in_python = not (in_bank or repeats) or slot.is_wordy or any(stream.is_ready_made for stream in slot.streams)
+        needs |= NEEDS_PYTHON * in_python
         needs |= NEEDS_KEEPING * slot.is_wordy
     return needs
 

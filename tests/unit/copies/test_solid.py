@@ -38,7 +38,10 @@ def sounding():
     b.sensor(
         "rov", "currents", "adcp", rate_hz=4, profile="signature1000", cells=10, cell_size_m=0.5, heading_sigma_deg=1
     )
-    return b.sensor("rov", "scan", "scanning_sonar", rate_hz=10, profile="ping360").build()
+    # Two that hear each other.
+    for name in ("scan", "again"):
+        b.sensor("rov", name, "scanning_sonar", rate_hz=10, profile="ping360", cross_talk_db=-40)
+    return b.build()
 
 
 def wet():

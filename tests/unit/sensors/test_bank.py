@@ -20,6 +20,7 @@ from uwserver.sensors import (
     ImuConfig,
     Pose,
     RangeArrayConfig,
+    ScanningSonarConfig,
     Sensor,
     SoundSpeedConfig,
 )
@@ -88,6 +89,7 @@ def several(config, count=4):
         AdcpConfig(rate_hz=2, cells=12, axial_beam=True, pings=3, scale_sigma=0.01, heading_sigma_deg=1.0),
         ImuConfig(rate_hz=100, gyroscope=TriadErrors(noise_density=1e-3, turn_on=0.1)),
         RangeArrayConfig(rate_hz=5, beams=9, field_of_view_deg=90, max_range_m=60, sigma_m=0.1, loss_probability=0.2),
+        ScanningSonarConfig(rate_hz=5, range_m=40.0, bins=64, step_deg=9.0),
     ],
     ids=lambda config: config.__struct_config__.tag,
 )

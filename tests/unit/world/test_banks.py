@@ -19,7 +19,9 @@ def test_every_loop_of_a_sensor_belongs_to_a_stage() -> None:
         for name, value in vars(importlib.import_module(module.name)).items():
             if isinstance(value, Deferred) and (name == "run" or name.startswith(("run_", "aim", "refine"))):
                 loops.add(f"{module.name.rpartition('.')[2]}.{name}")
-    kernels = {name.partition("+")[0] for stage in ("sensors", "soundings") for name in banks.kernels_of(stage)}
+    kernels = {
+        name.partition("+")[0] for stage in ("sensors", "soundings", "sonars") for name in banks.kernels_of(stage)
+    }
     assert loops
     assert kernels == loops | {
         "delivery.deliver",

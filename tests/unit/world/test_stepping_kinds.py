@@ -187,6 +187,8 @@ ctd = { kind = "ctd", profile = "sbe49", rate_hz = 16 }
 shafts = { kind = "rpm", rate_hz = 20, members = ["t1", "t5"], sigma_radps = 0.5 }
 bumper = { kind = "contact", rate_hz = 240 }
 lasers = { kind = "range_array", rate_hz = 10, beams = 5, field_of_view_deg = 60, rpy_deg = [0.0, -90.0, 0.0] }
+scan = { kind = "scanning_sonar", profile = "ping360", rate_hz = 20, cross_talk_db = -40, streams = { ideal = { ideal = true } } }
+paper = { kind = "scanning_sonar", rate_hz = 4, model = "paper", bins = 4096, sees_own_vehicle = true }
 dvl = { kind = "dvl", profile = "a50", rate_hz = 8, streams = { ideal = { ideal = true } } }
 all = { kind = "compound", rate_hz = 120, members = ["ctd", "lasers", "imu"], streams = { same = { ideal = true } } }
 currents = { kind = "adcp", profile = "signature1000", rate_hz = 8, cells = 8, cell_size_m = 0.5, streams = { ideal = { ideal = true } } }
@@ -194,7 +196,7 @@ currents = { kind = "adcp", profile = "signature1000", rate_hz = 8, cells = 8, c
 
 
 def test_nothing_that_is_numbers_stops_the_step(tmp_path: Path) -> None:
-    """Waves, what rests, rays at a mesh, CTD, shafts, bumper, lasers, currents, and what repeats others; in one go all is as tick by tick."""
+    """Waves, what rests, rays at a mesh, CTD, shafts, bumper, lasers, currents, sonars, and what repeats others; in one go all is as tick by tick."""
     x = np.arange(-20.0, 21.0)
     np.save(tmp_path / "bottom.npy", 10.0 + 0.3 * np.maximum(0.0, np.add.outer(np.abs(x) - 6.0, np.zeros(41))))
     file = tmp_path / "everything.toml"
@@ -206,8 +208,22 @@ def test_nothing_that_is_numbers_stops_the_step(tmp_path: Path) -> None:
     assert one.call("world/state_hash") == other.call("world/state_hash")
     assert {reason for reason, count in other.stops.items() if count} == {"room"}
     newest = {sample.port: sample for sample in samples if sample.valid}
-    numbers = "ctd", "shafts", "bumper", "lasers", "dvl", "dvl/ideal", "all", "all/same", "currents", "currents/ideal"
+    numbers = (
+        "ctd",
+        "shafts",
+        "bumper",
+        "lasers",
+        "dvl",
+        "dvl/ideal",
+        "all",
+        "all/same",
+        "currents",
+        "currents/ideal",
+        "scan",
+        "scan/ideal",
+    )
     assert {f"rov/{name}" for name in numbers} <= newest.keys()
+    assert any(newest["rov/paper"].value[3])
     assert None not in newest["rov/lasers"].value[0], "five of them meet the bottom"
     assert other.hydro.touching.is_kept, "the crate rests"
 
@@ -228,3 +244,41 @@ def test_what_is_repeated_in_compiled_code_is_what_python_repeats(
     ages = {sample.value[0] for sample in told if sample.port == "rov/all"}
     assert len(ages) > 5
     assert all(0.0 <= age < 0.2 for age in ages)
+
+
+WAVES = """
+schema = 1
+seed = 4
+[world]
+rate_hz = 240
+[seabed]
+kind = "flat"
+depth_m = 9
+[vehicles.rov]
+model = "bluerov2_heavy"
+position_ned_m = [0.0, 0.0, 5.0]
+[vehicles.rov.sensors.scan]
+kind = "scanning_sonar"
+rate_hz = 10
+bins = 64
+output = "OUTPUT"
+cross_talk_db = -40
+streams = { ideal = { ideal = true }MORE }
+"""
+
+
+@pytest.mark.parametrize("more", ["", ', late = { modifiers = { lag = { kind = "delay", latency_s = 0.3 } } }'])
+def test_values_that_are_no_numbers_wait_for_their_samples(tmp_path: Path, more: str) -> None:
+    """Complex echoes of compiled code, and what they would be without errors: they have the amplitudes of those that are numbers."""
+    told = {}
+    for output in ("pressure", "complex"):
+        file = tmp_path / f"{output}.toml"
+        file.write_text(WAVES.replace("OUTPUT", output).replace("MORE", more), encoding="utf-8")
+        samples = build(load(file, adapters={})).step(480)
+        told[output] = [sample for sample in samples if sample.port.startswith("rov/scan")]
+    assert len(told["complex"]) > 20
+    for number, wave in zip(told["pressure"], told["complex"], strict=True):
+        assert (number.port, number.seq, number.t_ns, number.valid) == (wave.port, wave.seq, wave.t_ns, wave.valid)
+        found = wave.value[3].array()
+        assert np.hypot(found[:, 0], found[:, 1]) == pytest.approx(np.array(number.value[3]), rel=1e-6, abs=1e-30)
+        assert found[:, 1].any() != number.port.endswith("/ideal")

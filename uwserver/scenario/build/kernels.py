@@ -12,7 +12,7 @@ from uwserver.sensors import (
     CameraConfig,
     DvlConfig,
     LblConfig,
-    MultibeamConfig,
+    ProfilerConfig,
     RangeArrayConfig,
     ScanningSonarConfig,
     UsblConfig,
@@ -38,7 +38,10 @@ def kernels_of(resolved: Resolved, sea: bool) -> frozenset[str]:
         needs |= {"solids", "contact"} | ({"fins in contact"} if fins else set())
     if sea:
         needs.add("sea")
-    if any(isinstance(config, ScanningSonarConfig | MultibeamConfig | PingTable) for config in sensors):
+    sonars = ScanningSonarConfig | ProfilerConfig
+    if any(isinstance(config, sonars) for config in sensors):
+        needs.add("sonars")
+    if any(isinstance(config, PingTable) and not isinstance(config, sonars) for config in sensors):
         needs |= {"echoes", "pictures"}
     if any(isinstance(config, CameraConfig) for config in sensors):
         needs.add("cameras")

@@ -8,96 +8,82 @@ pulse are not heard, nor is a pulse of the same shape compressed.
 
 from __future__ import annotations
 
-import math
 from abc import abstractmethod
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from types import MappingProxyType
-from typing import NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
 from msgspec import UNSET, UnsetType
 
 from uwserver.frames import Vec3
-from uwserver.physics.kernel.arrays import FloatArray
+from uwserver.physics.kernel.arrays import Array, FloatArray, Records
+from uwserver.physics.kernel.deferred import compiled
 from uwserver.sensors.acoustic.imaging.echoes import Gates
+from uwserver.sensors.acoustic.voices import MOST, NO_BURSTS, VOICE, add_burst, find_bursts, hear
+from uwserver.sensors.bank import BankSensor, p_NB, q_NB, rotate, submergence, voices_of
 from uwserver.sensors.base import Scope, Sensor
 from uwserver.sensors.latest import Latest
 
-_NEAREST = 0.1
-"""m: what is nearer counts as if it were there, for transducers are no points."""
-_MOST = 100
-"""Pings of another sonar that are heard in one of the listener's."""
-_TICK = 1e-6
 
-
-class Voice(NamedTuple):
-    """How a sonar sounds.
-
-    Attributes:
-        p: of its transducer in B, m.
-        frequency, bandwidth: Hz.
-        level: of its source, dB re 1 uPa at 1 m.
-        length: of its pulse, s.
-        ready: time (s) from which it may ping next; 0 where it never did.
-        busy: s from a ping to the time from which the next one may follow.
-        dt: it pings at multiples of this, s.
-    """
-
-    p: Vec3
-    frequency: float
-    bandwidth: float
-    level: float
-    length: float
-    ready: float
-    busy: float
-    dt: float
-
-    def pings(self, since: float, now: float, until: float) -> Iterator[float]:
-        """Times (s) of its pings, by its pace now: the last one, if it was later than `since`, and those to come before `until`."""
-        began = self.ready - self.busy
-        if self.ready > 0.0 and began > since:
-            yield began
-        t = self._due(max(self.ready, now))
-        for _ in range(_MOST):
-            if t >= until:
-                return
-            yield t
-            t = self._due(max(t + self.busy, t + 0.5 * self.dt))
-
-    def _due(self, t: float) -> float:
-        return math.ceil((t - _TICK) / self.dt) * self.dt
-
-
-class Believing(Protocol):
-    """A table that may name what the device takes for the sound speed."""
+class SonarTable(Protocol):
+    """Keys of a sonar: see `pinging.PingTable`."""
 
     @property
     def ideal(self) -> bool:
-        """Whether it knows."""
+        """It has no errors of its own."""
 
     @property
     def assumed_sound_speed_mps(self) -> float | UnsetType:
-        """What it takes it for; default: the truth."""
+        """What it takes for the sound speed; default: the truth."""
+
+    @property
+    def frequency_hz(self) -> float:
+        """Of its sound."""
+
+    @property
+    def bandwidth_hz(self) -> float:
+        """Of its sound."""
+
+    @property
+    def source_level_db(self) -> float:
+        """dB re 1 uPa at 1 m."""
+
+    @property
+    def pulse_s(self) -> float:
+        """How long its pulse is."""
+
+    @property
+    def overhead_s(self) -> float:
+        """Between the end of a ping and the next one."""
 
 
-def believed_speed(table: Believing, c: float) -> float:
-    """What a device believes where the sound speed is c, m/s."""
+def assumed_speed(table: SonarTable) -> float:
+    """What a device takes for the sound speed, m/s; 0 where it is the truth."""
     assumed = table.assumed_sound_speed_mps
-    return c if isinstance(assumed, UnsetType) or table.ideal else assumed
+    return 0.0 if isinstance(assumed, UnsetType) or table.ideal else assumed
 
 
-class Burst(NamedTuple):
-    """Sound of another sonar in one ping.
+def believed_speed(table: SonarTable, c: float) -> float:
+    """What a device believes where the sound speed is c, m/s."""
+    return assumed_speed(table) or c
 
-    Attributes:
-        first, end: gates in which it is heard.
-        intensity: mean, within the listener's band, uPa^2.
+
+def describe(voice: Any, table: SonarTable, p: Vec3, reach: float, ready: float, dt: float) -> None:
+    """Write into a VOICE how a sonar sounds that has these keys.
+
+    Args:
+        voice: the record.
+        table: of the sonar.
+        p: of its transducer in B, m.
+        reach: its range, m.
+        ready: when it may ping next, s.
+        dt: between two times at which it may, s.
     """
-
-    first: int
-    end: int
-    intensity: float
+    voice["p"], voice["range"], voice["ready"], voice["dt"] = p, reach, ready, dt
+    voice["frequency"], voice["bandwidth"] = table.frequency_hz, table.bandwidth_hz
+    voice["level"], voice["length"], voice["overhead"] = table.source_level_db, table.pulse_s, table.overhead_s
+    voice["speed"] = assumed_speed(table)
 
 
 Nearby = Mapping[str, Latest]
@@ -119,70 +105,86 @@ class Sonar(Sensor):
         self._nearby = others
 
     @abstractmethod
-    def voice(self, c: float) -> Voice:
-        """How it sounds now, where the sound speed is c (m/s)."""
+    def speak(self, voice: Any) -> None:
+        """Write how it sounds now into a VOICE, but for the body that carries it and whether it works."""
 
-    def overhear(self, scope: Scope, gates: Gates, c: float, relative_db: float | UnsetType) -> tuple[Burst, ...]:
-        """What is heard of the others in a ping that begins now; see `bursts`."""
-        return () if relative_db is UNSET else bursts(scope, self, self._nearby, gates, c, relative_db)
+    def voices(self) -> Records:
+        """(n) of VOICE: its own, and those of the others that work."""
+        others = [other for other in self._nearby.values() if other.sensor is not self and other.works]
+        heard = [other.sensor for other in others if isinstance(other.sensor, Sonar)]
+        found: Records = np.zeros(1 + len(heard), VOICE)
+        found["works"] = 1
+        for voice, sonar in zip(found, (self, *heard), strict=True):
+            sonar.speak(voice)
+        return found
+
+    def overhear(self, scope: Scope, gates: Gates, c: float, relative_db: float | UnsetType) -> FloatArray:
+        """What is heard of the others in a ping that begins now.
+
+        Args:
+            scope: of its start.
+            gates: of the ping.
+            c: sound speed, m/s.
+            relative_db: level of another sonar's sound beside that of its axis; without it they are not heard.
+
+        Returns:
+            Bursts (n, 3) of `voices`.
+        """
+        if relative_db is UNSET:
+            return NO_BURSTS
+        voices = self.voices()
+        wet = np.array([scope.submergence(scope.position(tuple(p))) > 0.0 for p in voices["p"].tolist()])
+        found = np.empty((MOST * len(voices), 3))
+        divided = float(gates.per_metre), float(gates.window), gates.total
+        count = hear(voices, 0, wet, c, float(relative_db), scope.t, *divided, found)
+        return found[:count]
 
 
-def bursts(
-    scope: Scope, listener: Sonar, nearby: Nearby, gates: Gates, c: float, relative_db: float
-) -> tuple[Burst, ...]:
-    """What is heard of the others in a ping that begins now.
+class BankSonar(Sonar, BankSensor):
+    """A sonar whose readings compiled code makes; its record has `reach`, and the memory `ready`.
+
+    Attributes:
+        table: its keys.
+    """
+
+    table: SonarTable
+
+    def speak(self, voice: Any) -> None:
+        """As `Sonar.speak`."""
+        row, p = self.rows.rows[self.row], self.heads.rows["p"][self.head]
+        describe(voice, self.table, p, row["reach"], row["m"]["ready"], self.dt)
+
+
+@compiled
+def add_cross_talk(
+    head: Any, now: Array, t: float, c: float, relative: float, gates: Any, real: Array, imaginary: Array
+) -> None:  # fmt: skip
+    """Add what a sonar in compiled code hears of the others of its vehicle to what its only beam hears in a ping that begins now.
 
     Args:
-        scope: of its start.
-        listener: who pings.
-        nearby: sensors of the vehicle.
+        head: of the sonar.
+        now: what it sees.
+        t: s.
+        c, relative: as of `Sonar.overhear`.
         gates: of the ping.
-        c: sound speed, m/s.
-        relative_db: level of another sonar's sound beside that of its axis.
+        real, imaginary: (gates), uPa.
     """
-    me = listener.voice(c)
-    bandwidth = min(me.bandwidth, 0.5 * c * gates.per_metre / gates.window)  # of what the bins resolve
-    per_second = 0.5 * c * gates.per_metre
-    found = []
-    for other in nearby.values():
-        if other.sensor is listener or not other.works or not isinstance(other.sensor, Sonar):
-            continue
-        voice = other.sensor.voice(c)
-        share = _shared(me.frequency, bandwidth, voice.frequency, voice.bandwidth)
-        if share <= 0.0 or scope.submergence(scope.position(voice.p)) <= 0.0:
-            continue
-        away = max(math.dist(me.p, voice.p), _NEAREST)
-        intensity = share * 10.0 ** (0.1 * (voice.level + relative_db)) / away**2
-        late = away / c
-        for t in voice.pings(scope.t - late - voice.length, scope.t, scope.t + gates.total / per_second - late):
-            start = (t + late - scope.t) * per_second
-            first, end = max(math.floor(start), 0), min(math.ceil(start + voice.length * per_second), gates.total)
-            if first < end:
-                found.append(Burst(first, end, intensity))
-    return tuple(found)
+    voices, mine, count = voices_of(now), head.voice, 0
+    heard, p, q = np.zeros(len(voices), np.bool_), p_NB(head, now), q_NB(head, now)
+    for k in range(len(voices)):
+        voice = voices[k]
+        if k != mine and voice.works != 0 and voice.body == voices[mine].body:
+            x, y, z = rotate(q, (voice.p[0], voice.p[1], voice.p[2]))
+            heard[k] = submergence(now, (p[0] + x, p[1] + y, p[2] + z), t) > 0.0
+            count += heard[k]
+    bursts = np.empty((MOST * count, 3))
+    found = find_bursts(voices, mine, heard, c, relative, t, gates.per_metre, gates.window, gates.total, bursts)
+    for k in range(found):
+        add_burst(bursts[k], k, 0, head.key, head.number, gates.window, real, imaginary)
 
 
-def _shared(frequency: float, bandwidth: float, other: float, width: float) -> float:
-    """Part of the other's band that lies in the first one."""
-    low, high = (
-        max(frequency - 0.5 * bandwidth, other - 0.5 * width),
-        min(frequency + 0.5 * bandwidth, other + 0.5 * width),
-    )
-    return min(max(high - low, 0.0) / width, 1.0)
-
-
-def add_bursts(heard: tuple[Burst, ...], key: int, number: int, window: float, sound: npt.NDArray[np.floating]) -> None:
-    """Add them to what a ping brings, independent in each beam and gate.
-
-    Args:
-        heard: of `bursts`.
-        key, number: of the sensor's random numbers, and of the ping.
-        window: gates that the resolution of the pulse is long, whose sum has the intensity.
-        sound: (2, ..., gates) real and imaginary part, uPa, to which is added.
-    """
-    for k, burst in enumerate(heard):
-        counter = (0, 0, 0, k + 1)
-        rng = np.random.Generator(np.random.Philox(key=(key, number), counter=counter))
-        part = sound[..., burst.first : burst.end]
-        drawn: FloatArray = rng.standard_normal(part.shape)
-        part += (math.sqrt(0.5 * burst.intensity / window) * drawn).astype(sound.dtype)
+@compiled
+def tell_pace(head: Any, now: Array, ready: float) -> None:
+    """Say when a sonar in compiled code may ping next (s); its shadow says nothing."""
+    if head.shadow == 0:
+        voices_of(now)[head.voice].ready = ready

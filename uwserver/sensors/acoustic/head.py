@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal, Protocol
+from typing import Annotated, Literal
 
 import numpy as np
 from msgspec import Meta
 
-from uwserver.physics.kernel.arrays import FloatArray
+from uwserver.frames import Quat
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import compiled
 from uwserver.ports import Argument
+from uwserver.sensors.bank import rotate
 
 Step = Annotated[float, Meta(ge=1e-6, le=1)]
 SectorCenter = Annotated[float, Meta(ge=-1e6, le=1e6)]
@@ -20,47 +23,50 @@ Sense = Literal[-1, 1]
 """What is remembered: the number of the step, and whether the head turns back (-1) or on (1)."""
 
 
-class Sector(Protocol):
-    """Settings of a head, rad."""
-
-    @property
-    def step(self) -> float:
-        """From ping to ping."""
-
-    @property
-    def sector_center(self) -> float:
-        """Middle of the sector."""
-
-    @property
-    def sector_width(self) -> float:
-        """2 pi for continuous rotation, 0 for a head that stands still."""
+_WHOLE = 2.0 * math.pi
 
 
-class Head(Protocol):
-    """Where it is."""
+@compiled
+def step_on(step: float, center: float, width: float, index: int, sense: int) -> tuple[float, int, int]:
+    """A head moves on to its next ping.
 
-    index: Index
-    sense: Sense
+    Args:
+        step: from ping to ping, rad.
+        center: middle of the sector, rad.
+        width: of it, rad: 2 pi for continuous rotation, 0 for a head that stands still.
+        index, sense: as remembered.
 
-
-def step_on(sector: Sector, head: Head) -> float:
-    """Angle of this ping (rad); the head moves on to the next."""
-    whole = sector.sector_width > 2.0 * math.pi - 1e-9
-    count = max(1, round(sector.sector_width / sector.step) + (0 if whole else 1))
-    index = min(head.index, count - 1)
-    first = sector.sector_center - (0.0 if whole else 0.5 * (count - 1) * sector.step)
+    Returns:
+        Angle of this ping (rad, -pi to pi), and what is remembered for the next one.
+    """
+    whole = width > _WHOLE - 1e-9
+    count = max(1, int(np.rint(width / step)) + (0 if whole else 1))
+    at = min(index, count - 1)
+    first = center - (0.0 if whole else 0.5 * (count - 1) * step)
+    angle = float(np.fmod(first + at * step, _WHOLE))
+    if abs(angle) > math.pi:
+        angle -= math.copysign(_WHOLE, angle)
     if whole:
-        head.index = (index + 1) % count
-    else:
-        head.sense = -1 if index >= count - 1 else 1 if index <= 0 else head.sense
-        head.index = min(max(index + head.sense, 0), count - 1)
-    return math.remainder(first + index * sector.step, 2.0 * math.pi)
+        return angle, (at + 1) % count, sense
+    sense = -1 if at >= count - 1 else 1 if at <= 0 else sense
+    return angle, min(max(at + sense, 0), count - 1), sense
 
 
-def turned(angle: float) -> FloatArray:
-    """(3, 3) whose columns are the axes of a head at this angle, in the frame of the sensor."""
+@compiled
+def axes(q: Quat, angle: float, R: Array) -> None:
+    """Axes of a head at an angle (rad), in the frame to which q leads from that of the sensor: the columns of R (3, 3)."""
     c, s = math.cos(angle), math.sin(angle)
-    return np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
+    R[0, 0], R[1, 0], R[2, 0] = rotate(q, (c, s, 0.0))
+    R[0, 1], R[1, 1], R[2, 1] = rotate(q, (-s, c, 0.0))
+    R[0, 2], R[1, 2], R[2, 2] = rotate(q, (0.0, 0.0, 1.0))
+
+
+@compiled
+def turn(R: Array, ray: Array, out: Array) -> None:
+    """A vector in the frame of a head, as its axes R lead to it; both may be one."""
+    x, y, z = ray[0], ray[1], ray[2]
+    for j in range(3):
+        out[j] = R[j, 0] * x + R[j, 1] * y + R[j, 2] * z
 
 
 def head_arguments(least_width: float) -> tuple[Argument, ...]:

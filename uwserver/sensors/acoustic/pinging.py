@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from msgspec import UNSET, Meta, UnsetType
@@ -13,7 +13,7 @@ from uwserver.frames import Quat, Vec3, matrix, multiply
 from uwserver.modifiers.base import Measurement, Memory, Time
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Argument, Value
-from uwserver.sensors.acoustic.cross_talk import Sonar, Voice, believed_speed
+from uwserver.sensors.acoustic.cross_talk import Sonar, believed_speed, describe
 from uwserver.sensors.acoustic.echo import Absorption, load_kernels
 from uwserver.sensors.acoustic.imaging import speckle
 from uwserver.sensors.acoustic.imaging.kernels import load as load_pictures
@@ -231,13 +231,9 @@ class PingingSonar(Sonar):
         """Of its mode."""
         return self.heads[""]
 
-    def voice(self, c: float) -> Voice:
-        """As others hear it, where the sound speed is c (m/s)."""
-        table, _, pulse, _ = self.head
-        busy = 2.0 * self.settings.range / believed_speed(table, c) + table.overhead_s
-        return Voice(
-            self._mount.p, table.frequency_hz, pulse.bandwidth, pulse.level, pulse.length, self.memory.ready, busy, self.dt
-        )  # fmt: skip
+    def speak(self, voice: Any) -> None:
+        """As `Sonar.speak`, in its mode."""
+        describe(voice, self.head.table, self._mount.p, self.settings.range, self.memory.ready, self.dt)
 
     def begins(self, t: float) -> bool:
         """Whether the last ping is over."""

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import numpy as np
 from msgspec import Meta
 
+from uwserver.frames import IDENTITY
 from uwserver.modifiers.base import Measurement
 from uwserver.ports import Argument, Field, Value
 from uwserver.sensors.acoustic.head import (
@@ -16,9 +17,9 @@ from uwserver.sensors.acoustic.head import (
     SectorWidth,
     Sense,
     Step,
+    axes,
     head_arguments,
     step_on,
-    turned,
 )
 from uwserver.sensors.acoustic.imaging.pencil import Pencil
 from uwserver.sensors.acoustic.pinging import (
@@ -129,8 +130,10 @@ class Profiler(PingingSonar):
         """A ping; None while the last one is not over."""
         if not self.begins(scope.t):
             return None
-        angle = step_on(self.settings, self.memory)
-        sent = self.send(scope, turned(angle))
+        s, m, R = self.settings, self.memory, np.empty((3, 3))
+        angle, m.index, m.sense = step_on(s.step, s.sector_center, s.sector_width, m.index, m.sense)
+        axes(IDENTITY, angle, R)
+        sent = self.send(scope, R)
         values = [*sent.values, angle]
         if sent.instant is None:
             return Measurement([*values, None, None, 0.0], False, delay_ns=sent.delay_ns)

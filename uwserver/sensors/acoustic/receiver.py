@@ -14,11 +14,11 @@ import numpy as np
 from uwserver.frames import Vec3
 from uwserver.physics.kernel.arrays import Array, FloatArray, IntArray
 from uwserver.physics.rays.raycast import NOTHING, SURFACE, Geometry, Hits
-from uwserver.sensors.acoustic.cross_talk import Burst, add_bursts
 from uwserver.sensors.acoustic.echo import MU_SURFACE, cast_from, kernels
 from uwserver.sensors.acoustic.imaging import columns, echoes, speckle
 from uwserver.sensors.acoustic.imaging.echoes import Gates
 from uwserver.sensors.acoustic.imaging.swath import Plane, Swath, reflected, unfolded
+from uwserver.sensors.acoustic.voices import NO_BURSTS, add_bursts
 
 _BEYOND = 1.3
 """Rays look so much farther than the last gate: what they hit behind it may reach into it."""
@@ -202,14 +202,14 @@ class Noise(NamedTuple):
         key: of the sensor.
         number: drawn for the ping.
         faded, share: of `speckle.fading`.
-        bursts: sound of other sonars.
+        bursts: (n, 3) sound of other sonars, of `voices`.
     """
 
     key: int
     number: int
     faded: Array
     share: FloatArray
-    bursts: tuple[Burst, ...] = ()
+    bursts: FloatArray = NO_BURSTS
 
 
 def hear(swath: Swath, energy: FloatArray, ranges: Ranges, noise: Noise | None) -> Plane:
@@ -241,7 +241,7 @@ def hear(swath: Swath, energy: FloatArray, ranges: Ranges, noise: Noise | None) 
         columns.form_beams(swath.pattern, waves[plane], sound[plane])
     inside = ranges.noise / swath.directivity
     columns.add_noise(np.uint64(noise.key), np.uint64(noise.number), inside, speckle.PHASORS, sound)
-    add_bursts(noise.bursts, noise.key, noise.number, ranges.gates.window, sound)
+    add_bursts(noise.bursts, np.uint64(noise.key), np.uint64(noise.number), ranges.gates.window, sound)
     if ranges.gates.window > 1.0:
         columns.lengthen(sound, core, math.sqrt(rest), work)
     return sound

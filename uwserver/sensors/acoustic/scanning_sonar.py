@@ -3,41 +3,47 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
-from uwserver.frames import Vec3, matrix
-from uwserver.modifiers.base import Measurement, Memory, Time
-from uwserver.physics.kernel.arrays import FloatArray
+from uwserver.modifiers.base import Memory, Time
+from uwserver.modifiers.columns import NO_INT
+from uwserver.modifiers.operations import rounded_ns
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.physics.rays.raycast import no_hits
 from uwserver.ports import Argument, Buffer, Field, Value
 from uwserver.ports.buffer import Layout
-from uwserver.sensors.acoustic.cross_talk import Sonar, Voice, add_bursts, believed_speed
-from uwserver.sensors.acoustic.echo import MU_SURFACE, Absorption, cast, kernels, load_kernels
+from uwserver.sensors.acoustic.cross_talk import BankSonar, assumed_speed, tell_pace
 from uwserver.sensors.acoustic.head import (
     Index,
     SectorCenter,
     SectorWidth,
     Sense,
     Step,
+    axes,
     head_arguments,
     step_on,
-    turned,
+    turn,
 )
-from uwserver.sensors.acoustic.imaging import echoes, speckle
-from uwserver.sensors.acoustic.imaging.fan import Fan, directivity, dot_products
-from uwserver.sensors.acoustic.imaging.kernels import load as load_pictures
-from uwserver.sensors.acoustic.imaging.silhouettes import Silhouettes
-from uwserver.sensors.base import Distance, Gain, Pose, Scope, SensorTable, Settings, blank
+from uwserver.sensors.acoustic.imaging.blocks import Block
+from uwserver.sensors.acoustic.imaging.fan import CELL, Fan, directivity
+from uwserver.sensors.acoustic.imaging.fan_rays import cast_fan, keep, part_of, see
+from uwserver.sensors.acoustic.imaging.silhouettes import CUT, room_for, sharpen
+from uwserver.sensors.acoustic.scan import COUNTS, FULL_SCALE, block_of, farthest, hear, sound_speed
+from uwserver.sensors.bank import MISSING, Bank, begins, p_NS, q_NS, reading_of, record, submergence
+from uwserver.sensors.base import Distance, Gain, Pose, SensorTable, Settings
 from uwserver.table import NonNegative, Positive
-from uwserver.units import NANOSECONDS, rad
+from uwserver.units import rad
 
 _FLANKS = 2.0
 """The rays fill so many beam widths: at their edge the two-way pattern is 36 dB down."""
-_BEYOND = 1.3
-"""Rays look so much farther than the last bin: what they hit behind it may reach into it."""
-_FULL_SCALE = 255.0
+_OUTPUTS = ("counts", "pressure", "complex")
+"""By their numbers in `scan`."""
+ANGLE, RANGE, GAIN, BINS = range(4)
+"""Where in a reading each field begins."""
 
 
 class ScanningSonarConfig(SensorTable, tag="scanning_sonar", kw_only=True, frozen=True):
@@ -135,141 +141,186 @@ class SonarMemory(Memory):
     sense: Sense = 1
 
 
-class ScanningSonar(Sonar):
+_RECORD = record(
+    [
+        ("block", "i8"), ("columns", "i8"), ("rows", "i8"), ("bins", "i8"), ("paper", "i8"), ("output", "i8"), ("reach", "f8"), ("gain", "f8"),
+        ("step", "f8"), ("center", "f8"), ("width", "f8"), ("frequency", "f8"), ("bandwidth", "f8"), ("speed", "f8"), ("overhead", "f8"),
+        ("noise", "f8"), ("hears", "i8"), ("relative", "f8"), ("spreading", "f8"), ("most_gain", "f8"), ("floor", "f8"), ("steps", "f8"),
+        ("fade_length", "f8"), ("fade_angle", "f8"),
+        # Of this ping: where the head points, and whether it is under water.
+        ("angle", "f8"), ("wet", "i8"),
+    ],
+    [("ready", "f8"), ("index", "i8"), ("sense", "i8")],
+)  # fmt: skip
+
+
+@entry
+def aim(
+    heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
+) -> float:  # fmt: skip
+    """The fans; none while the last ping is not over, or in the air."""
+    count, reach, R = 0, 0.0, np.empty((3, 3))
+    for n, k in enumerate(due):
+        head = heads[k]
+        first[n] = count
+        if not begins(head):
+            continue
+        row = rows[head.row]
+        if t < row.m.ready - 1e-6:
+            head.ready = 0
+            continue
+        row.angle, row.m.index, row.m.sense = step_on(row.step, row.center, row.width, row.m.index, row.m.sense)
+        p, row.wet = p_NS(head, now), 0
+        if submergence(now, p, t) > 0.0:
+            row.wet, begin, block = 1, count, block_of(row)
+            axes(q_NS(head, now), row.angle, R)
+            count = cast_fan(block.direction, R, p, count, origin, direction)
+            block.towards[:] = direction[begin:count]
+            c, believed = sound_speed(head, row, now, p[2])
+            reach = max(reach, farthest(row, believed / c))
+    first[len(due)] = count
+    return reach
+
+
+@entry
+def refine(
+    heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
+) -> float:  # fmt: skip
+    """More rays where those of a fan have met something thin. What these have met is kept in the block of each."""
+    count, begin, reach, R = 0, first[0], 0.0, np.empty((3, 3))
+    for n, k in enumerate(due):
+        end, head = first[n + 1], heads[k]
+        first[n] = count
+        if end > begin:
+            row, p = rows[head.row], p_NS(head, now)
+            block, mine, (c, believed) = block_of(row), part_of(hits, begin, end), sound_speed(head, row, now, p[2])
+            limit = farthest(row, believed / c)
+            see(submergence(now, p, t), block.towards, limit, mine)
+            met = keep(mine, block)
+            if row.paper == 0:
+                axes(q_NS(head, now), row.angle, R)
+                # Directions that lie there are those of other fans, which their blocks keep.
+                new = direction[count:]
+                made = sharpen(row.columns, row.rows, block, block.towards, met, block.cuts, new, block.finer)
+                for i in range(made):
+                    turn(R, new[i], new[i])
+                    origin[count + i, 0], origin[count + i, 1], origin[count + i, 2] = p
+                count += made
+                reach = max(reach, limit)
+        begin = end
+    first[len(due)] = count
+    return reach
+
+
+@compiled
+def _hear_nothing(row: Any, sound: Array, bins: Array) -> None:
+    """Of a ping in the air."""
+    sound[:] = MISSING
+    if row.output == COUNTS:
+        bins.view(np.int64)[:] = NO_INT
+    else:
+        bins[:] = MISSING
+
+
+@entry
+def run(
+    heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, direction: Array, first: Array, hits: Any
+) -> None:  # fmt: skip
+    """Readings of those that are due, from what their rays hit."""
+    for n, k in enumerate(due):
+        head = heads[k]
+        if head.ready == 0:
+            continue
+        row, out = rows[head.row], reading_of(head, numbers)
+        out[ANGLE], out[RANGE], out[GAIN] = row.angle, row.reach, row.gain
+        begin, end, place = first[n], first[n + 1], head.shadow * row.bins
+        sound, bins, head.valid = block_of(row).sound[place : place + row.bins], out[BINS:], row.wet
+        if row.wet != 0:
+            hear(head, row, now, t, direction[begin:end], part_of(hits, begin, end), sound, bins)
+        else:
+            _hear_nothing(row, sound, bins)
+        _, believed = sound_speed(head, row, now, p_NS(head, now)[2])
+        duration = 2.0 * row.reach / believed
+        row.m.ready = t + duration + row.overhead
+        tell_pace(head, now, row.m.ready)
+        head.delay_ns = rounded_ns(duration)
+
+
+class ScanningSonar(BankSonar):
     """One row of a sonar picture a ping."""
 
     doc = "Scanning sonar: the echoes of one ping over range, and where the head pointed; each ping from the pose at its start."
-    paces = True
+    bank = Bank(_RECORD, run, (aim, refine))
+    random = ("noise",)
+    memory_type = SonarMemory
     settings: SonarSettings
-    memory: SonarMemory
 
     def __init__(self, mount: Pose, config: ScanningSonarConfig) -> None:
-        self._mount, self._config = mount, config
-        width, height = rad(config.beam_width_horizontal_deg), rad(config.beam_width_vertical_deg)
-        cover = 1.0 if config.model == "paper" else _FLANKS
-        level = 10.0 ** (0.1 * config.source_level_db) * max(1.0, config.bandwidth_hz * config.pulse_s)
-        columns, rows, staggered = config.rays_horizontal, config.rays_vertical, config.model != "paper"
-        self._fan = Fan(width, height, columns, rows, cover, level, staggered)
-        self._silhouettes = Silhouettes(self._fan)
-        self._noise = 10.0 ** (0.1 * config.noise_level_db) * config.bandwidth_hz / directivity(width, height)
-        self._absorption = Absorption(config.frequency_hz)
-        aperture = 0.886 * 1500.0 / (config.frequency_hz * width)
-        self._fade_length, self._fade_angle = 0.5 * aperture, 0.8 * width
-        bins = Field("bins", "1", "echo level of each bin, 0 to 255", shape=(config.bins,), type="int")
-        if config.output == "pressure":
-            bins = Field("bins", "Pa", "amplitude of the echo in each bin", shape=(config.bins,))
-        elif config.output == "complex":
-            layout = Layout("float32", (config.bins, 2))
-            bins = Field("bins", "Pa", "real and imaginary part of the echo in each bin", type="buffer", buffer=layout)
-        self.fields = (
-            Field("head_angle", "rad", "where the beam points, from x towards y of the sensor"),
-            Field("range", "m", "distance at the end of the last bin"),
-            Field("gain", "dB", "gain of this ping"),
-            bins,
+        self._config = self.table = config
+        self._width, self._height = rad(config.beam_width_horizontal_deg), rad(config.beam_width_vertical_deg)
+        self._noise = (
+            10.0 ** (0.1 * config.noise_level_db) * config.bandwidth_hz / directivity(self._width, self._height)
         )
-        self.arguments = _arguments(config)
+        self._block, n = self._lay_out(), config.rays_horizontal * config.rays_vertical
+        self.rays = n if config.model == "paper" else max(n, room_for(n))
+        self.exact, self.sees_own = config.ideal, config.sees_own_vehicle
+        self.fields, self.arguments = _fields(config), _arguments(config)
         step, middle = rad(config.step_deg), rad(config.sector_center_deg)
         sector = 2.0 * math.pi if config.sector_width_deg is UNSET else rad(config.sector_width_deg)
-        super().__init__(SonarSettings(config.range_m, config.gain_db, step, middle, sector))
+        super().__init__(mount, SonarSettings(config.range_m, config.gain_db, step, middle, sector))
 
-    def load_kernels(self) -> None:
-        load_kernels()
-        load_pictures()
+    def _lay_out(self) -> Block:
+        """What its rays need."""
+        config, is_paper = self._config, self._config.model == "paper"
+        level = 10.0 ** (0.1 * config.source_level_db) * max(1.0, config.bandwidth_hz * config.pulse_s)
+        columns, rows, cover = config.rays_horizontal, config.rays_vertical, 1.0 if is_paper else _FLANKS
+        fan, n = Fan(self._width, self._height, columns, rows, cover, level, not is_paper), columns * rows
+        return Block(
+            cells=fan.cells, direction=fan.direction, towards=np.empty((n, 3)), **no_hits(n)._asdict(), place=fan.place, area=fan.area,
+            across_power=fan.across_power, along_power=fan.along_power, cuts=np.zeros(n, CUT), finer=np.zeros(room_for(n), CELL),
+            sound=np.empty((2 * config.bins, 2)),
+        )  # fmt: skip
 
-    def turn_on(self) -> SonarMemory:
+    def fill(self, row: Any) -> None:
+        c, s = self._config, self.settings
+        aperture = 0.886 * 1500.0 / (c.frequency_hz * self._width)
+        row["block"], row["bins"], row["output"] = self._block.address, c.bins, _OUTPUTS.index(c.output)
+        row["columns"], row["rows"], row["paper"] = c.rays_horizontal, c.rays_vertical, c.model == "paper"
+        row["reach"], row["gain"], row["step"] = s.range, s.gain, s.step
+        row["center"], row["width"] = s.sector_center, s.sector_width
+        row["frequency"], row["bandwidth"], row["overhead"] = c.frequency_hz, c.bandwidth_hz, c.overhead_s
+        row["speed"], row["noise"] = assumed_speed(c), math.sqrt(self._noise)
+        row["hears"] = c.cross_talk_db is not UNSET
+        row["relative"] = 0.0 if c.cross_talk_db is UNSET else c.cross_talk_db
+        row["spreading"], row["most_gain"] = c.tvg_spreading, c.tvg_limit_db
+        row["floor"], row["steps"] = c.floor_db, FULL_SCALE / c.dynamic_range_db
+        row["fade_length"], row["fade_angle"] = 0.5 * aperture, 0.8 * self._width
+
+    def turn_on_row(self, memory: Any) -> None:
         """Ready at once, at the first step."""
-        return SonarMemory()
+        memory["sense"] = 1
 
-    def voice(self, c: float) -> Voice:
-        """As others hear it, where the sound speed is c (m/s)."""
-        config = self._config
-        busy = 2.0 * self.settings.range / believed_speed(self._config, c) + config.overhead_s
-        level, ready = config.source_level_db, self.memory.ready
-        return Voice(
-            self._mount.p, config.frequency_hz, config.bandwidth_hz, level, config.pulse_s, ready, busy, self.dt
-        )  # fmt: skip
+    def loose(self, *, exactly: bool) -> tuple[Value, ...]:
+        """The bins of complex echoes."""
+        if self._config.output != "complex":
+            return ()
+        sound = self._block.arrays["sound"].reshape(2, self._config.bins, 2)[int(exactly)]
+        return (None if np.isnan(sound[0, 0]) else Buffer.of((1e-6 * sound).astype(np.float32)),)
 
-    def sense(self, scope: Scope) -> Measurement | None:
-        """A ping; None while the last one is not over."""
-        now, reach = scope.t, self.settings.range
-        if now < self.memory.ready - 1e-6:
-            return None
-        p_NS = scope.position(self._mount.p)
-        c = scope.water.sound_speed(p_NS[2])
-        believed = believed_speed(self._config, c)
-        angle = step_on(self.settings, self.memory)
-        reading = Measurement([angle, reach, self.settings.gain, blank(self.fields)[3]], False)
-        if scope.submergence(p_NS) > 0.0:
-            reading.valid = True
-            seen = scope if self._config.sees_own_vehicle else scope.without_own_body()
-            reading.values[3] = self._picture(seen, p_NS, angle, believed / c)
-        duration = 2.0 * reach / believed
-        self.memory.ready = now + duration + self._config.overhead_s
-        reading.delay_ns = round(duration * NANOSECONDS)
-        return reading
 
-    def _picture(self, scope: Scope, p_NS: Vec3, angle: float, stretch: float) -> Value:
-        """The bins of a ping."""
-        config, reach = self._config, self.settings.range
-        R = np.array(matrix(scope.attitude(self._mount.q))) @ turned(angle)
-        direction, farthest = self._fan.direction @ R.T, _BEYOND * reach / min(stretch, 1.0)
-        hits = cast(scope, p_NS, direction, farthest)
-        if config.model == "paper":
-            picture = dot_products(self._fan, hits, R, reach, config.bins)
-            shown = picture if config.output == "pressure" else np.rint(_FULL_SCALE * picture).astype(int)
-            return tuple(shown.tolist())
-        c, alpha = scope.water.sound_speed(p_NS[2]), self._absorption.at(scope, p_NS[2])
-        gates = echoes.gates(reach, config.bins, c / (2.0 * config.bandwidth_hz), stretch)
-        ground = kernels()[0].Ground(scope.lambert, MU_SURFACE)
-        second = np.zeros(gates.total + 3)
-        finer = self._silhouettes.refine(hits, direction)
-        echoes.deposit(self._fan.cells, direction, R, *hits, ground, gates.per_metre, second)
-        if finer is not None:
-            direction = finer.direction @ R.T
-            hits = cast(scope, p_NS, direction, farthest)
-            echoes.deposit(finer.cells, direction, R, *hits, ground, gates.per_metre, second)
-        energy = np.empty(gates.total)
-        echoes.energies(second, gates.per_metre, alpha, energy)
-        sound = self._receive(scope, energy, gates, p_NS, R[:, 0])
-        if config.output == "complex":
-            return Buffer.of((1e-6 * sound).astype(np.float32))
-        intensity = sound[:, 0] * sound[:, 0] + sound[:, 1] * sound[:, 1]
-        if config.output == "pressure":
-            return tuple((1e-6 * np.sqrt(intensity)).tolist())
-        counts = np.empty(config.bins, np.int64)
-        speckle.compress(
-            intensity, reach / config.bins, config.tvg_spreading, alpha, config.tvg_limit_db,
-            self.settings.gain - config.floor_db, _FULL_SCALE / config.dynamic_range_db, _FULL_SCALE, counts,
-        )  # fmt: skip
-        return tuple(counts.tolist())
-
-    def _receive(
-        self, scope: Scope, energy: FloatArray, gates: echoes.Gates, p_NS: Vec3, axis: FloatArray
-    ) -> FloatArray:
-        """(bins, 2) real and imaginary part, uPa: the peak of what the pulse leaves of the echoes (gates) in each bin; the mean has the phase 0.
-
-        Args:
-            scope: of the ping.
-            energy: mean intensity of the echoes of each gate.
-            gates: of this ping.
-            p_NS: of the transducer.
-            axis: (3) of the beam, in N.
-        """
-        out: FloatArray = np.zeros((self._config.bins, 2))
-        if self._config.ideal:
-            mean = np.empty(self._config.bins)
-            speckle.detect_mean(energy, gates.window, gates.per_bin, mean)
-            out[:, 0] = np.sqrt(mean)
-            return out
-        field = np.empty((gates.total, 2))
-        number = int(self.rng.integers(1 << 63))
-        faded, share = speckle.fading(p_NS, axis, self._fade_length, self._fade_angle)
-        key = np.uint64(self.draws.key)
-        speckle.scatter(energy, key, number, self._noise / gates.window, faded, share, speckle.PHASORS, field)
-        heard = self.overhear(scope, gates, scope.water.sound_speed(p_NS[2]), self._config.cross_talk_db)
-        add_bursts(heard, self.draws.key, number, gates.window, field.T)
-        speckle.detect(field, gates.window, gates.per_bin, out)
-        return out
+def _fields(config: ScanningSonarConfig) -> tuple[Field, ...]:
+    bins = Field("bins", "1", "echo level of each bin, 0 to 255", shape=(config.bins,), type="int")
+    if config.output == "pressure":
+        bins = Field("bins", "Pa", "amplitude of the echo in each bin", shape=(config.bins,))
+    elif config.output == "complex":
+        layout = Layout("float32", (config.bins, 2))
+        bins = Field("bins", "Pa", "real and imaginary part of the echo in each bin", type="buffer", buffer=layout)
+    return (
+        Field("head_angle", "rad", "where the beam points, from x towards y of the sensor"),
+        Field("range", "m", "distance at the end of the last bin"),
+        Field("gain", "dB", "gain of this ping"),
+        bins,
+    )
 
 
 def _arguments(config: ScanningSonarConfig) -> tuple[Argument, ...]:

@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
-from uwserver.sensors.acoustic.cross_talk import add_bursts
 from uwserver.sensors.acoustic.imaging import columns, soundings, speckle
 from uwserver.sensors.acoustic.imaging.swath import Plane
 from uwserver.sensors.acoustic.receiver import Noise, Ranges
+from uwserver.sensors.acoustic.voices import END, FIRST, add_bursts
 
 _OTHER = 1 << 63
 """Beside the numbers that are drawn for pings."""
@@ -102,9 +102,8 @@ def listen_apart(
         for plane, wave in enumerate(waves):
             soundings.form_bands(pattern, array.bands, wave, around, start, heard[plane])
         # The noise of the halves is independent, and so is that of their sum and of their difference.
-        bursts = tuple(
-            burst._replace(first=max(burst.first - start, 0), end=max(burst.end - start, 0)) for burst in noise.bursts
-        )
+        bursts = noise.bursts.copy()
+        bursts[:, [FIRST, END]] = np.maximum(bursts[:, [FIRST, END]] - start, 0.0)
         _received(heard, ranges, noise._replace(number=noise.number | _OTHER, bursts=bursts), directivity)
         return heard, start
 
@@ -132,7 +131,7 @@ def _received(sound: Plane, ranges: Ranges, noise: Noise | None, directivity: fl
     if noise is not None:
         inside = ranges.noise / directivity
         columns.add_noise(np.uint64(noise.key), np.uint64(noise.number), inside, speckle.PHASORS, sound)
-        add_bursts(noise.bursts, noise.key, noise.number, window, sound)
+        add_bursts(noise.bursts, np.uint64(noise.key), np.uint64(noise.number), window, sound)
     if window > 1.0:
         rest = 0.5 * (window - int(window))
         work = np.empty(sound.shape[2], np.float32)

@@ -29,6 +29,7 @@ ALL = ("sensors", "autopilots")
                 "echoes",
                 "pictures",
                 "soundings",
+                "sonars",
                 "sound",
                 "cameras",
                 *ALL,

@@ -20,7 +20,7 @@ from uwserver.sensors import (
     ScanningSonarConfig,
     SideScanConfig,
 )
-from uwserver.sensors.acoustic.cross_talk import Burst, Voice, add_bursts
+from uwserver.sensors.acoustic.voices import INTENSITY, MOST, add_bursts, pings
 from uwserver.testing import FakeGeometry
 
 DEEP, RELATIVE = 1000.0, -40.0
@@ -133,7 +133,7 @@ def test_half_a_band_is_half_the_power_and_twice_as_far_a_quarter(open_water: An
     for other, mount in ((450e3, PLACE), (450e3 + 3e4, PLACE), (450e3, Pose((2.0, 0.0, 0.0)))):
         listener, _ = aboard(wide, structs.replace(LOUD, frequency_hz=other), mount=mount)
         (burst,) = listener.overhear(instant, gates, 1500.0, RELATIVE)
-        levels.append(burst.intensity)
+        levels.append(burst[INTENSITY])
     assert levels[0] == pytest.approx(10.0**16.5)
     assert levels[1] == pytest.approx(0.5 * levels[0])
     assert levels[2] == pytest.approx(0.25 * levels[0])
@@ -222,21 +222,25 @@ def test_in_a_world_they_hear_each_other_whoever_reads_first_and_fall_silent_wit
 
 
 def test_bursts_add_their_power_where_they_are_and_are_drawn_once() -> None:
-    sound = np.zeros((2, 300, 40), np.float32)
-    add_bursts((Burst(10, 20, 8.0),), 1, 2, 2.0, sound)
+    sound, bursts = np.zeros((2, 300, 40), np.float32), np.array([[10.0, 20.0, 8.0]])
+    key, number, later = np.array((1, 2, 3), np.uint64)
+    add_bursts(bursts, key, number, 2.0, sound)
     assert not sound[:, :, :10].any()
     assert not sound[:, :, 20:].any()
     assert np.mean(np.sum(sound[:, :, 10:20].astype(float) ** 2, axis=0)) == pytest.approx(4.0, rel=0.05)
     again, other = np.zeros_like(sound), np.zeros_like(sound)
-    add_bursts((Burst(10, 20, 8.0),), 1, 2, 2.0, again)
-    add_bursts((Burst(10, 20, 8.0),), 1, 3, 2.0, other)
+    add_bursts(bursts, key, number, 2.0, again)
+    add_bursts(bursts, key, later, 2.0, other)
     assert np.array_equal(sound, again)
     assert not np.array_equal(sound, other)
 
 
 def test_pings_follow_the_pace_and_are_never_endless() -> None:
-    voice = Voice((0.0, 0.0, 0.0), 1.0, 1.0, 0.0, 0.0, 0.0, 0.25, 0.1)
-    assert list(voice.pings(4.9, 5.0, 6.0)) == pytest.approx([5.0, 5.3, 5.6, 5.9])
-    assert list(voice._replace(ready=5.15).pings(4.8, 5.0, 5.5)) == pytest.approx([4.9, 5.2])
-    assert list(voice._replace(ready=5.15).pings(4.95, 5.0, 5.5)) == pytest.approx([5.2])
-    assert len(list(voice._replace(busy=0.0, dt=1e-6).pings(0.0, 0.0, 1e9))) == 100
+    def told(since: float, until: float, ready: float = 0.0, busy: float = 0.25, dt: float = 0.1) -> list[float]:
+        times = np.empty(MOST)
+        return times[: pings(ready, busy, dt, since, 5.0, until, times)].tolist()
+
+    assert told(4.9, 6.0) == pytest.approx([5.0, 5.3, 5.6, 5.9])
+    assert told(4.8, 5.5, ready=5.15) == pytest.approx([4.9, 5.2])
+    assert told(4.95, 5.5, ready=5.15) == pytest.approx([5.2])
+    assert len(told(0.0, 1e9, busy=0.0, dt=1e-6)) == 100

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from uwserver.sensors.acoustic.head import head_arguments, step_on, turned
+from uwserver.frames import IDENTITY, quat_from_rpy
+from uwserver.sensors.acoustic.head import axes, head_arguments, step_on, turn
 
 
 def steps(count: int, **sector: float) -> list[float]:
-    head = SimpleNamespace(index=0, sense=1)
-    asked = SimpleNamespace(**{"step": 0.1, "sector_center": 0.0, "sector_width": 0.4, **sector})
-    return [step_on(asked, head) for _ in range(count)]
+    asked = {"step": 0.1, "sector_center": 0.0, "sector_width": 0.4, **sector}.values()
+    index, sense, angles = 0, 1, []
+    for _ in range(count):
+        angle, index, sense = step_on(*asked, index, sense)
+        angles.append(angle)
+    return angles
 
 
 def test_to_and_fro_on_and_on_or_not_at_all() -> None:
@@ -25,13 +28,25 @@ def test_to_and_fro_on_and_on_or_not_at_all() -> None:
 
 
 def test_a_narrower_sector_takes_the_head_in() -> None:
-    head = SimpleNamespace(index=500, sense=1)
-    asked = SimpleNamespace(step=0.1, sector_center=0.0, sector_width=0.4)
-    assert step_on(asked, head) == pytest.approx(0.2)
-    assert (head.index, head.sense) == (3, -1)
+    angle, index, sense = step_on(0.1, 0.0, 0.4, 500, 1)
+    assert angle == pytest.approx(0.2)
+    assert (index, sense) == (3, -1)
 
 
 def test_axes_turn_from_x_to_y() -> None:
-    assert turned(0.5 * math.pi) @ (1.0, 0.0, 0.0) == pytest.approx((0.0, 1.0, 0.0))
-    assert np.allclose(turned(0.3) @ turned(-0.3), np.eye(3))
+    R, out = np.empty((3, 3)), np.empty(3)
+    axes(IDENTITY, 0.5 * math.pi, R)
+    turn(R, np.array((1.0, 0.0, 0.0)), out)
+    assert out == pytest.approx((0.0, 1.0, 0.0))
+    axes(quat_from_rpy(0.0, 0.0, 0.4), -0.4, R)
+    assert np.allclose(R, np.eye(3))
     assert head_arguments(0.1)[2].minimum == 0.1
+
+
+@pytest.mark.parametrize("turns", [-2.0, 1.0, 5.0])
+def test_angles_are_those_of_one_turn(turns: float) -> None:
+    """Whatever the middle of the sector is called."""
+    whole = 2.0 * math.pi
+    around = steps(80, sector_width=whole, sector_center=turns * whole + 3.0)
+    assert all(-math.pi <= angle <= math.pi for angle in around)
+    assert np.exp(1j * np.array(around)) == pytest.approx(np.exp(1j * (3.0 + 0.1 * (np.arange(80) % 63))))

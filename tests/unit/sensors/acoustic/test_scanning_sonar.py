@@ -1,4 +1,8 @@
-"""The scanning sonar: levels against the closed sonar equation, speckle against Rayleigh, the paper's picture ray by ray, and the head."""
+"""The scanning sonar: levels against the closed sonar equation, speckle against Rayleigh, the paper's picture ray by ray, and the head.
+
+Also of uwserver.sensors.acoustic.scan, uwserver.sensors.acoustic.imaging.fan_rays, uwserver.sensors.acoustic.imaging.blocks and
+uwserver.sensors.acoustic.imaging.laid.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +18,7 @@ from uwserver.frames import quat_from_rpy, rotate
 from uwserver.physics.geometry.shapes import Box, Cylinder, Placed, Solid
 from uwserver.physics.rays.casting import Rays
 from uwserver.sensors import Pose, ScanningSonarConfig
+from uwserver.sensors.acoustic.scanning_sonar import SonarMemory
 from uwserver.testing import FakeGeometry, check_sensor
 from uwserver.testing.fake_geometry import Plane, Sphere
 from uwserver.testing.sensors import scopes
@@ -43,10 +48,23 @@ def facing(scope):
     return build
 
 
+def built(config, mount=None, seed=0):
+    """A sonar that is switched on."""
+    sonar = config.build(mount or Pose())
+    sonar.start(seed)
+    return sonar
+
+
+def be_ready(sonar):
+    """The last ping is over; the head stays where it is."""
+    memory = sonar.memory
+    memory.ready = 0.0
+    sonar.memory = memory
+
+
 def row(config, instant, seed=0):
     """Bins of one ping as an array."""
-    sonar = config.build(Pose())
-    sonar.start(seed)
+    sonar = built(config, seed=seed)
     return np.array(sonar.sense(instant).values[3])
 
 
@@ -103,10 +121,9 @@ FINE = msgspec.structs.replace(LEVELS, bins=4000, range_m=14.0)
 
 def pings(config, shapes, count, facing, seed=0):
     """Bins of pings from places 5 m apart along the bottom: none sees the speckle of another."""
-    sonar = config.build(Pose())
-    sonar.start(seed)
+    sonar = built(config, seed=seed)
     for k in range(count):
-        sonar.memory = sonar.turn_on()
+        sonar.memory = SonarMemory()
         yield np.array(sonar.sense(facing(*shapes, p_NB=(3.0 * k, 4.0 * k, DEEP))).values[3])
 
 
@@ -211,13 +228,13 @@ UPRIGHT = quat_from_rpy(0.0, math.pi / 2, 0.0)
 @pytest.mark.parametrize("half_length", [6.0, 20.0])
 def test_a_pile_of_5_cm_is_seen_in_every_bearing_at_one_level(scope, r, half_length):
     """Within 1 dB of the mean over bearings from -0.9 to 0.9 degrees, the two-way pattern taken off."""
-    sonar = msgspec.structs.replace(LEVELS, range_m=60.0, bins=400).build(Pose())
+    sonar = built(msgspec.structs.replace(LEVELS, range_m=60.0, bins=400))
     levels = []
     for bearing in np.arange(-0.9, 0.901, 0.06):
         instant = among(
             scope, Cylinder(0.025, half_length), (r, 0.0, DEEP), UPRIGHT, q_NB=quat_from_rpy(0.0, 0.0, rad(bearing))
         )
-        sonar.memory = sonar.turn_on()
+        sonar.memory = SonarMemory()
         echo = max(sonar.sense(instant).values[3]) * 1e6
         levels.append(20.0 * math.log10(echo) - 20.0 * math.log10(one_way(rad(bearing), rad(3.0))))
     mean = 10.0 * math.log10(np.mean(10.0 ** (0.1 * np.array(levels))))
@@ -229,10 +246,10 @@ def test_a_turn_sees_a_pile_wherever_it_stands(scope):
     config = msgspec.structs.replace(LEVELS, range_m=30.0, sector_width_deg=7.2, step_deg=1.8)
     peaks = []
     for bearing in np.linspace(-0.9, 0.9, 7):
-        sonar, (y, x) = config.build(Pose()), (20.0 * math.sin(rad(bearing)), 20.0 * math.cos(rad(bearing)))
+        sonar, (y, x) = built(config), (20.0 * math.sin(rad(bearing)), 20.0 * math.cos(rad(bearing)))
         instant, strongest = among(scope, Cylinder(0.025, 10.0), (x, y, DEEP), UPRIGHT), 0.0
         for _ in range(5):
-            sonar.memory.ready = 0.0
+            be_ready(sonar)
             strongest = max(strongest, *sonar.sense(instant).values[3])
         peaks.append(20.0 * math.log10(strongest))
     assert max(peaks) - min(peaks) < 3.0
@@ -290,8 +307,7 @@ def test_the_complex_echo_is_normal_and_has_the_amplitude_of_the_real_one(facing
     waved = msgspec.structs.replace(config, output="complex")
     found = []
     for seed in range(40):
-        sonar = waved.build(Pose())
-        sonar.start(seed)
+        sonar = built(waved, seed=seed)
         wave = sonar.sense(facing(bottom)).values[3].array()
         if seed == 0:
             assert np.allclose(np.hypot(wave[:, 0], wave[:, 1]), row(config, facing(bottom)), rtol=1e-5)
@@ -310,11 +326,11 @@ def test_a_still_sonar_sees_the_same_speckle_turn_after_turn_and_a_moving_one_an
     mean = row(msgspec.structs.replace(config, ideal=True), facing(bottom))[300:]
 
     def turns(*places):
-        sonar = config.build(Pose())
+        sonar = built(config)
         made = []
         for p in places:
             for _ in range(6):
-                sonar.memory.ready = 0.0
+                be_ready(sonar)
                 made.append(np.array(sonar.sense(facing(bottom, p_NB=p)).values[3])[300:] / mean)
         return np.array(made).reshape(len(places), -1)
 
@@ -331,11 +347,11 @@ def test_a_still_sonar_sees_the_same_speckle_turn_after_turn_and_a_moving_one_an
 def test_noise_is_that_of_the_ping(facing):
     """Also where nothing moves; and the same again in a run that repeats."""
     config = msgspec.structs.replace(FINE, ideal=False)
-    sonar, again = config.build(Pose()), config.build(Pose())
+    sonar, again = built(config), built(config)
     rows = []
     for each in (sonar, sonar, again):
         number = len(rows) % 2
-        each.memory = each.turn_on()
+        each.memory = SonarMemory()
         each.begin(number)
         rows.append(each.sense(facing()).values[3])
     assert rows[0] == rows[2]
@@ -379,10 +395,10 @@ def test_a_wrong_sound_speed_moves_the_echo(facing):
 
 
 def angles(config, instant, n):
-    sonar = config.build(Pose())
+    sonar = built(config)
     found = []
     for _ in range(n):
-        sonar.memory.ready = 0.0
+        be_ready(sonar)
         found.append(sonar.sense(instant).values[0])
     return np.array(found)
 
@@ -407,10 +423,10 @@ def test_the_head_points_from_x_to_y(facing):
     config = msgspec.structs.replace(LEVELS, step_deg=90.0)
     ball = facing(Sphere((0.0, 15.0, 0.0), 1.0))
     for mount, expected in ((Pose(), 90), (Pose(q=quat_from_rpy(math.pi, 0.0, 0.0)), -90)):
-        sonar = config.build(mount)
+        sonar = built(config, mount)
         seen = {}
         for _ in range(4):
-            sonar.memory.ready = 0.0
+            be_ready(sonar)
             reading = sonar.sense(ball)
             seen[round(math.degrees(reading.values[0]))] = any(reading.values[3])
         assert [angle for angle, found in seen.items() if found] == [expected]
@@ -419,11 +435,11 @@ def test_the_head_points_from_x_to_y(facing):
 def test_each_ping_has_its_own_pose(facing):
     """Smear: a vehicle that turns against the head sees one wall at the same range in every ping."""
     config = msgspec.structs.replace(LEVELS, step_deg=30.0)
-    sonar = config.build(Pose())
+    sonar = built(config)
     wall = Plane((21.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
     first = []
     for k in range(5):
-        sonar.memory.ready = 0.0
+        be_ready(sonar)
         first.append(int(np.argmax(sonar.sense(facing(wall, q_NB=quat_from_rpy(0.0, 0.0, -k * rad(30.0)))).values[3])))
     assert len(set(first)) == 1
 
@@ -432,7 +448,7 @@ def test_timing(facing):
     """Delivered when the last echo is there; the next ping waits for it and the overhead."""
     config = ScanningSonarConfig(rate_hz=240, range_m=30.0, rays_horizontal=1, rays_vertical=3, bins=8)
     c = facing().water.sound_speed(DEEP)
-    sonar = config.build(Pose())
+    sonar = built(config)
     readings = [sonar.sense(facing(t_ns=round(k * 1e9 / 240))) for k in range(240)]
     told = [k for k, reading in enumerate(readings) if reading is not None]
     assert readings[0].delay_ns == round(1e9 * 60.0 / c)
@@ -440,24 +456,24 @@ def test_timing(facing):
 
 
 def test_settings_change_picture_and_sector(facing):
-    sonar = LEVELS.build(Pose())
+    sonar = built(LEVELS)
     wall = facing(Plane((12.0, 0.0, 0.0), (-1.0, 0.0, 0.0)))
     before = int(np.argmax(sonar.sense(wall).values[3]))
     sonar.change({"range": 15.0, "sector_width": 0.5, "sector_center": 0.0, "step": 0.25})
-    sonar.memory.ready, sonar.memory.index = 0.0, 1
+    sonar.memory = SonarMemory(index=1)
     reading = sonar.sense(wall)
     assert reading.values[:2] == [0.0, 15.0]
     assert int(np.argmax(reading.values[3])) == pytest.approx(2 * before, abs=2)
 
 
 def test_in_the_air_it_sees_nothing(scope):
-    reading = LEVELS.build(Pose()).sense(scope(p_NB=(0.0, 0.0, -0.1)))
+    reading = built(LEVELS).sense(scope(p_NB=(0.0, 0.0, -0.1)))
     assert not reading.valid
     assert reading.values[3] == (None,) * 300
 
 
 def test_the_surface_is_seen_from_below(scope):
     """Looking up in open water: the first echo at the depth."""
-    sonar = LEVELS.build(Pose())
+    sonar = built(LEVELS)
     amplitude = np.array(sonar.sense(scope(p_NB=(0.0, 0.0, 8.0), q_NB=quat_from_rpy(0.0, math.pi / 2, 0.0))).values[3])
     assert int(np.argmax(amplitude > 0.0)) == pytest.approx(79, abs=1)

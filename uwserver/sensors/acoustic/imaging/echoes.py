@@ -64,7 +64,7 @@ def gates(reach: float, bins: int, resolution: float, stretch: float = 1.0) -> G
 _strength: Any = Elsewhere("uwserver.physics.rays.echoes", "strength")
 
 
-@entry
+@compiled
 def deposit(
     cells: Array, direction: Array, R: Array, distance: Array, normal: Array, bodies: Array, material: Array, ground: Any,
     per_metre: float, second: Array,
@@ -148,7 +148,7 @@ def _ramp(second: Array, edge: float, slope: float) -> None:
     second[whole + 1] += slope * part
 
 
-@entry
+@compiled
 def energies(second: Array, per_metre: float, alpha: float, out: Array) -> None:
     """Mean intensity that the echoes of each gate bring together, uPa^2.
 

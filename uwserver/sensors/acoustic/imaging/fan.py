@@ -1,4 +1,4 @@
-"""A fan of rays: cells of equal angles about the axis of a transducer, and the picture of the paper."""
+"""A fan of rays: cells of equal angles about the axis of a transducer."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from uwserver.physics.kernel.arrays import FloatArray, Records
-from uwserver.physics.rays.raycast import Hits
 
 CELL = np.dtype([("direction", "f8", 3), ("across", "f8", 3), ("along", "f8", 3), ("emitted", "f8")])
 """A cell of a fan: unit direction of its middle in the frame of the fan; unit vectors across it, towards growing azimuth and elevation, times the
@@ -101,16 +100,6 @@ class Fan:
         middle = slice(FINEST, None, 2 * FINEST)
         pattern = self.along_power[middle] * self.area
         self.cells["emitted"] = np.outer(pattern, self.across_power[middle]).ravel()
-
-
-def dot_products(fan: Fan, hits: Hits, R: FloatArray, reach: float, bins: int) -> FloatArray:
-    """(bins) the picture of the paper (UW-MORSE, section IV-B): the cosine of incidence of each ray, summed over the bin of its range; 1 if
-    all rays hit at right angles. R is the attitude of the fan in N."""
-    found = hits.distance <= reach
-    cosine = np.abs(np.einsum("ij,ij->i", hits.normal @ R, fan.direction))[found]
-    place = np.minimum((hits.distance[found] * (bins / reach)).astype(np.int64), bins - 1)
-    result: FloatArray = np.bincount(place, cosine, bins) / len(found)
-    return result
 
 
 def directivity(width: float, height: float) -> float:

@@ -8,14 +8,14 @@ what the rays of one pose meet, so that a sonar which does not move hears the sa
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from uwserver.physics.kernel.arrays import Array, FloatArray, Records
-from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import compiled
 from uwserver.physics.rays.raycast import NOTHING, Hits
-from uwserver.sensors.acoustic.imaging.fan import CELL, FINEST, Fan
+from uwserver.sensors.acoustic.imaging.fan import FINEST
 
 _NEAR, _FLAT = 0.03, 0.05
 """Parts of a range within which two rays meet the same, and within which one meets the plane of what the other has met."""
@@ -43,57 +43,42 @@ CUT = np.dtype([("across", "i8"), ("along", "i8"), ("low", "f8"), ("high", "f8")
 finely, elsewhere into four."""
 
 
-class Finer(NamedTuple):
-    """Rays in place of some of a fan.
-
-    Attributes:
-        direction: (m, 3) unit, in the transducer's frame.
-        cells: (m) of CELL.
-    """
-
-    direction: FloatArray
-    cells: Records
-
-
-class Silhouettes:
-    """Cuts cells of one fan. Holds work space alone: each answer depends on its arguments, and is good until the next."""
-
-    def __init__(self, fan: Fan) -> None:
-        self._fan = fan
-        n = len(fan.cells)
-        self._most = _padded(max(_MORE * n, _LEAST))
-        self._cuts = np.zeros(n, CUT)
-        self._finer = Finer(np.zeros((self._most, 3)), np.zeros(self._most, CELL))
-
-    def refine(self, hits: Hits, direction: FloatArray) -> Finer | None:
-        """Rays to be cast instead of those that met, or nearly met, something thin; None where there is nothing thin.
-
-        Args:
-            hits: of the fan's rays; those of cells that are cut are taken out of it.
-            direction: (n, 3) of these rays, in the frame of the hits.
-        """
-        fan, finer = self._fan, self._finer
-        emitted = fan.cells["emitted"]
-        found = find_thin(
-            fan.columns, fan.rows, fan.place, emitted, direction, hits.distance, hits.normal, hits.body, self._cuts,
-            len(finer.cells),
-        )  # fmt: skip
-        if found == 0:
-            return None
-        hits.body[self._cuts["across"] > 0] = NOTHING
-        count = cut(fan.columns, fan.cells, self._cuts, fan.area, fan.across_power, fan.along_power, *finer)
-        # Few different numbers of rays: an engine keeps arrays for each.
-        padded = _padded(count)
-        finer.direction[count:padded] = finer.direction[count - 1]
-        finer.cells["emitted"][count:padded] = 0.0
-        return Finer(finer.direction[:padded], finer.cells[:padded])
-
-
-def _padded(count: int) -> int:
-    size = _LEAST
-    while size < count:
+def room_for(rays: int) -> int:
+    """How many new cells there may be of a fan of so many rays: twice as many, and up to the next of some sizes."""
+    wanted, size = max(_MORE * rays, _LEAST), _LEAST
+    while size < wanted:
         size = size * 3 // 2 if size & (size - 1) == 0 else size // 3 * 4
     return size
+
+
+@compiled
+def sharpen(
+    columns: int, rows: int, fan: Any, towards: Array, hits: Hits, cuts: Array, direction: Array, finer: Any
+) -> int:  # fmt: skip
+    """Rays to be cast instead of those of a fan that met, or nearly met, something thin.
+
+    Args:
+        columns, rows: of the fan.
+        fan: with `cells`, `place`, `area`, `across_power` and `along_power` of `Fan`.
+        towards: (n, 3) of its rays, in the frame of the hits.
+        hits: of these; those of cells that are cut are taken out of it.
+        cuts: (n) of CUT, receive how cells are cut.
+        direction: (m, 3) receives unit directions, in the frame of the fan.
+        finer: (m) of CELL receives the cells; as many as there is `room_for`.
+
+    Returns:
+        How many; 0 where there is nothing thin.
+    """
+    cells = fan.cells
+    found = find_thin(
+        columns, rows, fan.place, cells.emitted, towards, hits.distance, hits.normal, hits.body, cuts, len(finer)
+    )
+    if found == 0:
+        return 0
+    for i in range(len(cuts)):
+        if cuts[i].across > 0:
+            hits.body[i] = NOTHING
+    return int(cut(columns, cells, cuts, fan.area, fan.across_power, fan.along_power, direction, finer))
 
 
 @compiled
@@ -173,7 +158,7 @@ def _join(at_x: float, at_y: float, dx: float, dy: float, form: int, frame: Any,
                 _mark(column, math.floor(y + side * width), _COARSE, _COARSE, 0.0, 1.0, frame, cuts)
 
 
-@entry
+@compiled
 def find_thin(
     columns: int, rows: int, place: Array, emitted: Array, direction: Array, distance: Array, normal: Array, bodies: Array,
     cuts: Array, most: int,
@@ -284,7 +269,7 @@ def _fit(cuts: Array, most: int) -> int:
                 cell.across, cell.along = max(cell.across // 2, 1), max(cell.along // 2, 1)
 
 
-@entry
+@compiled
 def cut(
     columns: int, cells: Array, cuts: Array, area: Array, across_power: Array, along_power: Array, direction: Array, finer: Any
 ) -> int:  # fmt: skip

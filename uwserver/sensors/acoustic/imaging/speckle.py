@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from uwserver.frames import Vec3
-from uwserver.physics.kernel.arrays import Array, FloatArray
+from uwserver.physics.kernel.arrays import Array, FloatArray, IntArray
 from uwserver.physics.kernel.deferred import compiled, entry
 from uwserver.physics.kernel.random import philox
 
@@ -57,10 +57,24 @@ def _directions() -> FloatArray:
     return result
 
 
-_DIRECTIONS = _directions()
+WAYS = _directions()
+"""Along which poses move from set to set."""
 
 
-def fading(p: Vec3, axis: FloatArray, length: float, angle: float) -> tuple[FloatArray, FloatArray]:
+@entry
+def fade(
+    p: Vec3, axis: Vec3, length: float, angle: float, ways: Array, faded: Array, share: Array
+) -> None:  # fmt: skip
+    """`fading`, into arrays (DIRECTIONS) of whole numbers and of floats; `ways`: WAYS."""
+    for k in range(len(ways)):
+        along = ways[k, 6]
+        for j in range(3):
+            along += ways[k, j] * (p[j] / length) + ways[k, 3 + j] * (axis[j] / angle)
+        whole = math.floor(along)
+        faded[k], share[k] = whole, along - whole
+
+
+def fading(p: Vec3, axis: FloatArray, length: float, angle: float) -> tuple[IntArray, FloatArray]:
     """How far the phasors of a pose have faded from one set to the next.
 
     Args:
@@ -72,10 +86,10 @@ def fading(p: Vec3, axis: FloatArray, length: float, angle: float) -> tuple[Floa
     Returns:
         number of the set, (DIRECTIONS) whole, and the fraction of the way to the next, of each direction.
     """
-    place = np.concatenate([np.array(p) / length, axis / angle, np.ones(1)])
-    along = _DIRECTIONS @ place
-    number = np.floor(along)
-    return number.astype(np.int64), along - number
+    faded, share = np.empty(DIRECTIONS, np.int64), np.empty(DIRECTIONS)
+    x, y, z = (float(part) for part in p)
+    fade((x, y, z), tuple(axis.tolist()), float(length), float(angle), WAYS, faded, share)
+    return faded, share
 
 
 @compiled
@@ -90,7 +104,7 @@ def _add(words: tuple[np.uint64, np.uint64, np.uint64, np.uint64], factor: float
             field[first + i, 1] += factor * phasors[at, 1]
 
 
-@entry
+@compiled
 def scatter(
     energy: Array, key: int, number: int, noise: float, faded: Array, share: Array, phasors: Array, field: Array
 ) -> None:  # fmt: skip
@@ -129,7 +143,7 @@ def scatter(
             _add(philox(counter, _NOISE, n & _LOW, n >> _HALF, low, high), root, phasors, here)
 
 
-@entry
+@compiled
 def detect(field: Array, window: float, per_bin: int, out: Array) -> None:
     """Bins of the matched filter's output: the largest of its samples in each, one a gate. The pulse sums the sound of as many gates as it is long.
 
@@ -157,7 +171,7 @@ def detect(field: Array, window: float, per_bin: int, out: Array) -> None:
                 peak, out[k, 0], out[k, 1] = intensity, real, imaginary
 
 
-@entry
+@compiled
 def detect_mean(energy: Array, window: float, per_bin: int, out: Array) -> None:
     """The same of mean intensities (gates), which the pulse sums as they are: without speckle."""
     core, last = int(window), len(energy)
@@ -174,7 +188,7 @@ def detect_mean(energy: Array, window: float, per_bin: int, out: Array) -> None:
         out[k] = peak
 
 
-@entry
+@compiled
 def compress(
     intensity: Array, spacing: float, spreading: float, alpha: float, limit: float, offset: float, steps: float, full: float,
     counts: Array,

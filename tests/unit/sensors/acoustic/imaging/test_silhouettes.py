@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.rays.raycast import NOTHING, Hits, no_hits
-from uwserver.sensors.acoustic.imaging.fan import Fan
-from uwserver.sensors.acoustic.imaging.silhouettes import Finer, Silhouettes
+from uwserver.sensors.acoustic.imaging.fan import CELL, Fan
+from uwserver.sensors.acoustic.imaging.silhouettes import CUT, room_for, sharpen
 from uwserver.testing import FakeGeometry
 from uwserver.testing.fake_geometry import Plane, Sphere
 
@@ -28,6 +28,37 @@ def bar(direction: FloatArray, middle: float, width: float, turned: float = 0.0,
     hits = no_hits(len(direction))
     hits.distance[met], hits.body[met], hits.material[met], hits.normal[met] = r, 3, 0, -direction[met]
     return hits
+
+
+class Lit(NamedTuple):
+    """A fan, as `sharpen` takes it."""
+
+    cells: Any
+    place: FloatArray
+    area: FloatArray
+    across_power: FloatArray
+    along_power: FloatArray
+
+
+class Finer(NamedTuple):
+    """Rays in place of some of a fan, and their cells."""
+
+    direction: FloatArray
+    cells: Any
+
+
+class Silhouettes:
+    """What cuts cells of one fan, with its work space."""
+
+    def __init__(self, fan: Fan) -> None:
+        n, room = len(fan.cells), room_for(len(fan.cells))
+        self.fan, self.cuts, self.finer = fan, np.zeros(n, CUT), Finer(np.zeros((room, 3)), np.zeros(room, CELL))
+
+    def refine(self, hits: Hits, direction: FloatArray) -> Finer | None:
+        fan = self.fan
+        lit = Lit(fan.cells, fan.place, fan.area, fan.across_power, fan.along_power)
+        count = sharpen(fan.columns, fan.rows, lit, direction, hits, self.cuts, *self.finer)
+        return Finer(self.finer.direction[:count], self.finer.cells[:count]) if count else None
 
 
 def refined(hits: Hits, fan: Fan = FAN) -> tuple[FloatArray, Finer | None]:
