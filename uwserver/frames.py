@@ -84,6 +84,14 @@ def matrix(q: Sequence[float]) -> tuple[Vec3, Vec3, Vec3]:
     )
 
 
+def spin(w: Sequence[float], t: float) -> Quat:
+    """What turns at w (rad/s) for a time t (s, also negative) is then turned by: a factor behind its attitude, for w in its own frame."""
+    rate = math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+    half = 0.5 * rate * t
+    along = math.sin(half) / rate if rate > 0.0 else 0.0
+    return (math.cos(half), along * w[0], along * w[1], along * w[2])
+
+
 def ned_from_enu(v: Sequence[float]) -> Vec3:
     """A vector's NED components from its ENU components (the same swap leads back)."""
     return (v[1], v[0], -v[2])

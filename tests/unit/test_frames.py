@@ -197,3 +197,10 @@ def test_the_matrix_turns_as_the_quaternion_does(q, v):
     R = np.array(frames.matrix(q))
     assert np.allclose(R @ v, frames.rotate(q, v), rtol=0.0, atol=1e-9)
     assert np.allclose(R, scipy_of(q).as_matrix(), rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("w", [(0.3, -0.2, 0.5), (0.0, 0.0, 2.0), (0.0, 0.0, 0.0)])
+@pytest.mark.parametrize("t", [0.7, -1.3, 0.0])
+def test_a_spin_is_what_a_constant_rate_turns_by(w, t):
+    scalar, x, y, z = frames.spin(w, t)
+    assert Rotation.from_quat([x, y, z, scalar]).as_rotvec() == pytest.approx(t * np.array(w), abs=1e-12)

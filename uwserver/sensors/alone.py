@@ -12,9 +12,9 @@ from uwserver.physics.contact.touching import Touching
 from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray, IntArray, Records
 from uwserver.physics.kernel.team import ALONE
-from uwserver.sensors.acoustic.voices import NO_VOICES
 from uwserver.sensors.base import Scope
 from uwserver.sensors.surroundings import FORMS, place_row, water_arrays
+from uwserver.sensors.voices import NO_VOICES
 from uwserver.sensors.wiring import ELECTRIC, Touch
 
 

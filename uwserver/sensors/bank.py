@@ -32,8 +32,8 @@ from uwserver.physics.kernel.random import draw_normals
 from uwserver.physics.kernel.straight import address_of
 from uwserver.physics.rays.raycast import Geometry, no_hits
 from uwserver.ports import Json, Value
-from uwserver.sensors.acoustic.voices import NO_VOICES
 from uwserver.sensors.base import Pose, Scope, Sensor, Settings
+from uwserver.sensors.voices import NO_VOICES
 
 HEAD = np.dtype(
     [
@@ -77,7 +77,7 @@ def _seen(*names: str) -> Iterator[Any]:
 
 
 rotate, multiply, conjugate = _seen("rotate", "multiply", "conjugate")
-quat_from_rpy, rpy_from_quat = _seen("quat_from_rpy", "rpy_from_quat")
+quat_from_rpy, rpy_from_quat, spin = _seen("quat_from_rpy", "rpy_from_quat", "spin")
 p_NB, q_NB, v_NB_B, w_NB_B = _seen("p_NB", "q_NB", "v_NB_B", "w_NB_B")
 p_NS, q_NS, p_BS, q_BS, q_SB = _seen("p_NS", "q_NS", "p_BS", "q_BS", "q_SB")
 latitude_longitude, velocity_of, specific_force = _seen("latitude_longitude", "velocity_of", "specific_force")

@@ -3,7 +3,6 @@ settings and timing of their own, as the physics of their errors needs what no v
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,7 +15,7 @@ from msgspec import Meta, Struct, structs
 from uwserver.environment.earth import Earth, turns_of_level
 from uwserver.environment.materials import Sediment, lambert, sediments
 from uwserver.environment.water import Water
-from uwserver.frames import IDENTITY, Quat, Vec3, conjugate, multiply, quat_from_rpy, rotate
+from uwserver.frames import IDENTITY, Quat, Vec3, conjugate, multiply, quat_from_rpy, rotate, spin
 from uwserver.modifiers import Measurement, ModifierConfig
 from uwserver.modifiers.base import NOTHING, Draws, Memory, check_lengths
 from uwserver.physics.kernel.arrays import FloatArray
@@ -227,12 +226,7 @@ class Scope:
 def earlier(p: Vec3, q: Quat, nu: Sequence[float], ago: float) -> tuple[Vec3, Quat]:
     """Where something was a little while ago (s, about a tick): p (m, N), attitude q and velocity nu in B, taken as constant in N and B."""
     vx, vy, vz = rotate(q, (nu[0], nu[1], nu[2]))
-    rate = math.hypot(nu[3], nu[4], nu[5])
-    if rate > 0.0:
-        half = -0.5 * rate * ago
-        along = math.sin(half) / rate
-        q = multiply(q, (math.cos(half), along * nu[3], along * nu[4], along * nu[5]))
-    return (p[0] - vx * ago, p[1] - vy * ago, p[2] - vz * ago), q
+    return (p[0] - vx * ago, p[1] - vy * ago, p[2] - vz * ago), multiply(q, spin(nu[3:6], -ago))
 
 
 class Settings(Struct, frozen=True):

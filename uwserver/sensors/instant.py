@@ -44,8 +44,8 @@ rotate, multiply = compiled(frames.rotate), compiled(frames.multiply)
 _absorption = compiled(sound.absorption)
 latitude_longitude = compiled(geodesy.latitude_longitude)
 _turns_of_level = compiled(earth.turns_of_level)
-conjugate, quat_from_rpy, rpy_from_quat = (
-    compiled(frames.conjugate), compiled(frames.quat_from_rpy), compiled(frames.rpy_from_quat),
+conjugate, quat_from_rpy, rpy_from_quat, spin = (
+    compiled(frames.conjugate), compiled(frames.quat_from_rpy), compiled(frames.rpy_from_quat), compiled(frames.spin),
 )  # fmt: skip
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from uwserver.environment.earth import Earth
 from uwserver.environment.water import Water
 from uwserver.physics.kernel.layout import BODY, LAG, PROFILE_SIZE, STATE_SIZE, THRUSTER, WAVE_SIZE, Forms, columns
-from uwserver.sensors.acoustic.voices import VOICE
+from uwserver.sensors.voices import VOICE
 from uwserver.sensors.wiring import ELECTRIC
 
 PLACE = np.dtype(

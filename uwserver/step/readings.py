@@ -39,7 +39,7 @@ from uwserver.step.rows import (
     WHEN_DUE,
     WRITE,
 )
-from uwserver.step.streams import LARGE
+from uwserver.step.streams import LARGE, NEVER
 from uwserver.units import NANOSECONDS
 
 _course, _run, _groups, _kinds, _writings = (
@@ -56,6 +56,7 @@ _distance, _normal, _body, _material = (array_at(rows.FORMS, name) for name in H
 _state, _nu_dot, _tau = (array_at(rows.FORMS, name) for name in ("state", "nu_dot", "tau"))
 _heads, _numbers, _pending = (array_at(streams.FORMS, name) for name in ("heads", "numbers", "pending"))
 _counts, _streams = (array_at(streams.FORMS, name) for name in ("counts", "streams"))
+_log_numbers = array_at(streams.FORMS, "log_numbers")
 _uniform, _profiles, _waves, _place = (
     array_at(surroundings.FORMS, name) for name in ("uniform", "profiles", "waves", "place")
 )
@@ -86,12 +87,15 @@ def _activate(table: Array, tick: int) -> int:
 
 
 @compiled
-def needs_room(table: Array, sensors: Array, room: int, log_room: int) -> bool:
-    """Whether samples of the next tick may find no place; `which` then says how many may come."""
+def needs_room(table: Array, sensors: Array, wide: int, room: int, log_room: int) -> bool:
+    """Whether samples of the next tick, of so many numbers at most, may find no place; `which` then says how many may come."""
     run, counts = _run(table)[0], _counts(sensors)[0]
     run.which = run.callable + _activate(table, run.tick + 1)
     needed = counts.pending + run.which
-    return bool(needed > room or counts.logged + needed > log_room)
+    is_full = counts.logged + needed > log_room
+    if log_room < NEVER:
+        is_full = is_full or counts.log_width + needed * wide > len(_log_numbers(sensors))
+    return bool(needed > room or is_full)
 
 
 @compiled

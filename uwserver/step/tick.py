@@ -208,7 +208,7 @@ def step(table: Array, sensors: Array, values: Array, told_values: Array, way: A
                 break
             if done > 0 and brings_large(table, sensors):
                 break
-            if needs_room(table, sensors, room, log_room):
+            if needs_room(table, sensors, values.shape[1], room, log_room):
                 why = DONE if done > 0 else ROOM
                 break
             run.stage, run.begun, run.logged = PILOTS, 0, counts.logged

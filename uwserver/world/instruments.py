@@ -19,10 +19,10 @@ from uwserver.physics.rays.raycast import Geometry, OpenWater
 from uwserver.ports.thinning import Thinning
 from uwserver.ports.told import Log
 from uwserver.sensors import Scope, surroundings
-from uwserver.sensors.acoustic.voices import VOICE
 from uwserver.sensors.bank import HEAD, Bank, load
 from uwserver.sensors.sight import Sight
 from uwserver.sensors.surroundings import place_row, water_arrays
+from uwserver.sensors.voices import VOICE
 from uwserver.sensors.wiring import ELECTRIC, Wiring
 from uwserver.step.streams import COUNTS, ENTRY, FORMS, NEVER, NO_INTERVAL, STREAM, THINNING
 from uwserver.world.computing import Computing
@@ -30,7 +30,7 @@ from uwserver.world.vehicle import Vehicle
 
 _SLOTS, _OPEN = 64, OpenWater()
 _LOGGED, _LOGGED_NUMBERS = 4096, 1 << 17
-"""Samples of a log, and numbers that it has room for; more where a tick may need them."""
+"""Samples of a log, and numbers that it has room for, as most samples are of few; more where a tick may need them."""
 _NONE: FloatArray = np.zeros(0)
 _TOUCHING = list(surroundings.FORMS).index("touching")
 """Place of the contacts in `now`."""
@@ -63,7 +63,7 @@ class Instruments:
 
     Attributes:
         heads, streams, operations, numbers: of all sensors (`sensors.bank`, `step.streams`, `modifiers.operations`).
-        voices: of all sonars (`sensors.acoustic.voices`).
+        voices: of all sonars (`sensors.voices`).
         nu_dot, tau: (n, 6) of the bodies, where a sensor needs them: see `Hydrodynamics.rates_of_change`.
         next_ns: when the next sample on its way arrives.
         roused: sensors that have something to tell, whatever their rate (`Sensor.rouse`).
@@ -301,7 +301,8 @@ class Instruments:
         needed = self._on_their_way + most
         if needed > self._room:
             self._make_room(needed)
-        if self.is_read and self.logged + needed > self._log_room:
+        numbers = int(self._counts["log_width"][0]) + needed * self._values.shape[1]
+        if self.is_read and (self.logged + needed > self._log_room or numbers > len(self.log.numbers)):
             self._begin_log(needed)
 
     def take_over(self) -> None:
@@ -310,9 +311,8 @@ class Instruments:
 
     def _begin_log(self, needed: int) -> None:
         """Go on in another log, with room for so many samples at least; who has the samples of this one keeps it."""
-        wide = self._values.shape[1]
-        room = max(2 * needed, min(_LOGGED, _LOGGED_NUMBERS // max(1, wide)))
-        self.log = Log(np.zeros(room, ENTRY), np.zeros(room * wide))
+        room, numbers = max(2 * needed, _LOGGED), max(2 * needed * self._values.shape[1], _LOGGED_NUMBERS)
+        self.log = Log(np.zeros(room, ENTRY), np.zeros(numbers))
         self.logged, self._log_room = 0, room
         self._counts["logged"] = self._counts["log_width"] = 0
         self._tabulate()

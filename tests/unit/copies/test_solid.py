@@ -39,8 +39,8 @@ def sounding():
         "rov", "currents", "adcp", rate_hz=4, profile="signature1000", cells=10, cell_size_m=0.5, heading_sigma_deg=1
     )
     # Two that hear each other.
-    for name in ("scan", "again"):
-        b.sensor("rov", name, "scanning_sonar", rate_hz=10, profile="ping360", cross_talk_db=-40)
+    b.sensor("rov", "scan", "scanning_sonar", rate_hz=10, profile="ping360", cross_talk_db=-40)
+    b.sensor("rov", "pencil", "profiler", rate_hz=20, frequency_hz=7e5, cross_talk_db=-40, rpy_deg=[0, -90, 0])
     return b.build()
 
 
@@ -218,3 +218,13 @@ def test_a_factor_scales_their_errors():
         errors = errors - errors[0]
         assert (errors[1] != 0.0).all(), port
         assert np.allclose(errors[2], 3.0 * errors[1], rtol=1e-6, atol=1e-9), port
+
+
+def test_a_factor_scales_the_noise_of_sonars():
+    """Amplitudes of a sonar that hears nothing else."""
+    b = begun("silence").sensor("rov", "scan", "scanning_sonar", rate_hz=10, output="pressure", bins=2000, range_m=2.0)
+    batch = uwserver.batch(b.build(), N, noise=[1.0, 3.0, 0.0])
+    batch.step(48)
+    power = np.mean(batch.read("rov/scan")["bins"] ** 2, axis=1)
+    assert power[1] / power[0] == pytest.approx(9.0, rel=0.1)
+    assert power[2] == 0.0

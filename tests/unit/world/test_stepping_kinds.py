@@ -188,6 +188,7 @@ shafts = { kind = "rpm", rate_hz = 20, members = ["t1", "t5"], sigma_radps = 0.5
 bumper = { kind = "contact", rate_hz = 240 }
 lasers = { kind = "range_array", rate_hz = 10, beams = 5, field_of_view_deg = 60, rpy_deg = [0.0, -90.0, 0.0] }
 scan = { kind = "scanning_sonar", profile = "ping360", rate_hz = 20, cross_talk_db = -40, streams = { ideal = { ideal = true } } }
+profile = { kind = "profiler", rate_hz = 20, rpy_deg = [0.0, -90.0, 0.0], sector_width_deg = 60, streams = { ideal = { ideal = true } } }
 paper = { kind = "scanning_sonar", rate_hz = 4, model = "paper", bins = 4096, sees_own_vehicle = true }
 dvl = { kind = "dvl", profile = "a50", rate_hz = 8, streams = { ideal = { ideal = true } } }
 all = { kind = "compound", rate_hz = 120, members = ["ctd", "lasers", "imu"], streams = { same = { ideal = true } } }
@@ -213,14 +214,9 @@ def test_nothing_that_is_numbers_stops_the_step(tmp_path: Path) -> None:
         "shafts",
         "bumper",
         "lasers",
-        "dvl",
-        "dvl/ideal",
         "all",
         "all/same",
-        "currents",
-        "currents/ideal",
-        "scan",
-        "scan/ideal",
+        *(f"{n}{i}" for n in ("dvl", "currents", "scan", "profile") for i in ("", "/ideal")),
     )
     assert {f"rov/{name}" for name in numbers} <= newest.keys()
     assert any(newest["rov/paper"].value[3])

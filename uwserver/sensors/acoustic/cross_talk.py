@@ -20,10 +20,10 @@ from uwserver.frames import Vec3
 from uwserver.physics.kernel.arrays import Array, FloatArray, Records
 from uwserver.physics.kernel.deferred import compiled
 from uwserver.sensors.acoustic.imaging.echoes import Gates
-from uwserver.sensors.acoustic.voices import MOST, NO_BURSTS, VOICE, add_burst, find_bursts, hear
 from uwserver.sensors.bank import BankSensor, p_NB, q_NB, rotate, submergence, voices_of
 from uwserver.sensors.base import Scope, Sensor
 from uwserver.sensors.latest import Latest
+from uwserver.sensors.voices import MOST, NO_BURSTS, VOICE, find_bursts, hear
 
 
 class SonarTable(Protocol):
@@ -156,10 +156,8 @@ class BankSonar(Sonar, BankSensor):
 
 
 @compiled
-def add_cross_talk(
-    head: Any, now: Array, t: float, c: float, relative: float, gates: Any, real: Array, imaginary: Array
-) -> None:  # fmt: skip
-    """Add what a sonar in compiled code hears of the others of its vehicle to what its only beam hears in a ping that begins now.
+def overheard(head: Any, now: Array, t: float, c: float, relative: float, gates: Any) -> Array:
+    """What a sonar in compiled code hears of the others of its vehicle in a ping that begins now: bursts (n, 3) of `voices`.
 
     Args:
         head: of the sonar.
@@ -167,7 +165,6 @@ def add_cross_talk(
         t: s.
         c, relative: as of `Sonar.overhear`.
         gates: of the ping.
-        real, imaginary: (gates), uPa.
     """
     voices, mine, count = voices_of(now), head.voice, 0
     heard, p, q = np.zeros(len(voices), np.bool_), p_NB(head, now), q_NB(head, now)
@@ -179,8 +176,7 @@ def add_cross_talk(
             count += heard[k]
     bursts = np.empty((MOST * count, 3))
     found = find_bursts(voices, mine, heard, c, relative, t, gates.per_metre, gates.window, gates.total, bursts)
-    for k in range(found):
-        add_burst(bursts[k], k, 0, head.key, head.number, gates.window, real, imaginary)
+    return bursts[:found]
 
 
 @compiled

@@ -61,14 +61,6 @@ def axes(q: Quat, angle: float, R: Array) -> None:
     R[0, 2], R[1, 2], R[2, 2] = rotate(q, (0.0, 0.0, 1.0))
 
 
-@compiled
-def turn(R: Array, ray: Array, out: Array) -> None:
-    """A vector in the frame of a head, as its axes R lead to it; both may be one."""
-    x, y, z = ray[0], ray[1], ray[2]
-    for j in range(3):
-        out[j] = R[j, 0] * x + R[j, 1] * y + R[j, 2] * z
-
-
 def head_arguments(least_width: float) -> tuple[Argument, ...]:
     """Of the service ``set``; `least_width` of the sector, rad."""
     pi, whole = math.pi, 2.0 * math.pi + 1e-9

@@ -28,7 +28,7 @@ _SOUND_MPS = 1500.0
 """About, where no water is known."""
 STRAIGHT = Paths()
 """No ghosts, and no echoes of the ping before."""
-_STILL = 0.25
+STILL = 0.25
 """Beam widths that a sonar may turn in a ping and count as still; beyond, its echoes are blended of its first and its last pose."""
 
 
@@ -115,6 +115,16 @@ class PingMemory(Memory):
     ready: time of the next ping, s."""
 
     ready: Time = 0.0
+
+
+def ping_arguments(table: PingTable) -> tuple[Argument, ...]:
+    """Of the service ``set``."""
+    return (
+        Argument(
+            "range", "float", "distance at the end of the last bin", "m", False, minimum=table.min_range_m, maximum=table.max_range_m
+        ),
+        Argument("gain", "float", "added to the level before compression", "dB", False, minimum=-60, maximum=60),
+    )  # fmt: skip
 
 
 class Instant(NamedTuple):
@@ -210,12 +220,7 @@ class PingingSonar(Sonar):
         """Of a table, whose only mode has this lighting, or of the heads of its modes by name; with the settings of the start."""
         self._mount = mount
         self.heads = {"": Head.of(table, lighting)} if isinstance(lighting, Lighting) else lighting
-        self.arguments = (
-            Argument(
-                "range", "float", "distance at the end of the last bin", "m", False, minimum=table.min_range_m, maximum=table.max_range_m
-            ),
-            Argument("gain", "float", "added to the level before compression", "dB", False, minimum=-60, maximum=60),
-        )  # fmt: skip
+        self.arguments = ping_arguments(table)
         super().__init__(settings)
 
     def load_kernels(self) -> None:
@@ -282,7 +287,7 @@ class PingingSonar(Sonar):
     def _poses(self, scope: Scope, axes: FloatArray, duration: float) -> tuple[FloatArray, ...]:
         """Attitude of the swath at the start, and at the end where the sonar turns meanwhile."""
         attitudes: list[Quat] = [scope.attitude(self._mount.q)]
-        if math.hypot(*scope.w_NB_B) * duration > _STILL * self.head.lighting.width:
+        if math.hypot(*scope.w_NB_B) * duration > STILL * self.head.lighting.width:
             _, q_NB = earlier(scope.p_NB, scope.q_NB, (*scope.v_NB_B, *scope.w_NB_B), -duration)
             attitudes.append(multiply(q_NB, self._mount.q))
         return tuple(np.array(matrix(q)) @ axes for q in attitudes)

@@ -18,9 +18,9 @@ from uwserver.sensors.acoustic.echo import MU_SURFACE, cast_from, kernels
 from uwserver.sensors.acoustic.imaging import columns, echoes, speckle
 from uwserver.sensors.acoustic.imaging.echoes import Gates
 from uwserver.sensors.acoustic.imaging.swath import Plane, Swath, reflected, unfolded
-from uwserver.sensors.acoustic.voices import NO_BURSTS, add_bursts
+from uwserver.sensors.voices import NO_BURSTS
 
-_BEYOND = 1.3
+BEYOND = 1.3
 """Rays look so much farther than the last gate: what they hit behind it may reach into it."""
 SURFACE_LOSS_DB, BOTTOM_LOSS_DB = 2.0, 10.0
 """Of intensity at each reflection: a calm surface scatters a little aside; sand at grazing angles well above the critical one takes the most
@@ -131,9 +131,9 @@ class Echoes:
         """
         swath, gates = self._swath, ranges.gates
         direction: FloatArray = swath.grid.direction @ R.T
-        farthest = max(_BEYOND * gates.total / gates.per_metre, paths.again + gates.total / gates.per_metre)
+        farthest = max(BEYOND * gates.total / gates.per_metre, paths.again + gates.total / gates.per_metre)
         if not paths.again:
-            farthest = _BEYOND * gates.total / gates.per_metre
+            farthest = BEYOND * gates.total / gates.per_metre
         hits = cast_from(geometry, p, water.height, direction, farthest)
         out = np.zeros((swath.columns, gates.total))
         for shift in (0.0, paths.again * gates.per_metre) if paths.again else (0.0,):
@@ -225,26 +225,25 @@ def hear(swath: Swath, energy: FloatArray, ranges: Ranges, noise: Noise | None) 
         (2, beams, gates) real and imaginary part, uPa; without noise (1, beams, gates) intensity, uPa^2.
     """
     beams, gates = len(swath.azimuth), energy.shape[1]
-    core = int(ranges.gates.window)
-    rest = 0.5 * (ranges.gates.window - core)
-    work = np.empty(gates, np.float32)
     if noise is None:
         mean = np.empty((1, beams, gates), np.float32)
         columns.form_beams(swath.power, energy.astype(np.float32), mean[0])
-        if ranges.gates.window > 1.0:
-            columns.lengthen(mean, core, rest, work)
+        received(mean, ranges, None, swath.directivity)
         return mean
     waves = np.empty((2, *energy.shape), np.float32)
     columns.scatter(energy, np.uint64(noise.key), noise.faded, noise.share, speckle.PHASORS, waves)
     sound = np.empty((2, beams, gates), np.float32)
     for plane in range(2):
         columns.form_beams(swath.pattern, waves[plane], sound[plane])
-    inside = ranges.noise / swath.directivity
-    columns.add_noise(np.uint64(noise.key), np.uint64(noise.number), inside, speckle.PHASORS, sound)
-    add_bursts(noise.bursts, np.uint64(noise.key), np.uint64(noise.number), ranges.gates.window, sound)
-    if ranges.gates.window > 1.0:
-        columns.lengthen(sound, core, math.sqrt(rest), work)
+    received(sound, ranges, noise, swath.directivity)
     return sound
+
+
+def received(sound: Plane, ranges: Ranges, noise: Noise | None, directivity: float) -> None:
+    """As `columns.receive`, for a receiver of this directivity (as a ratio)."""
+    key, number, bursts = (0, 0, NO_BURSTS) if noise is None else (noise.key, noise.number, noise.bursts)
+    inside = ranges.noise / directivity
+    columns.receive(inside, bursts, np.uint64(key), np.uint64(number), ranges.gates.window, speckle.PHASORS, sound)
 
 
 def gain_over_range(reach: float, bins: int, spreading: float, alpha: float, limit: float) -> FloatArray:

@@ -11,12 +11,13 @@ from uwserver.environment.column import SOUND_SPEED
 from uwserver.frames import Vec3
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import Elsewhere, compiled
-from uwserver.sensors.acoustic.cross_talk import add_cross_talk
+from uwserver.sensors.acoustic.cross_talk import overheard
 from uwserver.sensors.acoustic.head import axes
 from uwserver.sensors.acoustic.imaging.echoes import deposit, energies, gates
 from uwserver.sensors.acoustic.imaging.fan_rays import kept, see
 from uwserver.sensors.acoustic.imaging.speckle import DIRECTIONS, compress, detect, detect_mean, fade, scatter
 from uwserver.sensors.bank import ground_of, p_NS, q_NS, sound_absorption, submergence, water_property
+from uwserver.sensors.voices import add_burst
 
 COUNTS, PRESSURE, COMPLEX = range(3)
 """What the bins are."""
@@ -74,7 +75,9 @@ def _receive(
     noise = row.noise * row.noise / divided.window
     scatter(energy, head.key, head.number, noise, faded, share, block.phasors, field)
     if row.hears != 0:
-        add_cross_talk(head, now, t, c, row.relative, divided, field[:, 0], field[:, 1])
+        bursts = overheard(head, now, t, c, row.relative, divided)
+        for k in range(len(bursts)):
+            add_burst(bursts[k], k, 0, head.key, head.number, divided.window, field[:, 0], field[:, 1])
     detect(field, divided.window, divided.per_bin, sound)
 
 

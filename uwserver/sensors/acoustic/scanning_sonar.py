@@ -26,11 +26,10 @@ from uwserver.sensors.acoustic.head import (
     axes,
     head_arguments,
     step_on,
-    turn,
 )
 from uwserver.sensors.acoustic.imaging.blocks import Block
 from uwserver.sensors.acoustic.imaging.fan import CELL, Fan, directivity
-from uwserver.sensors.acoustic.imaging.fan_rays import cast_fan, keep, part_of, see
+from uwserver.sensors.acoustic.imaging.fan_rays import cast_fan, keep, part_of, see, turn
 from uwserver.sensors.acoustic.imaging.silhouettes import CUT, room_for, sharpen
 from uwserver.sensors.acoustic.scan import COUNTS, FULL_SCALE, block_of, farthest, hear, sound_speed
 from uwserver.sensors.bank import MISSING, Bank, begins, p_NS, q_NS, reading_of, record, submergence

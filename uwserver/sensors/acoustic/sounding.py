@@ -12,8 +12,8 @@ import numpy.typing as npt
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.sensors.acoustic.imaging import columns, soundings, speckle
 from uwserver.sensors.acoustic.imaging.swath import Plane
-from uwserver.sensors.acoustic.receiver import Noise, Ranges
-from uwserver.sensors.acoustic.voices import END, FIRST, add_bursts
+from uwserver.sensors.acoustic.receiver import Noise, Ranges, received
+from uwserver.sensors.voices import END, FIRST
 
 _OTHER = 1 << 63
 """Beside the numbers that are drawn for pings."""
@@ -58,7 +58,7 @@ class Array(NamedTuple):
     apart: Plane | None = None
 
 
-def listen(energy: FloatArray, ranges: Ranges, noise: Noise | None, directivity: float, array: Array | None) -> Plane:
+def listen(energy: FloatArray, ranges: Ranges, noise: Noise | None, directivity: float, array: Array) -> Plane:
     """What narrow beams hear, without their far side lobes.
 
     Args:
@@ -66,19 +66,18 @@ def listen(energy: FloatArray, ranges: Ranges, noise: Noise | None, directivity:
         ranges: of the ping.
         noise: None for the mean, without speckle.
         directivity: of a receiver, as a ratio.
-        array: None where each column is a beam.
+        array: how the beams hear the columns.
 
     Returns:
         (2, beams, gates) real and imaginary part, uPa; without noise (1, beams, gates) intensity, uPa^2.
     """
     if noise is None:
         mean: Plane = energy.astype(np.float32)[None]
-        heard = mean if array is None else _beams(mean, array.power, array.bands)
-        _received(heard, ranges, None, directivity)
+        heard = _beams(mean, array.power, array.bands)
+        received(heard, ranges, None, directivity)
         return heard
-    waves = _waves(energy, noise)
-    heard = waves if array is None else _beams(waves, array.pattern, array.bands)
-    _received(heard, ranges, noise, directivity)
+    heard = _beams(_waves(energy, noise), array.pattern, array.bands)
+    received(heard, ranges, noise, directivity)
     return heard
 
 
@@ -88,7 +87,7 @@ def listen_apart(
     """What narrow beams hear as of `listen`, and what makes the difference of both halves of the array, where it compares them."""
     waves = _waves(energy, noise)
     together = _beams(waves, array.pattern, array.bands)
-    _received(together, ranges, noise, directivity)
+    received(together, ranges, noise, directivity)
     if array.apart is None:
         return together, None
     pattern = array.apart
@@ -104,7 +103,7 @@ def listen_apart(
         # The noise of the halves is independent, and so is that of their sum and of their difference.
         bursts = noise.bursts.copy()
         bursts[:, [FIRST, END]] = np.maximum(bursts[:, [FIRST, END]] - start, 0.0)
-        _received(heard, ranges, noise._replace(number=noise.number | _OTHER, bursts=bursts), directivity)
+        received(heard, ranges, noise._replace(number=noise.number | _OTHER, bursts=bursts), directivity)
         return heard, start
 
     return together, apart
@@ -125,27 +124,20 @@ def _beams(waves: Plane, pattern: Plane, bands: IntArray) -> Plane:
     return sound
 
 
-def _received(sound: Plane, ranges: Ranges, noise: Noise | None, directivity: float) -> None:
-    """Add the noise, and let the pulse be as long as it is."""
-    window = ranges.gates.window
-    if noise is not None:
-        inside = ranges.noise / directivity
-        columns.add_noise(np.uint64(noise.key), np.uint64(noise.number), inside, speckle.PHASORS, sound)
-        add_bursts(noise.bursts, np.uint64(noise.key), np.uint64(noise.number), window, sound)
-    if window > 1.0:
-        rest = 0.5 * (window - int(window))
-        work = np.empty(sound.shape[2], np.float32)
-        columns.lengthen(sound, int(window), rest if noise is None else math.sqrt(rest), work)
-
-
 def blanked(sound: Plane, least: float, gate: float) -> None:
     """Silence what comes from nearer than a device listens: `least` (m), of gates of so many metres."""
     sound[:, :, : math.ceil(least / gate - 0.5)] = 0.0
 
 
+def thresholds(ranges: Ranges, directivity: float, alpha: float, threshold_db: float) -> tuple[float, float, float]:
+    """Of a ping (see `sound_out`): mean noise in a gate, once the pulse is as long as it is, and what counts as an echo, uPa^2; and what of intensity
+    is lost from gate to gate by absorption (as of exp)."""
+    around = max(ranges.noise * ranges.gates.window / directivity, 1e-300)
+    return around, around * 10.0 ** (0.1 * threshold_db), 2.0 * _DECIBEL * alpha / ranges.gates.per_metre
+
+
 def sound_out(
-    sound: Plane, bins: int, ranges: Ranges, directivity: float, alpha: float, threshold_db: float, first: bool = False,
-    apart: Apart | None = None,
+    sound: Plane, bins: int, ranges: Ranges, directivity: float, alpha: float, threshold_db: float, apart: Apart | None = None
 ) -> Soundings:  # fmt: skip
     """Find the echo of each beam.
 
@@ -155,14 +147,12 @@ def sound_out(
         ranges, directivity: of the ping.
         alpha: absorption, dB/m, for which weights make up: far parts of an echo are not less.
         threshold_db: above the mean noise, for a gate to count.
-        first: whether the first echo counts, not the strongest.
         apart: of `listen_apart`; without it phases tell nothing.
     """
     beams = sound.shape[1]
-    around = max(ranges.noise * ranges.gates.window / directivity, 1e-300)
+    around, least, loss = thresholds(ranges, directivity, alpha, threshold_db)
     place, level, hits, half = np.empty(beams), np.empty(beams), np.empty(beams, np.int64), np.empty(beams)
-    least, loss = around * 10.0 ** (0.1 * threshold_db), 2.0 * _DECIBEL * alpha / ranges.gates.per_metre
-    soundings.find(sound, bins, least, loss, first, place, level, hits, half)
+    soundings.find(sound, bins, least, loss, False, place, level, hits, half)
     method = np.where(hits > 0, soundings.BY_AMPLITUDE, soundings.NOTHING_FOUND).astype(np.uint8)
     if apart is not None:
         spans = soundings.looks(place, half, bins)

@@ -20,7 +20,7 @@ from uwserver.sensors import (
     ScanningSonarConfig,
     SideScanConfig,
 )
-from uwserver.sensors.acoustic.voices import INTENSITY, MOST, add_bursts, pings
+from uwserver.sensors.voices import INTENSITY, MOST, add_bursts, pings
 from uwserver.testing import FakeGeometry
 
 DEEP, RELATIVE = 1000.0, -40.0

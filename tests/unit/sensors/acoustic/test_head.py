@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from uwserver.frames import IDENTITY, quat_from_rpy
-from uwserver.sensors.acoustic.head import axes, head_arguments, step_on, turn
+from uwserver.sensors.acoustic.head import axes, head_arguments, step_on
+from uwserver.sensors.acoustic.imaging.fan_rays import turn
 
 
 def steps(count: int, **sector: float) -> list[float]:

@@ -14,13 +14,18 @@ RANGES = ranges(50.0, 500, 1500.0, 1.0, PULSE)
 GATES = RANGES.gates.total
 
 
+PLAIN = np.eye(64, dtype=np.float32)
+EACH = Array(PLAIN, PLAIN, np.stack((np.arange(64), np.arange(1, 65)), axis=1))
+"""64 beams, each of one column."""
+
+
 def noise(number: int = 1) -> Noise:
     return Noise(7, number, *speckle.fading((0.0, 0.0, 0.0), np.array((1.0, 0.0, 0.0)), 1.0, 1.0))
 
 
 def test_noise_is_that_of_the_band_and_the_beam() -> None:
     """Spectral level times bandwidth over directivity, in the resolution of the pulse."""
-    heard = listen(np.zeros((64, GATES)), RANGES, noise(), 10.0, None)[:, :, 20:-20]
+    heard = listen(np.zeros((64, GATES)), RANGES, noise(), 10.0, EACH)[:, :, 20:-20]
     # A bin of 0.1 m is coarser than the pulse: the receiver filters to 7.5 kHz.
     assert np.mean(heard[0] ** 2 + heard[1] ** 2) == pytest.approx(1e4 * 7.5e3 / 10.0, rel=0.05)
 
@@ -28,7 +33,7 @@ def test_noise_is_that_of_the_band_and_the_beam() -> None:
 def test_noise_alone_is_hardly_ever_an_echo_and_an_echo_is_one() -> None:
     energy = np.zeros((64, GATES))
     energy[:32, 200:203] = 1e3 * RANGES.noise
-    heard = listen(energy, RANGES, noise(), 10.0, None)
+    heard = listen(energy, RANGES, noise(), 10.0, EACH)
     found = sound_out(heard, 500, RANGES, 10.0, 0.01, 14.0)
     assert found.place[:32] == pytest.approx(201.5, abs=2.0)
     assert found.quality[:32].min() > 0.9

@@ -16,6 +16,7 @@ from uwserver.physics.kernel.deferred import compiled, entry
 from uwserver.physics.kernel.random import philox
 from uwserver.physics.rays.raycast import NOTHING
 from uwserver.sensors.acoustic.imaging.speckle import BLOCK, DIRECTIONS
+from uwserver.sensors.voices import add_bursts
 
 _DECIBEL = 0.1 * math.log(10.0)
 _SPECKLE, _NOISE = np.uint64(3), np.uint64(4)
@@ -172,7 +173,7 @@ def form_beams(pattern: Array, columns: Array, beams: Array) -> None:
                 )
 
 
-@entry
+@compiled
 def add_noise(key: int, number: int, noise: float, phasors: Array, sound: Array) -> None:
     """Add a receiver's noise to each beam.
 
@@ -194,7 +195,7 @@ def add_noise(key: int, number: int, noise: float, phasors: Array, sound: Array)
             _add(words, root, phasors, sound[0, b, first:end], sound[1, b, first:end])
 
 
-@entry
+@compiled
 def lengthen(sound: Array, core: int, rest: float, work: Array) -> None:
     """Let the pulse be as long as some gates: each sample becomes the sum of those about it.
 
@@ -221,6 +222,30 @@ def lengthen(sound: Array, core: int, rest: float, work: Array) -> None:
                 if first + core < gates:
                     total += part * work[first + core]
                 line[k] = total
+
+
+@entry
+def receive(
+    noise: float, bursts: Array, key: int, number: int, window: float, phasors: Array, sound: Array
+) -> None:  # fmt: skip
+    """What a receiver makes of the sound that its beams hear, in place: with its noise and the pings of others, of a pulse as long as it is.
+
+    Args:
+        noise: mean intensity in a gate, uPa^2.
+        bursts: (n, 3) of `sensors.voices`.
+        key, number: of the sensor's random numbers, and of the ping.
+        window: gates that the resolution of the pulse is long.
+        phasors: `speckle.PHASORS`.
+        sound: (2, beams, gates) real and imaginary part, uPa; or (1, beams, gates) mean intensity, uPa^2, to which nothing is added.
+    """
+    is_mean = len(sound) == 1
+    if not is_mean:
+        add_noise(key, number, noise, phasors, sound)
+        add_bursts(bursts, key, number, window, sound)
+    if window > 1.0:
+        rest = 0.5 * (window - int(window))
+        work = np.empty(sound.shape[2], np.float32)
+        lengthen(sound, int(window), rest if is_mean else math.sqrt(rest), work)
 
 
 @entry

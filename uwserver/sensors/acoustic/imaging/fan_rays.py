@@ -9,8 +9,15 @@ from uwserver.frames import Vec3
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled
 from uwserver.physics.rays.raycast import NOTHING, Hits
-from uwserver.sensors.acoustic.head import turn
 from uwserver.sensors.bank import meet_surface
+
+
+@compiled
+def turn(R: Array, ray: Array, out: Array) -> None:
+    """Components in N (3) of a vector in the frame of a head, whose axes are the columns of R; both may lie in one place."""
+    x, y, z = ray[0], ray[1], ray[2]
+    for j in range(3):
+        out[j] = R[j, 0] * x + R[j, 1] * y + R[j, 2] * z
 
 
 @compiled

@@ -8,13 +8,13 @@ import numpy as np
 
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.rays.raycast import no_hits
-from uwserver.sensors.acoustic import voices
+from uwserver.sensors import voices
 from uwserver.sensors.acoustic.imaging import columns, echoes, soundings, speckle
 from uwserver.sensors.acoustic.imaging.fan import Fan
 
 KERNELS = (
-    speckle.fade, voices.hear, voices.add_bursts, echoes.deposit_columns, columns.energies, columns.volume, columns.scatter,
-    columns.form_beams, columns.add_noise, columns.lengthen, columns.intensities, columns.counts, soundings.form_bands, soundings.find,
+    speckle.fade, voices.hear, echoes.deposit_columns, columns.energies, columns.volume, columns.scatter,
+    columns.form_beams, columns.receive, columns.intensities, columns.counts, soundings.form_bands, soundings.find,
     soundings.cross,
 )  # fmt: skip
 """What Python calls."""
@@ -56,10 +56,8 @@ def _load_beams(energy: FloatArray) -> None:
     place, half = np.empty(4), np.empty(4)
     soundings.find(sound, 10, 0.0, 0.0, False, place, np.empty(4), np.empty(4, np.int64), half)
     soundings.cross(sound, sound, spans, 0, 0.0, half, place, np.empty(4, np.uint8))
-    columns.add_noise(np.uint64(0), np.uint64(0), 1.0, speckle.PHASORS, sound)
-    columns.lengthen(sound, 2, 0.5, np.zeros(10, np.float32))
+    columns.receive(1.0, voices.NO_BURSTS, np.uint64(0), np.uint64(0), 2.5, speckle.PHASORS, sound)
     columns.intensities(sound, np.ones(4, np.float32), image)
     columns.counts(image, np.zeros(10), 1.0, columns.LOGARITHMS, np.zeros((10, 4), np.uint8))
     heard = np.zeros(2, voices.VOICE)
     voices.hear(heard, 0, np.zeros(2, bool), 1500.0, 0.0, 0.0, 1.0, 1.0, 10, np.empty((0, 3)))
-    voices.add_bursts(voices.NO_BURSTS, np.uint64(0), np.uint64(0), 1.0, sound)

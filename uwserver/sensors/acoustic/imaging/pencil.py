@@ -6,15 +6,18 @@ import math
 
 import numpy as np
 
-from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.sensors.acoustic.imaging.fan import Grid, two_way
-from uwserver.sensors.acoustic.imaging.swath import Swath
 
 _FLANKS = 2.0
 
 
-class Pencil(Swath):
-    """One beam along x, of one column: the pattern of a round piston is taken as the product of those of two lines."""
+class Pencil:
+    """One beam along x: the pattern of a round piston is taken as the product of those of two lines.
+
+    Attributes:
+        grid: its cells; `emitted` is the pattern of transmitter and receiver, times the solid angle (sr).
+        directivity: of the receiver, as a ratio.
+    """
 
     def __init__(self, width: float, side: int) -> None:
         """Lay out rays.
@@ -23,12 +26,7 @@ class Pencil(Swath):
             width: angle between half-power points of transmitter and receiver each, rad.
             side: square root of the number of rays.
         """
-        self.columns, self.rows = 1, side * side
         self.grid = Grid.of(_FLANKS * width, _FLANKS * width, side, side)
         along = two_way(self.grid.elevation, width) * self.grid.areas()
         self.grid.cells["emitted"] = np.outer(along, two_way(self.grid.azimuth, width)).ravel()
-        self.column: IntArray = np.zeros(side * side, np.int64)
-        self.azimuth: FloatArray = np.zeros(1)
-        self.pattern = self.power = np.ones((1, 1), np.float32)
         self.directivity = 4.0 * math.pi / (width * width)
-        self.aperture = 0.886 / width

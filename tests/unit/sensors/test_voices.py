@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import uwserver
-from uwserver.sensors.acoustic.voices import (
+from uwserver.sensors.voices import (
     END,
     FIRST,
     INTENSITY,

@@ -156,7 +156,7 @@ hear = entry(find_bursts.py_func)
 """`find_bursts`, for who pings in Python."""
 
 
-@entry
+@compiled
 def add_bursts(bursts: Array, key: int, number: int, window: float, sound: Array) -> None:
     """Add bursts to what a ping brings, independent in each beam and gate.
 
