@@ -171,12 +171,11 @@ def echo_kernels() -> None:
     Raises:
         RuntimeError: they hear nothing of a bottom.
     """
-    from uwserver.physics.rays import echoes, hits
+    from uwserver.physics.rays import hits
 
-    down, answer, back = np.array([[0.0, 0.0, 1.0]]), no_hits(1), np.empty(1)
+    down, answer = np.array([[0.0, 0.0, 1.0]]), no_hits(1)
     hits.intersect_level(5.5, -down, 10.0, SURFACE, *answer)
-    echoes.backscatter(-down, answer.normal, answer.body, answer.material, np.ones(1), 0.5, back)
-    if answer.distance[0] != 5.5 or back[0] != 0.5:
+    if answer.distance[0] != 5.5:
         raise RuntimeError("the kernels heard no echo of the surface: reinstall numpy and numba")
 
 

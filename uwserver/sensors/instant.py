@@ -1,7 +1,7 @@
 """What sensors in compiled code see of the world at one instant: the arrays of bodies and water, and questions to them.
 
 A kernel of a sensor gets `now`, a table of addresses of all arrays (`surroundings.FORMS`), and its own `head`, which says on which body it sits
-and where.
+and where. Imports numba.
 """
 
 from __future__ import annotations

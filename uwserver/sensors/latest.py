@@ -23,8 +23,8 @@ class Latest(Protocol):
         """When that was."""
 
     @property
-    def stream(self) -> int:
-        """Number of its own stream in the world."""
+    def stream_numbers(self) -> range:
+        """Numbers of its streams in the world, its own first."""
 
     @property
     def sensor(self) -> object:

@@ -361,14 +361,14 @@ def measure(table: Array, sensors: Array, values: Array, told_values: Array) -> 
     if run.stage == ARRIVALS:
         run.stage = ROUND
         arrives = run.t_ns >= counts.next_ns
-        if run.active == 0 and run.calls == 0 and not arrives:
+        if run.active == 0 and run.t_ns < run.call_ns and not arrives:
             run.stage = HEAR
         elif run.slow != 0 and arrives:
             return ARRIVALS
     while run.stage != HEAR:
         if run.stage == ROUND:
             if run.round == WHEN_CALLED:
-                if run.calls != 0:
+                if run.t_ns >= run.call_ns:
                     return CALLED  # who answers goes on with that round, or the next
                 run.round = WHEN_DUE
             if run.round > last_round:

@@ -84,7 +84,7 @@ RUN = np.dtype(
             "forces_tick",  # when a part gives forces next
             "finds",  # 1: contacts are looked for by Python
             "follow_ns",  # when parts act next behind bodies and water, in Python
-            "calls",  # 1: sensors may be called
+            "call_ns",  # when something comes to sensors that they wait for
             "callable",  # so many samples can come of these
             "slow",  # 1: some readings take time
             "looks_back",  # 1: Python looks at each tick in which somebody reads samples; 2: at all

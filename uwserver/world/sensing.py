@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Container, Mapping, Sequence
 from typing import Any
 
@@ -12,7 +13,8 @@ from uwserver.ports.checks import check_values
 from uwserver.ports.thinning import WHOLE, Thinned
 from uwserver.ports.told import Origin, Told
 from uwserver.sensors.bank import BankSensor
-from uwserver.step.streams import ENTRY, HEARD, KEPT, LARGE, READ, SMALL
+from uwserver.step.streams import ENTRY, HEARD, KEPT, LARGE, NEVER, READ, SMALL
+from uwserver.units import NANOSECONDS
 from uwserver.world.by_hand import ByHand
 from uwserver.world.components import SensorStream
 from uwserver.world.computing import DROP, settled
@@ -23,6 +25,9 @@ from uwserver.world.profile import Timer, untimed
 from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.timetable import Group, groups_of
 from uwserver.world.under_way import UnderWay
+
+_EARLY_NS = 2
+"""More than times in seconds are rounded by: who is asked so much too early has nothing to do."""
 
 
 class Sensing(Part):
@@ -169,9 +174,11 @@ class Sensing(Part):
         self.by_hand = ByHand({slot.head: slot for slot in active}, self._instruments, self._timed)
 
     @property
-    def calls(self) -> bool:
-        """Whether there are sensors that may be called in the coming tick."""
-        return bool(self._listening or self._instruments.roused)
+    def call_ns(self) -> int:
+        """Before this time (ns of simulation) nothing comes to sensors that they wait for, as far as is known now."""
+        wakes = [slot.sensor.wake for slot in (*self._listening, *self._instruments.roused)]
+        first = min([wake for wake in wakes if wake is not None], default=None)
+        return NEVER if first is None else math.floor(first * NANOSECONDS) - _EARLY_NS
 
     def called(self, now: float) -> list[SensorSlot]:
         """Sensors to which something has come by now (s) that they wait for, in an order that does not depend on who came first."""

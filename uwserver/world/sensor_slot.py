@@ -317,11 +317,6 @@ class SensorSlot(Part):
     # -- what is told of it ---------------------------------------------------------------------------------------------------------
 
     @property
-    def stream(self) -> int:
-        """Number of its own stream among those of the world."""
-        return self.stream_numbers.start
-
-    @property
     def number(self) -> int:
         """Readings made."""
         return int(self._here.row["number"])

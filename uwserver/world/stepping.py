@@ -179,7 +179,7 @@ class Stepping:
             forces = min([part.next_tick for part, _ in turns.forces if part.next_tick is not None], default=NEVER)
         follow_ns = min([NEVER, *(part.after_ns for part, _ in turns.follow)])
         self.given.run[_ASKED] = (
-            first, until, usual, forces, collider is not None and self.given.finding() is None, follow_ns, sensing.calls,
+            first, until, usual, forces, collider is not None and self.given.finding() is None, follow_ns, sensing.call_ns,
             sensing.callable, not sensing.under_way.is_idle, 2 if turns.last else bool(turns.ears), self.profile is not None,
         )  # fmt: skip
 

@@ -119,7 +119,7 @@ class _Maker:
             elif is_written(slot):
                 self._add_writing(slot)
             elif is_repeated(slot):
-                members = [member.stream for member in slot.sensor.repeated]
+                members = [member.stream_numbers.start for member in slot.sensor.repeated]
                 self.repeatings.append((slot.head, len(self.repeated), len(members)))
                 self.repeated += members
         for kind, heads in by_kind.items():

@@ -299,6 +299,7 @@ def test_beacons_reach_it_in_words_though_nobody_reads_them() -> None:
     world.want(())
     assert part_of(world, "a").hears == ("a/usbl",)
     world.step(960)
+    assert 8 <= world.stops["called sensors"] <= 24, "the step stops when answers come, not in each tick"
     assert "a/usbl" in {sample.port for sample in read.step(960)}
     assert part_of(world, "a").pilot.estimate.fix_ns > 3_000_000_000
     assert part_of(world, "a").save() == part_of(read, "a").save()

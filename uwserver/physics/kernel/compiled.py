@@ -45,7 +45,7 @@ ENTRY_KERNELS = {
         "narrow_phase.find_contacts", "mesh.fill_cells", "hits.intersect_simple", "hits.select_rays", "hits.refine",
         "meeting.meet", "tree.build", *(() if find_spec("embreex") else ("tree.pick_nearest",)),
     ),
-    "echoes": ("hits.intersect_level", "echoes.backscatter"),
+    "echoes": ("hits.intersect_level",),
 }  # fmt: skip
 """What Python calls, by what a world needs it for."""
 

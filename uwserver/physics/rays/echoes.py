@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.compiled import compiled, entry
+from uwserver.physics.kernel.compiled import compiled
 from uwserver.physics.rays.raycast import NOTHING, SURFACE
 
 _LEAST_GRAZING = 0.01
@@ -24,26 +24,15 @@ class Ground(NamedTuple):
     surface: float
 
 
-@entry
-def backscatter(
-    direction: Array, normal: Array, bodies: Array, material: Array, lambert: Array, surface: float, out: Array
-) -> None:
-    """Intensity that a square metre of what each ray hits scatters back at 1 m, per unit of incident intensity: Lambert's law.
-
-    Args:
-        direction, normal: (n, 3) of the rays and of what they hit.
-        bodies, material: (n) of what they hit; nothing comes back from a miss.
-        lambert, surface: of `Ground`.
-        out: (n) receives it.
-    """
-    ground = Ground(lambert, surface)
-    for i in range(len(out)):
-        out[i] = returned(direction[i], normal[i], bodies[i], material[i], ground)
-
-
 @compiled
 def returned(direction: Array, normal: Array, body: int, material: int, ground: Ground) -> float:
-    """The same of one ray."""
+    """Intensity that a square metre of what a ray hits scatters back at 1 m, per unit of incident intensity: Lambert's law.
+
+    Args:
+        direction, normal: (3) of the ray and of what it hits.
+        body, material: of what it hits; nothing comes back from a miss.
+        ground: how strongly that scatters.
+    """
     sine = normal[0] * direction[0] + normal[1] * direction[1] + normal[2] * direction[2]
     sine = max(abs(sine), _LEAST_GRAZING)
     return float(strength(body, material, ground) * sine * sine)

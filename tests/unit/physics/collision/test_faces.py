@@ -115,7 +115,7 @@ def test_what_is_far_beside_a_triangle_needs_no_search(name: str, away: float, o
     """As most triangles of a mesh are that are near a body; this one's side runs along x = -1."""
     shapes = pair(MOVED[name], (0.0, 0.0, 0.0), LEVEL, triangle())
     half = support(shapes.slots[0], shapes.P[0], shapes.R[0], np.array([1.0, 0.0, 0.0]), shapes.vertices)
-    level = lowest(pair(MOVED[name], (-0.5, -0.5, 0.0), LEVEL, triangle()))
+    level = lowest(pair(MOVED[name], (-0.5, -0.5, -2.0), LEVEL, triangle())) - 2.0
     shapes.P[0] = -1.0 - away - half, 0.0, level
     assert over_triangle(shapes, 0, 1, 0, 0.01, new_cores(), new_work(), np.zeros(LINE)) == outcome
 

@@ -95,8 +95,10 @@ def test_a_name_that_is_missing_is_told_when_it_is_called():
 
 
 def _kinds(folder: str) -> list[str]:
-    """Modules of a folder but those that are there for compiled code alone."""
-    found = [path for path in sorted((PACKAGE / folder).rglob("*.py")) if path.name != "instant.py"]
+    """Modules of a folder but those that are there for compiled code alone, and say so."""
+    found = [
+        path for path in sorted((PACKAGE / folder).rglob("*.py")) if "Imports numba." not in path.read_text("utf-8")
+    ]
     files = [path for path in found if path.parent.name != "camera" or path.name == "camera.py"]
     return [
         ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__") for path in files

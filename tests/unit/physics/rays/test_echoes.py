@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from uwserver.physics.rays.echoes import Ground, backscatter
+from uwserver.physics.rays.echoes import Ground, returned
 from uwserver.physics.rays.raycast import NOTHING, Hits
 
 GROUND = Ground(np.array([0.1, 0.02]), 0.5)
@@ -22,16 +22,20 @@ def hits_of(distance: Any, normal: Any, body: Any = None, material: Any = None) 
     return Hits(distance, normals, body, np.zeros(n, np.int64) if material is None else np.array(material))
 
 
+def backscatter(direction: Any, hits: Hits) -> list[float]:
+    rays = zip(direction, hits.normal, hits.body, hits.material, strict=True)
+    return [returned(*ray, GROUND) for ray in rays]
+
+
 def test_backscatter_is_lambert_s_law() -> None:
     angles = np.array([0.1, 0.8, math.pi / 2])
     direction = np.stack([np.cos(angles), np.zeros(3), np.sin(angles)], axis=1)
-    hits, out = hits_of([5.0] * 3, (0.0, 0.0, -1.0), material=[0, 1, 0]), np.empty(3)
-    backscatter(direction, hits.normal, hits.body, hits.material, *GROUND, out)
+    out = backscatter(direction, hits_of([5.0] * 3, (0.0, 0.0, -1.0), material=[0, 1, 0]))
     np.testing.assert_allclose(out, [0.1, 0.02, 0.1] * np.sin(angles) ** 2)
 
 
 def test_no_bottom_is_so_flat_that_nothing_comes_back_and_a_miss_is() -> None:
     direction = np.array([[1.0, 0.0, 0.0]] * 2)
-    hits, out = hits_of([5.0] * 2, (0.0, 0.0, -1.0), body=[0, NOTHING]), np.empty(2)
-    backscatter(direction, hits.normal, hits.body, hits.material, *GROUND, out)
-    assert out.tolist() == pytest.approx([0.1 * 1e-4, 0.0])
+    assert backscatter(direction, hits_of([5.0] * 2, (0.0, 0.0, -1.0), body=[0, NOTHING])) == pytest.approx(
+        [0.1 * 1e-4, 0.0]
+    )
