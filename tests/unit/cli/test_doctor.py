@@ -143,12 +143,12 @@ KERNELS, LEVEL = Path("all of them"), "x86-64-v3"
         (
             CacheState(Path("/c"), ""),
             "warning",
-            "not compiled yet: cameras, solids, fins in contact, fins, sensors, contact, ",
+            "not compiled yet: cameras, solids, fins in contact, fins, sensors, sonars, contact, ",
         ),
         (
             CacheState(Path("/c"), ""),
             "warning",
-            ", autopilots, free, pictures, soundings, sound, echoes, sea, copies; in /c",
+            ", autopilots, soundings, free, pictures, sound, echoes, sea, copies; in /c",
         ),
         (CacheState(Path("/c"), ""), "warning", "--warm"),
         (CacheState(None, "not writable: no space"), "warning", "NUMBA_CACHE_DIR"),

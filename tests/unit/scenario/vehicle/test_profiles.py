@@ -124,6 +124,7 @@ def pings(name, distance, n):
     down = quat_from_rpy(0.0, -math.pi / 2.0, 0.0) if "bins" in keys else (1.0, 0.0, 0.0, 0.0)
     bottom = FakeGeometry([Plane((0.0, 0.0, 200.0 + distance * reach), (0.0, 0.0, -1.0))])
     sensor = config.build(Pose(q=down))
+    sensor.start(0)
     found = []
     for _ in range(n):
         calm = {"ready", "scale", "index"} & set(sensor.memory.__struct_fields__)
