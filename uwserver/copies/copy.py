@@ -164,5 +164,6 @@ def _next(turns: Iterable[tuple[Part, Before]]) -> int:
 def _remembers(part: Part) -> bool:
     """Whether its state does not stand in arrays alone."""
     if isinstance(part, SensorSlot):
-        return not isinstance(part.sensor, BankSensor) or any(stream.is_ready_made for stream in part.streams)
+        is_made = any(stream.is_ready_made for stream in part.streams)
+        return not isinstance(part.sensor, BankSensor) or part.is_wordy or is_made
     return part.path not in _FORGETFUL

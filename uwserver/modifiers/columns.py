@@ -73,9 +73,7 @@ class Columns:
         # At once, as each number by itself would cost as much as all; numpy makes NaN of None.
         row[:] = numbers
         if self._whole:
-            whole = row.view(np.int64)
-            for k in self._whole:
-                whole[k] = NO_INT if numbers[k] is None else numbers[k]
+            row.view(np.int64)[self._whole] = [NO_INT if numbers[k] is None else numbers[k] for k in self._whole]
 
     def unpack(self, row: Any, loose: Sequence[Value] = ()) -> tuple[Value, ...]:
         """The reading of a row; `loose`: the values that have no place there, in their order."""

@@ -14,6 +14,7 @@ VOICE = np.dtype(
     [
         ("body", "i8"),  # row of the body that carries it
         ("works", "i8"),  # 1: it is switched on, and no fault keeps it silent
+        ("key", "u8"),  # of its random numbers: what is heard of it does not depend on where its row lies
         ("p", "f8", (3,)),  # of its transducer in B, m
         ("frequency", "f8"),  # Hz
         ("bandwidth", "f8"),
@@ -29,10 +30,10 @@ VOICE = np.dtype(
 """How a sonar sounds. Who pings says so here, and so does whoever changes it."""
 
 NO_VOICES: Records = np.zeros(0, VOICE)
-FIRST, END, INTENSITY = range(3)
-"""Columns of bursts (n, 3), sound of other sonars in one ping: the gate from which on it is heard, the one behind it, and its mean intensity within
-the listener's band, uPa^2."""
-NO_BURSTS: FloatArray = np.zeros((0, 3))
+FIRST, END, INTENSITY, WHOSE = range(4)
+"""Columns of bursts (n, 4), sound of other sonars in one ping: the gate from which on it is heard, the one behind it, its mean intensity within the
+listener's band (uPa^2), and what tells its noise from that of all others: of the sonar and of its ping, a whole number below 2**52."""
+NO_BURSTS: FloatArray = np.zeros((0, 4))
 MOST = 101
 """Pings of another sonar that are heard in one of the listener's."""
 
@@ -41,7 +42,10 @@ _NEAREST = 0.1
 _TICK = 1e-6
 _HEARD = 3
 """What random numbers are drawn for; others are in `kernel.random`."""
-_BURST = np.uint64(48)
+_REST, _PINGS = np.uint64(20), np.uint64(8)
+"""Bits of a sonar's key that are left out, and bits behind the others for the number of its ping: both stand in WHOSE."""
+_SONAR, _PING = np.uint64(12), np.uint64(56)
+"""Where they lie in what its noise is drawn by."""
 
 
 @compiled
@@ -91,6 +95,18 @@ def _shared(frequency: float, bandwidth: float, other: float, width: float) -> f
 
 
 @compiled
+def _by_key(voices: Array) -> Array:
+    """Rows of voices in the order of their keys: their own depends on who came and went before."""
+    order = np.arange(len(voices))
+    for i in range(1, len(order)):
+        j = i
+        while j > 0 and voices[order[j]].key < voices[order[j - 1]].key:
+            order[j], order[j - 1] = order[j - 1], order[j]
+            j -= 1
+    return order
+
+
+@compiled
 def find_bursts(
     voices: Array, mine: int, heard: Array, c: float, relative: float, t: float, per_metre: float, window: float, total: int, out: Array
 ) -> int:  # fmt: skip
@@ -104,14 +120,14 @@ def find_bursts(
         relative: level of another sonar's sound beside that of its axis, dB.
         t: now, s.
         per_metre, window, total: of the gates of the ping (`imaging.echoes.Gates`).
-        out: (m, 3) receives bursts: room for MOST of each that is heard.
+        out: (m, 4) receives bursts, by the keys of the sonars: room for MOST of each that is heard.
 
     Returns:
         How many bursts.
     """
     me, per_second, count, times = voices[mine], 0.5 * c * per_metre, 0, np.empty(MOST)
     bandwidth = min(me.bandwidth, per_second / window)  # of what the bins resolve
-    for k in range(len(voices)):
+    for k in _by_key(voices):
         voice = voices[k]
         share = _shared(me.frequency, bandwidth, voice.frequency, voice.bandwidth) if heard[k] else 0.0
         if k == mine or share <= 0.0:
@@ -125,34 +141,38 @@ def find_bursts(
             start = (times[n] + late - t) * per_second
             first, end = max(math.floor(start), 0), min(math.ceil(start + voice.length * per_second), total)
             if first < end:
-                out[count, FIRST], out[count, END], out[count, INTENSITY] = first, end, intensity
+                whose = (voice.key >> _REST << _PINGS) + np.uint64(n)
+                out[count, FIRST], out[count, END], out[count, INTENSITY], out[count, WHOSE] = (
+                    first,
+                    end,
+                    intensity,
+                    whose,
+                )
                 count += 1
     return count
 
 
 @compiled
-def add_burst(
-    burst: Array, which: int, beam: int, key: int, number: int, window: float, real: Array, imaginary: Array
-) -> None:  # fmt: skip
+def add_burst(burst: Array, beam: int, key: int, number: int, window: float, real: Array, imaginary: Array) -> None:
     """Add a burst to what a beam hears, independent in each gate.
 
     Args:
-        burst: (3) as a row of those.
-        which: of the bursts of this ping it is.
+        burst: (4) as a row of those.
         beam: number of the beam.
         key, number: of the sensor's random numbers, and of the ping.
         window: gates that the resolution of the pulse is long, whose sum has the intensity.
         real, imaginary: (gates) of the beam, uPa, to which is added.
     """
     root, gates = math.sqrt(0.5 * burst[INTENSITY] / window), len(real)
-    mixed = np.uint64(number) ^ (np.uint64(which + 1) << _BURST)
+    whose = np.uint64(burst[WHOSE])
+    mixed = np.uint64(number) ^ (whose >> _PINGS << _SONAR) ^ (whose << _PING)
     for k in range(int(burst[FIRST]), min(int(burst[END]), gates)):
         a, b = normals(key, mixed, _HEARD, beam * gates + k)
         real[k] += root * a
         imaginary[k] += root * b
 
 
-hear = entry(find_bursts.py_func)
+find_bursts_at_once = entry(find_bursts.py_func)
 """`find_bursts`, for who pings in Python."""
 
 
@@ -161,10 +181,10 @@ def add_bursts(bursts: Array, key: int, number: int, window: float, sound: Array
     """Add bursts to what a ping brings, independent in each beam and gate.
 
     Args:
-        bursts: (n, 3).
+        bursts: (n, 4).
         key, number, window: of `add_burst`.
         sound: (2, beams, gates) real and imaginary part, uPa, to which is added.
     """
     for b in range(sound.shape[1]):
         for k in range(len(bursts)):
-            add_burst(bursts[k], k, b, key, number, window, sound[0, b], sound[1, b])
+            add_burst(bursts[k], b, key, number, window, sound[0, b], sound[1, b])

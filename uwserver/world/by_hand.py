@@ -98,7 +98,7 @@ class ByHand:
         timed, instruments = self._timed, self._instruments
         texts = [slot for slot in slots if is_written(slot)]
         others = [slot for slot in slots if not is_written(slot)]
-        compiled = [slot for slot in others if isinstance(slot.sensor, BankSensor) or is_repeated(slot)]
+        compiled = {slot for slot in others if isinstance(slot.sensor, BankSensor) or is_repeated(slot)}
         in_python = [slot for slot in others if slot not in compiled and not slot.writes]
         wordy = [slot for slot in others if slot.is_wordy]
         ready_made = [slot for slot in others if any(stream.is_ready_made for stream in slot.streams)]

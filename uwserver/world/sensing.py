@@ -27,7 +27,7 @@ from uwserver.world.timetable import Group, groups_of
 from uwserver.world.under_way import UnderWay
 
 _EARLY_NS = 2
-"""More than times in seconds are rounded by: who is asked so much too early has nothing to do."""
+"""More than times in seconds are rounded by, up to a hundred days: who is asked so much too early has nothing to do."""
 
 
 class Sensing(Part):

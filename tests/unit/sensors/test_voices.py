@@ -15,9 +15,10 @@ from uwserver.sensors.voices import (
     INTENSITY,
     MOST,
     VOICE,
+    WHOSE,
     add_bursts,
     find_bursts,
-    hear,
+    find_bursts_at_once,
     period,
 )
 from uwserver.world import snapshot
@@ -100,6 +101,43 @@ def test_a_state_that_comes_back_brings_the_pace_of_all(tmp_path: Path) -> None:
     assert [(s.port, s.seq, s.value) for s in world.step(HZ)] == expected
 
 
+TWO = """
+schema = 1
+seed = 3
+[world]
+rate_hz = 240
+[vehicles.rov]
+model = "bluerov2_heavy"
+position_ned_m = [0.0, 0.0, 50.0]
+[vehicles.rov.sensors]
+LINES
+"""
+LINES = (
+    'listener = { kind = "scanning_sonar", rate_hz = 4, range_m = 50, bins = 500, output = "pressure", frequency_hz = 450e3, cross_talk_db = -40 }',
+    'one = { kind = "scanning_sonar", rate_hz = 24, range_m = 5, frequency_hz = 455e3 }',
+    'two = { kind = "scanning_sonar", rate_hz = 24, range_m = 5, frequency_hz = 455e3, position_frd_m = [0.0, 0.0, 1.0] }',
+)
+
+
+def told_by(world: Any) -> list[Any]:
+    return [(s.seq, s.value) for s in world.step(HZ) if s.port == "rov/listener"]
+
+
+def test_what_is_heard_does_not_depend_on_who_stands_first_nor_on_who_came_and_went(tmp_path: Path) -> None:
+    worlds = []
+    for order in (LINES, LINES[::-1]):
+        file = tmp_path / f"{order[0][:3]}.toml"
+        file.write_text(TWO.replace("LINES", "\n".join(order)))
+        worlds.append(uwserver.load(file))
+    one, other = worlds
+    assert told_by(one) == told_by(other)
+    state = snapshot.take(one)
+    expected = told_by(one)
+    one.call("world/remove", name="rov")
+    snapshot.restore(one, state)
+    assert told_by(one) == expected, "its voices lie in other rows now"
+
+
 def voices(*changes: dict[str, float]) -> np.ndarray:
     """The listener, and others that are as it is but for these numbers."""
     made = np.zeros(1 + len(changes), VOICE)
@@ -111,15 +149,17 @@ def voices(*changes: dict[str, float]) -> np.ndarray:
     return made
 
 
-def bursts(*changes: dict[str, float], kernel: Any = hear, heard: tuple[bool, ...] = (True, True)) -> np.ndarray:
-    made, out = voices(*changes), np.empty((2 * MOST, 3))
+def bursts(
+    *changes: dict[str, float], kernel: Any = find_bursts_at_once, heard: tuple[bool, ...] = (True, True)
+) -> np.ndarray:
+    made, out = voices(*changes), np.empty((2 * MOST, 4))
     count = kernel(made, 0, np.array(heard), 1500.0, -40.0, 0.0, 10.0, 1.0, 500, out)
     return out[:count].copy()
 
 
 def test_a_burst_lasts_as_long_as_the_pulse_and_fills_the_band() -> None:
     """1 ms of 7500 gates a second, 1 m away; the listener's bins resolve 7.5 of 40 kHz."""
-    ((first, end, intensity),) = bursts({"p": (1.0, 0.0, 0.0)})
+    ((first, end, intensity, _),) = bursts({"p": (1.0, 0.0, 0.0)})
     assert (first, end) == (5.0, 13.0)
     assert 10.0 * np.log10(intensity) == pytest.approx(160.0 + 10.0 * np.log10(7.5 / 40.0))
     near = bursts({"p": (1e-3, 0.0, 0.0)})[0]
@@ -136,6 +176,18 @@ def test_both_kernels_find_the_same_and_nothing_of_whom_nobody_hears() -> None:
     assert len(bursts(*others, heard=(True, False, True))) == 1
 
 
+def test_bursts_are_those_of_their_sonars_in_whatever_order_these_lie() -> None:
+    near, far = {"p": (0.3, 0.4, 0.0), "key": 7e18, "ready": 0.02, "dt": 0.01}, {"p": (2.0, 0.0, 0.0), "key": 3e18}
+    every = (True, True, True)
+    found = bursts(near, far, heard=every)
+    np.testing.assert_array_equal(found, bursts(far, near, heard=every))
+    assert len(found) == len(np.unique(found[:, WHOSE])) == 3
+    alone = bursts(near, heard=every)
+    assert set(alone[:, WHOSE]) < set(found[:, WHOSE])
+    assert (found[:, WHOSE] == np.floor(found[:, WHOSE])).all()
+    assert found[:, WHOSE].max() < 2.0**52
+
+
 def test_the_period_is_that_of_the_sound_speed_that_the_device_believes() -> None:
     assert period(1500.0, 30.0, 0.0, 0.01) == pytest.approx(0.05)
     assert period(1500.0, 30.0, 1200.0, 0.0) == pytest.approx(0.05)
@@ -144,11 +196,18 @@ def test_the_period_is_that_of_the_sound_speed_that_the_device_believes() -> Non
 def test_bursts_are_independent_and_end_with_the_ping() -> None:
     key = np.uint64(4)
     sound, later = np.zeros((2, 50, 200)), np.zeros((2, 50, 200))
-    two = np.array([[0.0, 100.0, 2.0], [100.0, 900.0, 2.0]])
+    two = np.array([[0.0, 100.0, 2.0, 5.0], [100.0, 900.0, 2.0, 6.0]])
     add_bursts(two, key, np.uint64(0), 1.0, sound)
     add_bursts(two[1:], key, np.uint64(0), 1.0, later)
     assert np.square(sound).mean() == pytest.approx(1.0, rel=0.05)
     halves = sound.reshape(2, 50, 2, 100)
     for a, b in ((halves[:, :, 0], halves[:, :, 1]), (sound[0], sound[1]), (sound[:, 1:], sound[:, :-1])):
         assert abs(np.corrcoef(a.ravel(), b.ravel())[0, 1]) < 0.05
-    assert abs(np.corrcoef(later[..., 100:].ravel(), sound[..., 100:].ravel())[0, 1]) < 0.05
+    np.testing.assert_array_equal(later[..., 100:], sound[..., 100:], "whoever else is heard")
+    again, other = np.zeros((2, 50, 200)), np.zeros((2, 50, 200))
+    next_ping = two[:1].copy()
+    next_ping[0, WHOSE] += 1.0
+    add_bursts(next_ping, key, np.uint64(0), 1.0, again)
+    add_bursts(two[:1], key, np.uint64(1), 1.0, other)
+    for a in (again, other):
+        assert abs(np.corrcoef(a[..., :100].ravel(), sound[..., :100].ravel())[0, 1]) < 0.05

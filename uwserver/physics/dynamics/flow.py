@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from uwserver.physics.kernel import elementary
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, entry
-from uwserver.physics.kernel.elementary import exponentials, sines_and_cosines
 from uwserver.physics.kernel.handles import array_at, flows_at, state_at, team_at
 from uwserver.physics.kernel.layout import (
     FLOW_KIND,
@@ -34,6 +34,7 @@ from uwserver.physics.kernel.layout import (
 from uwserver.physics.kernel.rotation import rotation
 from uwserver.physics.kernel.sharing import share
 
+_sines_and_cosines, _exponentials = elementary.sines_and_cosines.made(), elementary.exponentials.made()
 bodies_at, strips_at = array_at(WORLD, "bodies"), array_at(WORLD, "strips")
 
 # A row of water at a point: velocity (3), its partial derivative by time (3), its gradient (3, 3; row i: derivatives of component i),
@@ -65,7 +66,7 @@ def _fall_off(waves: Array, z: float, along: Array, across: Array, head: Array, 
     for i in range(n):
         below = min(max(z, 0.0), waves[i, WAVE_DEPTH])
         along[i], is_deep = -waves[i, WAVE_K] * below, is_deep and waves[i, WAVE_DEPTH] == np.inf
-    exponentials(along, work[0])
+    _exponentials(along, work[0])
     across[:], head[:] = along, along
     if is_deep:
         return
@@ -74,8 +75,8 @@ def _fall_off(waves: Array, z: float, along: Array, across: Array, head: Array, 
     for i in range(n):
         k, h = waves[i, WAVE_K], waves[i, WAVE_DEPTH]
         image[i], bottom[i] = -2.0 * k * (h - min(max(z, 0.0), h)), -2.0 * k * h
-    exponentials(image, work[0])
-    exponentials(bottom, work[0])
+    _exponentials(image, work[0])
+    _exponentials(bottom, work[0])
     for i in range(n):
         along[i] *= (1.0 + image[i]) / (1.0 - bottom[i])
         across[i] *= (1.0 - image[i]) / (1.0 - bottom[i])
@@ -92,8 +93,9 @@ def _add_waves(waves: Array, x: float, y: float, z: float, t: float, point: Arra
     angle, sin, cos, along, across, head = work[0], work[1], work[2], work[3], work[4], work[5]
     for i in range(len(waves)):
         wave = waves[i]
-        angle[i] = wave[WAVE_KX] * x + wave[WAVE_KY] * y - wave[WAVE_OMEGA] * t + wave[WAVE_PHASE]
-    sines_and_cosines(angle, sin, cos)
+        kx, ky, omega = wave[WAVE_KX], wave[WAVE_KY], wave[WAVE_OMEGA]
+        angle[i] = kx * x + ky * y - omega * t + wave[WAVE_PHASE]
+    _sines_and_cosines(angle, sin, cos)
     _fall_off(waves, z, along, across, head, work[6:])
     elevation = slope_x = slope_y = rise = heads = u = v = w = u_t = v_t = w_t = 0.0
     xx = xy = yy = zx = zy = xx_held = yy_held = zx_held = zy_held = 0.0

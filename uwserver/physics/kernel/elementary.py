@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.compiled import compiled
+from uwserver.physics.kernel.deferred import compiled, inlined
 
 _WHOLE = 1.5 * 2.0**52
 """A number below 2**51 to which this is added, and from which it is taken again, is rounded to a whole one; between, that stands in its last bits."""
@@ -23,12 +23,20 @@ _S1, _S2, _S3 = -1.66666666666666324348e-01, 8.33333333332248946124e-03, -1.9841
 _S4, _S5, _S6 = 2.75573137070700676789e-06, -2.50507602534068634195e-08, 1.58969099521155010221e-10
 _C1, _C2, _C3 = 4.16666666666666019037e-02, -1.38888888888741095749e-03, 2.48015872894767294178e-05
 _C4, _C5, _C6 = -2.75573143513906633035e-07, 2.08757232129817482790e-09, -1.13596475577881948265e-11
-"""Polynomials within an eighth of a turn about 0, of fdlibm (Sun Microsystems 1993, k_sin.c and k_cos.c)."""
+"""Of least polynomials of sine and cosine within an eighth of a turn (fdlibm, Sun Microsystems 1993, `k_sin.c` and `k_cos.c`)."""
 _PER_DOUBLING = 1.44269504088896338700
 _DOUBLING_1, _DOUBLING_2 = 6.93147180369123816490e-01, 1.90821492927058770002e-10
 """1 / ln 2; and ln 2 as a sum, as above."""
 _LEAST = -700.0
 """Of an exponent: exp(-700) is 1e-304."""
+
+
+@inlined
+def within_an_eighth(x: float) -> tuple[float, float]:
+    """Sine and cosine of an angle (rad) of an eighth of a turn at most, to either side, within 2.3e-16."""
+    z = x * x
+    sine = x + x * z * (_S1 + z * (_S2 + z * (_S3 + z * (_S4 + z * (_S5 + z * _S6)))))
+    return sine, 1.0 - (0.5 * z - z * z * (_C1 + z * (_C2 + z * (_C3 + z * (_C4 + z * (_C5 + z * _C6))))))
 
 
 @compiled
@@ -37,10 +45,7 @@ def sines_and_cosines(angle: Array, sin: Array, cos: Array) -> None:
     for i in range(len(angle)):
         x = angle[i]
         quarters = (x * _PER_QUARTER + _WHOLE) - _WHOLE
-        r = ((x - quarters * _QUARTER_1) - quarters * _QUARTER_2) - quarters * _QUARTER_3
-        z = r * r
-        s = r + r * z * (_S1 + z * (_S2 + z * (_S3 + z * (_S4 + z * (_S5 + z * _S6)))))
-        c = 1.0 - 0.5 * z + z * z * (_C1 + z * (_C2 + z * (_C3 + z * (_C4 + z * (_C5 + z * _C6)))))
+        s, c = within_an_eighth(((x - quarters * _QUARTER_1) - quarters * _QUARTER_2) - quarters * _QUARTER_3)
         # Of the quarters those that do not make whole turns, 0 to 3, and whether their number is odd.
         quarter = quarters - 4.0 * ((0.25 * quarters - 0.375 + _WHOLE) - _WHOLE)
         odd = quarter - 2.0 * ((0.5 * quarter - 0.25 + _WHOLE) - _WHOLE)

@@ -13,6 +13,7 @@ import numpy as np
 
 from uwserver.physics.kernel.arrays import Array, FloatArray
 from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.physics.kernel.elementary import within_an_eighth
 
 SAMPLE, TURN_ON, EVENT = 0, 1, 2
 """What is drawn for: a reading, the start of a run, or whatever happens beside the readings."""
@@ -28,11 +29,6 @@ _W0, _W1 = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)
 _LOW, _HALF = np.uint64(0xFFFFFFFF), np.uint64(32)
 _5, _6 = np.uint64(5), np.uint64(6)
 _QUARTER_TURN = 0.5 * math.pi
-_S1, _S2, _S3 = -1.66666666666666324348e-01, 8.33333333332248946124e-03, -1.98412698298579493134e-04
-_S4, _S5, _S6 = 2.75573137070700676789e-06, -2.50507602534068634195e-08, 1.58969099521155010221e-10
-_C1, _C2, _C3 = 4.16666666666666019037e-02, -1.38888888888741095749e-03, 2.48015872894767294178e-05
-_C4, _C5, _C6 = -2.75573143513906633035e-07, 2.08757232129817482790e-09, -1.13596475577881948265e-11
-"""Sine and cosine within an eighth of a turn, as least polynomials (fdlibm, `k_sin.c` and `k_cos.c`)."""
 
 
 def key_of(seed: int, path: str) -> int:
@@ -76,10 +72,7 @@ def on_circle(turn: float) -> tuple[float, float]:
     """
     quarters = 4.0 * turn
     n = math.floor(quarters + 0.5)
-    x = (quarters - n) * _QUARTER_TURN  # the difference is exact
-    z = x * x
-    sine = x + x * z * (_S1 + z * (_S2 + z * (_S3 + z * (_S4 + z * (_S5 + z * _S6)))))
-    cosine = 1.0 - (0.5 * z - z * z * (_C1 + z * (_C2 + z * (_C3 + z * (_C4 + z * (_C5 + z * _C6))))))
+    sine, cosine = within_an_eighth((quarters - n) * _QUARTER_TURN)  # the difference is exact
     k = int(n)
     a, b = (sine, cosine) if k & 1 else (cosine, sine)
     return -a if (k + 1) & 2 else a, -b if k & 2 else b

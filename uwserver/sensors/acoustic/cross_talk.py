@@ -23,7 +23,7 @@ from uwserver.sensors.acoustic.imaging.echoes import Gates
 from uwserver.sensors.bank import BankSensor, p_NB, q_NB, rotate, submergence, voices_of
 from uwserver.sensors.base import Scope, Sensor
 from uwserver.sensors.latest import Latest
-from uwserver.sensors.voices import MOST, NO_BURSTS, VOICE, find_bursts, hear
+from uwserver.sensors.voices import MOST, NO_BURSTS, VOICE, find_bursts, find_bursts_at_once
 
 
 class SonarTable(Protocol):
@@ -69,18 +69,19 @@ def believed_speed(table: SonarTable, c: float) -> float:
     return assumed_speed(table) or c
 
 
-def describe(voice: Any, table: SonarTable, p: Vec3, reach: float, ready: float, dt: float) -> None:
+def describe(voice: Any, key: int, table: SonarTable, p: Vec3, reach: float, ready: float, dt: float) -> None:
     """Write into a VOICE how a sonar sounds that has these keys.
 
     Args:
         voice: the record.
+        key: of its random numbers.
         table: of the sonar.
         p: of its transducer in B, m.
         reach: its range, m.
         ready: when it may ping next, s.
         dt: between two times at which it may, s.
     """
-    voice["p"], voice["range"], voice["ready"], voice["dt"] = p, reach, ready, dt
+    voice["key"], voice["p"], voice["range"], voice["ready"], voice["dt"] = key, p, reach, ready, dt
     voice["frequency"], voice["bandwidth"] = table.frequency_hz, table.bandwidth_hz
     voice["level"], voice["length"], voice["overhead"] = table.source_level_db, table.pulse_s, table.overhead_s
     voice["speed"] = assumed_speed(table)
@@ -128,15 +129,15 @@ class Sonar(Sensor):
             relative_db: level of another sonar's sound beside that of its axis; without it they are not heard.
 
         Returns:
-            Bursts (n, 3) of `voices`.
+            Bursts (n, 4) of `voices`.
         """
         if relative_db is UNSET:
             return NO_BURSTS
         voices = self.voices()
         wet = np.array([scope.submergence(scope.position(tuple(p))) > 0.0 for p in voices["p"].tolist()])
-        found = np.empty((MOST * len(voices), 3))
+        found = np.empty((MOST * len(voices), 4))
         divided = float(gates.per_metre), float(gates.window), gates.total
-        count = hear(voices, 0, wet, c, float(relative_db), scope.t, *divided, found)
+        count = find_bursts_at_once(voices, 0, wet, c, float(relative_db), scope.t, *divided, found)
         return found[:count]
 
 
@@ -152,12 +153,12 @@ class BankSonar(Sonar, BankSensor):
     def speak(self, voice: Any) -> None:
         """As `Sonar.speak`."""
         row, p = self.rows.rows[self.row], self.heads.rows["p"][self.head]
-        describe(voice, self.table, p, row["reach"], row["m"]["ready"], self.dt)
+        describe(voice, self.key or 0, self.table, p, row["reach"], row["m"]["ready"], self.dt)
 
 
 @compiled
 def overheard(head: Any, now: Array, t: float, c: float, relative: float, gates: Any) -> Array:
-    """What a sonar in compiled code hears of the others of its vehicle in a ping that begins now: bursts (n, 3) of `voices`.
+    """What a sonar in compiled code hears of the others of its vehicle in a ping that begins now: bursts (n, 4) of `voices`.
 
     Args:
         head: of the sonar.
@@ -174,7 +175,7 @@ def overheard(head: Any, now: Array, t: float, c: float, relative: float, gates:
             x, y, z = rotate(q, (voice.p[0], voice.p[1], voice.p[2]))
             heard[k] = submergence(now, (p[0] + x, p[1] + y, p[2] + z), t) > 0.0
             count += heard[k]
-    bursts = np.empty((MOST * count, 3))
+    bursts = np.empty((MOST * count, 4))
     found = find_bursts(voices, mine, heard, c, relative, t, gates.per_metre, gates.window, gates.total, bursts)
     return bursts[:found]
 

@@ -35,22 +35,18 @@ def load_kernels() -> None:
     echo_kernels()
 
 
-def cast(scope: Scope, origin: Vec3, direction: FloatArray, max_range: float) -> Hits:
+def cast_from(geometry: Geometry, origin: Vec3, height: float, direction: FloatArray, max_range: float) -> Hits:
     """The first solid or piece of sea surface that each ray meets, from a point under water.
 
-    The surface is taken as level, as high as above the origin.
+    The surface is taken as level.
 
     Args:
-        scope: the instant.
+        geometry: solid things at the instant.
         origin: in N, m.
+        height: of the surface above the origin, m.
         direction: (n, 3) unit, in N.
         max_range: m; farther things are not seen.
     """
-    return cast_from(scope.geometry, origin, scope.submergence(origin), direction, max_range)
-
-
-def cast_from(geometry: Geometry, origin: Vec3, height: float, direction: FloatArray, max_range: float) -> Hits:
-    """The same with the height (m) of the surface above the origin given."""
     origins = np.empty(direction.shape)
     origins[:] = origin
     found = geometry.raycast(origins, direction, max_range)

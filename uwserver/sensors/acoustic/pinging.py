@@ -238,7 +238,7 @@ class PingingSonar(Sonar):
 
     def speak(self, voice: Any) -> None:
         """As `Sonar.speak`, in its mode."""
-        describe(voice, self.head.table, self._mount.p, self.settings.range, self.memory.ready, self.dt)
+        describe(voice, self.draws.key, self.head.table, self._mount.p, self.settings.range, self.memory.ready, self.dt)
 
     def begins(self, t: float) -> bool:
         """Whether the last ping is over."""

@@ -11,7 +11,7 @@ from msgspec import UNSET, Meta
 from uwserver.environment.column import SOUND_SPEED
 from uwserver.modifiers.operations import rounded_ns
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.deferred import Elsewhere, compiled, entry
+from uwserver.physics.kernel.deferred import compiled, entry
 from uwserver.ports import Argument, Field
 from uwserver.sensors.acoustic import receiver, sounding
 from uwserver.sensors.acoustic.cross_talk import BankSonar, assumed_speed, overheard, tell_pace
@@ -26,7 +26,7 @@ from uwserver.sensors.acoustic.head import (
     step_on,
 )
 from uwserver.sensors.acoustic.imaging import columns, echoes, soundings, speckle
-from uwserver.sensors.acoustic.imaging.blocks import Block
+from uwserver.sensors.acoustic.imaging.blocks import Block, block_of
 from uwserver.sensors.acoustic.imaging.fan_rays import cast_fan, part_of, see
 from uwserver.sensors.acoustic.imaging.pencil import Pencil
 from uwserver.sensors.acoustic.pinging import STILL, PingMemory, PingSettings, PingTable, fade_of, ping_arguments
@@ -124,7 +124,6 @@ _RECORD = record(
     [("ready", "f8"), ("index", "i8"), ("sense", "i8")],
 )  # fmt: skip
 
-_block_of: Any = Elsewhere("uwserver.sensors.acoustic.imaging.laid", "block_of")
 _ranges, _thresholds = compiled(receiver.ranges), compiled(sounding.thresholds)
 _deposit, _energies, _volume = (
     compiled(kernel.py_func) for kernel in (echoes.deposit_columns, columns.energies, columns.volume)
@@ -135,8 +134,8 @@ _fade, _scatter, _receive, _find = (
 
 
 @compiled
-def _sound_speed(head: Any, row: Any, now: Array) -> tuple[float, float]:
-    """True one at the transducer, m/s, and how many times that the device believes."""
+def _sound(head: Any, row: Any, now: Array) -> tuple[float, float]:
+    """Its speed at the transducer, m/s, and how many times that the device believes."""
     c = water_property(now, SOUND_SPEED, p_NS(head, now)[2])
     return c, 1.0 if head.exact != 0 or row.speed == 0.0 else row.speed / c
 
@@ -187,13 +186,13 @@ def aim(
         row.angle, row.m.index, row.m.sense = step_on(row.step, row.center, row.width, row.m.index, row.m.sense)
         p, row.poses = p_NS(head, now), 0
         if submergence(now, p, t) > 0.0:
-            c, stretch = _sound_speed(head, row, now)
+            c, stretch = _sound(head, row, now)
             duration, w = _duration(row, c, stretch), w_NB_B(head, now)
             rate = math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
             row.poses = 2 if rate * duration > STILL * row.beam else 1
             for pose in range(row.poses):
                 _turn_to(head, row, now, pose * duration, R)
-                count = cast_fan(_block_of(row).direction, R, p, count, origin, direction)
+                count = cast_fan(block_of(row).direction, R, p, count, origin, direction)
             reach = max(reach, _farthest(_divide(row, c, stretch).gates))
     first[len(due)] = count
     return reach
@@ -204,7 +203,7 @@ def _energy(
     head: Any, row: Any, now: Array, t: float, divided: Any, alpha: float, later: float, direction: Array, hits: Any
 ) -> Array:
     """Mean intensity of the echoes of each gate (1, gates), uPa^2, of one pose."""
-    gates, cells, R = divided.gates, _block_of(row).cells, np.empty((3, 3))
+    gates, cells, R = divided.gates, block_of(row).cells, np.empty((3, 3))
     _turn_to(head, row, now, later, R)
     see(submergence(now, p_NS(head, now), t), direction, _farthest(gates), hits)
     second, out, column = np.zeros((1, gates.total + 3)), np.zeros((1, gates.total)), np.zeros(len(cells), np.int64)
@@ -238,8 +237,8 @@ def _blended(
 def _listen(head: Any, row: Any, now: Array, t: float, c: float, divided: Any, energy: Array) -> Array:
     """What the beam hears: real and imaginary part (2, 1, gates), uPa; without errors mean intensity (1, 1, gates), uPa^2. From where the device
     listens."""
-    block, gates, is_mean, R = _block_of(row), divided.gates, head.exact != 0, np.empty((3, 3))
-    sound, bursts = np.empty((1 if is_mean else 2, 1, gates.total), np.float32), np.empty((0, 3))
+    block, gates, is_mean, R = block_of(row), divided.gates, head.exact != 0, np.empty((3, 3))
+    sound, bursts = np.empty((1 if is_mean else 2, 1, gates.total), np.float32), np.empty((0, 4))
     if is_mean:
         sound[0, 0, :] = energy[0]
     else:
@@ -259,7 +258,7 @@ def _listen(head: Any, row: Any, now: Array, t: float, c: float, divided: Any, e
 @compiled
 def _measure(head: Any, row: Any, now: Array, t: float, direction: Array, hits: Any, out: Array) -> None:
     """Range, level and quality of the echo of a ping under water, if it hears one."""
-    c, stretch = _sound_speed(head, row, now)
+    c, stretch = _sound(head, row, now)
     # Absorption changes so little that an instrument asks for it once a metre.
     alpha = sound_absorption(now, row.frequency, np.rint(p_NS(head, now)[2]))
     divided = _divide(row, c, stretch)
@@ -284,7 +283,7 @@ def run(
         if head.ready == 0:
             continue
         row, out, begin, end = rows[head.row], reading_of(head, numbers), first[n], first[n + 1]
-        c, stretch = _sound_speed(head, row, now)
+        c, stretch = _sound(head, row, now)
         out[MAX_RANGE], out[GAIN], out[FREQUENCY], out[SPEED] = row.reach, row.gain, row.frequency, stretch * c
         out[ANGLE], out[RANGE], out[LEVEL], out[QUALITY], head.valid = row.angle, MISSING, MISSING, 0.0, 0
         if row.poses > 0:
@@ -299,7 +298,7 @@ class Profiler(BankSonar):
     """One range a ping."""
 
     doc = "Profiling sonar: where its pencil beam pointed and how far the echo came from; each ping from the pose at its start."
-    bank = Bank(_RECORD, run, (aim,))
+    bank = Bank(_RECORD, run, (aim,), acts=True)
     random = ("noise",)
     memory_type = ProfilerMemory
     settings: ProfilerSettings

@@ -202,7 +202,7 @@ class Noise(NamedTuple):
         key: of the sensor.
         number: drawn for the ping.
         faded, share: of `speckle.fading`.
-        bursts: (n, 3) sound of other sonars, of `voices`.
+        bursts: (n, 4) sound of other sonars, of `voices`.
     """
 
     key: int

@@ -10,22 +10,21 @@ import numpy as np
 from uwserver.environment.column import SOUND_SPEED
 from uwserver.frames import Vec3
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.deferred import Elsewhere, compiled
+from uwserver.physics.kernel.deferred import compiled
 from uwserver.sensors.acoustic.cross_talk import overheard
 from uwserver.sensors.acoustic.head import axes
+from uwserver.sensors.acoustic.imaging.blocks import block_of
 from uwserver.sensors.acoustic.imaging.echoes import deposit, energies, gates
 from uwserver.sensors.acoustic.imaging.fan_rays import kept, see
 from uwserver.sensors.acoustic.imaging.speckle import DIRECTIONS, compress, detect, detect_mean, fade, scatter
+from uwserver.sensors.acoustic.receiver import BEYOND
 from uwserver.sensors.bank import ground_of, p_NS, q_NS, sound_absorption, submergence, water_property
 from uwserver.sensors.voices import add_burst
 
 COUNTS, PRESSURE, COMPLEX = range(3)
 """What the bins are."""
 FULL_SCALE = 255.0
-_BEYOND = 1.3
-"""Rays look so much farther than the last bin: what they hit behind it may reach into it."""
 
-block_of: Any = Elsewhere("uwserver.sensors.acoustic.imaging.laid", "block_of")
 _gates, _fade = compiled(gates), compiled(fade.py_func)
 
 
@@ -39,7 +38,7 @@ def sound_speed(head: Any, row: Any, now: Array, z: float) -> tuple[float, float
 @compiled
 def farthest(row: Any, stretch: float) -> float:
     """How far rays look (m), where the believed sound speed is so many times the true one."""
-    return float(_BEYOND * row.reach / min(stretch, 1.0))
+    return float(BEYOND * row.reach / min(stretch, 1.0))
 
 
 @compiled
@@ -77,7 +76,7 @@ def _receive(
     if row.hears != 0:
         bursts = overheard(head, now, t, c, row.relative, divided)
         for k in range(len(bursts)):
-            add_burst(bursts[k], k, 0, head.key, head.number, divided.window, field[:, 0], field[:, 1])
+            add_burst(bursts[k], 0, head.key, head.number, divided.window, field[:, 0], field[:, 1])
     detect(field, divided.window, divided.per_bin, sound)
 
 

@@ -27,11 +27,11 @@ from uwserver.sensors.acoustic.head import (
     head_arguments,
     step_on,
 )
-from uwserver.sensors.acoustic.imaging.blocks import Block
+from uwserver.sensors.acoustic.imaging.blocks import Block, block_of
 from uwserver.sensors.acoustic.imaging.fan import CELL, Fan, directivity
 from uwserver.sensors.acoustic.imaging.fan_rays import cast_fan, keep, part_of, see, turn
 from uwserver.sensors.acoustic.imaging.silhouettes import CUT, room_for, sharpen
-from uwserver.sensors.acoustic.scan import COUNTS, FULL_SCALE, block_of, farthest, hear, sound_speed
+from uwserver.sensors.acoustic.scan import COUNTS, FULL_SCALE, farthest, hear, sound_speed
 from uwserver.sensors.bank import MISSING, Bank, begins, p_NS, q_NS, reading_of, record, submergence
 from uwserver.sensors.base import Distance, Gain, Pose, SensorTable, Settings
 from uwserver.table import NonNegative, Positive
@@ -249,7 +249,7 @@ class ScanningSonar(BankSonar):
     """One row of a sonar picture a ping."""
 
     doc = "Scanning sonar: the echoes of one ping over range, and where the head pointed; each ping from the pose at its start."
-    bank = Bank(_RECORD, run, (aim, refine))
+    bank = Bank(_RECORD, run, (aim, refine), acts=True)
     random = ("noise",)
     memory_type = SonarMemory
     settings: SonarSettings

@@ -10,12 +10,11 @@ import pytest
 
 from uwserver.physics.kernel import elementary
 from uwserver.physics.kernel.arrays import FloatArray
-from uwserver.physics.kernel.compiled import compiled
 
 
 @pytest.fixture(scope="module")
 def kernels() -> Any:
-    return compiled(elementary.sines_and_cosines.py_func), compiled(elementary.exponentials.py_func)
+    return elementary.sines_and_cosines.made(), elementary.exponentials.made()
 
 
 def turned(kernels: Any, angle: FloatArray) -> tuple[FloatArray, FloatArray]:

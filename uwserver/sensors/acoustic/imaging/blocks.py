@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from uwserver.physics.kernel.arrays import IntArray
+from uwserver.physics.kernel.deferred import Elsewhere
 from uwserver.physics.kernel.layout import Forms, addresses, columns
 from uwserver.sensors.acoustic.imaging.fan import CELL
 from uwserver.sensors.acoustic.imaging.silhouettes import CUT
@@ -33,6 +34,10 @@ FORMS: Forms = {
     "ways": columns(np.float64, 7),
 }
 """Of the table of a block."""
+
+
+block_of: Any = Elsewhere("uwserver.sensors.acoustic.imaging.laid", "block_of")
+"""In compiled code: the block of a record with its `block`."""
 
 
 class Block:

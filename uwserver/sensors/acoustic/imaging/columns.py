@@ -232,7 +232,7 @@ def receive(
 
     Args:
         noise: mean intensity in a gate, uPa^2.
-        bursts: (n, 3) of `sensors.voices`.
+        bursts: (n, 4) of `sensors.voices`.
         key, number: of the sensor's random numbers, and of the ping.
         window: gates that the resolution of the pulse is long.
         phasors: `speckle.PHASORS`.

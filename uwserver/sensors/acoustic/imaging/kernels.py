@@ -13,7 +13,7 @@ from uwserver.sensors.acoustic.imaging import columns, echoes, soundings, speckl
 from uwserver.sensors.acoustic.imaging.fan import Fan
 
 KERNELS = (
-    speckle.fade, voices.hear, echoes.deposit_columns, columns.energies, columns.volume, columns.scatter,
+    speckle.fade, voices.find_bursts_at_once, echoes.deposit_columns, columns.energies, columns.volume, columns.scatter,
     columns.form_beams, columns.receive, columns.intensities, columns.counts, soundings.form_bands, soundings.find,
     soundings.cross,
 )  # fmt: skip
@@ -60,4 +60,4 @@ def _load_beams(energy: FloatArray) -> None:
     columns.intensities(sound, np.ones(4, np.float32), image)
     columns.counts(image, np.zeros(10), 1.0, columns.LOGARITHMS, np.zeros((10, 4), np.uint8))
     heard = np.zeros(2, voices.VOICE)
-    voices.hear(heard, 0, np.zeros(2, bool), 1500.0, 0.0, 0.0, 1.0, 1.0, 10, np.empty((0, 3)))
+    voices.find_bursts_at_once(heard, 0, np.zeros(2, bool), 1500.0, 0.0, 0.0, 1.0, 1.0, 10, np.empty((0, 4)))
