@@ -125,8 +125,7 @@ class Bank(NamedTuple):
         run: the loop over those that are due; where there are `aims`, with what their last rays hit.
         aims: loops that cast rays, two at most, each after what those of the one before have hit. What carries a sensor is seen by those alone whose
             `sees_own` says so.
-        acts: a reading changes what others read, so that one thread makes them all, in their order. Where this is false, and no rays are cast,
-            threads share the loop.
+        acts: a reading changes what others read: one thread makes them all, in their order. Else, and where no rays are cast, threads share the loop.
     """
 
     record: np.dtype[Any]
