@@ -52,7 +52,7 @@ run: ready  ## start the default scenario on port 7600 (ARGS="my.toml --port 0" 
 
 # Of `make test`, each a target of its own; then what `make test-all` adds, in parts of at most half an hour.
 PARTS = lint types tests docs-check wheel-smoke other-pythons
-MORE = slow-unit slow-examples slow-ways slow-ways-everything slow-served slow-fuzz slow-image docs-check-all wheel-smoke-all other-pythons-all
+MORE = slow-unit slow-examples slow-ways slow-ways-everything slow-served slow-soak slow-fuzz slow-image docs-check-all wheel-smoke-all other-pythons-all
 FIGURES = build/tests
 PYTEST = $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal -q --junitxml $(FIGURES)/$@.xml
 
@@ -87,7 +87,10 @@ slow-ways-everything: install
 	$(PYTEST) -m slow tests/determinism -k one_of_everything
 
 slow-served: install
-	$(PYTEST) -m slow tests/integration tests/soak --ignore=tests/integration/test_image.py
+	$(PYTEST) -m slow tests/integration --ignore=tests/integration/test_image.py
+
+slow-soak: install
+	$(PYTEST) -m slow tests/soak
 
 slow-fuzz: install
 	$(PYTEST) -m slow tests/fuzz

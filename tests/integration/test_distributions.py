@@ -279,7 +279,8 @@ def test_without_what_may_go_all_is_the_same(tmp_path: Path) -> None:
     shutil.copy(library, packages)
     for folder in ("data", "envs", "examples", "robots"):
         (packages / f"pybullet_{folder}").mkdir()
-    (packages / "others.pth").write_text(f"{ours}\n")
+    # As a folder of packages and not only as a path: what is installed to be edited stands in files there that name it.
+    (packages / "others.pth").write_text(f"import site; site.addsitedir({str(ours)!r})\n")
 
     def printed(*command: str) -> str:
         environment = os.environ | {"PATH": f"{tmp_path / 'venv/bin'}{os.pathsep}{os.environ['PATH']}"}

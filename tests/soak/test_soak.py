@@ -1,6 +1,6 @@
-"""A server that works for long, with peers of all kinds: an hour in the slow run, a minute where it is asked for.
+"""A server that works for long, with peers of all kinds: 25 minutes in the slow run, an hour or a minute where it is asked for.
 
-`UWSERVER_SOAK_SECONDS` is how long (default 3600), `UWSERVER_SOAK_REPORT` a file for the report, which is printed too.
+`UWSERVER_SOAK_SECONDS` is how long (default 1500), `UWSERVER_SOAK_REPORT` a file for the report, which is printed too.
 """
 
 from __future__ import annotations
@@ -18,10 +18,12 @@ from server_process import Audience, Peer, serving
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 
-SECONDS = float(os.environ.get("UWSERVER_SOAK_SECONDS", "3600"))
+SECONDS = float(os.environ.get("UWSERVER_SOAK_SECONDS", "1500"))
 LOOKS = 60
 """How often it is looked at."""
 MEGABYTE = 1 << 20
+MOST_GROWN = 8 * MEGABYTE
+"""In the second half."""
 SCENARIO, VEHICLE = "rov_autopilot", "rov"
 
 
@@ -119,7 +121,7 @@ def test_a_long_run_stays_as_it_was() -> None:
     print(text)
     if path := os.environ.get("UWSERVER_SOAK_REPORT"):
         Path(path).write_text(text + "\n")
-    assert grown < 16 * MEGABYTE
+    assert grown < MOST_GROWN
     assert max(used.descriptors for _, used, _ in half) <= max(used.descriptors for _, used, _ in looks[1:6]) + 2
     assert len({used.threads for _, used, _ in looks[1:]}) == 1
     assert not any(status["failure"] for _, _, status in looks)
