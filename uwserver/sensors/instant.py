@@ -24,7 +24,7 @@ from uwserver.physics.kernel.compiled import compiled, inlined
 from uwserver.physics.kernel.handles import array_at
 from uwserver.physics.kernel.layout import SeaRows
 from uwserver.physics.rays.echoes import Ground, returned
-from uwserver.physics.rays.raycast import SURFACE
+from uwserver.physics.rays.raycast import NOTHING, SURFACE
 from uwserver.sensors.surroundings import FORMS
 
 state_at, nu_dot_at, tau_at = array_at(FORMS, "state"), array_at(FORMS, "nu_dot"), array_at(FORMS, "tau")
@@ -331,7 +331,10 @@ def echo_of(now: Array, direction: Array, normal: Array, body: int, material: in
 
 @compiled
 def meet_surface(height: float, direction: Array, limit: float, k: int, hits: Any) -> None:
-    """Let ray k meet the sea surface, level and `height` (m) above its start, if that is nearer than what it hits."""
+    """Let ray k meet nothing beyond a limit (m), as others may have been cast farther; and the sea surface, level and `height` (m) above its start,
+    if that is nearer than what it hits."""
+    if hits.distance[k] > limit:
+        hits.distance[k], hits.body[k] = math.inf, NOTHING
     if direction[k, 2] < 0.0:
         reached = -height / direction[k, 2]
         if reached < hits.distance[k] and reached <= limit:

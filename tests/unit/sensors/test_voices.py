@@ -24,7 +24,7 @@ from uwserver.sensors.voices import (
 from uwserver.world import snapshot
 
 HZ = 240
-ABOARD = """
+VEHICLE = """
 schema = 1
 seed = 3
 [world]
@@ -33,6 +33,8 @@ rate_hz = 240
 model = "bluerov2_heavy"
 position_ned_m = [0.0, 0.0, 50.0]
 [vehicles.rov.sensors]
+"""
+ABOARD = """
 # Named so that one reads before the listener and one after it.
 ahead = { kind = "OTHER", rate_hz = 24, range_m = 5, frequency_hz = 455e3, position_frd_m = [0.0, 0.0, 1.0], enabled = FIRST }
 listener = { kind = "scanning_sonar", rate_hz = 4, range_m = 50, bins = 500, output = "pressure", frequency_hz = 450e3, KEYS }
@@ -42,7 +44,8 @@ then = { kind = "OTHER", rate_hz = 24, range_m = 5, frequency_hz = 455e3, positi
 
 def world_of(folder: Path, other: str, first: bool, second: bool) -> Any:
     text = (
-        ABOARD.replace("OTHER", other)
+        (VEHICLE + ABOARD)
+        .replace("OTHER", other)
         .replace("KEYS", "noise_level_db = -50, cross_talk_db = -40")
         .replace("FIRST", str(first).lower())
         .replace("SECOND", str(second).lower())
@@ -101,17 +104,6 @@ def test_a_state_that_comes_back_brings_the_pace_of_all(tmp_path: Path) -> None:
     assert [(s.port, s.seq, s.value) for s in world.step(HZ)] == expected
 
 
-TWO = """
-schema = 1
-seed = 3
-[world]
-rate_hz = 240
-[vehicles.rov]
-model = "bluerov2_heavy"
-position_ned_m = [0.0, 0.0, 50.0]
-[vehicles.rov.sensors]
-LINES
-"""
 LINES = (
     'listener = { kind = "scanning_sonar", rate_hz = 4, range_m = 50, bins = 500, output = "pressure", frequency_hz = 450e3, cross_talk_db = -40 }',
     'one = { kind = "scanning_sonar", rate_hz = 24, range_m = 5, frequency_hz = 455e3 }',
@@ -127,7 +119,7 @@ def test_what_is_heard_does_not_depend_on_who_stands_first_nor_on_who_came_and_w
     worlds = []
     for order in (LINES, LINES[::-1]):
         file = tmp_path / f"{order[0][:3]}.toml"
-        file.write_text(TWO.replace("LINES", "\n".join(order)))
+        file.write_text(VEHICLE + "\n".join(order))
         worlds.append(uwserver.load(file))
     one, other = worlds
     assert told_by(one) == told_by(other)

@@ -199,8 +199,6 @@ def _bodies(head: Any, row: Any, now: Array, t: float, direction: Array, begin: 
     threshold = THRESHOLD_DB - row.gain + SLOPE_DB * luck
     row.heard = 0
     for k in range(begin, end):
-        if hits.distance[k] > limit:
-            hits.distance[k], hits.body[k] = math.inf, NOTHING
         meet_surface(height, direction, limit, k, hits)
     for k in range(begin, end):
         body, seen = hits.body[k], False

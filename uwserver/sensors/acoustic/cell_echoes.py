@@ -13,7 +13,7 @@ from uwserver.frames import Quat, Vec3
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled
 from uwserver.physics.kernel.random import SAMPLE, normals
-from uwserver.physics.rays.raycast import NOTHING, SURFACE
+from uwserver.physics.rays.raycast import SURFACE
 from uwserver.sensors.acoustic.current_profile import point_of, weigh, wrap
 from uwserver.sensors.acoustic.echo import MU_SEDIMENT
 from uwserver.sensors.acoustic.janus import altitude_of, spread_of, told_by, vector_of
@@ -118,8 +118,6 @@ def note_hits(head: Any, row: Any, now: Array, t: float, direction: Array, first
     height, limit = submergence(now, p_NS(head, now), t), reach_of_beams(head, row, now)
     for i in range(row.beams):
         k = first + i
-        if hits.distance[k] > limit:
-            hits.distance[k], hits.body[k] = math.inf, NOTHING
         meet_surface(height, direction, limit, k, hits)
         row.distance[i], row.surface[i] = hits.distance[k], 1 if hits.body[k] == SURFACE else 0
         for j in range(3):
@@ -163,7 +161,7 @@ def boundary_of(
     nearest, speed = math.inf, 0.0
     for k in range(begin, end):
         meet_surface(height, direction, limit, k, hits)
-        if hits.distance[k] < nearest and hits.distance[k] <= limit:
+        if hits.distance[k] < nearest:
             v, way = ensemble.v, direction[k]
             nearest, speed = hits.distance[k], -(v[0] * way[0] + v[1] * way[1] + v[2] * way[2])
     return nearest, speed

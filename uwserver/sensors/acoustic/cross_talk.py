@@ -16,11 +16,12 @@ from typing import Any, Protocol
 import numpy as np
 from msgspec import UNSET, UnsetType
 
+from uwserver.environment.column import SOUND_SPEED
 from uwserver.frames import Vec3
 from uwserver.physics.kernel.arrays import Array, FloatArray, Records
 from uwserver.physics.kernel.deferred import compiled
 from uwserver.sensors.acoustic.imaging.echoes import Gates
-from uwserver.sensors.bank import BankSensor, p_NB, q_NB, rotate, submergence, voices_of
+from uwserver.sensors.bank import BankSensor, p_NB, q_NB, rotate, submergence, voices_of, water_property
 from uwserver.sensors.base import Scope, Sensor
 from uwserver.sensors.latest import Latest
 from uwserver.sensors.voices import MOST, NO_BURSTS, VOICE, find_bursts, find_bursts_at_once
@@ -142,7 +143,7 @@ class Sonar(Sensor):
 
 
 class BankSonar(Sonar, BankSensor):
-    """A sonar whose readings compiled code makes; its record has `reach`, and the memory `ready`.
+    """A sonar whose readings compiled code makes; its record has `reach`, `speed` (of VOICE), and the memory `ready`.
 
     Attributes:
         table: its keys.
@@ -154,6 +155,13 @@ class BankSonar(Sonar, BankSensor):
         """As `Sonar.speak`."""
         row, p = self.rows.rows[self.row], self.heads.rows["p"][self.head]
         describe(voice, self.key or 0, self.table, p, row["reach"], row["m"]["ready"], self.dt)
+
+
+@compiled
+def sound_speed(head: Any, row: Any, now: Array, z: float) -> tuple[float, float]:
+    """At a depth (m), m/s: the true one, and what the device believes."""
+    c = water_property(now, SOUND_SPEED, z)
+    return c, c if head.exact != 0 or row.speed == 0.0 else row.speed
 
 
 @compiled

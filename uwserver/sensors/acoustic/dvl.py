@@ -15,7 +15,7 @@ from uwserver.modifiers.operations import rounded_ns
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled, entry
 from uwserver.physics.kernel.random import SAMPLE, normals, uniforms
-from uwserver.physics.rays.raycast import NOTHING, SURFACE
+from uwserver.physics.rays.raycast import SURFACE
 from uwserver.ports import Argument, Field
 from uwserver.sensors.acoustic.echo import MU_SEDIMENT
 from uwserver.sensors.acoustic.janus import ALTITUDE, BEAMS, MOST_BEAMS, along, solve_bottom, track_water
@@ -245,8 +245,6 @@ def _hear(head: Any, row: Any, now: Array, t: float, out: Array, direction: Arra
     nearest, longest = math.inf, 0.0
     for i in range(n):
         k = first + i
-        if hits.distance[k] > limit:
-            hits.distance[k], hits.body[k] = math.inf, NOTHING
         meet_surface(height, direction, limit, k, hits)
         r = hits.distance[k]
         nearest, longest = min(nearest, r), max(longest, r) if r < math.inf else longest

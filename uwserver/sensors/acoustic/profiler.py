@@ -8,13 +8,12 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from msgspec import UNSET, Meta
 
-from uwserver.environment.column import SOUND_SPEED
 from uwserver.modifiers.operations import rounded_ns
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled, entry
 from uwserver.ports import Argument, Field
 from uwserver.sensors.acoustic import receiver, sounding
-from uwserver.sensors.acoustic.cross_talk import BankSonar, assumed_speed, overheard, tell_pace
+from uwserver.sensors.acoustic.cross_talk import BankSonar, assumed_speed, overheard, sound_speed, tell_pace
 from uwserver.sensors.acoustic.head import (
     Index,
     SectorCenter,
@@ -47,7 +46,6 @@ from uwserver.sensors.bank import (
     spin,
     submergence,
     w_NB_B,
-    water_property,
 )
 from uwserver.sensors.base import Pose
 from uwserver.table import NonNegative, Positive
@@ -136,8 +134,8 @@ _fade, _scatter, _receive, _find = (
 @compiled
 def _sound(head: Any, row: Any, now: Array) -> tuple[float, float]:
     """Its speed at the transducer, m/s, and how many times that the device believes."""
-    c = water_property(now, SOUND_SPEED, p_NS(head, now)[2])
-    return c, 1.0 if head.exact != 0 or row.speed == 0.0 else row.speed / c
+    c, believed = sound_speed(head, row, now, p_NS(head, now)[2])
+    return c, believed / c
 
 
 @compiled

@@ -7,18 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from uwserver.environment.column import SOUND_SPEED
 from uwserver.frames import Vec3
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled
-from uwserver.sensors.acoustic.cross_talk import overheard
+from uwserver.sensors.acoustic.cross_talk import overheard, sound_speed
 from uwserver.sensors.acoustic.head import axes
 from uwserver.sensors.acoustic.imaging.blocks import block_of
 from uwserver.sensors.acoustic.imaging.echoes import deposit, energies, gates
 from uwserver.sensors.acoustic.imaging.fan_rays import kept, see
 from uwserver.sensors.acoustic.imaging.speckle import DIRECTIONS, compress, detect, detect_mean, fade, scatter
 from uwserver.sensors.acoustic.receiver import BEYOND
-from uwserver.sensors.bank import ground_of, p_NS, q_NS, sound_absorption, submergence, water_property
+from uwserver.sensors.bank import ground_of, p_NS, q_NS, sound_absorption, submergence
 from uwserver.sensors.voices import add_burst
 
 COUNTS, PRESSURE, COMPLEX = range(3)
@@ -26,13 +25,6 @@ COUNTS, PRESSURE, COMPLEX = range(3)
 FULL_SCALE = 255.0
 
 _gates, _fade = compiled(gates), compiled(fade.py_func)
-
-
-@compiled
-def sound_speed(head: Any, row: Any, now: Array, z: float) -> tuple[float, float]:
-    """At a depth (m), m/s: the true one, and what the device believes."""
-    c = water_property(now, SOUND_SPEED, z)
-    return c, c if head.exact != 0 or row.speed == 0.0 else row.speed
 
 
 @compiled

@@ -16,7 +16,7 @@ from uwserver.physics.kernel.deferred import compiled, entry
 from uwserver.physics.rays.raycast import no_hits
 from uwserver.ports import Argument, Buffer, Field, Value
 from uwserver.ports.buffer import Layout
-from uwserver.sensors.acoustic.cross_talk import BankSonar, assumed_speed, tell_pace
+from uwserver.sensors.acoustic.cross_talk import BankSonar, assumed_speed, sound_speed, tell_pace
 from uwserver.sensors.acoustic.head import (
     Index,
     SectorCenter,
@@ -31,7 +31,7 @@ from uwserver.sensors.acoustic.imaging.blocks import Block, block_of
 from uwserver.sensors.acoustic.imaging.fan import CELL, Fan, directivity
 from uwserver.sensors.acoustic.imaging.fan_rays import cast_fan, keep, part_of, see, turn
 from uwserver.sensors.acoustic.imaging.silhouettes import CUT, room_for, sharpen
-from uwserver.sensors.acoustic.scan import COUNTS, FULL_SCALE, farthest, hear, sound_speed
+from uwserver.sensors.acoustic.scan import COUNTS, FULL_SCALE, farthest, hear
 from uwserver.sensors.bank import MISSING, Bank, begins, p_NS, q_NS, reading_of, record, submergence
 from uwserver.sensors.base import Distance, Gain, Pose, SensorTable, Settings
 from uwserver.table import NonNegative, Positive

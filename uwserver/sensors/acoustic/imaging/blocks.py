@@ -27,9 +27,8 @@ FORMS: Forms = {
     "along_power": columns(np.float64),
     "cuts": CUT,  # (n) how its cells are cut
     "finer": CELL,  # the new ones
-    "sound": columns(
-        np.float64, 2
-    ),  # real and imaginary part of the last ping's bins, uPa; behind them of what it would be without errors
+    # Real and imaginary part of the last ping's bins, uPa; behind them of what it would be without errors.
+    "sound": columns(np.float64, 2),
     "phasors": columns(np.float32, 2),  # of `speckle`
     "ways": columns(np.float64, 7),
 }

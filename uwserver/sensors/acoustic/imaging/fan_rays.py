@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from uwserver.frames import Vec3
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled
-from uwserver.physics.rays.raycast import NOTHING, Hits
+from uwserver.physics.rays.raycast import Hits
 from uwserver.sensors.bank import meet_surface
 
 
@@ -40,8 +39,6 @@ def part_of(hits: Hits, begin: int, end: int) -> Hits:
 def see(height: float, direction: Array, limit: float, hits: Hits) -> None:
     """Have hits be those of one sonar, which sees no farther than a limit (m), under a surface `height` (m) above it."""
     for k in range(len(direction)):
-        if hits.distance[k] > limit:
-            hits.distance[k], hits.body[k] = math.inf, NOTHING
         meet_surface(height, direction, limit, k, hits)
 
 
