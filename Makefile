@@ -52,7 +52,7 @@ run: ready  ## start the default scenario on port 7600 (ARGS="my.toml --port 0" 
 
 # Of `make test`, each a target of its own; then what `make test-all` adds, in parts of at most half an hour.
 PARTS = lint types tests docs-check wheel-smoke other-pythons
-MORE = slow-unit slow-examples slow-ways slow-ways-everything slow-served slow-soak slow-fuzz slow-image docs-check-all wheel-smoke-all other-pythons-all
+MORE = slow-unit slow-examples slow-ways slow-ways-paced slow-ways-driven slow-ways-kept slow-served slow-soak slow-fuzz slow-image docs-check-all wheel-smoke-all other-pythons-all
 FIGURES = build/tests
 PYTEST = $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal -q --junitxml $(FIGURES)/$@.xml
 
@@ -79,12 +79,18 @@ slow-unit: install
 slow-examples: install
 	$(PYTEST) -m slow tests/examples
 
-# All ways to step a world, over a hundred thousand ticks each: of the scenario that has everything, and of the others.
+# All ways to step a world, over a hundred thousand ticks each: of the scenarios but the one that has everything, and of that one in three parts.
 slow-ways: install
 	$(PYTEST) -m slow tests/determinism -k "not one_of_everything"
 
-slow-ways-everything: install
-	$(PYTEST) -m slow tests/determinism -k one_of_everything
+slow-ways-paced: install
+	$(PYTEST) -m slow tests/determinism -k "one_of_everything and long_way and (paused or free or real)"
+
+slow-ways-driven: install
+	$(PYTEST) -m slow tests/determinism -k "one_of_everything and long_way and not (paused or free or real)"
+
+slow-ways-kept: install
+	$(PYTEST) -m slow tests/determinism -k "one_of_everything and not long_way"
 
 slow-served: install
 	$(PYTEST) -m slow tests/integration --ignore=tests/integration/test_image.py

@@ -21,7 +21,7 @@ FREE = Timing(mode="freerun")
 class Rig:
     """A running simulation, and a loop of its own that dispatches the bus."""
 
-    def __init__(self, resolved, timing: Timing, way=None) -> None:
+    def __init__(self, resolved, timing: Timing) -> None:
         self.resolved = resolved
         self._work: queue.Queue[Callable[[], None] | None] = queue.Queue()
         self.samples: list = []
@@ -29,7 +29,7 @@ class Rig:
         self.bus = Bus(self._work.put)
         self.bus.attach(self)
         self.mailbox = Mailbox()
-        self.simulation = Simulation(build(resolved), timing, SystemTime(), self.bus, self.mailbox, way)
+        self.simulation = Simulation(build(resolved), timing, SystemTime(), self.bus, self.mailbox)
         self._loop = threading.Thread(target=self._dispatch)
         self._thread = threading.Thread(target=self.simulation.run)
 
@@ -90,8 +90,8 @@ class Rig:
 
 
 @contextlib.contextmanager
-def running(resolved, timing: Timing = FREE, way=None) -> Iterator[Rig]:
-    rig = Rig(resolved, timing, way)
+def running(resolved, timing: Timing = FREE) -> Iterator[Rig]:
+    rig = Rig(resolved, timing)
     rig.start()
     try:
         yield rig

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from uwserver.adapter.accepting import NO_DESCRIPTORS, Listener, note_no_descriptors, serve_tcp
-from uwserver.adapter.aside import way_here
 from uwserver.adapter.bounds import MESSAGE_LIMIT, STRANGER_LIMIT
 from uwserver.adapter.chores import Chores
 from uwserver.adapter.connection import HIGH_WATER, LINGER_S, TURN_S, Connection
@@ -51,19 +50,18 @@ from uwserver.adapter.values import SampleForm, in_pieces, raw_field
 from uwserver.adapter.waiting import within
 from uwserver.adapter.world import VehicleFacts, WorldFacts
 from uwserver.modifiers.choosing import NOBODY, NOT_BEGUN, UNKNOWN, NotMet, choose
-from uwserver.modifiers.lines import SEQ, T_NS, T_SENT_NS, VALID, LineWriter, Piece, pieces_of
 from uwserver.ports.thinning import Thinned, Thinning
 from uwserver.ports.told import Origin, Told
 
 __all__ = [
-    "ENTRY_POINT_GROUP", "HIGH_WATER", "LINGER_S", "MESSAGE_LIMIT", "NOBODY", "NOT_BEGUN", "NO_DESCRIPTORS", "REFUSALS", "SEQ", "STRANGERS",
-    "STRANGER_LIMIT", "TOKEN_VARIABLE", "TURN_S", "T_NS", "T_SENT_NS", "UNANSWERED", "UNKNOWN", "VALID", "Adapter", "AdapterContext",
+    "ENTRY_POINT_GROUP", "HIGH_WATER", "LINGER_S", "MESSAGE_LIMIT", "NOBODY", "NOT_BEGUN", "NO_DESCRIPTORS", "REFUSALS", "STRANGERS",
+    "STRANGER_LIMIT", "TOKEN_VARIABLE", "TURN_S", "UNANSWERED", "UNKNOWN", "Adapter", "AdapterContext",
     "AdapterNotFound", "AdapterStats", "AdapterTable", "CannotListen", "CannotServe", "Chores", "Connection", "Conversation", "DatagramTurns",
-    "Driver", "EncodingName", "FirstBytes", "Frames", "InOrder", "Inbox", "LineWriter", "Lines", "Listener", "LogFile", "NotMet", "OnAnswer",
-    "Order", "Origin", "Owed", "Peer", "Peers", "Piece", "RateMeter", "Reading", "Readings", "Refusals", "SampleForm", "SerialPort", "Subscriber",
+    "Driver", "EncodingName", "FirstBytes", "Frames", "InOrder", "Inbox", "Lines", "Listener", "LogFile", "NotMet", "OnAnswer",
+    "Order", "Origin", "Owed", "Peer", "Peers", "RateMeter", "Reading", "Readings", "Refusals", "SampleForm", "SerialPort", "Subscriber",
     "Thinned", "Thinning", "Token", "Told", "TooLong", "TurnTimes", "Undecodable", "VehicleFacts", "Worker", "WorldFacts", "adapter_entries",
     "address_text", "bound_socket", "cannot_listen", "choose", "decode", "did_you_mean", "field_of", "frame", "host_of", "http_answer",
     "in_pieces", "installed_adapters", "is_host_known", "is_loopback", "json_member", "known_token", "line", "load_adapter", "may_connect",
-    "msgpack_member", "new_token", "note_no_descriptors", "pieces_of", "port_of", "port_of_kind", "raw_field", "serve_tcp", "serving",
-    "tls_context", "token_for", "vehicle_of", "vehicles_of", "way_here", "within",
+    "msgpack_member", "new_token", "note_no_descriptors", "port_of", "port_of_kind", "raw_field", "serve_tcp", "serving",
+    "tls_context", "token_for", "vehicle_of", "vehicles_of", "within",
 ]  # fmt: skip

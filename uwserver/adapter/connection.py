@@ -10,7 +10,6 @@ import logging
 import math
 from typing import Any, cast
 
-from uwserver.adapter.aside import way_here
 from uwserver.adapter.foreign import REFUSALS, FirstBytes
 from uwserver.adapter.peers import Peers, host_of
 from uwserver.ports import Fault
@@ -58,7 +57,6 @@ class Connection(asyncio.Protocol):
         self._deadline: asyncio.TimerHandle | None = None
         self._turn: asyncio.Handle | None = None
         self._linger: asyncio.TimerHandle | None = None
-        self._way = way_here()
 
     # -- for derived classes --------------------------------------------------------------------------------------------------------
 
@@ -130,14 +128,7 @@ class Connection(asyncio.Protocol):
     def write(self, data: bytes) -> None:
         """Send, unless it ends already: also by the peer, which is told to us a turn later."""
         if not self.is_closing and not self.transport.is_closing():
-            self.transport.write(data[self._send_aside(data) :])
-
-    def _send_aside(self, data: bytes) -> int:
-        """Send what the peer takes at once, while the world goes on; returns how many bytes. TLS writes by itself."""
-        transport = self.transport
-        if self._way is None or transport.get_write_buffer_size() or transport.get_extra_info("sslcontext") is not None:
-            return 0
-        return self._way.send(transport.get_extra_info("socket").fileno(), data)
+            self.transport.write(data)
 
     def close(self) -> None:
         """Send what the peer still takes, then close."""

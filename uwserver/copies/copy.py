@@ -137,7 +137,7 @@ class Copy:
         """The next tick is to be made by compiled code. Returns before which one parts act again that do so first, and those that watch."""
         stepping, tick = self.world.stepping, self.world.tick
         stepping.begin(tick, [])
-        stepping.ask(tick, tick, NEVER)
+        stepping.ask(tick, tick)
         return _next(stepping.turns.first), _next(stepping.turns.watch)
 
     @property

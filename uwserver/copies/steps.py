@@ -12,7 +12,6 @@ from uwserver.copies.copy import Copy
 from uwserver.copies.ranges import Ranges
 from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import IntArray, Records
-from uwserver.physics.kernel.right_of_way import NOBODY
 from uwserver.step import rows
 from uwserver.world.stepping import QUIET
 
@@ -73,7 +72,7 @@ class Steps:
     def _step(self, which: IntArray, me: int, ticks: int) -> None:
         """A range of copies, by the thread `me`."""
         scratch = self._scratch[me : me + 1].ctypes.data
-        self.kernels.step_each(which, self.rows, self._code, ticks, NOBODY, scratch)
+        self.kernels.step_each(which, self.rows, self._code, ticks, rows.NOTHING_POSTED, scratch)
 
     def _goes_on(self, i: int) -> bool:
         """Do in Python what a step of a copy has stopped for within a tick; whether that is to go on."""

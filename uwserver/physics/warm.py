@@ -15,9 +15,8 @@ from uwserver.physics.dynamics.appendage_params import Appendages, PropellerPara
 from uwserver.physics.dynamics.lag import Lag
 from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, ForceTable, ThrusterParams, rigid_body_inertia
 from uwserver.physics.geometry.shapes import Box, HalfSpace, Placed, Solid, Sphere, TriangleMesh
-from uwserver.physics.kernel.arrays import FloatArray, shared_numbers
+from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import PROFILE_SIZE, SHAPE_BOX, SHAPE_SPHERE, WAVE_SIZE, SeaRows
-from uwserver.physics.kernel.places import WAY_SIZE
 from uwserver.physics.kernel.team import ALONE
 from uwserver.physics.rays.raycast import SURFACE, no_hits
 
@@ -86,13 +85,12 @@ def _strike(fitted: bool) -> None:
 
 
 def _free(fitted: bool) -> None:
-    from uwserver.physics.kernel import giving_way, sharing
+    from uwserver.physics.kernel import sharing
 
     entries.codes(fitted, False)
     entries.carry()
     entries.find_rates()
     sharing.load(ALONE)
-    giving_way.load(shared_numbers(WAY_SIZE))
 
 
 def _sea() -> None:

@@ -26,7 +26,6 @@ from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.scene.scenery import Scenery
 from uwserver.server.context import Context, Hub
 from uwserver.server.http import serve_http
-from uwserver.server.loop import begin_way
 from uwserver.server.playback import Playback
 from uwserver.server.profiling import Profiling
 from uwserver.server.recordings import recordings_of
@@ -129,8 +128,8 @@ class Server:
             self._simulation = player
             return
         world = build(resolved, options.seed)
-        timing, way = options.timing or timing_of(resolved), begin_way(self._loop)
-        self._simulation = self.live = Simulation(world, timing, time, bus, mailbox, way)
+        timing = options.timing or timing_of(resolved)
+        self._simulation = self.live = Simulation(world, timing, time, bus, mailbox)
         files = StateFiles(state_folder(resolved), self.live, mailbox, self._call_soon)
         profiling = Profiling(self.live, time.now_ns, self._call_soon, self._loop.call_later)
         self._hub = Hub(name, self.live, bus, mailbox, *tell, files, profiling, Scenery(resolved, world))

@@ -14,6 +14,7 @@ from functools import partial
 from typing import Protocol
 
 import msgspec
+import numpy as np
 
 from uwserver.ports import Buffer, Call, Command, Event, Field, OnReply, Port, Progress, Reply, Sample
 from uwserver.ports.crossing import Posted, TickOutput, has_same_fields
@@ -60,17 +61,39 @@ class Sink(Protocol):
         """An event."""
 
 
+class Wake(threading.Event):
+    """Wakes the simulation thread where it waits, and ends the step that it makes in compiled code.
+
+    Attributes:
+        posted: (1) 1 while the event is set, for `step.tick.step`.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.posted = np.zeros(1, np.int64)
+
+    def set(self) -> None:
+        """Wake the simulation thread. Any thread."""
+        self.posted[0] = 1
+        super().set()
+
+    def clear(self) -> None:
+        """Begin to wait for the next `set`. Simulation thread."""
+        super().clear()
+        self.posted[0] = 0
+
+
 class Mailbox:
     """What the loop posts for the simulation.
 
     Attributes:
         posted: what waits, by client.
-        wake: set with each post, for a simulation that waits, which may have one of its own put here.
+        wake: set with each post.
     """
 
     def __init__(self) -> None:
         self.posted: Turns[Posted] = Turns()
-        self.wake = threading.Event()
+        self.wake = Wake()
 
     def post(
         self,

@@ -10,7 +10,6 @@ from functools import partial
 from typing import Literal
 
 from uwserver.logs import place_of
-from uwserver.physics.kernel.right_of_way import NOBODY, RightOfWay
 from uwserver.ports import Call, Event, Json, OnReply, Progress, Refused, Reply
 from uwserver.ports.crossing import Posted, TickOutput
 from uwserver.ports.stops import PAUSE
@@ -49,12 +48,8 @@ class Simulation:
         until_tick: `run` ends at this tick, or at a fault before it; None for never.
     """
 
-    def __init__(
-        self, world: World, timing: Timing, time: Time, bus: Bus, mailbox: Mailbox, way: RightOfWay | None = None
-    ) -> None:
-        """Of a world; `way`: that the loop has before ticks that nothing paces."""
-        if way is not None:
-            mailbox.wake = way.wake
+    def __init__(self, world: World, timing: Timing, time: Time, bus: Bus, mailbox: Mailbox) -> None:
+        """Prepare to step a world; nothing runs yet."""
         self.world, self.timing, self.bus, self.mailbox = world, timing, bus, mailbox
         self.lockstep = Lockstep(timing, time, bus, self._say, self._pause_for_loss)
         self.lateness, self.pace = Lateness(), Pace(time, timing.pace or timing.speed)
@@ -67,7 +62,6 @@ class Simulation:
         self._intake = Intake(world, mailbox.posted, time, self._stop)
         self._publish, self._record = bus.publish, self._intake.ticked
         self._appointments: list[tuple[int, Callable[[], None]]] = []
-        self._way = way
 
     # -- from the loop --------------------------------------------------------------------------------------------------------------
 
@@ -157,7 +151,6 @@ class Simulation:
             self.bus.say(Event("diverged", self.world.tick, self.world.t_ns, self.failure))
         finally:
             gc.unfreeze()
-            self._rest()
         self._refuse_the_rest(Refused("shutdown", "the server is shutting down"))
 
     def _refuse_the_rest(self, refused: Refused) -> None:
@@ -176,6 +169,7 @@ class Simulation:
         return ended or self._stop.is_set()
 
     def _turn(self) -> None:
+        self.mailbox.wake.clear()  # before anybody looks at what was posted: what comes from here on sets it again
         for steered in self._intake.within(STEERING_NS if self._is_paced() else None, self._steering):
             steered.action()
         if (
@@ -191,10 +185,8 @@ class Simulation:
     def _is_due(self) -> bool:
         """Wait for the tick's deadline; False when something was posted during a long wait, for instance another speed."""
         if self.timing.pace is not None and not self._goals.hurries:
-            self._rest()
             late_ns = self.pace.wait(self.world.t_ns, self.mailbox.wake)
             if late_ns is None:
-                self.mailbox.wake.clear()  # before `_turn` looks at what came
                 return False
             self.lateness.add(late_ns)
         else:
@@ -203,7 +195,6 @@ class Simulation:
             most = MAX_TICKS // 2 if self.lockstep.asks else self.bus.ahead
             while self.bus.backlog() >= most and not self._stop.is_set():
                 self.bus.flush()
-                self._rest()
                 self._time.wait(_LOOK_S, self._stop)
         return True
 
@@ -238,11 +229,7 @@ class Simulation:
             self._goals.check()
 
     def _one_tick(self) -> TickOutput:
-        is_paced = self._is_paced()
-        if self._way is not None and not is_paced and not self.lockstep.asks:
-            self._way.give()
-            self.readers.begin()  # what was wanted meanwhile is made in it
-        return self.world.advance(self._intake.for_tick(is_paced))
+        return self.world.advance(self._intake.for_tick(self._is_paced()))
 
     def _is_free(self) -> bool:
         """Whether nothing paces ticks, and nobody looks at each: then they may be made in one go."""
@@ -260,30 +247,17 @@ class Simulation:
         if observer is not None:
             ends.append(observer.next_tick(before))
         ends += [] if self.until_tick is None else [self.until_tick]
-        if len(self.mailbox.posted):  # came meanwhile, and nobody calls again
-            ends.append(before + 1)
         most = min([end - before for end in ends] + [max(1, self.bus.ahead - self.bus.backlog())])
         if most < 1:
             return self._one_tick()
-        try:
-            return self.world.advance(most=most, way=NOBODY if self._way is None else self._way.lend())
-        finally:
-            if self._way is not None:
-                self._way.get_back()
+        return self.world.advance(most=most, posted=self.mailbox.wake.posted)
 
     def _answer_first(self) -> bool:
         """Carry out what is posted, as at the start of a tick. Returns whether that has set the time."""
-        if self._way is not None:
-            self._way.give()
         self.readers.begin()
         jumps = self.world.jumps
         self._carry_out()
         return self.world.jumps != jumps
-
-    def _rest(self) -> None:
-        """No tick follows for now: the loop has nobody to wait for."""
-        if self._way is not None:
-            self._way.rest()
 
     def _keep_appointments(self) -> None:
         for appointment in [each for each in self._appointments if each[0] <= self.world.tick]:
@@ -292,9 +266,7 @@ class Simulation:
 
     def _idle(self) -> None:
         """Answer what is posted without a tick, then sleep until something is posted."""
-        self._rest()
         self.pace.release()
-        self.mailbox.wake.clear()
         self._carry_out()
         self.bus.flush()
         waiting = len(self._steering) or len(self.mailbox.posted)

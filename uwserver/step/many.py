@@ -15,7 +15,6 @@ from uwserver.physics.kernel.calling import call_for_number
 from uwserver.physics.kernel.compiled import compiled, entry
 from uwserver.physics.kernel.handles import array_at, lay, state_at
 from uwserver.physics.kernel.layout import WORLD
-from uwserver.physics.kernel.right_of_way import NOBODY
 from uwserver.physics.kernel.straight import address_of
 from uwserver.step import rows, streams, tick
 from uwserver.step.rows import DONE
@@ -40,7 +39,7 @@ def _values(address: int, room: int, width: int) -> Array:
 
 
 @entry
-def step_each(which: Array, copies: Array, code: int, ticks: int, way: Array, scratch: int) -> int:
+def step_each(which: Array, copies: Array, code: int, ticks: int, posted: Array, scratch: int) -> int:
     """Let each make its ticks, until Python is needed for it (`why`).
 
     Args:
@@ -48,7 +47,7 @@ def step_each(which: Array, copies: Array, code: int, ticks: int, way: Array, sc
         copies: (n) of `rows.COPY`.
         code: where that of `tick.step` lies.
         ticks: so many from where each stands; 0: go on behind a stop, until where it was to go.
-        way: of nobody.
+        posted: as of `tick.step`.
         scratch: where the work space of this thread lies.
 
     Returns:
@@ -62,13 +61,13 @@ def step_each(which: Array, copies: Array, code: int, ticks: int, way: Array, sc
         world[_SCRATCH, 0], world[_SCRATCH, 1] = scratch, 1
         run = _run(table)[0]
         if ticks > 0:
-            run.first, run.until, run.usual = run.tick, run.tick + ticks, ticks
+            run.first, run.until = run.tick, run.tick + ticks
             run.ends = run.written = 0
         values, told_values = (
             _values(copy.values, copy.room, copy.width),
             _values(copy.told_values, copy.room, copy.width),
         )
-        copy.why = call_for_number(code, (table, sensors, values, told_values, way, copy.room, copy.log_room))
+        copy.why = call_for_number(code, (table, sensors, values, told_values, posted, copy.room, copy.log_room))
         copy.tick = run.tick
         stopped += copy.why != DONE
     return stopped
@@ -147,7 +146,7 @@ def load() -> None:
     which, values = np.zeros(0, np.int64), np.zeros((0, 1))
     nobody = np.zeros(0, rows.COPY)
     like: tuple[tuple[Any, ...], ...] = (
-        (which, nobody, 0, 0, NOBODY, 0),
+        (which, nobody, 0, 0, rows.NOTHING_POSTED, 0),
         (which, nobody, which, values, 0),
         (which, nobody, which, values),
         (which, nobody, 0, values),

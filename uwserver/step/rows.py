@@ -24,6 +24,9 @@ NEEDS_RATES, NEEDS_EXACT, NEEDS_PYTHON, NEEDS_KEEPING, NEEDS_TEXTS, NEEDS_REPEAT
 """Of a round: accelerations; what a device would read without errors; readings or errors in Python; values that are no numbers wait there; sensors
 that compiled code writes, and whose texts it tells (`sensors.writing.Writing`); sensors that repeat the numbers that others have read."""
 
+NOTHING_POSTED = np.zeros(1, np.int64)
+"""For a step that no other thread ends (`tick.step`). Never changed."""
+
 _WHOLE = "i8"
 
 COURSE = np.dtype(
@@ -76,11 +79,9 @@ RUN = np.dtype(
             "written",  # how often sensors wrote
             "which",  # the row of a body, or how many samples need room
             "unit",  # stage of the unit that is done; of readings, `which` is its turn
-            "called",  # how often somebody had called when this began
             # What Python says before each call:
             "first",  # the tick at which this began
             "until",  # where it ends
-            "usual",  # ticks where the loop does not have the interpreter
             "forces_tick",  # when a part gives forces next
             "finds",  # 1: contacts are looked for by Python
             "follow_ns",  # when parts act next behind bodies and water, in Python

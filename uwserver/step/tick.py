@@ -13,11 +13,7 @@ from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.atomics import load_atomic
 from uwserver.physics.kernel.calling import call, call_for_number
 from uwserver.physics.kernel.compiled import compiled, entry
-from uwserver.physics.kernel.giving_way import GIVING, lend, take_back
 from uwserver.physics.kernel.handles import array_at
-from uwserver.physics.kernel.places import ASKED, LATE, WAITED
-from uwserver.physics.kernel.places import CALLED as HAS_CALLED
-from uwserver.physics.kernel.right_of_way import NOBODY
 from uwserver.sensors import surroundings
 from uwserver.step import bodies, contact, rows, streams
 from uwserver.step.bodies import seconds_of, time_of
@@ -176,35 +172,28 @@ def _go_on(table: Array, sensors: Array, values: Array, told_values: Array) -> i
 
 
 @entry
-def step(table: Array, sensors: Array, values: Array, told_values: Array, way: Array, room: int, log_room: int) -> int:
-    """Make ticks until Python is needed, or all are made.
+def step(
+    table: Array, sensors: Array, values: Array, told_values: Array, posted: Array, room: int, log_room: int
+) -> int:
+    """Make ticks until Python is needed, all of them are made, or something is posted.
 
-    Where the loop asks for the interpreter meanwhile it has it at once. The world goes on while it does, and waits then as between two ticks. Once
-    somebody has called, and the loop does not have the interpreter which is needed to hear him, no further one is made.
+    The interpreter lock is released meanwhile, so that other threads run Python.
 
     Args:
         table: made by `rows.FORMS`.
         sensors, values, told_values: see `delivery.deliver`.
-        way: of a `RightOfWay`; zeros for none.
-        room, log_room: for samples on their way or delivered, and in the log.
+        posted: (1) other than 0 as soon as another thread has something for the world: the present tick is the last then.
+        room, log_room: the number of samples for which there is room: in flight or delivered in one tick, and in the log.
 
     Returns:
         Why it stops (`rows`). The next call goes on behind that.
     """
     run, counts = _run(table)[0], _counts(sensors)[0]
-    lent, why = 0, DONE
+    why = DONE
     while why == DONE:
         if run.stage == BEGIN:
-            asked = load_atomic(way, ASKED)
-            is_asked = asked % 2 == 1 and asked != way[LATE]
-            if is_asked and lent != asked:
-                lent = asked
-                lend(way, asked)
-            done, called = run.tick - run.first, load_atomic(way, HAS_CALLED)
-            if done == 0:
-                run.called = called
-            is_called = called != run.called
-            if run.tick >= run.until or (not is_asked and (done >= run.usual or (done > 0 and is_called))):
+            done = run.tick - run.first
+            if run.tick >= run.until or (done > 0 and load_atomic(posted, 0) != 0):
                 break
             if done > 0 and brings_large(table, sensors):
                 break
@@ -213,15 +202,10 @@ def step(table: Array, sensors: Array, values: Array, told_values: Array, way: A
                 break
             run.stage, run.begun, run.logged = PILOTS, 0, counts.logged
         why = _go_on(table, sensors, values, told_values)
-    if lent != 0:
-        turns = take_back(way, lent)
-        way[WAITED] += turns
-        if turns == GIVING:
-            way[LATE] = lent
     return why
 
 
 def load() -> None:
     """Have it ready, compiled or from the cache."""
     table, values = np.zeros((0, 2), np.int64), np.empty((0, 1))
-    cast("Any", step).load(table, table, values, values, NOBODY, 0, 0)
+    cast("Any", step).load(table, table, values, values, rows.NOTHING_POSTED, 0, 0)

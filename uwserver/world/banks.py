@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from uwserver.environment.acoustics import channel
-from uwserver.modifiers import choosing, lines
+from uwserver.modifiers import choosing
+from uwserver.physics.kernel.fingerprint import kernel_name
 from uwserver.physics.kernel.random import draw_normals
 from uwserver.sensors import bank, truth
 from uwserver.sensors.acoustic.cross_talk import BankSonar
@@ -53,7 +54,7 @@ def _sensors() -> Iterable[Any]:
     from uwserver.step.delivery import deliver
     from uwserver.step.tick import step
 
-    yield from (deliver, step, disturb_alone.made(), lines.write_lines.made(), choosing.choose_samples.made())
+    yield from (deliver, step, disturb_alone.made(), choosing.choose_samples.made())
     yield from _kernels_of_banks("sensors")()
 
 
@@ -63,7 +64,6 @@ def _load_sensors() -> None:
 
     delivery.load()
     tick.load()
-    lines.load()
     choosing.load()
     chain.load()
     draw_normals(0, 1)
@@ -142,7 +142,4 @@ _KERNELS: dict[str, Callable[[], Iterable[Any]]] = {
 @cache
 def kernels_of(stage: str) -> tuple[str, ...]:
     """Names of the kernels of a stage, in the cache."""
-    # It needs numba, for which nobody waits who only reads a scenario.
-    from uwserver.physics.kernel.caches import kernel_name
-
     return tuple(kernel_name(kernel.py_func) for kernel in _KERNELS[stage]())

@@ -29,7 +29,7 @@ if TYPE_CHECKING:  # what is solid needs numba to be imported
 
 _NO_TABLE: IntArray = np.zeros((0, 2), np.int64)
 _FOUND = ("pairs", "line_first", "lines", "overlapping", "bodies", "numbers", "keys", "coefficients", "led")
-LONGEST = 256
+LONGEST = 1024
 """Ticks that are made in one go at most."""
 _NOTHING_TOLD = 0, 0, 0, 0, 0.0, 0.0
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 from uwserver.physics.kernel.arrays import IntArray
-from uwserver.physics.kernel.right_of_way import NOBODY
 from uwserver.physics.kernel.straight import straight
 from uwserver.ports import Sample
 from uwserver.step import rows
@@ -17,12 +16,9 @@ from uwserver.world.step_table import LONGEST, StepTable
 from uwserver.world.ticks import Ticks
 from uwserver.world.timetable import needs_of
 
-USUAL = 64
-"""Ticks that are made in one go, some 0.2 ms of one vehicle; more (`LONGEST`) while the loop has the interpreter, or where nobody waits for
-their end."""
-_BODIES, _BODIES_ALONE = 256, 25_600
-"""Ticks of one body, or half as many of two: some 1 ms, which is how long who looks from outside waits at most; and some 0.1 s, for who breaks off a
-program that steps a world of its own."""
+_SERVED, _ALONE = 5120, 25_600
+"""Ticks of one body, or half as many of two, that one step makes at most. In a server they take about 20 ms; then their samples are handed over. In a
+program that steps its own world they take about 0.1 s; then it can be interrupted."""
 
 REASONS = {
     rows.PILOTS: "autopilots", rows.FORCES: "forces", rows.FIND: "contacts", rows.DRAW: "drifting currents",
@@ -95,20 +91,20 @@ class Stepping:
 
     # -- ticks ----------------------------------------------------------------------------------------------------------------------
 
-    def go_on(self, tick: int, most: int, way: IntArray | None, samples: list[Sample]) -> int:
+    def go_on(self, tick: int, most: int, posted: IntArray | None, samples: list[Sample]) -> int:
         """Make up to `most` ticks, one at least.
 
         Args:
             tick: at which the world stands; what comes before autopilots has been done.
             most: 1 or more.
-            way: of a `RightOfWay`, by which the loop may have the interpreter meanwhile; None where nobody waits for the end of these ticks.
+            posted: as of `tick.step`; None for a world that no other thread posts to.
             samples: receives those that `Sensing` does not keep to tell.
 
         Returns:
             The row of the first body whose state is not finite, -1 where all went well.
         """
-        until, bodies = tick + min(most, LONGEST), max(1, len(self._hydro))
-        alone, usual = max(1, _BODIES_ALONE // bodies), max(1, _BODIES // bodies)
+        longest = max(1, (_ALONE if posted is None else _SERVED) // max(1, len(self._hydro)))
+        until = tick + min(most, LONGEST, longest)
         lost, why, stopped, asks = -1, rows.DONE, False, True
         if self.begin(tick, samples):
             until = tick + 1
@@ -116,10 +112,10 @@ class Stepping:
             while lost < 0:
                 if asks:
                     # Who is in a server is asked for something between two ticks that need Python.
-                    ends = stopped and (way is not None or self._has_to_tell())
+                    ends = stopped and (posted is not None or self._has_to_tell())
                     until = tick + 1 if ends else min(until, self.next_tick(tick))
-                    self.ask(tick, until, min(LONGEST, alone) if way is None else min(USUAL, usual))
-                why = self._make(NOBODY if way is None else way)
+                    self.ask(tick, until)
+                why = self._make(rows.NOTHING_POSTED if posted is None else posted)
                 if why in (rows.DONE, rows.END):
                     break
                 if why == rows.DIVERGED:
@@ -171,25 +167,25 @@ class Stepping:
         following = [part.next_tick for part, _ in (*self.turns.first, *self.turns.watch) if part.next_tick is not None]
         return max(tick + 1, min(following, default=NEVER))
 
-    def ask(self, first: int, until: int, usual: int) -> None:
-        """What Python says before a step: ticks are made from the first on and until another, `usual` ones where nobody waits."""
+    def ask(self, first: int, until: int) -> None:
+        """Say what Python says before a step: ticks are made from the first on and until another."""
         sensing, turns, collider = self._sensing, self.turns, self._hydro.collider
         forces = NEVER
         if turns.forces:
             forces = min([part.next_tick for part, _ in turns.forces if part.next_tick is not None], default=NEVER)
         follow_ns = min([NEVER, *(part.after_ns for part, _ in turns.follow)])
         self.given.run[_ASKED] = (
-            first, until, usual, forces, collider is not None and self.given.finding() is None, follow_ns, sensing.call_ns,
+            first, until, forces, collider is not None and self.given.finding() is None, follow_ns, sensing.call_ns,
             sensing.callable, not sensing.under_way.is_idle, 2 if turns.last else bool(turns.ears), self.profile is not None,
         )  # fmt: skip
 
     def ask_again(self) -> None:
         """The same behind a stop, as others may be due then; where something waits to be told, no further tick is made."""
-        first, until, usual = self.given.run[_ASKED][:3].tolist()
-        self.ask(first, 0 if self._has_to_tell() else min(until, self.next_tick(first)), usual)
+        first, until = self.given.run[_ASKED][:2].tolist()
+        self.ask(first, 0 if self._has_to_tell() else min(until, self.next_tick(first)))
 
-    def _make(self, way: IntArray) -> int:
-        step = (self._step, self.given.table, *self._instruments.to_deliver(), way, *self._instruments.room)
+    def _make(self, posted: IntArray) -> int:
+        step = (self._step, self.given.table, *self._instruments.to_deliver(), posted, *self._instruments.room)
         if self.profile is None:
             return int(step[0](*step[1:]))
         return self.profile.unit(*step, name=self._unit)

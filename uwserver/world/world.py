@@ -271,13 +271,13 @@ class World(InProcess):
         vehicles, ports = ", ".join(self.vehicles), f"{len(self.sensors)} sensors, {len(self.actuators)} actuators"
         return f"<World {self.name} at {self._seconds():.3f} s (tick {self.tick}): {vehicles or 'no vehicle'}; {ports}>"
 
-    def advance(self, more: Iterable[Posted] = (), most: int = 1, way: IntArray | None = None) -> TickOutput:
+    def advance(self, more: Iterable[Posted] = (), most: int = 1, posted: IntArray | None = None) -> TickOutput:
         """One tick, or several while none of them needs what comes before a tick: their order is that of `uwserver.step.tick`.
 
         Args:
             more: is carried out before the first, after what was posted (`Requests.carry_out`).
             most: ticks.
-            way: of a `RightOfWay`, by which the loop may have the interpreter meanwhile; None where nobody waits for the end of these ticks.
+            posted: as of `step.tick.step`: ends these ticks as soon as another thread posts something; None where no thread does.
 
         Raises:
             Diverged: a body's state is not finite.
@@ -292,7 +292,7 @@ class World(InProcess):
         take_turns(self.stepping.turns.watch, self._tick, self.t_ns)
         each = trial is not None or self._profile is not None
         before = self._tick
-        lost = self.stepping.go_on(before, 1 if each else most, way, output.made)
+        lost = self.stepping.go_on(before, 1 if each else most, posted, output.made)
         output.ticks = self._tick - before
         self._end_tick(output, lost)
         if self._profile is not None:

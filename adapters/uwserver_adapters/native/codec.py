@@ -12,8 +12,8 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from uwserver.adapter import Frames, Lines, Piece, SampleForm, TooLong, frame, line
-from uwserver.ports import Event, Fault, Port, Progress, Refused, Sample
+from uwserver.adapter import Frames, Lines, SampleForm, TooLong, frame, line
+from uwserver.ports import Event, Fault, Progress, Refused, Sample
 from uwserver_adapters.native.encoding import JSON, MSGPACK, Encoding, RequestId
 from uwserver_adapters.native.requests import Malformed, Request, id_of_json, id_of_msgpack, parse_json, parse_msgpack
 
@@ -84,10 +84,6 @@ class Codec:
         encode, frame = self.encoding.encode, self.frame
         return b"".join([frame(encode(message)) for message in messages])
 
-    def pieces(self, port: Port, fields: Sequence[str] | None) -> tuple[bytes | Piece, ...] | None:
-        """Of what the message of a sample consists, frame and all, for a `LineWriter`; None where that cannot be told."""
-        return None
-
     def event(self, event: Event) -> bytes:
         return self.frame(self.encoding.event(event))
 
@@ -120,11 +116,6 @@ class JsonCodec(Lines, Codec):
     def together(self, messages: Sequence[msgspec.Struct]) -> bytes:
         """See `Codec.together`; in one go."""
         return _lines(messages)
-
-    def pieces(self, port: Port, fields: Sequence[str] | None) -> tuple[bytes | Piece, ...] | None:
-        """See `Codec.pieces`."""
-        pieces = self.encoding.pieces(port, fields)
-        return None if pieces is None else (*pieces, b"\n")
 
 
 class MsgpackCodec(Frames, Codec):

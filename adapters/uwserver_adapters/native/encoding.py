@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Final
 
 import msgspec
 from msgspec import Struct
 
-from uwserver.adapter import SEQ, T_NS, T_SENT_NS, VALID, Piece, SampleForm, in_pieces, pieces_of
-from uwserver.ports import ErrorCode, Event, Fault, Json, Port, Progress, Sample
+from uwserver.adapter import SampleForm, in_pieces
+from uwserver.ports import ErrorCode, Event, Fault, Json, Progress, Sample
 
 TEXT_LIMIT = 2000
 """Longest text in an error, characters: what a peer sent must not come back at full length."""
@@ -104,28 +104,6 @@ class Encoding:
         else:
             value = form.encodable(sample, self._is_binary)
         return self.encode(sample_notice(sample.port, sample.seq, sample.t_ns, sample.t_sent_ns, sample.valid, value))
-
-    def pieces(self, port: Port, fields: Sequence[str] | None) -> tuple[bytes | Piece, ...] | None:
-        """Of what `sample` consists; None where that cannot be told."""
-        value = None if self._is_binary else pieces_of(port, fields)
-        if value is None:
-            return None
-        head = self.encode(_Notice("sample", _Sample(port.path, 0, 0, 0, True, None)))
-        begin = head[: head.index(b',"seq":')]
-        return (
-            begin,
-            b',"seq":',
-            SEQ,
-            b',"t_ns":',
-            T_NS,
-            b',"t_sent_ns":',
-            T_SENT_NS,
-            b',"valid":',
-            VALID,
-            b',"value":',
-            *value,
-            b"}}",
-        )
 
     def event(self, event: Event) -> bytes:
         """What every client should know."""

@@ -1,7 +1,7 @@
-"""Samples of some ticks to a client that has time for all of them: made from rows of numbers and encoded in one go.
+"""Encodes the samples of a few ticks in one go, from rows of numbers, for clients that keep up with them.
 
-Where each port has one taker, as nearly always, nothing has to be kept for others, replaced or dropped. For those who read JSON line by line, and
-take numbers and short texts alone, compiled code writes the lines: while it does, the world goes on.
+This is the quick way, for ports that have one subscriber each, as nearly always: then no sample has to be kept for a second client, replaced by a
+newer one or dropped.
 """
 
 from __future__ import annotations
@@ -19,12 +19,10 @@ from uwserver.adapter import (
     NOT_BEGUN,
     UNKNOWN,
     AdapterStats,
-    LineWriter,
     NotMet,
     Origin,
     Told,
     choose,
-    way_here,
 )
 from uwserver.ports import Value
 from uwserver_adapters.native.codec import Codec
@@ -39,22 +37,26 @@ log = logging.getLogger(__name__)
 
 
 class _Line(NamedTuple):
-    """From a stream to its only taker: the number of that, how much it takes, what makes its values an object for the encoder, and the form of its
-    lines (NOBODY where compiled code cannot write them)."""
+    """The line from a stream to its only taker.
+
+    Attributes:
+        path: of the port.
+        taker: number of the client.
+        share: how much the client takes.
+        record: makes an object for the encoder of the values.
+    """
 
     path: str
     taker: int
     share: Share
     record: Callable[..., object]
-    form: int
 
 
 class _Taker(NamedTuple):
-    """A client, and whether compiled code writes for it: what it gets keeps its order, so all of it is written, or all of it made."""
+    """A client that takes samples."""
 
     outbox: Outbox
     codec: Codec
-    is_written: bool
 
 
 class Together:
@@ -76,9 +78,7 @@ class Together:
         self._lines: list[_Line] = []
         self._takers: list[_Taker] = []
         self._line_of = _NONE
-        self._of_lines = _NONE, _NONE
         self._rates: list[float] = []
-        self._writer: LineWriter | None = None
 
     def send(self, told: Told) -> list[Outbox] | None:
         """Give all of them to their takers, who have to `flush` then. None where that cannot be, and nothing was done: a port has no taker, or
@@ -93,18 +93,15 @@ class Together:
             chosen = self._choose(told)
         if chosen is None:
             return None
-        takers, forms = self._of_lines
-        taken_by = takers[chosen]  # of those that are not chosen it is the last entry
-        touched, made = [], dict[int, IntArray]()
-        for number, taker in enumerate(self._takers):
-            places = (taken_by == number).nonzero()[0]
-            if len(places):
-                touched.append(taker.outbox)
-                if not self._write(taker, told, places + told.first, forms[chosen[places]]):
-                    made[number] = places
-        if made:
-            self._make(told, chosen, made, is_all=len(made) == len(touched))
-        return touched
+        messages: dict[int, list[Struct]] = {}
+        entries = told.entries()
+        for number, entry, values in zip(chosen.tolist(), entries, told.values(entries), strict=True):
+            if number != NOBODY:
+                line = self._lines[number]
+                messages.setdefault(line.taker, []).append(_notice(line, entry, values))
+        for taker, some in messages.items():
+            self._give(self._takers[taker], some)
+        return [self._takers[taker].outbox for taker in messages]
 
     def _choose(self, told: Told) -> IntArray | None:
         shares = [line.share for line in self._lines]
@@ -132,8 +129,6 @@ class Together:
             if line_of[stream] != NOBODY and (share := self._lines[line_of[stream]].share).start_ns == NOT_BEGUN:
                 share.begin(t_ns)
         self._line_of = line_of
-        takers, forms = [line.taker for line in self._lines], [line.form for line in self._lines]
-        self._of_lines = np.array([*takers, NOBODY]), np.array([*forms, NOBODY])
         self._rates = [line.share.rate_hz for line in self._lines]
 
     def _new_line(self, path: str) -> _Line | None:
@@ -147,46 +142,14 @@ class Together:
         form, share, outbox = selection.form, route.only, route.outbox
         if share is None or form.record is None or form.is_long or not isinstance(outbox, Outbox):
             return None
-        pieces = route.codec.pieces(selection.port, selection.fields)
-        if pieces is not None and self._writer is None:
-            self._writer = LineWriter(way_here())
-        number = NOBODY if pieces is None or self._writer is None else self._writer.add(pieces)
-        return _Line(path, self._taker(outbox, route.codec, pieces is not None), share, form.record, number)
+        return _Line(path, self._taker(outbox, route.codec), share, form.record)
 
-    def _taker(self, outbox: Outbox, codec: Codec, is_written: bool) -> int:
+    def _taker(self, outbox: Outbox, codec: Codec) -> int:
         for number, taker in enumerate(self._takers):
             if taker.outbox is outbox:
-                self._takers[number] = taker._replace(is_written=taker.is_written and is_written)
                 return number
-        self._takers.append(_Taker(outbox, codec, is_written))
+        self._takers.append(_Taker(outbox, codec))
         return len(self._takers) - 1
-
-    def _write(self, taker: _Taker, told: Told, places: IntArray, forms: IntArray) -> bool:
-        """Let compiled code write what was chosen for one; False where it cannot."""
-        if not taker.is_written:
-            return False
-        assert self._writer is not None
-        try:
-            encoded = self._writer.write(told, places, forms)
-        except ValueError:  # a text of one of them; the others are sent
-            return False
-        self._sent(taker.outbox, encoded, len(places))
-        return True
-
-    def _make(self, told: Told, chosen: IntArray, made: Mapping[int, IntArray], is_all: bool) -> None:
-        """Make messages of what was chosen for these, by place behind the first; `is_all`: for nobody else something was."""
-        numbers = chosen.tolist()
-        messages: dict[int, list[Struct]] = {number: [] for number in made}
-        if is_all:  # in one go
-            entries = told.entries()
-            for line, entry, values in zip(numbers, entries, told.values(entries), strict=True):
-                if line != NOBODY:
-                    messages[self._lines[line].taker].append(_notice(self._lines[line], entry, values))
-        else:
-            for number, places in made.items():
-                messages[number] = [_alone(told.at(told.first + n), self._lines[numbers[n]]) for n in places.tolist()]
-        for number, some in messages.items():
-            self._give(self._takers[number], some)
 
     def _give(self, taker: _Taker, messages: Sequence[Struct]) -> None:
         codec = taker.codec
@@ -213,12 +176,6 @@ class Together:
 def _notice(line: _Line, entry: Sequence[int], values: Sequence[Value]) -> Struct:
     t_sent_ns, _, _, seq, t_ns, valid, _ = entry
     return sample_notice(line.path, seq, t_ns, t_sent_ns, valid != 0, line.record(*values))
-
-
-def _alone(told: Told, line: _Line) -> Struct:
-    entries = told.entries()
-    (values,) = told.values(entries)
-    return _notice(line, entries[0], values)
 
 
 _NONE: IntArray = np.zeros(0, np.int64)

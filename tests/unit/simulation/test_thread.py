@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 from simulation_rig import FREE, PATIENCE_S, Rig, running
 
-from uwserver.physics.kernel.right_of_way import NOBODY
 from uwserver.ports import Call, Command, Progress, Refused, Reply
 from uwserver.ports.checks import checked_args
 from uwserver.scenario.build.world import build
@@ -297,61 +296,6 @@ def test_a_slow_loop_loses_nothing_in_freerun(resolved):
     assert seqs == list(range(len(seqs)))
     assert len(seqs) == 20 * 120 - 1, "the last is under way yet: the IMU delivers 2 ms late"
     assert rig.bus.dropped == 0
-
-
-class Way:
-    """A right of way that notes whether the loop may count on being given it, and how often it was, before a tick or before several."""
-
-    def __init__(self) -> None:
-        self.wake = threading.Event()
-        self.given = self.lent = 0
-        self.is_given = self.is_lent = False
-
-    def give(self) -> None:
-        assert not self.is_lent
-        self.given += 1
-        self.is_given = True
-
-    def lend(self):
-        self.lent += 1
-        self.is_given = self.is_lent = True
-        return NOBODY
-
-    def get_back(self) -> None:
-        assert self.is_lent
-        self.is_lent = False
-
-    def rest(self) -> None:
-        self.is_given = False
-
-
-def test_the_loop_has_the_right_of_way_in_ticks_that_nothing_paces(resolved):
-    way = Way()
-    with running(resolved, replace(FREE, paused=True), way) as rig:
-        assert rig.call("world/step", n=7).tick == 7
-        rig.post(Call("world/state_hash", {}))  # answered by a world that idles
-        assert way.lent
-        assert way.lent + way.given < 7
-        assert not way.is_given
-        before = way.lent
-        rig.call("world/resume")
-        rig.call("world/run_until_tick", tick=48)
-    assert way.lent > before
-    assert not way.is_given, "the run has ended"
-
-
-def test_where_ticks_are_paced_the_loop_waits_for_nobody(resolved):
-    way = Way()
-    with running(resolved, Timing(speed=100.0), way) as rig:
-        rig.call("world/run_until_tick", tick=24)
-        assert not way.given + way.lent
-        rig.call("world/pause")
-        rig.call("world/step", n=3)
-        given = way.given + way.lent
-        assert given > 0, "steps of a paused world are as fast as they can be"
-        rig.call("world/resume")
-        rig.call("world/run_until_tick", tick=rig.world.tick + 24)
-        assert (way.given + way.lent, way.is_given) == (given, False)
 
 
 def test_ticks_in_one_go_end_where_somebody_waits_for_one(resolved):

@@ -6,10 +6,11 @@ uwserver.physics.contact.calling, uwserver.world.by_hand and uwserver.world.step
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from time import perf_counter_ns, sleep
+from time import perf_counter_ns
 from typing import Any
 
 import numpy as np
@@ -18,19 +19,19 @@ import uwserver_scenarios
 
 from uwserver.adapter import installed_adapters
 from uwserver.physics.contact.touching import ROOM
-from uwserver.physics.kernel.places import ASKED, CALLED, FUTEX, GIVEN, LATE, RUNS, WAITED
-from uwserver.physics.kernel.right_of_way import NOBODY, RightOfWay
+from uwserver.physics.kernel.places import FUTEX
 from uwserver.ports import Call, Command, Refused, Sample
 from uwserver.ports.thinning import Thinning
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 from uwserver.sensors.bank import BankSensor
+from uwserver.simulation.bus import Wake
+from uwserver.step import rows
 from uwserver.world import Diverged, World
 from uwserver.world import snapshot as snapshots
 from uwserver.world.part import Part, State
 from uwserver.world.profile import Profile
 from uwserver.world.step_table import LONGEST
-from uwserver.world.stepping import USUAL
 
 WORLD = """
 schema = 1
@@ -528,60 +529,66 @@ def test_a_sea_needs_python_where_a_current_is_drawn_anew(tmp_path: Path, more: 
 # -- the loop that has the interpreter meanwhile ---------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def asked() -> RightOfWay:
-    if not FUTEX:
-        pytest.skip("threads wait in compiled code on Linux alone")
-    way = RightOfWay()
-    way.numbers[ASKED] = 2
-    return way
-
-
-def test_a_world_makes_as_many_ticks_as_are_usual(twins: Twins, asked: RightOfWay) -> None:
-    world = twins.other
-    world.step(2)
-    assert world.advance(most=1000, way=asked.lend()).tick == 2 + USUAL
-    assert world.advance(most=7, way=asked.lend()).tick == 2 + USUAL + 7
-    assert asked.numbers[RUNS] == 1
-    assert not asked.numbers[WAITED]
-
-
-def test_who_calls_waits_for_no_further_tick(tmp_path: Path, asked: RightOfWay) -> None:
-    """Once the loop leaves the interpreter, without which nobody could hear him: sooner than so many bodies make their usual ticks."""
-    twins = Twins(tmp_path, copies="copies = { count = 32, columns = 8, spacing_m = [5.0, 5.0] }")
+def test_a_step_in_a_server_ends_for_the_samples_to_be_handed_over(tmp_path: Path) -> None:
+    """After so many ticks that they take about as long however many bodies there are."""
+    twins = Twins(tmp_path, copies="copies = { count = 16, columns = 4, spacing_m = [5.0, 5.0] }")
     world = twins.other
     world.want(())
     world.step(240)
-
-    def call_and_go(turn: int) -> None:
-        asked.wake.set()
-        asked.numbers[ASKED] = 2 * turn + 4
-
-    lengths = []
-    for turn in range(100):  # until the other thread has come in time, on a machine with other work
-        before, asked.numbers[ASKED] = world.tick, 2 * turn + 3
-        timer = threading.Timer(0.0001 * (turn % 8), call_and_go, (turn,))
-        timer.start()
-        world.advance(most=1000, way=asked.numbers)
-        timer.join()
-        lengths.append(world.tick - before)
-        if 0 < lengths[-1] < 8:
-            break
-    assert 0 < lengths[-1] < 8, "fewer than are usual for so many"
-    assert asked.numbers[CALLED] > 0
-    assert asked.wake.is_set()
+    assert world.advance(most=1000, posted=rows.NOTHING_POSTED).tick == 240 + 5120 // 16
+    assert world.advance(most=7, posted=rows.NOTHING_POSTED).tick == 240 + 5120 // 16 + 7
 
 
-def test_a_world_goes_on_until_the_loop_can_be_heard(twins: Twins, asked: RightOfWay) -> None:
-    """Who has called must have left the interpreter before: until then ticks are made, though it waits."""
-    world = twins.other
+def test_what_was_posted_before_a_step_ends_it_after_one_tick(twins: Twins) -> None:
+    twins.other.step(2)
+    assert twins.other.advance(most=1000, posted=np.ones(1, np.int64)).tick == 3
+
+
+def test_what_another_thread_posts_ends_a_step(tmp_path: Path) -> None:
+    """Long before its last tick: who has asked waits for the present tick alone."""
+    twins = Twins(tmp_path, copies="copies = { count = 32, columns = 8, spacing_m = [5.0, 5.0] }")
+    world, wake = twins.other, Wake()
     world.want(())
-    world.step(2)
-    asked.numbers[ASKED] = 3
-    calls = threading.Thread(target=lambda: [asked.wake.set() or sleep(0.0001) for _ in range(100)])
-    calls.start()
-    assert world.advance(most=1000, way=asked.numbers).tick == 2 + LONGEST
-    calls.join()
+    world.step(240)
+    for turn in range(100):  # until the other thread has come in time, on a machine with other work
+        before = world.tick
+        wake.clear()
+        timer = threading.Timer(0.0001 * (turn % 8), wake.set)
+        timer.start()
+        world.advance(most=1000, posted=wake.posted)
+        timer.join()
+        done = world.tick - before
+        if 0 < done < 80:
+            break
+    assert 0 < done < 80, "half as many as a step makes that nothing ends"
+
+
+def test_other_threads_run_python_while_a_step_goes_on(tmp_path: Path) -> None:
+    """A step releases the interpreter lock: a thread that needs it for each of its turns makes many of them meanwhile."""
+    twins = Twins(tmp_path, copies="copies = { count = 64, columns = 8, spacing_m = [5.0, 5.0] }")
+    world, turns = twins.other, 0
+    world.want(())
+    world.step(240)
+    wake = Wake()
+
+    def count() -> None:
+        nonlocal turns
+        while turns < 1000:
+            turns += 1
+        wake.set()
+
+    interval, steps = sys.getswitchinterval(), 0
+    sys.setswitchinterval(60.0)  # no thread is made to give the lock away
+    thread = threading.Thread(target=count)
+    try:
+        thread.start()
+        while not turns and steps < 100:
+            world.advance(most=1000, posted=wake.posted)
+            steps += 1
+        assert turns, "the thread has never run"
+    finally:
+        sys.setswitchinterval(interval)
+        thread.join()
 
 
 def test_who_is_alone_makes_many_ticks_in_one_go(tmp_path: Path) -> None:
@@ -590,60 +597,4 @@ def test_who_is_alone_makes_many_ticks_in_one_go(tmp_path: Path) -> None:
     world = twins.other
     world.want(())
     world.step(240)
-    assert world.advance(most=1000).tick == 240 + LONGEST
-
-
-def test_many_bodies_make_fewer_in_one_go(tmp_path: Path) -> None:
-    """Who posts something waits no longer than a millisecond or two."""
-    twins = Twins(tmp_path, copies="copies = { count = 16, columns = 4, spacing_m = [5.0, 5.0] }")
-    world = twins.other
-    world.step(240)  # there is room for its samples
-    assert world.advance(most=1000, way=NOBODY).tick == 240 + 16
-
-
-def test_the_loop_has_the_interpreter_while_the_world_goes_on(tmp_path: Path, asked: RightOfWay) -> None:
-    """It gets it within a tick, the world goes on for longer than is usual, and waits for it then."""
-    twins = Twins(tmp_path, copies="copies = { count = 64, columns = 8, spacing_m = [5.0, 5.0] }")
-    world = twins.other
-    world.want(())
-    world.step(240)
-    numbers = asked.numbers
-    for turn in range(100):  # until the other thread has gone in time, on a machine with other work
-        before, numbers[ASKED] = world.tick, 2 * turn + 3
-        timer = threading.Timer(0.01, numbers.__setitem__, (ASKED, 2 * turn + 4))
-        timer.start()
-        world.advance(most=1000, way=numbers)
-        timer.join()
-        done = world.tick - before
-        assert done <= LONGEST
-        assert numbers[GIVEN] == 0, "it is over"
-        if done > 4 and numbers[LATE] != 2 * turn + 3:
-            break
-    assert done > 4, "longer than is usual for so many"
-
-
-def test_a_loop_that_keeps_the_interpreter_is_waited_for_once(twins: Twins, asked: RightOfWay) -> None:
-    world = twins.other
-    world.want(())
-    world.step(2)
-    asked.numbers[ASKED] = 5
-    world.advance(most=10, way=asked.lend())
-    assert asked.numbers[LATE] == 5
-    waited = int(asked.numbers[WAITED])
-    assert waited > 0
-    asked.get_back()
-    assert asked.numbers[WAITED] == 0
-    world.advance(most=10, way=asked.lend())
-    assert asked.numbers[WAITED] == 0
-
-
-def test_whoever_was_given_more_time_than_the_world_had_is_given_none() -> None:
-    now = 0
-    way = RightOfWay(lambda: now)
-    assert way.lend() is way.numbers
-    way.numbers[WAITED] = 1_000_000
-    way.get_back()
-    assert way.lend() is NOBODY
-    now += 10_000_000_000
-    assert way.lend() is way.numbers
-    assert not NOBODY.any()
+    assert world.advance(most=2000).tick == 240 + LONGEST

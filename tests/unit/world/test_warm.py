@@ -73,7 +73,7 @@ import uwserver
 from uwserver.physics.collision import broad_phase, narrow_phase
 from uwserver.physics.contact import step
 from uwserver.physics.dynamics import integrator
-from uwserver.physics.kernel.caches import EntryCache
+from uwserver.physics.kernel.numba_private.caches import EntryCache
 
 made = []
 EntryCache.save_overload = lambda cache, sig, data: made.append(cache._kernel)

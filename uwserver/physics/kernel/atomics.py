@@ -1,4 +1,4 @@
-"""What threads say to each other within compiled code: numbers that others read and write meanwhile, and how to wait for these and for sockets."""
+"""Atomic operations on numbers that several threads read and write in compiled code, and ways to wait for them."""
 
 from __future__ import annotations
 
@@ -11,9 +11,6 @@ from numba.extending import intrinsic
 from uwserver.physics.kernel.places import FUTEX, PAUSE
 
 WORD, BYTES = ir.IntType(64), ir.IntType(8).as_pointer()
-_HALF = ir.IntType(32)
-_AT_ONCE = 0x4040
-"""MSG_DONTWAIT and MSG_NOSIGNAL of Linux: neither waits a full socket, nor ends a lost peer the process."""
 
 
 def place_of(builder: Any, context: Any, kinds: Any, args: Any) -> Any:
@@ -92,31 +89,3 @@ def futex(_context: Any, numbers: Any, k: Any, operation: Any, value: Any) -> An
         return context.get_dummy_value()
 
     return types.none(numbers, types.int64, types.int64, types.int64), generate
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def poll(_context: Any, numbers: Any, k: Any, milliseconds: Any) -> Any:
-    """Sleep until what a number describes, a ``struct pollfd``, has happened, or so long; below 0 without an end. Returns whether it has: 1, else 0
-    or, where it cannot tell, -1."""
-
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        place = builder.bitcast(place_of(builder, context, signature.args, args), BYTES)
-        kind = ir.FunctionType(_HALF, [BYTES, WORD, _HALF])
-        call = cgutils.get_or_insert_function(builder.module, kind, "poll")
-        return builder.sext(builder.call(call, [place, WORD(1), builder.trunc(args[2], _HALF)]), WORD)
-
-    return types.int64(numbers, types.int64, types.int64), generate
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def send(_context: Any, descriptor: Any, data: Any, size: Any) -> Any:
-    """Give a socket what it takes of so many bytes without waiting; returns how many that were, -1 where it cannot."""
-
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        place = context.make_array(signature.args[1])(context, builder, args[1]).data
-        kind = ir.FunctionType(WORD, [_HALF, BYTES, WORD, _HALF])
-        call = cgutils.get_or_insert_function(builder.module, kind, "send")
-        given = [builder.trunc(args[0], _HALF), builder.bitcast(place, BYTES), args[2], _HALF(_AT_ONCE)]
-        return builder.call(call, given)
-
-    return types.int64(types.int64, data, types.int64), generate

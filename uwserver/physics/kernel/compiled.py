@@ -15,7 +15,8 @@ import platform
 import re
 import sys
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, cast
@@ -24,17 +25,19 @@ import llvmlite
 import numba
 from numba.core.codegen import get_host_cpu_features
 
-from uwserver.physics.kernel import store
-from uwserver.physics.kernel.caches import EntryCache
-from uwserver.physics.kernel.fingerprint import PHYSICS
-from uwserver.physics.kernel.linking import Entry, Part
+from uwserver.physics.kernel import plain, store
+from uwserver.physics.kernel.fingerprint import PHYSICS, kernel_name
+from uwserver.physics.kernel.plain import IS_PLAIN
+
+if not IS_PLAIN:
+    from uwserver.physics.kernel.numba_private.caches import EntryCache
+    from uwserver.physics.kernel.numba_private.linking import Entry, Part
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 ENTRY_KERNELS = {
     "free": (
         "integrator.advance", "integrator.rates_of_change", "carrying.carry_alone", "carrying.find_rates_alone", "sharing.serve", "sharing.stop",
-        "giving_way.await_event", "giving_way.send_aside", "giving_way.give_way", "giving_way.answer",
     ),
     "fins": ("integrator.advance_fitted", "integrator.rates_of_change_fitted"),
     "contact": ("step.strike", "step.settle"),
@@ -80,6 +83,9 @@ class CacheState(NamedTuple):
     def missing(self, kernels: Iterable[str]) -> tuple[str, ...]:
         """Which of some kernels must be compiled yet."""
         folders = (*self.packaged, *(() if self.folder is None else (self.folder,)))
+        if IS_PLAIN:
+            there = {name for folder in folders for name in plain.kept(folder)}
+            return tuple(kernel for kernel in kernels if kernel.partition("+")[0] not in there)
         there = {path.name.rpartition("-")[0] for folder in folders for path in folder.glob("*.kernel")}
         return tuple(kernel for kernel in kernels if kernel not in there)
 
@@ -128,6 +134,8 @@ def cpu_of() -> str:
 
 def _packaged(sources: str) -> tuple[Path, ...]:
     """Folders of the package whose kernels run here, the best first; none where the user chose a CPU by hand."""
+    if IS_PLAIN:
+        return ()
     if numba.config.CPU_NAME or numba.config.CPU_FEATURES is not None or platform.machine() not in ("x86_64", "AMD64"):
         return ()
     has = set(_features().split(","))
@@ -144,7 +152,7 @@ def _base() -> Path:
 
 
 def _find_cache() -> CacheState:
-    sources = made_of(Path(__file__).parents[1])
+    sources = f"plain-{plain.made_of(Path(__file__).parents[2])}" if IS_PLAIN else made_of(Path(__file__).parents[1])
     packaged = _packaged(sources)
     try:
         folder = _base() / f"kernels-{sources}-{cpu_of()}"
@@ -170,26 +178,43 @@ cache_state = _find_cache()
 
 def inlined(function: F) -> F:
     """As `compiled`, and inlined into its callers: so the optimiser drops the reference counts of the arrays that are passed on."""
-    return cast("F", Part(function, entry, inlined=True))
+    return cast("F", plain.part(function, inlined=True) if IS_PLAIN else Part(function, entry, inlined=True))
 
 
 def compiled(function: F) -> F:
     """Compile to machine code, for kernels to call: no GIL, IEEE division, no re-association (the same bits on every CPU)."""
-    return cast("F", Part(function, entry, inlined=None))
+    return cast("F", plain.part(function) if IS_PLAIN else Part(function, entry, inlined=None))
 
 
 def separate(function: F) -> F:
     """As `compiled`, and never inlined: what is long and called at many places would be compiled anew at each."""
-    return cast("F", Part(function, entry, inlined=False))
+    return cast("F", plain.part(function) if IS_PLAIN else Part(function, entry, inlined=False))
 
 
 def entry(function: F) -> F:
     """As `compiled`, for what Python calls and no kernel: one piece of machine code with all that it calls (`linking`)."""
-    kernel, state = Entry(function), cache_state
-    module = function.__module__ or ""
+    state, module = cache_state, function.__module__ or ""
     # Of physics the folder's name tells the sources, and a kernel's name tells nothing of what a closure holds. Tests leave nothing behind.
-    if module.startswith(("uwserver.", "uwserver_")) and not (
+    is_kept = module.startswith(("uwserver.", "uwserver_")) and not (
         module.startswith(PHYSICS) and "<locals>" in function.__qualname__
-    ):
-        kernel._cache = EntryCache(function, state.packaged, state.folder, kept=not state.reason)  # noqa: SLF001
+    )
+    if IS_PLAIN:
+        return cast("F", plain.entry(function, state.folder if is_kept else None))
+    kernel = Entry(function)
+    if is_kept:
+        kernel._cache = files_of(function, state.packaged, state.folder, kept=not state.reason)  # noqa: SLF001
     return cast("F", kernel)
+
+
+def files_of(function: Callable[..., Any], packaged: Sequence[Path], own: Path | None, kept: bool) -> EntryCache:
+    """Return the files of an entry: in folders of the package, then in the user's `own`, where what is compiled is `kept`."""
+
+    def read(name: str) -> Iterator[bytes | None]:
+        for folder in packaged:
+            yield store.read(folder, name, packaged=True)
+        if own is not None:
+            yield store.read(own, name)
+
+    return EntryCache(
+        lambda: kernel_name(function), read, partial(store.write, own) if kept and own is not None else None
+    )

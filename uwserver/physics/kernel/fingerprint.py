@@ -30,6 +30,12 @@ def fingerprint(function: Callable[..., Any]) -> str:
     return digest.hexdigest()[:_SIZE]
 
 
+def kernel_name(function: Callable[..., Any]) -> str:
+    """A kernel's module and name; outside physics, whose sources the folder's name tells, with the hash of what it is made of."""
+    name = f"{function.__module__.rpartition('.')[2]}.{function.__qualname__}"
+    return name if function.__module__.startswith(PHYSICS) else f"{name}+{fingerprint(function)}"
+
+
 def _tell(value: Any, say: Callable[[str], None], met: dict[int, int]) -> None:
     """Say what a value is. What numba could make no machine code of is never part of a kernel, and left out."""
     value = getattr(value, "py_func", value)

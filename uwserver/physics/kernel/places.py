@@ -1,10 +1,12 @@
-"""The arrays by which threads share loops (`sharing`) and the interpreter (`giving_way`): what stands where; and how they sleep on this machine."""
+"""The array by which threads share loops (`sharing`): what stands where; and how the threads sleep on this machine."""
 
 from __future__ import annotations
 
 import platform
 import sys
 from typing import Any
+
+from uwserver.physics.kernel.plain import IS_PLAIN
 
 JOB, STOP, CLAIM, DONE, WAITING, FAILED, ASLEEP = 0, 1, 8, 16, 17, 18, 24
 CODE, DATA, COUNT, CHUNK, THREADS, SPIN = 32, 33, 34, 35, 40, 41
@@ -15,16 +17,7 @@ sleep."""
 
 SIZE = 48
 
-ASKED, WATCHED, CALLED, HEARD, AWAKE = range(5)
-GIVEN, RUNS, LATE, WAITED, ANSWERED = range(8, 13)
-WAY_SIZE = 16
-"""The same of a right of way: how often the loop has come or gone, odd while it asks for the interpreter or has it; what it waits for, as a
-``struct pollfd``; how often somebody has called whoever steps the world, for how many of these calls the loop has stayed awake to hear the answer,
-and whether it is awake for one now; for which of its comings the loop was given the interpreter; whether somebody runs who gives it; which time it
-kept it for so long that nobody waits any more; for how many turns the world has waited for it since somebody asked; and whether there is an answer
-for who is awake."""
-
-_MACHINE = platform.machine() if sys.platform == "linux" else ""
+_MACHINE = platform.machine() if sys.platform == "linux" and not IS_PLAIN else ""
 FUTEX = {"x86_64": 202, "AMD64": 202, "aarch64": 98}.get(_MACHINE, 0)
 """Number of the system call; 0 where a thread could not sleep in compiled code."""
 _X86: tuple[Any, ...] = ("llvm.x86.sse2.pause",)

@@ -43,6 +43,7 @@ from uwserver.physics.kernel.places import (
     THREADS,
     WAITING,
 )
+from uwserver.physics.kernel.plain import IS_PLAIN
 
 _BITS = 12
 MOST_RANGES = (1 << _BITS) - 1
@@ -93,30 +94,6 @@ def _call(_context: Any, code: Any, data: Any, first: Any, end: Any, me: Any) ->
         return builder.icmp_signed("==", status, ir.IntType(32)(0))
 
     return types.boolean(*[types.int64] * 5), generate
-
-
-@compiled
-def share(team: Array, loop: Any, args: Any, count: int, least: int) -> None:
-    """Run ``loop(first, end, me, *args)`` for ranges that together are the rows 0 to `count`, with all threads of a team.
-
-    Args:
-        team: of `team.Team`.
-        loop: a `compiled` function without a result. What it writes for a row depends on nothing that it writes for others; `me`, the number
-            of the thread, finds work space.
-        args: tuple of its arguments.
-        count: rows.
-        least: of them in a range: so many that they take 5 us or more. Fewer than twice as many are not shared.
-
-    Raises:
-        MemoryError: there is no memory for what a range allocates.
-    """
-    code, data = _task(loop, args)
-    if team[THREADS] < 2 or count < 2 * least:
-        if not _call(code, data, 0, count, 0):
-            raise MemoryError
-        return
-    if not _share(team, code, data, count, least):
-        raise MemoryError
 
 
 @compiled
@@ -186,6 +163,36 @@ def _await(team: Array, ranges: int) -> None:
         store_atomic(team, WAITING, 1)
         futex(team, DONE, _FUTEX_WAIT, done)
         store_atomic(team, WAITING, 0)
+
+
+def _among_threads(team: Array, loop: Any, args: Any, count: int, least: int) -> None:
+    code, data = _task(loop, args)
+    if team[THREADS] < 2 or count < 2 * least:
+        if not _call(code, data, 0, count, 0):
+            raise MemoryError
+        return
+    if not _share(team, code, data, count, least):
+        raise MemoryError
+
+
+def _alone(team: Array, loop: Any, args: Any, count: int, least: int) -> None:
+    loop(0, count, 0, *args)
+
+
+share = compiled(_alone if IS_PLAIN else _among_threads)
+"""Run ``loop(first, end, me, *args)`` for ranges that together are the rows 0 to `count`, with all threads of a team.
+
+Args:
+    team: of `team.Team`.
+    loop: a `compiled` function without a result. What it writes for a row depends on nothing that it writes for others; `me`, the number
+        of the thread, finds work space.
+    args: tuple of its arguments.
+    count: rows.
+    least: the fewest rows in a range: so many that they take 5 us or more. Fewer than twice as many are not shared.
+
+Raises:
+    MemoryError: there is no memory for what a range allocates.
+"""
 
 
 @entry

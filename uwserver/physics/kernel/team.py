@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 from uwserver.physics.kernel.arrays import IntArray, shared_numbers
 from uwserver.physics.kernel.places import FUTEX, SIZE, SPIN, THREADS
+from uwserver.physics.kernel.plain import IS_PLAIN
 
 MOST_THREADS = 16
 
@@ -40,6 +41,8 @@ def can_sleep() -> bool:
 
 def why_alone() -> str:
     """Why a second thread is of no use here; empty where it may be of some."""
+    if IS_PLAIN:
+        return "kernels are plain (UWSERVER_KERNELS)"
     if not can_sleep():
         return "threads wait in compiled code on Linux alone (x86-64 and ARM)"
     return "" if cores() > 1 else "this process may use one core"

@@ -12,7 +12,6 @@ import pytest
 from uwserver_adapters.native import fanout
 from uwserver_adapters.native.codec import Codec, JsonCodec
 
-from uwserver.adapter import LineWriter
 from uwserver.modifiers.columns import columns_of
 from uwserver.ports import Event, Field, Port
 from uwserver.ports.told import Log, Origin, Told
@@ -66,10 +65,6 @@ def encoded(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         monkeypatch.setattr(
             kind, "together", lambda self, messages, real=kind.together: (counts.append(len(messages)), real(self, messages))[1]
         )  # fmt: skip
-    real = LineWriter.write
-    monkeypatch.setattr(
-        LineWriter, "write", lambda self, told, places, forms: (real(self, told, places, forms), counts.append(len(places)))[0]
-    )  # fmt: skip
     return counts
 
 
@@ -111,46 +106,6 @@ def test_a_client_gets_the_same_as_one_by_one(
     assert heard[0] == heard[1]
     assert len(heard[0]) > 3000
     assert (sum(encoded), len(encoded)) == (32, 5)
-
-
-def test_lines_are_written_without_an_object_for_each(
-    stage: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    async def scene(theatre: Any, routes: fanout.Fanout) -> None:
-        talker = theatre.talker()
-        await talker.result("subscribe", {"pattern": "**"})
-        monkeypatch.setattr(Told, "values", lambda self, entries: pytest.fail("values were made objects"))
-        put(routes, told(3))
-        assert [sample["seq"] for sample in talker.samples()] == [0, 0, 0, 1, 1, 1, 2, 2, 2]
-
-    played(stage, scene)
-
-
-def test_after_a_fault_of_ours_no_place_in_an_old_log_is_looked_up(
-    stage: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Compiled code would read whatever is there."""
-    seen: list[list[int]] = []
-    write = LineWriter.write
-
-    def fails_once(self: LineWriter, told: Told, places: list[int], forms: list[int]) -> bytes:
-        seen.append([*places])
-        if len(seen) == 1:
-            raise TypeError("oh")
-        return write(self, told, places, forms)
-
-    async def scene(theatre: Any, routes: fanout.Fanout) -> None:
-        talker = theatre.talker()
-        await talker.result("subscribe", {"pattern": "**"})
-        monkeypatch.setattr(LineWriter, "write", fails_once)
-        many, few = told(20), told(1)
-        with pytest.raises(TypeError, match="oh"):
-            routes.put_told(many)
-        put(routes, Told(many.origins, few.log, 1, 4))
-        assert [sample["port"] for sample in talker.samples()] == [port.path for port in PORTS]
-        assert seen == [[*range(1, 61)], [1, 2, 3]]
-
-    played(stage, scene)
 
 
 def test_what_waits_goes_before(stage: Callable[..., Any], encoded: list[int]) -> None:
@@ -195,7 +150,7 @@ def test_messages_for_several_clients_are_made_in_one_pass(
     )  # fmt: skip
 
     async def scene(theatre: Any, routes: fanout.Fanout) -> None:
-        talkers = [theatre.talker("msgpack") for _ in PORTS]
+        talkers = [theatre.talker(encoding) for encoding in ("msgpack", "json", "msgpack")]
         for talker, port in zip(talkers, PORTS, strict=True):
             await talker.result("subscribe", {"pattern": port.path, "rate_hz": 25.0})
         put(routes, told(7))
@@ -204,36 +159,6 @@ def test_messages_for_several_clients_are_made_in_one_pass(
         assert (passes, encoded) == ([21], [4, 4, 4])
 
     played(stage, scene)
-
-
-def test_a_client_whose_form_is_made_leaves_those_of_others_to_be_written(
-    stage: Callable[..., Any], encoded: list[int], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """In one batch, for each what it would get alone."""
-    written: list[int] = []
-    write = LineWriter.write
-    monkeypatch.setattr(
-        LineWriter, "write", lambda self, told, places, forms: (written.append(len(places)), write(self, told, places, forms))[1]
-    )  # fmt: skip
-    heard: list[list[Any]] = []
-
-    async def scene(together: bool, theatre: Any, routes: fanout.Fanout) -> None:
-        one, other = theatre.talker(), theatre.talker("msgpack")
-        if together:
-            await other.result("subscribe", {"pattern": "rov/depth"})
-            await other.result("subscribe", {"pattern": "rov/state"})
-        await one.result("subscribe", {"pattern": "rov/imu"})
-        put(routes, told(5))
-        heard.append(one.samples())
-        if together:
-            assert [sample["port"] for sample in other.samples()] == ["rov/depth", "rov/state"] * 5
-
-    for together in (True, False):
-        monkeypatch.setattr(fanout, "TOGETHER", 7 if together else 512)
-        played(stage, partial(scene, together))
-    assert heard[0] == heard[1]
-    assert len(heard[0]) == 5
-    assert sum(written) == 5, "none of the JSON lines was made of objects"
 
 
 def test_who_takes_nothing_more_is_not_sent_to(stage: Callable[..., Any], encoded: list[int]) -> None:

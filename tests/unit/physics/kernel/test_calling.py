@@ -9,9 +9,8 @@ import pytest
 
 from uwserver.physics.kernel import compiled
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.caches import EntryCache
 from uwserver.physics.kernel.calling import call, call_for_float, call_for_number
-from uwserver.physics.kernel.compiled import entry
+from uwserver.physics.kernel.compiled import entry, files_of
 from uwserver.physics.kernel.straight import address_of
 
 
@@ -92,7 +91,7 @@ def test_an_entry_from_the_cache_is_called_the_same_way(tmp_path: Any) -> None:
     addresses = []
     for _ in range(2):
         weigh = compiled.Entry(make_sum().py_func)
-        weigh._cache = EntryCache(weigh.py_func, (), tmp_path, kept=True)
+        weigh._cache = files_of(weigh.py_func, (), tmp_path, kept=True)
         weigh.load(*given())
         addresses.append(address_of(weigh, "int64"))
         table, values, both, k, factor, _ = given()

@@ -8,17 +8,13 @@ from __future__ import annotations
 
 import hashlib
 import pickle
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 from llvmlite import binding
 from numba.core import caching, compiler
 from numba.core.serialize import dumps
-
-from uwserver.physics.kernel import store
-from uwserver.physics.kernel.fingerprint import PHYSICS, fingerprint
 
 _UNREADABLE = (
     pickle.UnpicklingError, EOFError, OSError, RuntimeError, ImportError, AttributeError, IndexError, KeyError, TypeError, ValueError
@@ -32,44 +28,42 @@ def file_name(kernel: str, signature: Any) -> str:
     return f"{kernel}-{kinds}.kernel"
 
 
-def kernel_name(function: Callable[..., Any]) -> str:
-    """A kernel's module and name; outside physics, whose sources the folder's name tells, with the hash of what it is made of."""
-    name = f"{function.__module__.rpartition('.')[2]}.{function.__qualname__}"
-    return name if function.__module__.startswith(PHYSICS) else f"{name}+{fingerprint(function)}"
-
-
 class EntryCache(caching._Cache):  # type: ignore[misc]  # noqa: SLF001  # the base that numba's dispatchers ask for
-    """Files of one entry, in the folders of `compiled.Folders`."""
+    """Files of one entry."""
 
-    def __init__(self, function: Callable[..., Any], packaged: Sequence[Path], own: Path | None, kept: bool) -> None:
-        """Search folders of the package, then the user's `own`; `kept`: what is compiled goes there."""
-        self._function = function
-        self._packaged = packaged
-        self._own = own
-        self._kept = kept
+    def __init__(
+        self,
+        kernel: Callable[[], str],
+        read: Callable[[str], Iterable[bytes | None]],
+        write: Callable[[str, bytes], None] | None,
+    ) -> None:
+        """Of an entry.
+
+        Args:
+            kernel: gives its name.
+            read: gives what folders hold under the name of a file, the best first.
+            write: keeps bytes under such a name; None where nothing is kept.
+        """
+        self._name, self._read, self._write = kernel, read, write
 
     @cached_property
     def _kernel(self) -> str:
-        return kernel_name(self._function)
+        return self._name()
 
     @property
-    def cache_path(self) -> str | None:
-        """The user's folder."""
-        return None if self._own is None else str(self._own)
+    def cache_path(self) -> None:
+        """No single folder."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The kernel for these types, or None."""
         target_context.refresh()
-        name = file_name(self._kernel, sig)
-        for folder in self._packaged:
-            if (found := _load(store.read(folder, name, packaged=True), target_context)) is not None:
-                return found
-        return None if self._own is None else _load(store.read(self._own, name), target_context)
+        loaded = (_load(body, target_context) for body in self._read(file_name(self._kernel, sig)))
+        return next((kernel for kernel in loaded if kernel is not None), None)
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep a kernel, if there is a folder for it."""
-        if self._kept and self._own is not None and not data.library.has_dynamic_globals:
-            store.write(self._own, file_name(self._kernel, sig), dumps(_reduced(data)))
+        """Keep a kernel."""
+        if self._write is not None and not data.library.has_dynamic_globals:
+            self._write(file_name(self._kernel, sig), dumps(_reduced(data)))
 
     def enable(self) -> None:
         """Always so."""

@@ -14,7 +14,6 @@ import pytest
 
 import uwserver
 from uwserver.physics.kernel import compiled, store
-from uwserver.physics.kernel.caches import EntryCache
 from uwserver.physics.kernel.compiled import LEVELS
 
 CALL = """
@@ -65,7 +64,7 @@ def own(tmp_path: Path) -> Path:
 def hits(packaged: tuple[Path, ...], own: Path | None) -> int:
     """How often a kernel that is called once was found in these folders."""
     kernel = compiled.Entry(double)
-    kernel._cache = EntryCache(double, packaged, own, kept=own is not None)
+    kernel._cache = compiled.files_of(double, packaged, own, kept=own is not None)
     assert kernel(3.0) == 6.0
     assert sum(kernel.stats.cache_hits.values()) + sum(kernel.stats.cache_misses.values()) == 1
     return sum(kernel.stats.cache_hits.values())
