@@ -1,4 +1,4 @@
-"""Draws docs/images/architecture.png: the rooms of the house, the two threads, and the ways of a sample and of a command between them."""
+"""Draws docs/images/architecture.png: the rooms, the two threads, and the paths of a sample and of a command between them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ INK, GREY, SAMPLE, COMMAND, LOAD = "#1a1a1a", "#5f6670", "#0b62a8", "#c2540a", "
 
 
 class Box(NamedTuple):
-    """A room or a part of one: left, bottom, width, height, its name, what it does."""
+    """A room or a part of one: left, bottom, width, height, name, and what it does."""
 
     x: float
     y: float
@@ -47,51 +47,53 @@ LOOP = (
     Box(113, 63, 14.5, 18, "uwserver/\nrecording", "a sink like\nany other;\nreplay"),
 )
 CROSSING = (
-    Box(33, 53.5, 31, 6, "Mailbox", "uwserver/simulation", "#fdeee2"),
-    Box(81, 53.5, 46.5, 6, "Bus", "uwserver/simulation: one wake-up a tick", "#e1eefa"),
+    Box(33, 53.5, 31, 6, "Mailbox", "uwserver/simulation: commands and calls", "#fdeee2"),
+    Box(81, 53.5, 46.5, 6, "Bus", "uwserver/simulation: samples as rows; wakes the loop", "#e1eefa"),
+)
+STEP = Box(
+    53, 15.5, 76, 32.5, "uwserver/step: the order of a tick, compiled; it releases the interpreter lock", "", "#d6ead6"
 )
 TICK = (
-    Box(30, 31, 20, 15, "uwserver/world", "faults, commands and\ncalls, watchdogs,\nsnapshots", "#ffffff"),
-    Box(53, 39, 21, 7, "uwserver/actuators", "limits, neutral"),
-    Box(53, 31, 21, 6, "uwserver/autopilot", "steers where told"),
-    Box(81, 31, 21, 15, "uwserver/sensors", "what an instrument\nmeasures, at its rate,\nwith its timing", "#ffffff"),
-    Box(106, 31, 21.5, 15, "uwserver/modifiers", "noise, bias, delay,\nloss: seeded", "#ffffff"),
     Box(
         30,
+        30,
+        20,
         16,
-        58,
-        11.5,
-        "uwserver/physics",
-        "compiled: bodies in water, collision, contact, rays;\nall state in arrays",
+        "uwserver/world",
+        "faults, commands and\ncalls, watchdogs;\nparts in Python,\nsnapshots",
         "#ffffff",
     ),
-    Box(91, 16, 36.5, 11.5, "uwserver/environment", "sea water, currents, waves,\nsound, Earth", "#ffffff"),
+    Box(55, 32, 16.5, 10, "autopilot", "estimates,\nsteers", "#ffffff"),
+    Box(74, 32, 16, 10, "actuators", "commands become\nforces", "#ffffff"),
+    Box(92.5, 32, 16, 10, "sensors", "readings that\nare due", "#ffffff"),
+    Box(111, 32, 16, 10, "modifiers", "noise, bias,\ndelay, loss", "#ffffff"),
+    Box(55, 18, 42, 10, "physics", "bodies in water, collision, contact, rays;\nall state in arrays", "#ffffff"),
+    Box(100, 18, 27, 10, "environment", "sea water, currents, waves,\nsound, Earth", "#ffffff"),
 )
 LOADING = (
     Box(4, 72, 16, 8, "*.toml", "scenario, vehicles,\ndevices"),
-    Box(4, 57, 16, 10, "scenario/files", "TOML to tables:\nplaces of keys,\nall faults at once"),
+    Box(4, 57, 16, 10, "scenario/files", "TOML to tables:\nlines of keys,\nall mistakes at once"),
     Box(4, 42, 16, 10, "scenario/load", "profiles, defaults,\nchecks; degrees\nto radians"),
     Box(4, 27, 16, 10, "scenario/build", "the only place that\nknows concrete\nclasses"),
 )
-WORDS = "the vocabulary of every wall: Port, Field, Sample, Command, Call, Reply, Buffer; SI, radians, nanoseconds; N = NED, B = FRD"
+WORDS = "types that all rooms share: Port, Field, Sample, Command, Call, Reply, Buffer; SI, radians, nanoseconds; N = NED, B = FRD"
 GROUND = Box(2, 2, 128, 9, "uwserver/ports, frames, units", WORDS, "#f4f4f4")
 
 ARROWS: tuple[tuple[str, tuple[float, float], tuple[float, float]], ...] = (
     (COMMAND, (49, 74), (49, 70)),
     (COMMAND, (49, 63), (49, 59.5)),
     (COMMAND, (42, 53.5), (42, 46)),
-    (COMMAND, (50, 42.5), (53, 42.5)),
-    (COMMAND, (50, 34), (53, 34)),
-    (COMMAND, (63.5, 37), (63.5, 39)),
-    (COMMAND, (77, 42.5), (77, 27.5)),
-    (SAMPLE, (85, 27.5), (85, 31)),
-    (SAMPLE, (97, 27.5), (97, 31)),
-    (SAMPLE, (102, 38.5), (106, 38.5)),
-    (SAMPLE, (117, 46), (117, 53.5)),
+    (COMMAND, (50, 37), (55, 37)),
+    (COMMAND, (71.5, 37), (74, 37)),
+    (COMMAND, (82, 32), (82, 28)),
+    (SAMPLE, (95, 28), (95, 32)),
+    (SAMPLE, (104, 28), (104, 32)),
+    (SAMPLE, (108.5, 37), (111, 37)),
+    (SAMPLE, (119, 42), (119, 53.5)),
     (SAMPLE, (95, 59.5), (95, 63)),
     (SAMPLE, (75, 70), (75, 74)),
     (SAMPLE, (120, 59.5), (120, 63)),
-    (GREY, (91, 21.5), (88, 21.5)),
+    (GREY, (100, 23), (97, 23)),
     (LOAD, (12, 72), (12, 67)),
     (LOAD, (12, 57), (12, 52)),
     (LOAD, (12, 42), (12, 37)),
@@ -115,16 +117,16 @@ def _box(axes: Any, box: Box) -> None:
 
 
 def draw() -> Figure:
-    """The whole picture."""
+    """Return the whole picture."""
     figure = Figure(figsize=(12.0, 8.0), dpi=130)
     axes: Any = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set(xlim=(0, WIDTH), ylim=(0, HEIGHT))
     axes.axis("off")
-    for band in BANDS:
+    for band in (*BANDS, STEP):
         axes.add_patch(
             FancyBboxPatch((band.x, band.y), band.w, band.h, "round,pad=0,rounding_size=1.2", fc=band.fill, ec="none")
         )
-        x = band.x + (24.0 if band.h == 38 else 1.5)  # beside the way of a command
+        x = band.x + (26.0 if band.h == 38 else 1.5)  # beside the path of a command
         axes.text(x, band.y + band.h - 1.9, band.name, fontsize=8.6, color=GREY, style="italic", va="center")
     for box in (*LOOP, *CROSSING, *TICK, *LOADING, GROUND):
         _box(axes, box)
@@ -132,8 +134,6 @@ def draw() -> Figure:
         axes.add_patch(
             FancyArrowPatch(start, end, arrowstyle="-|>", mutation_scale=13, lw=2.0, color=colour, shrinkA=0, shrinkB=0)
         )
-    # The line from the actuators to the kernel has a corner.
-    axes.plot((74, 77), (42.5, 42.5), color=COMMAND, lw=2.0, solid_capstyle="butt")
     for colour, x, y, text in (
         (COMMAND, 50.2, 61.5, "a command"),
         (SAMPLE, 96.2, 61.5, "a sample"),

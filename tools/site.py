@@ -1,7 +1,7 @@
-"""`make site`: the pages of the repository as a site, with navigation and search. Needs the extra `site`.
+"""`make site`: builds a site from the pages of the repository, with navigation and search. Needs the extra `site`.
 
-The pages stand where they are in the repository, so that their links hold there and here. Long reference pages are split by their
-headings, one page a subject. A link that leads nowhere ends the build.
+The pages keep their paths in the repository, so that their links work in both places. Long reference pages are split at their
+headings, one page for each subject. A broken link ends the build.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 PAGES, CONFIG = "build/site-pages", "build/mkdocs.yml"
 SPLIT = ("docs/reference/scenario.md", "docs/reference/ports.md", "docs/reference/sensors/kinds.md")
-"""Generated pages of many subjects."""
+"""Generated pages with many subjects, which the site splits."""
 LINK = re.compile(r"(!?\[(?:[^\[\]]|\[[^\[\]]*\])*\]\()([^)\s]+)(\))")
 FENCE = re.compile(r"^(```.*?^```[^\n]*$|~~~.*?^~~~$)", re.S | re.M)
 HERO = (
@@ -29,7 +29,17 @@ HERO = (
     ("docs/images/demo_square.png", "A square by feedback on the sensors", "docs/tutorial.md"),
 )  # fmt: skip
 NAV: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("Start", ("README.md", "docs/tutorial.md", "docs/tutorial/*.md", "docs/scenarios.md", "CHANGELOG.md")),
+    (
+        "Start",
+        (
+            "README.md",
+            "docs/how-to/install.md",
+            "docs/tutorial.md",
+            "docs/tutorial/*.md",
+            "docs/scenarios.md",
+            "CHANGELOG.md",
+        ),
+    ),
     ("Examples", ("examples/README.md",)),
     ("How-to", ("docs/how-to/your-vehicle.md", "docs/how-to/*.md", "docs/how-to/*/*.md")),
     ("Clients", ("clients/*/README.md", "clients/*/*/README.md", "adapters/uwserver_adapters/*/README.md")),
@@ -38,12 +48,23 @@ NAV: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("Scenario files", ("docs/reference/scenario.md", "docs/reference/scenario/*.md")),
     ("Ports", ("docs/reference/ports.md", "docs/reference/ports/*.md")),
     ("Reference", ("docs/reference/*.md",)),
-    ("Behind it", ("docs/explanation/*.md", "docs/validation.md", "CONTRIBUTING.md", "SECURITY.md")),
+    (
+        "How it works",
+        (
+            "docs/explanation/architecture.md",
+            "docs/explanation/paths.md",
+            "docs/explanation/words.md",
+            "docs/explanation/*.md",
+            "docs/validation.md",
+            "CONTRIBUTING.md",
+            "SECURITY.md",
+        ),
+    ),
 )
 
 
 def main() -> int:
-    """Exit status: 1 when a link leads nowhere."""
+    """Build the site; return 1 if a link is broken."""
     argparse.ArgumentParser(description=__doc__).parse_args()
     stage(ROOT, ROOT / PAGES)
     config = {"INHERIT": str(ROOT / "mkdocs.yml"), "docs_dir": str(ROOT / PAGES), "site_dir": str(ROOT / "build/site"),
@@ -57,7 +78,7 @@ def main() -> int:
 
 
 def stage(root: Path, pages: Path) -> None:
-    """Copy what the site is made of: what git holds of pages and pictures, and the files that pages lead to."""
+    """Copy the pages and pictures that git holds, and the files that pages link to."""
     shutil.rmtree(pages, ignore_errors=True)
     listed = subprocess.run(["git", "ls-files", "-co", "--exclude-standard"], cwd=root, capture_output=True, text=True, check=True)  # fmt: skip
     files = {path for path in listed.stdout.splitlines() if (root / path).is_file()}
@@ -78,12 +99,12 @@ def stage(root: Path, pages: Path) -> None:
 
 
 def outside_code(text: str, change: Callable[[str], str]) -> str:
-    """Text with what stands outside code blocks changed."""
+    """Return the text with `change` applied outside code blocks."""
     return "".join(piece if k % 2 else change(piece) for k, piece in enumerate(FENCE.split(text)))
 
 
 def navigation(pages: Path) -> list[dict[str, list[str]]]:
-    """Sections with their pages, each page once, in the order of NAV."""
+    """Return the sections with their pages in the order of NAV, each page once."""
     seen: set[Path] = set()
     sections = []
     for title, patterns in NAV:
@@ -101,7 +122,7 @@ def _is_page(path: str) -> bool:
 
 
 def _home(text: str) -> str:
-    """README with the pictures first."""
+    """Put the pictures at the top of the README."""
     cells = [f"[![{title}]({picture})]({page})<br>[{title}]({page})" for picture, title, page in HERO]
     cards = f"| {cells[0]} | {cells[1]} |\n|---|---|\n| {cells[2]} | {cells[3]} |\n"
     title, rest = text.split("\n", 1)
@@ -109,7 +130,7 @@ def _home(text: str) -> str:
 
 
 def _split(texts: dict[str, str]) -> dict[str, dict[str, str]]:
-    """Parts long pages; for each of them, which page an anchor moved to."""
+    """Split long pages; return for each of them the new page of each anchor."""
     moved: dict[str, dict[str, str]] = {}
     for path in SPLIT:
         head, *parts = re.split(r"^(?=## )", texts[path], flags=re.M)
@@ -129,7 +150,7 @@ def _split(texts: dict[str, str]) -> dict[str, dict[str, str]]:
 
 
 def _deeper(page: str, link: re.Match[str]) -> str:
-    """A relative link of a page as seen from one folder below."""
+    """Rewrite a relative link of a page for a page one folder deeper."""
     target = link[2]
     if re.match(r"[a-z]+:", target):
         return link[0]
@@ -137,7 +158,7 @@ def _deeper(page: str, link: re.Match[str]) -> str:
 
 
 def _moved(path: str, text: str, moved: dict[str, dict[str, str]]) -> str:
-    """Links to an anchor of a page that was parted lead to its part."""
+    """Let links to an anchor of a split page lead to the page that has it now."""
 
     def other(found: re.Match[str]) -> str:
         target, _, anchor = found[2].partition("#")
@@ -154,7 +175,7 @@ def _moved(path: str, text: str, moved: dict[str, dict[str, str]]) -> str:
 
 
 def _resolved(page: str, target: str) -> str:
-    """Path in the repository of a relative link."""
+    """Return the path in the repository of a relative link."""
     parts: list[str] = []
     for part in (*Path(page).parent.parts, *Path(target).parts):
         if part == ".." and parts:
@@ -165,7 +186,7 @@ def _resolved(page: str, target: str) -> str:
 
 
 def _slug(title: str) -> str:
-    """The anchor of a heading, as GitHub and the site make it."""
+    """Return the anchor of a heading, as GitHub and the site make it."""
     plain = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", title).replace("`", "")
     return re.sub(r"[^\w\- ]", "", plain.strip().lower()).replace(" ", "-")
 
