@@ -1,4 +1,4 @@
-"""The page of all limits, from the constants and the defaults of settings; `reference_docs.py` writes it."""
+"""Makes the page of all limits from the constants in the code and the defaults of settings; `reference_docs.py` writes it."""
 
 from __future__ import annotations
 
@@ -59,11 +59,11 @@ from uwserver.world import saving, services, snapshot
 HEAD = """\
 # Limits
 
-Every size, count, rate and deadline that bounds what comes from outside, with what happens beyond it. The names in the third column are settings of
-the [scenario](scenario.md); where there is none, the number is fixed. How they are meant: [protocol](protocol.md#limits),
-[security](../explanation/security.md), [record and replay](../how-to/record.md).
+This table lists every size, count, rate and deadline that bounds input from outside, and what happens beyond it. A name in the third column
+is a setting of the [scenario](scenario.md); a number without a name is fixed. These pages explain the limits:
+[protocol](protocol.md#limits), [security](../explanation/security.md), [record and replay](../how-to/record.md).
 
-| of | what | limit | beyond it |
+| limit of | what | limit | beyond it |
 |---|---|---|---|
 """
 
@@ -71,7 +71,7 @@ Row = tuple[str, str, str]
 
 
 def limits_page() -> str:
-    """The whole page below its first line."""
+    """Return the page below its first line."""
     groups = {
         "a file": _files(),
         "a recording": _recordings(),
@@ -99,24 +99,24 @@ def limits_page() -> str:
 
 
 def _files() -> Iterator[Row]:
-    refused = "not loaded; the place, what and what to do are told"
-    yield "any file", "a plain file: no folder, pipe, device or socket", refused
+    refused = "not loaded; the error says where, what is wrong and what to do"
+    yield "any file", "must be a plain file: no folder, pipe, device or socket", refused
     yield "scenario, vehicle or device (TOML), Python extension", _bytes(documents.MOST_BYTES), refused
     yield "parts of a dotted key or header", str(locate.MOST_PARTS), refused
     yield "vehicles, copies counted, and objects", str(counts.MOST_BODIES), refused + "; `world/spawn`: `busy`"
     yield "structures", str(counts.MOST_STRUCTURES), refused
     yield "sensors, their streams and modifiers, actuators, of all vehicles", str(counts.MOST_COMPONENTS), refused
-    yield "faults told", str(scenario.MOST_PROBLEMS), "the rest is not looked at"
-    yield "extensions", "in the scenario's folder or below, links followed", "not run"
+    yield "mistakes that are reported", str(scenario.MOST_PROBLEMS), "the rest is not checked"
+    yield "extensions", "must be in the scenario's folder or below, links followed", "not run"
     yield "mesh (STL, OBJ, PLY, glTF with all its files)", _bytes(mesh_checks.MOST_BYTES), refused
     yield "triangles of a mesh", f"{mesh_checks.MOST_TRIANGLES}", refused
     yield (
-        "points of a grid, after `extent_m`; of an axis, or of a chunk, of NetCDF 4",
+        "points of a grid, after `extent_m`; points of an axis, or of a chunk, of NetCDF 4",
         f"{bathymetry.MOST_POINTS}",
         refused,
     )
     triangles = f"{memory.TRIANGLE_BYTES} bytes each, {memory.RESERVE_BYTES // 1_000_000} MB for the rest"
-    yield f"memory that is free, from {memory.FEW_TRIANGLES} triangles of seabed and structures on", triangles, refused
+    yield f"free memory, from {memory.FEW_TRIANGLES} triangles of seabed and structures on", triangles, refused
     yield "classic NetCDF file", _bytes(bathymetry.MOST_BYTES), refused
 
 
@@ -131,17 +131,25 @@ def _recordings() -> Iterator[Row]:
         f"{recorder.MAX_REQUESTS}",
         "the recording ends, the world goes on",
     )
-    yield "what a killed server loses", f"{recorder.CHUNK_NS / NANOSECONDS:g} s, and what waits", ""
+    yield (
+        "data that a killed server loses",
+        f"{recorder.CHUNK_NS / NANOSECONDS:g} s, and the data that wait for the disk",
+        "",
+    )
     yield (
         "wall time in which the disk must answer at the end",
         f"{recorder.CLOSE_TIMEOUT_S:g} s",
-        "the file has no end; told, exit status 1",
+        "the file has no end; a message says so, exit status 1",
     )
     yield "recordings in `recordings`", str(recordings.MAX_FILES), "`busy`"
     yield "requests about recordings that wait", str(recordings.MAX_WAITING), "`busy`"
-    yield "bytes of all of them", _setting(Server, "recordings_mb", " MB"), "`busy`; the one that goes on ends whole"
-    yield "free on their disk", _bytes(recordings.RESERVE_BYTES), "`busy`; the one that goes on ends whole"
-    yield "a record, when it is replayed", _bytes(reading.MOST_RECORD_BYTES), "damaged"
+    yield (
+        "bytes of all of them",
+        _setting(Server, "recordings_mb", " MB"),
+        "`busy`; the present recording ends complete",
+    )
+    yield "free space on their disk", _bytes(recordings.RESERVE_BYTES), "`busy`; the present recording ends complete"
+    yield "a record in a replay", _bytes(reading.MOST_RECORD_BYTES), "damaged"
     yield "a chunk, unpacked", _bytes(reading.MOST_CHUNK_BYTES), "damaged"
     yield "its seabed and structures, unpacked", _bytes(archive.LARGEST_BYTES), "not replayed"
 
@@ -149,7 +157,7 @@ def _recordings() -> Iterator[Row]:
 def _states() -> Iterator[Row]:
     yield "size", _bytes(snapshot.MAX_BYTES), "`out_of_range`"
     yield "parts", str(snapshot.MAX_PARTS), "refused"
-    yield "states on their way in pieces", str(saving.MAX_KEPT), "the oldest is forgotten"
+    yield "states that are sent or received in pieces", str(saving.MAX_KEPT), "the oldest is forgotten"
     yield "files in `state_folder`", str(state_files.MAX_FILES), "`busy`"
     yield (
         "snapshots in memory",
@@ -163,9 +171,9 @@ def _messages() -> Iterator[Row]:
     yield f"plain texts (ASCII, from {bounds.PLAIN_TEXT} bytes on)", _bytes(bounds.MAX_PLAIN), "`too_large`"
     yield "binary values of msgpack", _bytes(bounds.MAX_BINARY), "`too_large`"
     long = f"JSON with more than {bounds.FEW} numbers that have an exponent or {bounds.LONG_NUMBER} digits"
-    huge = f"{_bytes(bounds.LONG_NUMBERS_LIMIT)}; {_bytes(bounds.HUGE_LIMIT)} where more than {bounds.FEW} have one of three digits"
+    huge = f"{_bytes(bounds.LONG_NUMBERS_LIMIT)}; {_bytes(bounds.HUGE_LIMIT)} if more than {bounds.FEW} have an exponent of three digits"
     yield long, huge, "`too_large`"
-    yield "digits of a number, where there are more such", str(bounds.MAX_DIGITS), "`invalid_request`"
+    yield "digits of a number, if there are more such numbers", str(bounds.MAX_DIGITS), "`invalid_request`"
     yield "maps and lists", f"{bounds.MAX_CONTAINERS}, {bounds.MAX_DEPTH} deep", "`invalid_request`"
     yield "values, keys included", str(bounds.MAX_VALUES), "`invalid_request`"
     yield "texts in JSON", str(bounds.MAX_TEXTS), "`invalid_request`"
@@ -177,11 +185,11 @@ def _messages() -> Iterator[Row]:
 def _clients() -> Iterator[Row]:
     yield "requests a second", _setting(SocketsConfig, "max_requests_per_s"), "`overload`, then not read"
     yield "subscriptions", _setting(SocketsConfig, "max_subscriptions"), "`overload`"
-    covered = f"{fanout.COVERED}, or twice all ports where that is more; each counted for each subscription"
+    covered = f"{fanout.COVERED}, or twice all ports if that is more; each port counts for each subscription"
     yield "ports that its subscriptions cover", covered, "`overload`"
     yield "unanswered commands and calls", _setting(SocketsConfig, "max_unanswered"), "`overload`"
     yield (
-        "unread samples of a delivery",
+        "unread samples of one kind of delivery",
         _setting(SocketsConfig, "queue_samples"),
         "the oldest dropped; `reliable`: disconnected",
     )
@@ -194,7 +202,7 @@ def _clients() -> Iterator[Row]:
         "disconnected",
     )
     yield (
-        "wall time for the first valid message, and for TLS before",
+        "wall time for the first valid message, and for the TLS handshake before it",
         _setting(SocketsConfig, "hello_timeout_s", " s"),
         "disconnected",
     )
@@ -203,31 +211,35 @@ def _clients() -> Iterator[Row]:
 def _datagrams() -> Iterator[Row]:
     yield "a datagram", _bytes(datagrams.DATAGRAM_LIMIT), "`too_large`"
     yield "a datagram without a session", _bytes(datagrams.STRANGER_LIMIT), "not read"
-    yield "datagrams of all without a session", f"{datagrams.STRANGERS_PER_S} a second", "not read"
+    yield "datagrams of all addresses without a session", f"{datagrams.STRANGERS_PER_S} a second", "not read"
     yield "silence", _setting(SocketsConfig, "udp_lease_s", " s"), "forgotten"
 
 
 def _strangers() -> Iterator[Row]:
     yield (
-        "connected, nothing valid said",
+        "connections without a valid message",
         f"{peers.STRANGERS}; `sockets`: {_setting(SocketsConfig, 'max_strangers')}",
-        "the oldest of the host with most makes way",
+        "the oldest of the host with most is closed",
     )
-    yield "connections that the system keeps before", str(accepting.BACKLOG), "refused by the system"
-    yield "handshake of TLS", f"{accepting.HANDSHAKE_S:g} s", "disconnected"
-    yield "no descriptors left", f"accepted again after {accepting.PAUSE_S:g} s", "who knocks waits"
-    yield "a cause in the log", f"once in {refusals.TELL_S:g} s", "counted"
+    yield "connections that the system queues before they are accepted", str(accepting.BACKLOG), "refused by the system"
+    yield "TLS handshake", f"{accepting.HANDSHAKE_S:g} s", "disconnected"
+    yield (
+        "no file descriptors left",
+        f"connections are accepted again after {accepting.PAUSE_S:g} s",
+        "new connections wait",
+    )
+    yield "a log message of one cause", f"once in {refusals.TELL_S:g} s", "counted"
 
 
 def _world() -> Iterator[Row]:
     waiting = f"{turns.MAX_WAITING} of a client, {turns.MAX_WAITING_OF_ALL} of all, but {turns.FREE_PLACES} of each"
     yield "commands and calls that wait for their tick", waiting, "`overload`"
     size = f"{_bytes(turns.MAX_BYTES)} of a client, {_bytes(turns.MAX_BYTES_OF_ALL)} of all, but one request of each"
-    yield "their bytes, decoded lists and maps fourfold", size, "`overload`"
+    yield "their bytes; decoded lists and maps count four times", size, "`overload`"
     yield "steps and runs under way", str(thread.MAX_GOALS), "`overload`"
-    yield "profiles that are measured at once", str(profiling.MAX_MEASUREMENTS), "`overload`"
+    yield "profiles at the same time", str(profiling.MAX_MEASUREMENTS), "`overload`"
     spent = f"{_ms(intake.REQUESTS_NS / NANOSECONDS)} for commands and calls, {_ms(thread.STEERING_NS / NANOSECONDS)} for the clock"
-    yield "a tick in real time", spent, "the rest waits for the next tick"
+    yield "wall time for requests in a tick, in real time", spent, "the rest waits for the next tick"
     ahead = f"real time: {bus.MAX_TICKS} ticks; else {_ms(bus.AHEAD_NS / NANOSECONDS)} of their work"
     yield "samples on their way to the adapters", ahead, "real time: dropped and counted; else the world waits"
 
@@ -237,11 +249,15 @@ def _moos() -> Iterator[Row]:
     yield "names and other short texts, a text", f"{wire.NAMES_LIMIT}, {wire.TEXT_LIMIT} bytes", "refused unread"
     yield "open calls, and how long", f"{calls.OPEN}, {calls.TIMEOUT_S:g} s", "refused"
     yield "`moosdb`: clients", _setting(MoosDbConfig, "max_clients"), "disconnected"
-    yield "`moosdb`: time to say a name; its length", f"{guests.NAME_S:g} s; {guests.CLIENT_NAME_LIMIT}", "disconnected"
+    yield (
+        "`moosdb`: time to send a name; length of the name",
+        f"{guests.NAME_S:g} s; {guests.CLIENT_NAME_LIMIT}",
+        "disconnected",
+    )
     yield "`moosdb`: kept mail, filters of a client", f"{_bytes(database.KEPT_BYTES)}, {database.FILTERS}", "refused"
     stars = f"{database.FILTERS_OF_ALL}: each counts 1 and for each `*` 1, with a `?` {patterns.MARKED}"
     yield "`moosdb`: filters of all clients", stars, "refused"
-    yield "`moosdb`: variables in a summary, and of each client", str(database.LISTED), "left out"
+    yield "`moosdb`: variables in a summary, and variables of each client", str(database.LISTED), "left out"
     yield "`moos_text`: clients", _setting(MoosTextConfig, "max_clients"), "disconnected"
     yield "`moos_text`: a line, its pairs", f"{_bytes(lines.LINE_LIMIT)}, {lines.PAIRS}", "an error line"
 
@@ -256,7 +272,7 @@ def _morse() -> Iterator[Row]:
         "refused, skipped",
     )
     yield (
-        "what waits for a slow client",
+        "data that wait for a slow client",
         _setting(MorseConfig, "queue_bytes"),
         "samples are left out; answers: disconnected",
     )
@@ -269,10 +285,8 @@ def _mavlink() -> Iterator[Row]:
 
 
 def _ros() -> Iterator[Row]:
-    longest = (
-        f"{_bytes(bounds.MESSAGE_LIMIT)}; {_bytes(ros_types.ARRAY_LIMIT)} where only arrays of numbers have no bound"
-    )
-    yield "a message that commands", longest, "refused"
+    longest = f"{_bytes(bounds.MESSAGE_LIMIT)}; {_bytes(ros_types.ARRAY_LIMIT)} if only arrays of numbers have no bound"
+    yield "a message with a command", longest, "refused"
     yield "items of a list of messages or texts", str(ros_plain.LONGEST), "refused"
     yield "parameters of one request", str(ros_parameters.AT_ONCE), "the rest is refused, each with a reason"
     yield (
@@ -284,9 +298,9 @@ def _ros() -> Iterator[Row]:
 
 def _ros2() -> Iterator[Row]:
     yield "commands and calls that wait", _setting(Ros2Config, "queue_requests"), "dropped and counted"
-    yield "goals of an action that are under way", str(ros2_actions.GOALS), "rejected"
-    yield "goals that have ended and are remembered", str(ros2_actions.GOALS), "the oldest makes way"
-    yield "who wait for the result of a goal", str(ros2_actions.WAITERS), "told an empty result of unknown status"
+    yield "unfinished goals of an action", str(ros2_actions.GOALS), "rejected"
+    yield "ended goals that are remembered", str(ros2_actions.GOALS), "the oldest is forgotten"
+    yield "clients that wait for the result of a goal", str(ros2_actions.WAITERS), "an empty result of unknown status"
     yield "tokens of other nodes that are remembered, over zenoh", str(rmw_zenoh.NODES), "the rest is not remembered"
 
 
@@ -305,11 +319,11 @@ def _rosbridge() -> Iterator[Row]:
     )
     yield "topics that clients advertise, all together", str(rosbridge_hub.TOPICS), "refused"
     yield "a name, a type", f"{wishes.LONGEST_NAME} characters", "refused"
-    yield "`queue_length`", str(rosbridge_subscriptions.LONGEST_QUEUE), "the longest is taken"
-    yield "`fragment_size`", f"at least {wishes.LEAST_PIECE} bytes", "the least is taken"
+    yield "`queue_length`", str(rosbridge_subscriptions.LONGEST_QUEUE), "this length is used"
+    yield "`fragment_size`", f"at least {wishes.LEAST_PIECE} bytes", "this size is used"
     yield "time in which a client answers a call of its service", f"{rosbridge_session.ANSWER_S:g} s", "failed"
     waiting = f"{_setting(RosbridgeConfig, 'queue_samples')}; {_setting(RosbridgeConfig, 'queue_bytes')}"
-    yield "what waits for a slow client", waiting, "messages are left out"
+    yield "data that wait for a slow client", waiting, "messages are left out"
 
 
 def _ros1() -> Iterator[Row]:
@@ -318,26 +332,26 @@ def _ros1() -> Iterator[Row]:
     yield "a message; calls that come before their answer", _bytes(tcpros.MESSAGE_LIMIT), "disconnected"
     rate = _setting(Ros1Config, "max_requests_per_s")
     yield "messages of a publisher, or calls of a client, in a second", rate, "not read; refused"
-    yield "what waits for a slow subscriber", _setting(Ros1Config, "queue_bytes"), "messages are left out"
-    yield "calls of the API in a second, of one caller", str(ros1_peers.CALLS_PER_S), "not read until it is over"
+    yield "data that wait for a slow subscriber", _setting(Ros1Config, "queue_bytes"), "messages are left out"
+    yield "calls of the API by one caller in a second", str(ros1_peers.CALLS_PER_S), "not read until the second is over"
     http = f"{_bytes(xmlrpc.HEAD_LIMIT)}, {_bytes(xmlrpc.BODY_LIMIT)}"
     yield "a head of a call of the API, its body", http, "4xx, disconnected"
-    yield "publishers of a topic", str(node.PUBLISHERS), "the rest is not heard"
+    yield "publishers of a topic", str(node.PUBLISHERS), "the rest is ignored"
     yield "time in which the master, or a publisher, answers", f"{links.CALL_S:g} s", "tried again"
 
 
 def _yarp() -> Iterator[Row]:
-    yield "connections, of others and to others", _setting(YarpConfig, "max_clients"), "disconnected; not made"
+    yield "incoming and outgoing connections", _setting(YarpConfig, "max_clients"), "disconnected; not made"
     yield "a binary message, a line, a sender's name", (
         f"{_bytes(yarp_wire.MESSAGE_LIMIT)}, {_bytes(yarp_wire.LINE_LIMIT)}, {_bytes(yarp_wire.NAME_LIMIT)}"
     ), "disconnected"  # fmt: skip
     yield "items of a bottle, lists within lists", f"{bottle.ITEMS}, {bottle.DEPTH}", "refused"
     yield "the texts of a bottle", _bytes(bottle.TEXTS), "refused"
-    yield "a blob in text", _bytes(bottle.TEXT_BLOB), "empty; binary carriers tell it"
+    yield "a blob in text", _bytes(bottle.TEXT_BLOB), "empty; binary carriers send it"
     rate = _setting(YarpConfig, "max_requests_per_s")
-    yield "messages of a peer in a second", rate, "refused, not read until it is over"
-    yield "what waits for a slow reader", _setting(YarpConfig, "queue_bytes"), "samples are left out"
-    yield "connections in the making", str(yarp_adapter.LINKS), "refused"
+    yield "messages of a peer in a second", rate, "refused, not read until the second is over"
+    yield "data that wait for a slow reader", _setting(YarpConfig, "queue_bytes"), "samples are left out"
+    yield "connections that are being made", str(yarp_adapter.LINKS), "refused"
     server = f"{names.ANSWER_S:g} s, {_bytes(names.ANSWER_LIMIT)}"
     yield "an answer of the name server, or of a port that is connected", server, "tried again; refused"
 
@@ -346,9 +360,9 @@ def _player() -> Iterator[Row]:
     yield "clients", _setting(PlayerConfig, "max_clients"), "disconnected"
     yield "a message", _bytes(player_wire.MESSAGE_LIMIT), "disconnected"
     rate = _setting(PlayerConfig, "max_requests_per_s")
-    yield "messages of a client in a second", rate, "refused, not read until it is over"
+    yield "messages of a client in a second", rate, "refused, not read until the second is over"
     yield (
-        "what waits for a slow client",
+        "data that wait for a slow client",
         _setting(PlayerConfig, "queue_bytes"),
         "data are left out; answers: disconnected",
     )
@@ -356,39 +370,39 @@ def _player() -> Iterator[Row]:
 
 def _video() -> Iterator[Row]:
     yield (
-        "clients of RTSP; of one host",
+        "RTSP clients; those of one host",
         f"{_setting(VideoConfig, 'max_clients')}; {_setting(VideoConfig, 'max_clients_per_host')}",
         "453, disconnected",
     )
     yield "a head of a request, its body", f"{_bytes(rtsp.HEAD_LIMIT)}, {_bytes(rtsp.BODY_LIMIT)}", "4xx, disconnected"
-    yield "requests of a client in a second", str(video_connection.REQUESTS_PER_S), "not read until it is over"
+    yield "requests of a client in a second", str(video_connection.REQUESTS_PER_S), "not read until the second is over"
     yield (
-        "a client that takes pictures says nothing; by TCP, nor reads",
+        "silence of a client that gets pictures; by TCP it also does not read",
         _setting(VideoConfig, "keep_alive_s", " s"),
         "its pictures end, disconnected",
     )
-    yield "one that takes none says nothing", f"{video_connection.IDLE_S:g} s", "disconnected"
+    yield "silence of a client that gets no pictures", f"{video_connection.IDLE_S:g} s", "disconnected"
     yield (
-        "what waits for a slow client",
+        "data that wait for a slow client",
         _setting(VideoConfig, "queue_bytes"),
         "pictures are left out up to the next key picture",
     )
     yield "pictures under way to one address by UDP", str(video_datagrams.WAITING), "left out, counted"
     yield "pictures that wait for an encoder", str(video_stream.WAITING), "left out, counted"
-    yield "key pictures for those who come", f"one each {video_stream.FORCE_S:g} s", "they wait for the next"
+    yield "key pictures for new clients", f"one each {video_stream.FORCE_S:g} s", "they wait for the next"
     yield "commands of a ground station to cameras in a second", str(announcer.COMMANDS_PER_S), "dropped"
 
 
 def _health() -> Iterator[Row]:
-    yield "connections", str(http.MOST_PEERS), "the oldest makes way"
+    yield "connections", str(http.MOST_PEERS), "the oldest is closed"
     yield "a request, and its time", f"{_bytes(http.REQUEST_LIMIT)}, {http.REQUEST_TIMEOUT_S:g} s", "4xx, disconnected"
 
 
 def _life() -> Iterator[Row]:
     yield (
-        "a start in which nothing proceeds",
+        "a start without progress",
         f"{life_cycle.START_TIMEOUT_S:g} s",
-        "the server ends and names what is waited for",
+        "the server ends and says what it waited for",
     )
     yield (
         "processor time of the present tick at the end",
@@ -407,7 +421,7 @@ def _setting(config: type[msgspec.Struct], name: str, unit: str = "") -> str:
 
 
 def _bytes(count: int) -> str:
-    """As powers of two where it is one."""
+    """Return a size in KiB, MiB or GiB if it is a multiple of one, else in MB or bytes."""
     for size, unit in ((1 << 30, "GiB"), (1 << 20, "MiB"), (1 << 10, "KiB")):
         if count % size == 0:
             return f"{count // size} {unit}"

@@ -53,13 +53,14 @@ SHORT = ("spheroid_1", "spheroid_2", "spheroid_3")
 BARS = {"bluerov2_heavy_6axis_60s": 1e-6, "kirchhoff_free_60s": 1e-6, "work_class_full_60s": 5e-6}
 
 INTRODUCTION = """\
-Written by `python tools/validation_report.py`; do not edit. `--check` computes again what has changed. The same bars are asserted by
-`tests/physics`, together with what has no number to show: each force term alone against its formula, a circular turn in a current,
-the Galilean shift by a uniform current (1e-8 m), thruster tables, lag, inflow and immersion, sub-steps and the implicit fallback of
-stiff bodies, fins from attached flow to a plate, propellers by the open-water curves of their source in the first quadrant, and as a Wageningen
-B4-70 in all four (signs, drag when stopped, crash stop, no power from nothing), ballast, strips and derivatives, and bit-identical
-repeats in another process and in any company of bodies. Of contacts, `tests/physics/test_contact.py`
-also holds hits between bodies, momentum across them, stillness at rest, and eight directions of breaking loose.
+`python tools/validation_report.py` writes this page: do not edit it. `--check` computes again what has changed. `tests/physics` asserts the
+same bars (the largest error that is allowed). It also tests properties that have no number to show: each force term alone against its
+formula, a circular turn in a current, the Galilean shift by a uniform current (1e-8 m), thruster tables, lag, inflow and immersion,
+sub-steps and the implicit fallback of stiff bodies, fins from attached flow to a plate, propellers by the open-water curves of their source
+in the first quadrant, and as a Wageningen B4-70 in all four (signs, drag when stopped, crash stop, no power from nothing), ballast, strips
+and derivatives, and bit-identical repeats in another process and together with any other bodies. For contacts,
+`tests/physics/test_contact.py` also tests hits between bodies, momentum across them, stillness at rest, and breaking loose in eight
+directions.
 """
 
 
@@ -96,9 +97,9 @@ def oracle_section() -> Section:
         tracks[name] = (states, expected)
     return Section(
         "Free motion against independent trajectories",
-        "Full 6x6 added mass, centre of gravity off the origin, full damping matrices, current and a six-axis wrench, integrated by two\n"
-        "independent authors with DOP853; and Gazebo's three spheroids, whose published end state has a tolerance of 1e-3 m. Largest errors\n"
-        "over all samples; `uwserver validate FILE...` gives the same for any file of the format.",
+        "Two independent authors integrated these cases with DOP853: full 6x6 added mass, centre of gravity off the origin, full damping\n"
+        "matrices, current and a six-axis wrench. Gazebo's three spheroids are added; their published end state has a tolerance of 1e-3 m. The\n"
+        "table gives the largest errors over all samples; `uwserver validate FILE...` gives the same for any file of the format.",
         ("oracle", "rate Hz", "bar m", "position m", "attitude deg", "velocity m/s", "rate rad/s"),
         rows,
         "validation_oracles.png",
@@ -117,8 +118,9 @@ def order_section() -> Section:
             rows.append((name, f"{rate}", number(errors[k]), order))
     return Section(
         "Order of convergence",
-        "Largest position error over 60 s. The bar is an order of at least 3.8 for the Kirchhoff oracle from 60 to 240 Hz; in the work-class\n"
-        "case the slope of |u_r| D_S nu_r jumps where the surge velocity changes sign; without that term it converges with order 4 and more.",
+        "The table gives the largest position error over 60 s. The bar is an order of at least 3.8 for the Kirchhoff oracle from 60 to 240 Hz.\n"
+        "In the work-class case the slope of |u_r| D_S nu_r jumps where the surge velocity changes sign; without that term it converges with\n"
+        "order 4 and more.",
         ("oracle", "rate Hz", "position error m", "order"),
         rows,
         "validation_order.png",
@@ -142,8 +144,8 @@ def energy_section() -> Section:
         curves[rate] = (times, drift)
     return Section(
         "Energy and momentum",
-        "A free body without damping, 60 s. Relative drift; the bar is 1e-9 at 240 Hz. Coriolis forces come from momenta and do no work by\n"
-        "construction, so what is left is the truncation of the integrator.",
+        "The table gives the relative drift for a free body without damping, over 60 s. The bar is 1e-9 at 240 Hz. Coriolis forces come from\n"
+        "momenta and do no work by construction, so the drift is the truncation error of the integrator.",
         ("rate Hz", "energy", "momentum", "angular momentum"),
         rows,
         "validation_energy.png",
@@ -156,8 +158,8 @@ def closed_form_section() -> Section:
     rows = [(f.name, f.unit, f"{f.expected:.6g}", f"{f.measured:.6g}", number(f.error)) for f in closed_forms()]
     return Section(
         "Closed forms",
-        "Terminal velocities and natural frequencies of the BlueROV2 Heavy of Table A1 (von Benzon et al. 2022), draft of a floating box and\n"
-        "sphere, and the added mass 2/3 pi rho r^3 of a sphere. The bar is 0.1 %.",
+        "These are terminal velocities and natural frequencies of the BlueROV2 Heavy of Table A1 (von Benzon et al. 2022), the draft of a\n"
+        "floating box and sphere, and the added mass 2/3 pi rho r^3 of a sphere. The bar is 0.1 %.",
         ("motion", "unit", "closed form", "kernel", "relative error"),
         rows,
     )
@@ -168,8 +170,8 @@ def contact_section() -> Section:
     rows = [(f.name, f.unit, f"{f.expected:.6g}", f"{f.measured:.6g}", number(f.error)) for f in contact_forms()]
     return Section(
         "Contact",
-        "A small ROV with a full 6x6 M_A, through the contact solver. The bar of a hit is 1e-6, of the load 0.1 %, of the break-away force 2 %\n"
-        "(it counts as loose at 1 mm/s, so a ramp finds it a little late).",
+        "The body is a small ROV with a full 6x6 M_A, and the contact solver is ours. The bar of a hit is 1e-6, of the load 0.1 %, of the\n"
+        "break-away force 2 % (it counts as loose at 1 mm/s, so a rising force finds it a little late).",
         ("contact", "unit", "closed form", "solver", "relative error"),
         rows,
     )
@@ -182,11 +184,11 @@ def stability_section(bodies: list[BodyParams]) -> Section:
     rows = [(name, *(number(float(column[k])) for column in columns)) for k, name in enumerate(VEHICLES)]
     return Section(
         "Stability of every vehicle from 1 to 20 ms",
-        "Random wrenches up to half the weight, and random fins, propellers, ballast and moving masses, for 60 s.\n"
-        "Largest rise of kinetic energy in one step beyond the work done in it, over the\n"
-        "kinetic energy; the bar is +1e-6. Negative: damping took more than any integration error gave. Derivatives of a hull are no input: they\n"
-        "must not feed. Last column: the same of kinetic and potential energy in free decay from 100 random velocities of up to 3 m/s, also astern,\n"
-        "sideways and turning, at 10 ms.",
+        "Each vehicle gets random wrenches up to half its weight, and random commands to fins, propellers, ballast and moving masses, for 60 s.\n"
+        "The table gives the largest rise of kinetic energy in one step beyond the work done in it, divided by the kinetic energy. The bar is\n"
+        "+1e-6. A negative number means that damping took more energy than any integration error added. Derivatives of a hull are no input:\n"
+        "they must not add energy. The last column is the same for kinetic and potential energy in free decay from 100 random velocities of up\n"
+        "to 3 m/s, also astern, sideways and turning, at 10 ms.",
         ("vehicle", *(f"{ms} ms" for ms in TIME_STEPS_MS), "free decay"),
         rows,
     )
@@ -207,10 +209,11 @@ def manoeuvre_section() -> Section:
         rows.append(("100", name, "2e-02", number(float(np.linalg.norm(ours[-1][:3] - figures)))))
     return Section(
         "REMUS 100: rudder, stern planes and propeller",
-        "Step inputs of the Python Vehicle Simulator (Fossen; commit c717e07), without current: rudder and planes 5 degrees, 1525 rpm, planes to\n"
-        "zero at 50 s; 245 m of path. Kernel at 240 Hz with the file remus100_pvs, but neutral in the source's water, and with inflow by the\n"
-        "whole speed as there. Like the source, the file takes the Munk moments out of C_A; the tests compare the whole of C_A too. The source's\n"
-        "current turns with the heading alone and not with pitch and roll, so its runs with current are not ours to meet.",
+        "The inputs are steps of the Python Vehicle Simulator (Fossen; commit c717e07), without current: rudder and planes 5 degrees, 1525 rpm,\n"
+        "planes to zero at 50 s; 245 m of path. Our kernel runs at 240 Hz with the file remus100_pvs, but neutral in the source's water, and\n"
+        "with inflow by the whole speed as in the source. Like the source, the file takes the Munk moments out of C_A; the tests also compare\n"
+        "the whole of C_A. The source's current turns with the heading alone and not with pitch and roll, so we do not compare its runs with\n"
+        "current.",
         ("at s", "against", "bar m", "position m"),
         rows,
     )
@@ -236,9 +239,8 @@ def surface_section(bodies: list[BodyParams]) -> Section:
         rows.append((name, f"{share:.5f}", *rest, f"{settled:.0f}"))
     return Section(
         "At the surface",
-        "Each vehicle that is not neutral in sea water, let go 1.5 m deep and tilted by 13 degrees.\n"
-        "At rest the submerged part of the displaced volume must be\n"
-        "weight over buoyancy; settled means below 1 cm/s from then on.",
+        "Each vehicle that floats in sea water is released 1.5 m deep, tilted by 13 degrees. At rest the submerged part of the displaced volume\n"
+        "must be weight over buoyancy. Settled means below 1 cm/s from then on.",
         ("vehicle", "weight / buoyancy", "submerged part", "origin at m", "tilt deg", "settled after s"),
         rows,
         "validation_surface.png",

@@ -29,15 +29,16 @@ SHIPPED = ROOT / "scenarios" / "uwserver_scenarios" / "vehicles"
 INTRODUCTION = """\
 # Vehicles
 
-Written by `python tools/vehicle_pages.py`; do not edit. `--check` runs again what has changed. Each name leads to a page with the vehicle's
-picture, its numbers with their status, and its manoeuvres: open loop, in still water, everything at its supply voltage, as a pilot without an
-autopilot would see them. Beside them stand published figures of the real vehicle (`[[published]]` in the vehicle file), where any were found.
+`python tools/vehicle_pages.py` writes this page: do not edit it. `--check` runs again what has changed. Each name leads to a page with the
+vehicle's picture, its numbers with their status, and its manoeuvres. The manoeuvres are open loop, in still water, with everything at its
+supply voltage, as a pilot without an autopilot would see them. Published figures of the real vehicle (`[[published]]` in the vehicle file)
+stand beside them, if any were found.
 
-`uwserver manoeuvres VEHICLE` writes such a report of a vehicle of your own, `uwserver plot vehicle VEHICLE` draws it.
+`uwserver manoeuvres VEHICLE` writes such a report for your own vehicle; `uwserver plot vehicle VEHICLE` draws it.
 
-Not here: Iver3 and REMUS 600. A set of numbers for them that is whole could not be read: the identification of an Iver3 (doi
-10.1177/02783649231191184) and the model of an Iver2 (doi 10.1007/s00773-014-0259-0) have it, by their summaries; of the REMUS 600 only
-dimensions are published. A REMUS 100 drawn longer would be neither.
+Iver3 and REMUS 600 are not here, because we could not read a complete set of numbers for them. According to their summaries, the
+identification of an Iver3 (doi 10.1177/02783649231191184) and the model of an Iver2 (doi 10.1007/s00773-014-0259-0) have one. For the REMUS
+600 only dimensions are published. A stretched REMUS 100 would be neither of them.
 """
 REMEDY = "docs/vehicles.md is stale: run python tools/vehicle_pages.py"
 HEAD = (
@@ -46,17 +47,17 @@ HEAD = (
 
 
 def shipped() -> list[str]:
-    """Names of all shipped vehicles."""
+    """Return the names of all shipped vehicles."""
     return sorted(path.stem for path in SHIPPED.glob("*.toml"))
 
 
 def index(rows: Sequence[str]) -> str:
-    """The page that leads to the others."""
+    """Return the page that links to the others."""
     return "\n".join([INTRODUCTION, f"| {' | '.join(HEAD)} |", "|" + "---|" * len(HEAD), *rows]) + "\n"
 
 
 def row(found: Report) -> str:
-    """A vehicle's row of the index."""
+    """Return the row of a vehicle in the index."""
     mass = next(p.values[0] for p in found.particulars if p.name == "mass")
     tilts = [row.values[1] for row in found.trial("straight").rows if row.values[1] is not None]
     cells = (
@@ -68,7 +69,7 @@ def row(found: Report) -> str:
 
 
 def _pair(found: Report, quantity: str) -> tuple[str, str]:
-    """The simulated figure and the published one, of the condition that has one, or of the first."""
+    """Return the simulated and the published figure, of the condition with a published one, or of the first."""
     known = [c for c in found.comparisons if c.quantity == quantity]
     if not known:
         return "-", "-"
@@ -78,7 +79,7 @@ def _pair(found: Report, quantity: str) -> tuple[str, str]:
 
 
 def draw(name: str) -> None:
-    """Its picture."""
+    """Draw the picture of a vehicle."""
     environment = Environment()
     resolved = resolve(name, environment)
     figure = vehicle_picture(resolved, body_params(resolved.vehicle, resolved.devices, environment))
@@ -87,22 +88,22 @@ def draw(name: str) -> None:
 
 
 def row_of(text: str, name: str) -> str:
-    """A vehicle's row of the index as it stands; empty if it has none."""
+    """Return the present row of a vehicle in the index; empty if it has none."""
     return next((line for line in text.splitlines() if line.startswith(f"| [{name}](")), "")
 
 
 def page_of(name: str) -> Path:
-    """Where a vehicle's page stands."""
+    """Return the path of a vehicle's page."""
     return PAGES / f"{name}.md"
 
 
 def picture_of(name: str) -> Path:
-    """Where a vehicle's picture stands."""
+    """Return the path of a vehicle's picture."""
     return IMAGES / f"vehicle_{name}.png"
 
 
 def page(found: Report) -> str:
-    """A vehicle's page."""
+    """Return the page of a vehicle."""
     return markdown(found, f"../images/{picture_of(found.name).name}")
 
 
@@ -119,7 +120,7 @@ def made(names: Sequence[str]) -> dict[str, str]:
 
 
 def write() -> int:
-    """Pages, pictures and hashes."""
+    """Write pages, pictures and hashes."""
     reports = [report(name) for name in shipped()]
     PAGES.mkdir(exist_ok=True)
     INDEX.write_text(index([row(found) for found in reports]), encoding="utf-8")
@@ -146,7 +147,7 @@ def check(everything: bool = False) -> int:
 
 
 def strays() -> list[str]:
-    """What to say of pages of vehicles that are no more."""
+    """Return complaints about pages of vehicles that no longer exist."""
     return [
         f"{made_of.named(path)} is of no vehicle" for path in sorted(PAGES.glob("*.md")) if path.stem not in shipped()
     ]
