@@ -1,4 +1,4 @@
-"""Bodies in a tick, in compiled code: its time, the water at them, and how they move. Imports numba."""
+"""The bodies in a tick, in compiled code: the time, the water at the bodies, and their motion. Imports numba."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _uniform, _profiles, _waves = (array_at(surroundings.FORMS, name) for name in ("
 
 @compiled
 def time_of(course: Any, tick: int) -> int:
-    """Of a tick, ns: as `Ticks.time_of`."""
+    """Return the time of a tick, ns, as `Ticks.time_of` does."""
     if course.given != 0:
         return course.t_ns if tick == course.given_tick else course.next_t_ns  # type: ignore[no-any-return]
     return (tick * (2_000_000_000 * course.parts) + course.rate) // (2 * course.rate)  # type: ignore[no-any-return]
@@ -29,7 +29,7 @@ def time_of(course: Any, tick: int) -> int:
 
 @compiled
 def seconds_of(course: Any, tick: int) -> float:
-    """Of a tick, s."""
+    """Return the time of a tick, s."""
     if course.given != 0:
         return course.t if tick == course.given_tick else course.next_t  # type: ignore[no-any-return]
     return tick * course.parts / course.rate  # type: ignore[no-any-return]
@@ -37,7 +37,7 @@ def seconds_of(course: Any, tick: int) -> float:
 
 @compiled
 def fill_flows(table: Array, ahead: float) -> None:
-    """Find the water at the bodies, `ahead` s after the present tick on their way, where there is a sea."""
+    """Find the water velocity at the bodies, where they are `ahead` s after the present tick. Does nothing without a sea."""
     course, now = _course(table)[0], _now(table)
     if course.fill_flows != 0:
         sea = SeaRows(_uniform(now), _profiles(now), _waves(now))
@@ -52,7 +52,7 @@ def _codes(table: Array) -> Codes:
 
 @compiled
 def move(table: Array) -> int:
-    """Carry all bodies through the tick. Returns -1, or the row of the first whose state is not finite."""
+    """Move all bodies through the tick. Returns the row of the first body whose state is not finite, or -1."""
     course, felt = _course(table)[0], _contact_nu_dot(table)
     t = seconds_of(course, _run(table)[0].tick)
     return carrying.carry(_codes(table), _world(table), _touching(table), felt, t, course.dt)
@@ -60,7 +60,7 @@ def move(table: Array) -> int:
 
 @compiled
 def find_rates(table: Array) -> None:
-    """Find how they are accelerated at the present tick, and by what."""
+    """Find the accelerations of the bodies at the present tick, and the forces that cause them."""
     course, felt = _course(table)[0], _contact_nu_dot(table)
     t = seconds_of(course, _run(table)[0].tick)
     carrying.find_rates(_codes(table), _world(table), _touching(table), felt, t, _nu_dot(table), _tau(table))

@@ -1,4 +1,4 @@
-"""Contacts in a tick, in compiled code: where bodies may touch in it. Imports numba."""
+"""The contacts of a tick, in compiled code: where bodies may touch. Imports numba."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _led = array_at(rows.FORMS, "led")
 
 @compiled
 def _is_unyielding(table: Array, row: int) -> bool:
-    """Whether nothing pushes what stands in a row: it does not move, or follows somebody's poses."""
+    """Return whether nothing can push the body of a row: the body does not move (row < 0), or it follows poses from outside."""
     found = row < 0
     for led in _led(table):
         found = found or led == row
@@ -28,7 +28,7 @@ def _is_unyielding(table: Array, row: int) -> bool:
 
 @compiled
 def _take(table: Array, count: int) -> bool:
-    """Keep so many contacts as those of the coming tick, but for those that nobody feels; False where there is no room."""
+    """Keep the first `count` contacts for the tick, but those between two bodies that nothing can push. Returns False where there is no room."""
     bodies, numbers, keys, coefficients = _bodies(table), _numbers(table), _keys(table), _coefficients(table)
     found, counts = found_at(_touching(table)), counts_at(_touching(table))
     n, fits = 0, True
@@ -50,13 +50,13 @@ def _take(table: Array, count: int) -> bool:
 
 @compiled
 def is_possible(table: Array) -> bool:
-    """Whether something is solid."""
+    """Return whether anything in the world is solid."""
     return bool(_course(table)[0].find_pairs != 0 or _run(table)[0].finds != 0)
 
 
 @compiled
 def find(table: Array) -> bool:
-    """Look for contacts as `collision.solids.Solids.find_contacts` does; False where Python has to: an engine is to be asked, or room is needed."""
+    """Find contacts as `collision.solids.Solids.find_contacts` does. Returns False where Python must do it: to ask an engine, or to make room."""
     course, shapes, pairs, lines = _course(table)[0], _shapes(table), _pairs(table), _lines(table)
     overlapping, keys, counts = _overlapping(table), _keys(table), counts_at(_touching(table))
     counts[FOUND] = 0
@@ -79,5 +79,5 @@ def find(table: Array) -> bool:
 
 @compiled
 def has_found(table: Array) -> bool:
-    """Whether bodies may touch something in the coming tick."""
+    """Return whether bodies may touch something in the coming tick."""
     return bool(counts_at(_touching(table))[FOUND] > 0)

@@ -1,4 +1,4 @@
-"""From readings to samples in compiled code: the errors of each stream, what is on its way, and what is delivered in a tick."""
+"""From readings to samples, in compiled code: the errors of each stream, the samples in flight, and the delivery of a tick."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from uwserver.physics.kernel.straight import address_of
 from uwserver.ports.thinning import ROUNDING_NS
 from uwserver.step.streams import FORMS, NEVER, READ
 
-_LEAST = 16  # sensors whose errors a thread makes at a time: some 5 us
+_LEAST = 16
+"""Sensors whose errors a thread makes in one go: about 5 us."""
 
 _heads, _streams, _operations = array_at(FORMS, "heads"), array_at(FORMS, "streams"), array_at(FORMS, "operations")
 _numbers, _pending, _free = array_at(FORMS, "numbers"), array_at(FORMS, "pending"), array_at(FORMS, "free")
@@ -47,7 +48,7 @@ def _swap(pending: Array, a: int, b: int) -> None:
 
 @compiled
 def _rise(pending: Array, k: int) -> None:
-    """Put the last entry of a heap in its place."""
+    """Move entry k, the last of a heap, up to its place."""
     while k > 0 and _earlier(pending, k, (k - 1) // 2):
         _swap(pending, k, (k - 1) // 2)
         k = (k - 1) // 2
@@ -55,7 +56,7 @@ def _rise(pending: Array, k: int) -> None:
 
 @compiled
 def _move(pending: Array, a: int, b: int) -> None:
-    """Put a copy of entry b in place a."""
+    """Copy entry b to place a."""
     x, y = pending[a], pending[b]
     x.t_sent_ns, x.order, x.stream, x.seq = y.t_sent_ns, y.order, y.stream, y.seq
     x.t_ns, x.valid, x.slot = y.t_ns, y.valid, y.slot
@@ -63,8 +64,8 @@ def _move(pending: Array, a: int, b: int) -> None:
 
 @compiled
 def _sink(pending: Array, count: int) -> None:
-    """Fill the first place of a heap of `count` with the entry that stands behind it, and put that where it belongs: others move into the gap, as
-    to swap entries would write twice as much."""
+    """Restore a heap of `count` entries whose first is gone, with the entry at place `count`. Children move up into the gap until that entry fits, as
+    swaps would write twice as much."""
     k = 0
     while True:
         child = 2 * k + 1
@@ -82,7 +83,7 @@ def _sink(pending: Array, count: int) -> None:
 
 @compiled
 def _is_taken(table: Array, stream: Any, t_ns: int) -> bool:
-    """Whether a sample of a stream that was true at `t_ns` is the first in an interval (`Thinning.interval`) of one of those who read it."""
+    """Return whether a sample of time `t_ns` is the first in its interval (`Thinning.interval`) for one of the readers of the stream."""
     thinnings, is_taken = _thinnings(table), False
     for n in range(stream.thinning_first, stream.thinning_first + stream.thinning_count):
         thinning = thinnings[n]
@@ -94,7 +95,7 @@ def _is_taken(table: Array, stream: Any, t_ns: int) -> bool:
 
 @compiled
 def _log_in(table: Array, told: Any, values: Array, first: int, width: int, texts: int) -> None:
-    """Append a delivered sample to what is read; `told.slot` becomes its place there, or -1 where there is no room."""
+    """Append a delivered sample to the log. `told.slot` becomes its place there; it stays -1 where the log has no room."""
     counts, log, log_numbers = _counts(table)[0], _log(table), _log_numbers(table)
     n, begin = counts.logged, counts.log_width
     if n >= len(log) or begin + width > len(log_numbers):
@@ -113,10 +114,10 @@ def _log_in(table: Array, told: Any, values: Array, first: int, width: int, text
 def _tell(
     table: Array, values: Array, told_values: Array, k: int, seq: int, t_ns: int, sent: int, valid: int, first: int, texts: int
 ) -> None:  # fmt: skip
-    """Deliver a sample of stream k, whose values begin at `first` of `values`; `texts`: which belong to it, 0 for those that wait in Python."""
+    """Deliver a sample of stream k, whose values begin at `values[first]`. `texts` names its texts; 0: they wait in Python."""
     stream, numbers, counts = _streams(table)[k], _numbers(table), _counts(table)[0]
     if stream.newest != 0 and t_ns < stream.t_ns:
-        # Who reads slowly begins its intervals anew when time goes back far: all are read from here on.
+        # A reader begins its intervals anew when time goes back far, so every sample counts from here on.
         stream.unordered = 1
     stream.newest, stream.seq, stream.t_ns, stream.t_sent_ns, stream.valid = 1, seq, t_ns, sent, valid
     for i in range(stream.width):
@@ -137,7 +138,7 @@ def _tell(
 
 @compiled
 def _arrive(table: Array, values: Array, told_values: Array, t_ns: int) -> None:
-    """Deliver what is on its way and due."""
+    """Deliver the samples in flight whose time has come."""
     pending, free, counts = _pending(table), _free(table), _counts(table)[0]
     flat = values.reshape(values.size)
     while counts.pending > 0 and pending[0].t_sent_ns <= t_ns:
@@ -154,7 +155,7 @@ def _arrive(table: Array, values: Array, told_values: Array, t_ns: int) -> None:
 
 @compiled
 def _send(table: Array, values: Array, told_values: Array, k: int, seq: int, t_ns: int) -> None:
-    """Deliver the present reading of stream k, or put it on its way."""
+    """Deliver the present reading of stream k, or put it in flight if it has a delay."""
     stream, numbers, counts = _streams(table)[k], _numbers(table), _counts(table)[0]
     reading = stream.reading
     stamp, sent = max(0, reading.t_ns + reading.stamp_ns), reading.t_ns + reading.delay_ns
@@ -175,7 +176,7 @@ def _send(table: Array, values: Array, told_values: Array, k: int, seq: int, t_n
 
 @compiled
 def _disturb(table: Array, head: Any, k: int, t_ns: int, work: Array) -> None:
-    """Make the reading of stream k from that of its sensor."""
+    """Make the reading of stream k: the reading of its sensor with the errors of the stream."""
     stream, numbers = _streams(table)[k], _numbers(table)
     reading = stream.reading
     for i in range(stream.width):
@@ -200,7 +201,7 @@ def _disturb(table: Array, head: Any, k: int, t_ns: int, work: Array) -> None:
 
 @compiled
 def _disturb_range(first: int, end: int, me: int, table: Array, due: Array, t_ns: int, width: int) -> None:
-    """Make the readings of the streams of some sensors."""
+    """Make the readings of all streams of the sensors `due[first:end]`."""
     heads, work = _heads(table), np.empty(width)
     for n in range(first, end):
         head = heads[due[n]]
@@ -211,20 +212,20 @@ def _disturb_range(first: int, end: int, me: int, table: Array, due: Array, t_ns
 
 @entry
 def deliver(table: Array, due: Array, t_ns: int, begins: bool, values: Array, told_values: Array) -> int:
-    """Take in the readings of some sensors, and deliver what is due.
+    """Make samples of the readings of some sensors, and deliver those whose time has come.
 
     Args:
         table: made by `FORMS`.
         due: numbers of heads, in their order.
         t_ns: simulation time.
-        begins: it is the first call of a tick: what was on its way comes first, and is older than anything measured now.
-        values: (n, w) of what is on its way, by slots.
-        told_values: (m, w) receives those of the samples of streams that somebody reads or hears; their entries are in `told`. Those that
-            are read are appended to `log`, their places there are the `slot` of their entries. `wordy` receives the places in `told` of
-            those with values that are no numbers.
+        begins: this is the first call in a tick. Samples in flight are then delivered first, as they are older than anything measured now.
+        values: (n, w) numbers of the samples in flight, by slot.
+        told_values: (m, w) receives the numbers of delivered samples of streams that somebody reads or hears. Their entries are in `told`.
+            Samples that are read are appended to `log` as well; `slot` of the entry is the place there. `wordy` receives the places in `told` of
+            the samples with values that are no numbers.
 
     Returns:
-        How many these are, of this tick.
+        How many samples of this tick are in `told`.
     """
     heads, streams, counts = _heads(table), _streams(table), _counts(table)[0]
     share(_team(table), _disturb_range, (table, due, t_ns, values.shape[1]), len(due), _LEAST)
@@ -244,12 +245,12 @@ def deliver(table: Array, due: Array, t_ns: int, begins: bool, values: Array, to
 
 
 def code() -> int:
-    """Where the code of `deliver` lies, once it is loaded, for kernels that call it (`kernel.calling`)."""
+    """Return the address of `deliver`, once it is loaded, for kernels that call it (`kernel.calling`)."""
     return address_of(deliver, "int64")
 
 
 def load() -> None:
-    """Have it ready, compiled or from the cache, so that no tick waits for it."""
+    """Make the kernel ready, so that no tick waits for it: compile it, or load it from the cache."""
     kernel: Any = deliver
     values = np.empty((0, 1))
     kernel.load(np.zeros((0, 2), np.int64), np.zeros(0, np.int64), 0, True, values, values)

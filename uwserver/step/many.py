@@ -1,6 +1,6 @@
-"""Many worlds in one call, each by the step of all worlds, one after the other. Imports numba.
+"""Kernels for many worlds in one call. Each world makes its ticks by `tick.step`, one world after the other. Imports numba.
 
-`which` holds the numbers of those that are meant, among `copies` (`rows.COPY`).
+In every kernel `copies` has a row for each world (`rows.COPY`), and `which` holds the numbers of the worlds that are meant.
 """
 
 from __future__ import annotations
@@ -28,30 +28,30 @@ _SCRATCH = list(WORLD).index("scratch")
 
 @compiled
 def _table(address: int, count: int) -> Array:
-    """The table of so many arrays that lies there."""
+    """Return the table of `count` arrays at an address."""
     return lay(address, 2 * count).reshape(count, 2)
 
 
 @compiled
 def _values(address: int, room: int, width: int) -> Array:
-    """(room, width) numbers that lie there."""
+    """Return the array (room, width) at an address."""
     return lay(address, room * width).view(np.float64).reshape(room, width)
 
 
 @entry
 def step_each(which: Array, copies: Array, code: int, ticks: int, posted: Array, scratch: int) -> int:
-    """Let each make its ticks, until Python is needed for it (`why`).
+    """Let each world make its ticks until it needs Python; `why` of its row then says for what.
 
     Args:
         which: numbers of worlds.
         copies: (n) of `rows.COPY`.
-        code: where that of `tick.step` lies.
-        ticks: so many from where each stands; 0: go on behind a stop, until where it was to go.
+        code: address of `tick.step`.
+        ticks: number of ticks; 0: go on behind a stop, to the end of the call before.
         posted: as of `tick.step`.
-        scratch: where the work space of this thread lies.
+        scratch: address of the work space of this thread.
 
     Returns:
-        How many have stopped before their end.
+        How many worlds have stopped before their last tick.
     """
     stopped = 0
     for i in which:
@@ -75,7 +75,7 @@ def step_each(which: Array, copies: Array, code: int, ticks: int, posted: Array,
 
 @entry
 def command_thrusters(which: Array, copies: Array, numbers: Array, values: Array, by_force: int) -> None:
-    """Commands (n, m) for thrusters of these numbers (m); those of worlds that are not meant do not matter."""
+    """Give commands (n, m) to the thrusters with these numbers (m). Rows of worlds that are not meant are ignored."""
     for i in which:
         thrusters = _thrusters(_table(copies[i].world, _OF_WORLD))
         for k in range(len(numbers)):
@@ -85,7 +85,7 @@ def command_thrusters(which: Array, copies: Array, numbers: Array, values: Array
 
 @entry
 def command_servos(which: Array, copies: Array, numbers: Array, values: Array) -> None:
-    """Set points (n, m) for servos of these numbers (m)."""
+    """Give set points (n, m) to the servos with these numbers (m)."""
     for i in which:
         servos = _servos(_table(copies[i].world, _OF_WORLD))
         for k in range(len(numbers)):
@@ -94,7 +94,7 @@ def command_servos(which: Array, copies: Array, numbers: Array, values: Array) -
 
 @entry
 def command_wrench(which: Array, copies: Array, number: int, values: Array) -> None:
-    """Force and moment (n, 6) of one row of wrenches."""
+    """Set force and moment (n, 6) of one row of the wrenches."""
     for i in which:
         bias = _wrenches(_table(copies[i].world, _OF_WORLD))[number].bias
         for k in range(6):
@@ -103,7 +103,7 @@ def command_wrench(which: Array, copies: Array, number: int, values: Array) -> N
 
 @entry
 def copy_states(copies: Array, row: int, out: Array) -> None:
-    """The states of one body of each, into `out` (n, 13)."""
+    """Write the state of one body of each world into `out` (n, 13)."""
     for i in range(len(copies)):
         state = state_at(_table(copies[i].world, _OF_WORLD))[row]
         for k in range(len(state)):
@@ -112,11 +112,11 @@ def copy_states(copies: Array, row: int, out: Array) -> None:
 
 @entry
 def copy_newest(copies: Array, stream: int, values: Array, stamps: Array) -> None:
-    """The newest delivered sample of a stream of each.
+    """Write the newest delivered sample of a stream of each world.
 
     Args:
         copies: (n) of `rows.COPY`.
-        stream: its number.
+        stream: number of the stream.
         values: (n, w) receives the numbers, nan before the first sample.
         stamps: (n, 4) receives seq, t_ns, t_sent_ns (-1 before the first) and whether it is valid.
     """
@@ -136,13 +136,13 @@ KERNELS = step_each, command_thrusters, command_servos, command_wrench, copy_sta
 
 
 def code() -> int:
-    """Where the code of `tick.step` lies."""
+    """Return the address of `tick.step`."""
     tick.load()
     return address_of(tick.step, "int64")
 
 
 def load() -> None:
-    """Have them ready, compiled or from the cache."""
+    """Make the kernels ready: compile them, or load them from the cache."""
     which, values = np.zeros(0, np.int64), np.zeros((0, 1))
     nobody = np.zeros(0, rows.COPY)
     like: tuple[tuple[Any, ...], ...] = (

@@ -1,4 +1,4 @@
-"""Readings in a tick, in compiled code: who is due, how kinds of sensors read, and the delivery of samples. Imports numba."""
+"""The sensors in a tick, in compiled code: which are due, how they read, and the delivery of samples. Imports numba."""
 
 from __future__ import annotations
 
@@ -64,19 +64,19 @@ _uniform, _profiles, _waves, _place = (
 
 @compiled
 def is_measured(run: Any, unit: int, which: int) -> bool:
-    """A unit of work is done: whether to stop behind it."""
+    """Note that a unit of work is done. Returns whether a profile measures it, so that the step stops here."""
     run.unit, run.which = unit, which
     return bool(run.measured != 0)
 
 
 @compiled
 def _activate(table: Array, tick: int) -> int:
-    """Find the groups that are due in a tick; returns how many samples can come of them."""
+    """Find the groups of sensors that are due in a tick. Returns how many samples they can give."""
     run, groups, active, samples = _run(table)[0], _groups(table), _active(table), 0
     n = 0
     for g in range(len(groups)):
         group = groups[g]
-        if not tick <= group.next < tick + group.divisor:  # it was due, or the time was set
+        if not tick <= group.next < tick + group.divisor:  # it was due before, or the time was set
             group.next = -(-tick // group.divisor) * group.divisor
         if group.next == tick:
             active[n] = g
@@ -88,7 +88,7 @@ def _activate(table: Array, tick: int) -> int:
 
 @compiled
 def needs_room(table: Array, sensors: Array, wide: int, room: int, log_room: int) -> bool:
-    """Whether samples of the next tick, of so many numbers at most, may find no place; `which` then says how many may come."""
+    """Return whether the next tick may give more samples, of up to `wide` numbers each, than there is room for; `run.which` says how many."""
     run, counts = _run(table)[0], _counts(sensors)[0]
     run.which = run.callable + _activate(table, run.tick + 1)
     needed = counts.pending + run.which
@@ -100,7 +100,7 @@ def needs_room(table: Array, sensors: Array, wide: int, room: int, log_room: int
 
 @compiled
 def brings_large(table: Array, sensors: Array) -> bool:
-    """Whether something large arrives in the next tick, as a picture: that comes in a tick by itself."""
+    """Return whether something large, such as a picture, arrives in the next tick. Such a tick is made alone."""
     pending, all_streams, counts, found = _pending(sensors), _streams(sensors), _counts(sensors)[0], False
     if counts.pending > 0:
         t_ns = time_of(_course(table)[0], _run(table)[0].tick + 1)
@@ -111,7 +111,7 @@ def brings_large(table: Array, sensors: Array) -> bool:
 
 @compiled
 def _gather(table: Array) -> None:
-    """Who is due in a round, all together and by kinds: these in the order in which the first of each comes."""
+    """List the sensors that are due in a round: all of them in `due`, and by kinds in `turns`, in the order of the first sensor of each kind."""
     run, groups, shares, active = _run(table)[0], _groups(table), _shares(table), _active(table)
     scheduled, members, due, turns = _scheduled(table), _members(table), _due(table), _turns(table)
     turn, place = _turn(table), _place_of(table)
@@ -150,7 +150,7 @@ def _gather(table: Array) -> None:
 
 @compiled
 def _aim(table: Array, sensors: Array, kind: Any, due: Array, records: Array, t: float) -> Hits:
-    """Cast the rays of sensors of one kind, as often as it aims (`sensors.bank.Bank`); what the last ones hit."""
+    """Cast the rays of the sensors of one kind, once for each time that the kind aims (`sensors.bank.Bank`). Returns what the last rays hit."""
     course, now, heads, numbers = _course(table)[0], _now(table), _heads(sensors), _numbers(sensors)
     first, past = _first(table)[: len(due) + 1], _past(table)
     origin, direction = _origin(table), _direction(table)
@@ -175,7 +175,7 @@ def _aim(table: Array, sensors: Array, kind: Any, due: Array, records: Array, t:
 
 @compiled
 def _read(table: Array, sensors: Array, kind: Any, due: Array) -> None:
-    """Let sensors of one kind read."""
+    """Make the sensors of one kind read."""
     t = seconds_of(_course(table)[0], _run(table)[0].tick)
     records = lay(kind.rows, kind.row_count)
     given = _heads(sensors), records, _numbers(sensors), due, _now(table), t
@@ -188,8 +188,8 @@ def _read(table: Array, sensors: Array, kind: Any, due: Array) -> None:
 
 @compiled
 def _read_exactly(table: Array, sensors: Array, kind: Any, due: Array) -> None:
-    """Let those of these sensors of a kind that are asked for it tell what they would read without errors: before they read, and as if they had
-    not."""
+    """Find what these sensors of one kind would read without errors, where somebody asks for it. This comes before they read, and leaves no trace in
+    their memory."""
     heads, numbers = _heads(sensors), _numbers(sensors)
     for k in range(len(due)):
         head = heads[due[k]]
@@ -211,8 +211,8 @@ def _read_exactly(table: Array, sensors: Array, kind: Any, due: Array) -> None:
 
 @compiled
 def _repeat_one(sensors: Array, repeating: Any, members: Array, t_ns: int) -> None:
-    """What several sensors have read last, errors included: the age (s) of the oldest reading, and of each its validity and its numbers; valid when
-    all of them are. Nothing before each has read once."""
+    """Read a compound: the age (s) of the oldest of its members' last readings, then the validity and the numbers of each. It is valid when all
+    members are, and gives nothing before each of them has read once."""
     head, all_streams, numbers = _heads(sensors)[repeating.head], _streams(sensors), _numbers(sensors)
     head.ready, head.valid, head.delay_ns, head.since_ns = 1 - head.silent, 1, 0, 0
     oldest = t_ns
@@ -237,7 +237,7 @@ def _repeat_one(sensors: Array, repeating: Any, members: Array, t_ns: int) -> No
 
 @compiled
 def _repeat(table: Array, sensors: Array) -> None:
-    """Let sensors of this round repeat what the others have read."""
+    """Make the compounds of this round read what their members have read."""
     run, groups, active = _run(table)[0], _groups(table), _active(table)
     repeatings, repeated = _repeatings(table), _repeated(table)
     for a in range(run.active):
@@ -250,7 +250,7 @@ def _repeat(table: Array, sensors: Array) -> None:
 
 @compiled
 def _is_frozen(table: Array, sensors: Array) -> bool:
-    """Whether a sensor of this round that writes has to repeat itself, and its texts with it, which stand in Python."""
+    """Return whether a fault freezes a status sensor of this round. Python must then repeat its texts, which it holds."""
     run, groups, active, writings = _run(table)[0], _groups(table), _active(table), _writings(table)
     all_streams, found = _streams(sensors), False
     for a in range(run.active):
@@ -281,7 +281,7 @@ def _write_one(table: Array, sensors: Array, writing: Any, t_ns: int) -> None:
 
 @compiled
 def _write(table: Array, sensors: Array) -> None:
-    """Let sensors of this round write that do."""
+    """Make the status sensors of this round write their readings."""
     run, groups, active, writings = _run(table)[0], _groups(table), _active(table), _writings(table)
     for a in range(run.active):
         group = groups[active[a]]
@@ -292,7 +292,7 @@ def _write(table: Array, sensors: Array) -> None:
 
 @compiled
 def _round(table: Array, sensors: Array, values: Array, told_values: Array) -> int:
-    """One round of readings, from its stage on; returns why it stops, DONE where it is over."""
+    """Go on with a round of readings from its present stage. Returns why it stops, or DONE at its end."""
     course, run, kinds = _course(table)[0], _run(table)[0], _kinds(table)
     if run.stage == RATES:
         run.stage, run.turn = EXACT, 0
@@ -350,12 +350,14 @@ def _round(table: Array, sensors: Array, values: Array, told_values: Array) -> i
 
 @compiled
 def measure(table: Array, sensors: Array, values: Array, told_values: Array) -> int:
-    """What is delivered in a tick. The order is part of the contract:
+    """Read the sensors, and deliver the samples of a tick. The order is part of the contract:
 
-    1. the delayed samples whose time has come, oldest first: they are older than anything measured now;
-    2. sensors to which something has come meanwhile that they wait for, as the answer of a beacon;
-    3. sensors that are due, those of a shorter interval first, with their errors, from the new state;
-    4. those that repeat what the others have read.
+    1. samples in flight whose time has come, oldest first: they are older than anything measured now;
+    2. sensors that wait for an event which has happened, for instance the answer of a beacon;
+    3. sensors that are due, those with a shorter interval first, from the new states, with their errors;
+    4. compounds, which repeat what the others have read.
+
+    Returns why it stops, or DONE.
     """
     run, counts, last_round = _run(table)[0], _counts(sensors)[0], _course(table)[0].last_round
     if run.stage == ARRIVALS:
@@ -369,7 +371,7 @@ def measure(table: Array, sensors: Array, values: Array, told_values: Array) -> 
         if run.stage == ROUND:
             if run.round == WHEN_CALLED:
                 if run.t_ns >= run.call_ns:
-                    return CALLED  # who answers goes on with that round, or the next
+                    return CALLED  # Python goes on with that round, or the next
                 run.round = WHEN_DUE
             if run.round > last_round:
                 run.stage = HEAR

@@ -1,4 +1,4 @@
-"""What a tick is made of, as rows for compiled code (`uwserver.step.tick`): the kinds of sensors, who is due when, and where a tick stands."""
+"""The rows on which the step works (`uwserver.step.tick`): kinds of sensors, when each sensor is due, and how far a tick has come."""
 
 from __future__ import annotations
 
@@ -9,20 +9,18 @@ from uwserver.physics.kernel.layout import STATE_SIZE, Codes, Forms, columns
 (
     BEGIN, PILOTS, FORCES, FIND, MOVE, DRAW, FLOW, ARRIVALS, ROUND, RATES, EXACT, READ, REPEAT, PYTHON, WRITE, DELIVER, KEEP, HEAR, END,
 ) = range(19)  # fmt: skip
-"""Stages of a tick, in their order; those from ROUND to KEEP follow each other again in each round of readings. A stage is also the name of what
-Python is needed for, when a step stops there."""
+"""Stages of a tick, in their order. Those from ROUND to KEEP come again in each round of readings. A step that stops for Python returns the stage."""
 
 DONE, ROOM, DIVERGED, CALLED, UNIT = range(100, 105)
-"""Why a step stops otherwise: all ticks are made; there is no room for the samples of another; the state of a body is not finite; sensors may be
-called in this tick; a unit of work is done, which somebody measures."""
+"""Other reasons to stop: all ticks are made; there is no room for the samples of the next tick; the state of a body is not finite; an event may have
+come for sensors that wait for one; a unit of work is done, which a profile measures."""
 
 WHEN_CALLED, WHEN_DUE, AS_REPEATED = range(3)
-"""Rounds of a tick: sensors to which something has come that they wait for; those that are due; from there on those that repeat what the others have
-read, those of a shorter interval first."""
+"""Rounds of a tick: sensors that have waited for an event; sensors that are due; from there on compounds, those with a shorter interval first."""
 
 NEEDS_RATES, NEEDS_EXACT, NEEDS_PYTHON, NEEDS_KEEPING, NEEDS_TEXTS, NEEDS_REPEATING = 1, 2, 4, 8, 16, 32
-"""Of a round: accelerations; what a device would read without errors; readings or errors in Python; values that are no numbers wait there; sensors
-that compiled code writes, and whose texts it tells (`sensors.writing.Writing`); sensors that repeat the numbers that others have read."""
+"""What a round needs, as bits: accelerations; readings without errors; readings or errors in Python; values that are no numbers and wait in Python;
+status sensors, whose texts compiled code chooses (`sensors.writing.Writing`); compounds."""
 
 NOTHING_POSTED = np.zeros(1, np.int64)
 """For a step that no other thread ends (`tick.step`). Never changed."""
@@ -38,92 +36,92 @@ COURSE = np.dtype(
         (
             "given",
             _WHOLE,
-        ),  # 1: times of one tick and the next are given, as they are no quotients of whole numbers of 64 bits, or no exact ones
+        ),  # 1: Python gives the times of one tick and the next, where 64-bit numbers cannot hold them exactly
         ("given_tick", _WHOLE),
         ("t_ns", _WHOLE),
         ("next_t_ns", _WHOLE),
         ("t", "f8"),  # s
         ("next_t", "f8"),
-        ("step_pilots", _WHOLE),  # where code lies, 0 where there is nothing to be done: autopilots that step
+        ("step_pilots", _WHOLE),  # address of the code that steps autopilots; here and below 0: nothing to do
         ("pilots_every", _WHOLE),  # ticks
-        ("hear", _WHOLE),  # and listen
-        ("tell", _WHOLE),  # and tell what they believe
-        ("fill_flows", _WHOLE),  # at the bodies; 0 without a sea
-        ("find_pairs", _WHOLE),  # that may touch, 0 where nothing can; then the lines between them, and contacts
+        ("hear", _WHOLE),  # lets autopilots take in samples
+        ("tell", _WHOLE),  # writes the status of autopilots
+        ("fill_flows", _WHOLE),  # finds the water at the bodies
+        ("find_pairs", _WHOLE),  # finds pairs of shapes that may touch; then the lines between them, and the contacts
         ("find_lines", _WHOLE),
         ("find_contacts", _WHOLE),
-        ("cast", _WHOLE),  # rays; 0 in open water, where they meet nothing
-        ("codes", np.dtype([(name, _WHOLE) for name in Codes._fields])),  # that carry bodies on
+        ("cast", _WHOLE),  # casts rays; 0: in open water rays meet nothing
+        ("codes", np.dtype([(name, _WHOLE) for name in Codes._fields])),  # move the bodies
         ("deliver", _WHOLE),
         ("last_round", _WHOLE),
     ]
 )
-"""What is the same in all ticks."""
+"""What stays the same in all ticks. An address of code is 0 where there is nothing to do."""
 
 RUN = np.dtype(
     [
         (name, _WHOLE)
         for name in (
             "tick",  # ticks done
-            "t_ns",  # time of the present one, from where the water has moved on
-            "stage",  # of the one under way
+            "t_ns",  # time of the present tick, set once the water has moved
+            "stage",  # of the present tick
             "round",
-            "active",  # groups that are due in it
-            "needs",  # of the round
-            "due",  # sensors in the round
-            "kinds",  # and kinds of them
-            "turn",  # of these, the one that is to read next
+            "active",  # number of groups that are due
+            "needs",  # bits of the present round
+            "due",  # number of sensors in the round
+            "kinds",  # number of their kinds
+            "turn",  # number of the kind that reads next
             "begun",  # 1: samples of this tick were delivered
-            "logged",  # entries of the log before it
-            "ends",  # ticks in which somebody reads samples
-            "written",  # how often sensors wrote
-            "which",  # the row of a body, or how many samples need room
-            "unit",  # stage of the unit that is done; of readings, `which` is its turn
-            # What Python says before each call:
-            "first",  # the tick at which this began
-            "until",  # where it ends
-            "forces_tick",  # when a part gives forces next
-            "finds",  # 1: contacts are looked for by Python
-            "follow_ns",  # when parts act next behind bodies and water, in Python
-            "call_ns",  # when something comes to sensors that they wait for
-            "callable",  # so many samples can come of these
-            "slow",  # 1: some readings take time
-            "looks_back",  # 1: Python looks at each tick in which somebody reads samples; 2: at all
-            "measured",  # 1: each unit of work is measured
+            "logged",  # entries in the log before this tick
+            "ends",  # number of ticks with samples that somebody reads
+            "written",  # number of readings by status sensors
+            "which",  # row of a body, or number of samples that need room, with the reason to stop
+            "unit",  # stage of the unit of work that is done; for readings `which` is the turn
+            # Python sets the following before each call:
+            "first",  # tick at which the call begins
+            "until",  # tick at which it ends
+            "forces_tick",  # next tick in which a part gives forces
+            "finds",  # 1: Python looks for contacts
+            "follow_ns",  # time from which parts act in Python, behind bodies and water
+            "call_ns",  # time of the next event for sensors that wait for one
+            "callable",  # number of samples that these sensors can give
+            "slow",  # 1: some readings are computed in other threads
+            "looks_back",  # 1: stop after each tick with samples that somebody reads; 2: after every tick
+            "measured",  # 1: a profile measures each unit of work
         )
     ]
 )
-"""Where a world stands in a tick."""
+"""How far the tick of a world has come."""
 
 COPY = np.dtype(
     [
         (name, _WHOLE)
         for name in (
-            "table",  # addresses: of the table that a step gets,
-            "sensors",  # of those of its sensors and bodies,
+            "table",  # addresses: of the table of the step,
+            "sensors",  # of the tables of its sensors and bodies,
             "world",
-            "values",  # of the numbers of samples on their way,
-            "told_values",  # and of those delivered
-            "width",  # numbers of each
-            "room",  # for so many samples
+            "values",  # of the numbers of samples in flight,
+            "told_values",  # and of the delivered samples
+            "width",  # numbers of a sample
+            "room",  # samples for which there is room
             "log_room",
             "tick",  # ticks done
-            "why",  # it stopped
+            "why",  # reason of the last stop
         )
     ]
 )
-"""One of many worlds that are stepped in one call."""
+"""One of many worlds that one call steps."""
 
 GROUP = np.dtype(
     [
         (name, _WHOLE)
         for name in (
-            "divisor",  # they are due every so many ticks
-            "next",  # and in this one
+            "divisor",  # interval, ticks
+            "next",  # the next tick in which the group is due
             "round",
-            "first",  # of their heads in `scheduled`
+            "first",  # place of its first head in `scheduled`
             "count",
-            "samples",  # that can come of them
+            "samples",  # number that the group can give
             "needs",
             "share_first",
             "share_count",
@@ -134,32 +132,32 @@ GROUP = np.dtype(
         )
     ]
 )
-"""Sensors that are due in the same ticks; those of an earlier round first."""
+"""Sensors that are due in the same ticks. Groups of an earlier round come first."""
 
 SHARE = np.dtype([(name, _WHOLE) for name in ("kind", "first", "count")])
-"""Those of a group that are of one kind: their heads in `members`. The same of a whole round: in `turns`."""
+"""The sensors of one kind in a group: their heads in `members`. In a whole round: their heads in `turns`."""
 
 KIND = np.dtype(
     [
         (name, _WHOLE)
         for name in (
-            "code",  # where that of its loop lies
-            "rows",  # their records
+            "code",  # address of the loop
+            "rows",  # address of the records
             "row_count",
-            "row_size",  # bytes of one
+            "row_size",  # bytes of a record
             "by_rays",  # 1: they cast rays
-            "aim",  # code that does so, 0 for none
+            "aim",  # address of the code that aims the rays; 0 for none
             "aim_again",
         )
     ]
 )
-"""Sensors of a kind, which read together."""
+"""A kind of sensor. Sensors of one kind read together."""
 
 WRITING = np.dtype([(name, _WHOLE) for name in ("head", "row", "stream_first", "stream_count", "first", "width")])
-"""A sensor that writes: its head, its number, its streams, and where its reading stands."""
+"""A status sensor: its head, its number, its streams, and the place of its reading."""
 
 REPEATING = np.dtype([(name, _WHOLE) for name in ("head", "first", "count")])
-"""A sensor that repeats: its head, and those streams in `repeated` whose last readings it tells."""
+"""A compound: its head, and the streams (in `repeated`) whose last readings it gives."""
 
 FORMS: Forms = {
     "course": COURSE,
@@ -168,7 +166,7 @@ FORMS: Forms = {
     "active": columns(np.int64),  # groups that are due in the tick
     "world": columns(np.int64, 2),  # tables
     "now": columns(np.int64, 2),
-    "intervals": columns(np.int64),  # from draw to draw of drifting currents, ticks
+    "intervals": columns(np.int64),  # of drifting currents: ticks from draw to draw
     "touching": columns(np.int64, 2),
     "pilots": columns(np.int64, 2),
     "kinds": KIND,
@@ -176,15 +174,17 @@ FORMS: Forms = {
     "repeatings": REPEATING,
     "repeated": columns(np.int64),
     "shares": SHARE,
-    "scheduled": columns(np.int64),  # heads of all groups, one after the other
-    "members": columns(np.int64),  # the same, those of a kind beside each other
+    "scheduled": columns(np.int64),  # heads of all groups, group by group
+    "members": columns(np.int64),  # the same heads, kind by kind within a group
     "due": columns(np.int64),  # heads of the round
-    "turns": columns(np.int64),  # the same, those of a kind beside each other
+    "turns": columns(np.int64),  # the same heads, kind by kind
     "turn": SHARE,  # of the round, in the order in which the kinds read
-    "place": columns(np.int64),  # of each kind the number of its turn, -1 for none
-    "ends": columns(np.int64),  # of the log, of each tick that had samples
+    "place": columns(np.int64),  # number of the turn of each kind, -1 for none
+    "ends": columns(np.int64),  # end of the log after each tick with samples
     "shapes": columns(np.int64, 2),
-    "pairs": columns(np.int64, 2),  # that may touch, and the rest of `collision.solids.Finding`
+    "pairs": columns(
+        np.int64, 2
+    ),  # shapes that may touch; this and the next seven are those of `collision.solids.Finding`
     "line_first": columns(np.int64),
     "lines": columns(np.float64, 7),
     "overlapping": columns(np.bool_),
@@ -195,17 +195,17 @@ FORMS: Forms = {
     "led": columns(np.int64),
     "contact_nu_dot": columns(np.float64, 6),
     "solids": columns(np.int64, 2),
-    "drifts": columns(np.float64, 2, 3),  # of these: velocity in N at both ends of an interval, m/s
-    "origin": columns(np.float64, 3),  # of rays (`sensors.bank.reader`), for one reading after the other
+    "drifts": columns(np.float64, 2, 3),  # of drifting currents: velocity in N at both ends of the interval, m/s
+    "origin": columns(np.float64, 3),  # of rays (`sensors.bank.reader`), reading by reading
     "direction": columns(np.float64, 3),
     "first": columns(np.int64),
-    "distance": columns(np.float64),  # of their hits
+    "distance": columns(np.float64),  # of the hits of these rays
     "normal": columns(np.float64, 3),
     "body": columns(np.int64),
     "material": columns(np.int64),
-    "past": columns(np.int64),  # and of each the row of the body that carries its sensor, -1 where that is seen too
+    "past": columns(np.int64),  # row of the body that carries the sensor of a ray, which does not hit it; -1: it may
     "state": columns(np.float64, STATE_SIZE),
     "nu_dot": columns(np.float64, 6),
     "tau": columns(np.float64, 6),
 }
-"""Of the table that a step gets; what each tick looks at stands first, side by side."""
+"""The arrays in the table of a step. Those that every tick uses stand first, side by side."""

@@ -1,4 +1,4 @@
-"""Streams of samples as rows of numbers: what compiled code and Python know of each, and of samples on their way."""
+"""Streams of samples as rows of numbers, for compiled code and Python: the state of each stream, and the samples in flight."""
 
 from __future__ import annotations
 
@@ -10,76 +10,76 @@ from uwserver.sensors.bank import HEAD
 
 HELD = np.dtype(
     [
-        ("there", "i8"),  # 1: there was a reading
+        ("there", "i8"),  # 1: a reading exists
         ("valid", "i8"),
-        ("t_ns", "i8"),  # when the last one that was not lost was true
+        ("t_ns", "i8"),  # time of the last reading that was not lost
     ]
 )
-"""What is known of the last reading of a stream."""
+"""The last reading of a stream."""
 
 STREAM = np.dtype(
     [
-        ("first", "i8"),  # place of its last reading, errors included, among the numbers
+        ("first", "i8"),  # place of the last reading, errors included, in `numbers`
         ("width", "i8"),
-        ("source", "i8"),  # place of what the sensor has read
-        ("exact", "i8"),  # 1: that is what an ideal one would have read
-        ("ready_made", "i8"),  # 1: the reading of this instant, with its errors, was put there by others
+        ("source", "i8"),  # place of the reading of the sensor, before errors
+        ("exact", "i8"),  # 1: `source` is what a sensor without errors would read
+        ("ready_made", "i8"),  # 1: Python has put the present reading there, errors included
         ("operation_first", "i8"),
         ("operation_count", "i8"),
-        ("newest_first", "i8"),  # place of the newest delivered sample among those
+        ("newest_first", "i8"),  # place of the newest delivered sample in `numbers`
         ("dt", "f8"),
-        ("frozen", "i8"),  # 1: a fault makes it repeat itself
-        ("wanted", "i8"),  # READ: somebody reads its samples; HEARD: compiled code alone does; KEPT: nobody does
+        ("frozen", "i8"),  # 1: a fault makes the stream repeat its last reading
+        ("wanted", "i8"),  # READ: somebody reads the samples; HEARD: only compiled code does; KEPT: nobody does
         (
             "wordy",
             "i8",
-        ),  # SMALL or LARGE: such values, that are no numbers, wait in Python for each of its samples; 0: none do
+        ),  # SMALL or LARGE: values that are no numbers (texts, or pictures) wait in Python for each sample; 0: there are none
         (
             "texts",
             "i8",
-        ),  # those of the last reading, if compiled code has written it (`sensors.writing.Writing`), and 1; else 0
-        ("thinning_first", "i8"),  # of those that say which samples are enough for who reads it
-        ("thinning_count", "i8"),  # 0: all are read
-        ("unordered", "i8"),  # 1: samples were delivered in another order than they were true in
+        ),  # number of the texts of the last reading, plus 1, if compiled code has written it (`sensors.writing.Writing`); else 0
+        ("thinning_first", "i8"),  # rows of `thinnings`: which samples are enough for the readers
+        ("thinning_count", "i8"),  # 0: every sample is read
+        ("unordered", "i8"),  # 1: samples were delivered in another order than that of their times
         ("reading", READING),
         ("held", HELD),
-        ("newest", "i8"),  # 1: there is a newest sample, with what follows
+        ("newest", "i8"),  # 1: a newest sample exists, with the fields below
         ("seq", "i8"),
         ("t_ns", "i8"),
         ("t_sent_ns", "i8"),
         ("valid", "i8"),
     ]
 )
-"""A stream of samples: the sensor's own, or one beside it."""
+"""A stream of samples: that of the sensor itself, or a further one of the same sensor."""
 
 ENTRY = np.dtype(
     [
         ("t_sent_ns", "i8"),
-        ("order", "i8"),  # among those of one time
+        ("order", "i8"),  # order of samples with the same `t_sent_ns`
         ("stream", "i8"),
         ("seq", "i8"),
         ("t_ns", "i8"),
         ("valid", "i8"),
-        ("slot", "i8"),  # row of its values
+        ("slot", "i8"),  # row of the values
     ]
 )
-"""A sample on its way, or delivered."""
+"""A sample in flight, or delivered."""
 
 THINNING = np.dtype([("rate_hz", "f8"), ("start_ns", "i8"), ("interval", "i8")])
-"""`uwserver.ports.thinning.Thinning`, and the newest interval in which there was a sample."""
+"""A `uwserver.ports.thinning.Thinning`, and the newest interval that had a sample."""
 NO_INTERVAL = -(2**62)
-"""Before all."""
+"""Earlier than every interval."""
 
 COUNTS = np.dtype(
     [
-        ("pending", "i8"),  # samples on their way
-        ("told", "i8"),  # delivered in this tick to somebody
-        ("order", "i8"),  # on their way before
-        ("next_ns", "i8"),  # when the next one arrives
-        ("read", "i8"),  # of those delivered, how many are read
-        ("wordy", "i8"),  # of those delivered, how many have values that are no numbers
-        ("logged", "i8"),  # entries of the log
-        ("log_width", "i8"),  # their numbers
+        ("pending", "i8"),  # samples in flight
+        ("told", "i8"),  # samples that this tick has delivered to somebody
+        ("order", "i8"),  # samples that were ever in flight
+        ("next_ns", "i8"),  # time at which the next one in flight arrives
+        ("read", "i8"),  # of `told`: samples that somebody reads
+        ("wordy", "i8"),  # of `told`: samples with values that are no numbers
+        ("logged", "i8"),  # entries in the log
+        ("log_width", "i8"),  # numbers in the log
     ]
 )
 
@@ -103,5 +103,5 @@ FORMS: Forms = {
     "log_numbers": columns(np.float64),
     "team": columns(np.int64),
 }
-"""Of the table of a world's sensors. `log`: samples that somebody reads, one tick after the other; `slot` of each is the place of its first number
-in `log_numbers`, `order` the `texts` of its stream. One without room takes none."""
+"""The arrays in the table of a world's sensors. `log` holds the samples that somebody reads, tick after tick: `slot` of an entry is the place of its
+first number in `log_numbers`, and `order` is `texts` of its stream. A log without room takes no samples."""

@@ -1,6 +1,6 @@
-"""The order of a tick, once, in compiled code: for a world that is stepped by a program, paced by a clock, or runs as fast as it can.
+"""The order of a tick, in compiled code. There is one, whether a program steps the world, a clock paces it, or it runs as fast as it can.
 
-What needs Python is a stop: `step` returns the stage, Python does its part, and the next call goes on behind it. Imports numba.
+Where a tick needs Python, `step` stops and returns the stage. Python does its part, and the next call goes on behind that stage. Imports numba.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _place, _uniform = array_at(surroundings.FORMS, "place"), array_at(surroundings.
 
 @compiled
 def _waits_for_python(table: Array) -> bool:
-    """Let the autopilots step that are due; whether some need Python."""
+    """Step the autopilots that are due. Returns whether some of them need Python."""
     course, run = _course(table)[0], _run(table)[0]
     given = _pilots(table), _world(table), run.tick, time_of(course, run.tick)
     return bool(call_for_number(course.step_pilots, given) != 0)
@@ -54,7 +54,7 @@ def _waits_for_python(table: Array) -> bool:
 
 @compiled
 def _begins_interval(table: Array) -> bool:
-    """Whether the next velocity of a drifting current is to be drawn."""
+    """Return whether a drifting current needs its next velocity, which Python draws."""
     tick, found = _run(table)[0].tick, False
     for interval in _intervals(table):
         found = found or tick % interval == 0
@@ -63,7 +63,7 @@ def _begins_interval(table: Array) -> bool:
 
 @compiled
 def _move_water(table: Array) -> None:
-    """Carry the uniform part of the water to the present tick: between draws, drifting currents change linearly."""
+    """Set the uniform part of the water velocity to that of the present tick. Between two draws a drifting current changes linearly."""
     course, run, now, drifts, intervals = (
         _course(table)[0],
         _run(table)[0],
@@ -86,7 +86,7 @@ def _move_water(table: Array) -> None:
 
 @compiled
 def _before_and_move(table: Array) -> int:
-    """A tick from its begin until its bodies stand at the next; returns why it stops, DONE where it goes on."""
+    """Make the first half of a tick, until the bodies stand at t + dt. Returns why it stops, or DONE."""
     course, run = _course(table)[0], _run(table)[0]
     if run.stage == PILOTS:
         run.stage = FORCES
@@ -133,17 +133,17 @@ def _before_and_move(table: Array) -> int:
 
 @compiled
 def _go_on(table: Array, sensors: Array, values: Array, told_values: Array) -> int:
-    """A tick, from its stage on; returns why it stops, DONE where it is over.
+    """Go on with a tick from its present stage. Returns why it stops, or DONE at its end.
 
-    The order is part of the contract (`world.part.Stage`). Before it, Python has begun and ended faults, then carried out what was posted, so that
-    a command acts in the tick that its reply names, then looked after watchdogs, which commands may feed. Then:
+    The order is part of the contract (`world.part.Stage`). Python does three things before: it begins and ends faults; it carries out what was
+    posted, so that a command acts in the tick that its reply names; it checks the watchdogs, which these commands may feed. Then come:
 
-    1. autopilots, after the orders of this tick and with what their sensors had delivered by t;
-    2. forces from outside, as of a tether, from where the bodies are at t;
+    1. autopilots: they know the commands of this tick and the samples that were delivered by t;
+    2. forces from outside, for instance of a tether, from the states at t;
     3. actuators, bodies and water together, from t to t + dt;
-    4. the water of t + dt, which sensors feel, and bodies that others lead;
-    5. sensors and the delivery of samples (`measure` has their order), from the new state;
-    6. whoever listens hears what was delivered, and acts on it in the next tick.
+    4. the water of t + dt, which sensors measure, and the bodies that follow poses from outside;
+    5. sensors and the delivery of samples, from the new states (`measure` states their order);
+    6. listeners: they get what was delivered, and act on it in the next tick.
     """
     run, counts = _run(table)[0], _counts(sensors)[0]
     if run.stage < ARRIVALS:
@@ -206,6 +206,6 @@ def step(
 
 
 def load() -> None:
-    """Have it ready, compiled or from the cache."""
+    """Make the kernel ready: compile it, or load it from the cache."""
     table, values = np.zeros((0, 2), np.int64), np.empty((0, 1))
     cast("Any", step).load(table, table, values, values, rows.NOTHING_POSTED, 0, 0)
