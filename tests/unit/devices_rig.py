@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 from uwserver_adapters.devices.device import Device, Reader
-from uwserver_adapters.devices.inertial import GPS_ZERO, LEAP_S, WEEK_S, Fix, Readings, Vector
+from uwserver_adapters.devices.inertial import GPS_ZERO, LEAP_S, WEEK_S, Fix, Readings
 
-from uwserver.frames import quat_from_rpy
+from uwserver.frames import Vec3, quat_from_rpy
 from uwserver.ports import Argument, Field, Port, Sample, Service, Value
 from uwserver.ports.buffer import Layout
 from uwserver.testing import FakeContext
@@ -15,7 +15,7 @@ from uwserver.testing import FakeContext
 EPOCH_NS = 1_704_067_200_000_000_000
 """2024-01-01T00:00:00Z, of `FakeContext`."""
 S = 1_000_000_000
-ZERO: Vector = (0.0, 0.0, 0.0)
+ZERO: Vec3 = (0.0, 0.0, 0.0)
 
 DVL = Port(
     "rov/dvl",
@@ -231,7 +231,7 @@ def ask(device: Device, data: bytes) -> tuple[list[bytes], list[str]]:
 
 
 def inertial_readings(
-    rpy_deg: Vector = ZERO, f_S: Vector = ZERO, w_S: Vector = ZERO, gauss: Vector = ZERO, temperature: float = 0.0,
+    rpy_deg: Vec3 = ZERO, f_S: Vec3 = ZERO, w_S: Vec3 = ZERO, gauss: Vec3 = ZERO, temperature: float = 0.0,
     fix: Fix | None = None, week: int = 0, tow: float = 0.0,
 ) -> Readings:  # fmt: skip
     """What an inertial unit measures at a time of a GPS week (s)."""

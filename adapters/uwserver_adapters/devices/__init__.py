@@ -1,4 +1,4 @@
-"""Sensors of the world as the devices of the market speak on the wire (docs/how-to/devices)."""
+"""The adapter `devices`: sensors of the world speak the protocols of devices of the market (docs/how-to/devices)."""
 
 from uwserver_adapters.devices.adapter import DevicesAdapter
 

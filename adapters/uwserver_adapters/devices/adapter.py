@@ -1,4 +1,4 @@
-"""The `devices` adapter: opens each device of its table, and hands it the samples of its sensors."""
+"""The adapter `devices`: opens each device of its table, and gives it the samples of its sensors."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from uwserver_adapters.devices.config import DevicesConfig
 from uwserver_adapters.devices.station import Station
 
 ATTEND_S = 0.5
-"""Wall time between looks for serial lines, and counts of peers."""
+"""Wall time between two attempts to open serial lines, and between two counts of peers."""
 
 
 class DevicesAdapter:
@@ -25,12 +25,12 @@ class DevicesAdapter:
         self.config = config
         self.context = context
         self._refusals = Refusals(context.name, context.stats, asyncio.get_running_loop().time)
-        self._stations: list[Station] = []
+        self._stations: dict[str, Station] = {}
         self._readers: dict[str, list[Station]] = {}
 
     @property
     def wanted(self) -> Collection[str]:
-        """Ports whose samples the devices read."""
+        """Paths of the ports that the devices read."""
         return self._readers.keys()
 
     async def run(self, ready: asyncio.Event) -> None:
@@ -38,20 +38,19 @@ class DevicesAdapter:
 
         Raises:
             CannotListen: an address cannot be had.
-            CannotServe: a table names what is not there.
+            CannotServe: a table names a sensor that does not exist or does not fit.
         """
         self._build()
         async with contextlib.AsyncExitStack() as stack:
-            told: dict[str, Json] = {}
-            for name, station in zip(self.config.device, self._stations, strict=True):
+            for station in self._stations.values():
                 await station.open(stack)
-                told[name] = cast(Json, station.addresses)
-            self.context.stats.details["devices"] = told
+            addresses = {name: cast(Json, station.addresses) for name, station in self._stations.items()}
+            self.context.stats.details["devices"] = addresses
             with serving(self.context, self, self._address(), ready):
                 while True:
-                    for station in self._stations:
+                    for station in self._stations.values():
                         station.attend()
-                    self.context.stats.peers = sum(station.count for station in self._stations)
+                    self.context.stats.peers = sum(station.count for station in self._stations.values())
                     await asyncio.sleep(ATTEND_S)
 
     def _build(self) -> None:
@@ -62,29 +61,28 @@ class DevicesAdapter:
                 device = table.build(self.context)
             except CannotServe as error:
                 raise CannotServe(f"device.{name}.{error}") from None
-            station = Station(name, table, device, self.context, self._refusals)
-            self._stations.append(station)
+            station = self._stations[name] = Station(name, table, device, self.context, self._refusals)
             for path in device.wanted:
                 self._readers.setdefault(path, []).append(station)
 
     def _address(self) -> str:
-        """All there are: of which device each is, and its way, where there are several."""
-        all_of = [
+        """Return all addresses. Where there are several, each with the name of its device and its kind."""
+        addresses = [
             (f"{name} {way} {text}", text)
-            for name, station in zip(self.config.device, self._stations, strict=True)
+            for name, station in self._stations.items()
             for way, text in station.addresses.items()
         ]
-        return ", ".join(told for told, _ in all_of) if len(all_of) > 1 else all_of[0][1]
+        return ", ".join(told for told, _ in addresses) if len(addresses) > 1 else addresses[0][1]
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
-        """Each sample to the devices that read it."""
+        """Give each sample to the devices that read it, and send their messages."""
         for sample in samples:
             for station in self._readers.get(sample.port, ()):
                 for message in station.device.see(sample):
                     station.report(message)
 
     def put_event(self, event: Event) -> None:
-        """After a reset the devices begin anew."""
+        """After a reset of the world the devices start again."""
         if event.event == "reset":
-            for station in self._stations:
+            for station in self._stations.values():
                 station.device.reset()

@@ -1,4 +1,4 @@
-"""The adapter's table in a scenario."""
+"""The table of the adapter `devices` in a scenario."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ AnyDevice = (
 
 
 class _Offer(NamedTuple):
-    """What a device looks at of its context before it serves anybody."""
+    """The part of a context that a device reads while it is built."""
 
     ports: Mapping[str, Port]
     services: Mapping[str, Service]
@@ -40,14 +40,15 @@ class _Offer(NamedTuple):
 
 class DevicesConfig(AdapterTable, tag="devices", kw_only=True, frozen=True):
     """Attributes:
-    device: by names of your own: which sensor is served as which device, and where."""
+    device: devices by names of your own: each says which sensor it serves, as which device, and where.
+    """
 
     device: Annotated[dict[Name, AnyDevice], Meta(min_length=1)]
 
     def faults(
         self, ports: Mapping[str, Port], services: Mapping[str, Service]
     ) -> Iterable[tuple[tuple[str, ...], str]]:
-        """Devices of sensors that are not there, or of another kind."""
+        """Yield the devices whose sensors are not there, or of another kind."""
         for name, table in self.device.items():
             try:
                 table.build(cast(AdapterContext, _Offer(ports, services)))
@@ -56,7 +57,7 @@ class DevicesConfig(AdapterTable, tag="devices", kw_only=True, frozen=True):
                 yield ("device", name, role), text
 
     def parts(self) -> Mapping[str, str]:
-        """Each device: its kind, its sensors, its addresses."""
+        """Return kind, sensors and addresses of each device."""
         return {
             f"device.{name}": f"{table.__struct_config__.tag} {table.told()}" for name, table in self.device.items()
         }

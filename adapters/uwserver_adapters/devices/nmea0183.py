@@ -1,4 +1,4 @@
-"""NMEA 0183: sentences of satellite receiver, compass, echosounder, speed log and thermometer (IEC 61162-1)."""
+"""NMEA 0183 sentences of a satellite receiver, compass, echosounder, speed log and thermometer (IEC 61162-1)."""
 
 from __future__ import annotations
 
@@ -11,23 +11,25 @@ from typing import Annotated, Any, Literal, cast
 from msgspec import Meta
 
 from uwserver.adapter import AdapterContext, CannotServe
+from uwserver.frames import Vec3
 from uwserver.ports import Sample
 from uwserver.table import Name, Positive
-from uwserver_adapters.devices.codec import NANOSECONDS, deg, instant
+from uwserver_adapters.devices.codec import NANOSECONDS, checksum, deg, instant, sentence
 from uwserver_adapters.devices.device import DeviceTable, LineReader, Reply, Source
 
 LINE_LIMIT = 1024
-"""Longest line that is read of a peer, bytes; a sentence has 82."""
+"""Longest line of a peer, bytes. A sentence has 82."""
 KNOT = 1852.0 / 3600.0
-"""m/s."""
+"""A knot, m/s."""
 MILE = 1852.0
 FOOT, FATHOM = 0.3048, 1.8288
+"""Units of length, m."""
 GAP_S = 10.0
-"""Simulation time above which the distance between two readings of a log is not counted."""
+"""Longest simulation time between two readings of a log for which the distance is counted."""
 Sentence = Literal["GGA", "RMC", "VTG", "GLL", "ZDA", "HDT", "DBT", "DPT", "VBW", "VLW", "MTW"]
 _SENTENCE = re.compile(rb"[$!]([ -)+-~]{1,1000})\*([0-9A-Fa-f]{2})")
 
-# By key of the table: talker, fields that are needed, fields that may be there, sentences.
+# Key of the table -> talker, fields that the sensor must have, fields that it may have, sentences.
 _ROLES: dict[str, tuple[str, tuple[str, ...], tuple[str, ...], tuple[Sentence, ...]]] = {
     "gps": (
         "GP",
@@ -44,14 +46,14 @@ _ROLES: dict[str, tuple[str, tuple[str, ...], tuple[str, ...], tuple[Sentence, .
 
 class Nmea0183Table(DeviceTable, tag="nmea0183", kw_only=True, frozen=True):
     """Attributes:
-    gps: sensor of GGA, RMC, VTG, GLL, ZDA.
-    heading: sensor of HDT (an attitude sensor or gyrocompass).
-    altimeter: sensor of DBT and DPT.
-    speed_log: sensor of VBW and VLW (a DVL).
-    temperature: sensor of MTW.
-    sentences: those that are sent, of those that the sensors allow; default: all.
-    rate_hz: of each sentence at most, simulation time.
-    transducer_offset_m: what DPT tells: the waterline above the transducer, or, negative, the keel below it.
+    gps: sensor for GGA, RMC, VTG, GLL, ZDA.
+    heading: sensor for HDT (an attitude sensor or gyrocompass).
+    altimeter: sensor for DBT and DPT.
+    speed_log: sensor for VBW and VLW (a DVL).
+    temperature: sensor for MTW.
+    sentences: sentences to send; default: all that the sensors allow.
+    rate_hz: highest rate of each sentence, in simulation time.
+    transducer_offset_m: offset in DPT: distance from the transducer up to the waterline, or, negative, down to the keel.
     """
 
     gps: Name | None = None
@@ -64,38 +66,24 @@ class Nmea0183Table(DeviceTable, tag="nmea0183", kw_only=True, frozen=True):
     transducer_offset_m: float = 0.0
 
     def build(self, context: AdapterContext) -> Nmea0183:
-        """The device."""
+        """Return the device."""
         return Nmea0183(self, context)
 
 
-def checksum(body: bytes) -> int:
-    """Exclusive or of all characters between the first and the asterisk."""
-    total = 0
-    for byte in body:
-        total ^= byte
-    return total
-
-
-def sentence(address: str, fields: Iterable[str]) -> bytes:
-    """A whole line: ``sentence("GPHDT", ("12.3", "T"))`` is ``$GPHDT,12.3,T*2B``, CR and LF."""
-    body = ",".join((address, *fields)).encode("ascii")
-    return b"$%b*%02X\r\n" % (body, checksum(body))
-
-
 def is_sentence(line: bytes) -> bool:
-    """Whether a line without its end is one, with the right checksum."""
+    """Return whether a line, without its end, is a sentence with the right checksum."""
     found = _SENTENCE.fullmatch(line)
     return found is not None and checksum(found[1]) == int(found[2], 16)
 
 
 def degrees_minutes(angle: float, degrees: int) -> str:
-    """Degrees and minutes without a sign; 1e-5 minutes are 2 cm.
+    """Return degrees and minutes without a sign, to 1e-5 minutes, which are 2 cm.
 
     Args:
         angle: rad.
-        degrees: digits of the whole degrees: 2 of a latitude, 3 of a longitude.
+        degrees: digits of the whole degrees: 2 for a latitude, 3 for a longitude.
     """
-    # In whole parts of a minute, so that rounding never gives sixty minutes.
+    # Rounded first, in parts of a minute: otherwise rounding could give sixty minutes.
     parts = round(abs(deg(angle)) * 60 * 100_000)
     whole, rest = divmod(parts, 60 * 100_000)
     return f"{whole:0{degrees}d}{rest // 100_000:02d}.{rest % 100_000:05d}"
@@ -104,49 +92,58 @@ def degrees_minutes(angle: float, degrees: int) -> str:
 def _place(said: Mapping[str, Any]) -> tuple[str, str, str, str]:
     if not said["fix"]:
         return "", "", "", ""
-    north, east = said["latitude"] >= 0.0, said["longitude"] >= 0.0
+    latitude, longitude = said["latitude"], said["longitude"]
     return (
-        degrees_minutes(said["latitude"], 2), "N" if north else "S",
-        degrees_minutes(said["longitude"], 3), "E" if east else "W",
+        degrees_minutes(latitude, 2), "N" if latitude >= 0.0 else "S",
+        degrees_minutes(longitude, 3), "E" if longitude >= 0.0 else "W",
     )  # fmt: skip
 
 
 def _course(said: Mapping[str, Any]) -> tuple[float, str]:
-    """Speed over ground (m/s), and course over ground in degrees from true north; none at rest."""
+    """Return speed over ground (m/s), and course over ground in degrees from true north, "" at rest."""
     north, east = said["v_NS"][0], said["v_NS"][1]
     speed = math.hypot(north, east)
-    return speed, f"{_turn(math.atan2(east, north))}" if speed > 0.01 else ""
+    return speed, _turn(math.atan2(east, north)) if speed > 0.01 else ""
 
 
 def _turn(angle: float) -> str:
-    """Degrees from 0.00 to 359.99 of an angle in rad."""
+    """Return an angle (rad) in degrees from 0.00 to 359.99."""
     return f"{round(deg(angle) * 100) % 36000 / 100:.2f}"
 
 
 class _Log:
-    """Distance that a log has counted, m; from when this server began."""
+    """Counts the distance of a speed log, m.
+
+    Attributes:
+        total: since this server began.
+        trip: since the time of the world began.
+    """
 
     def __init__(self) -> None:
-        self.total = 0.0
-        self.trip = 0.0
+        self.total = self.trip = 0.0
         self._t_ns: int | None = None
 
-    def see(self, t_ns: int, velocity: tuple[float, float, float] | None) -> None:
-        """A velocity (m/s) of a time; None where it was not measured."""
+    def see(self, t_ns: int, velocity: object) -> None:
+        """Take a velocity (m/s) at a time; None, or one with a missing component, where it was not measured."""
         before, self._t_ns = self._t_ns, t_ns
-        if before is None or velocity is None or not 0 < t_ns - before <= GAP_S * NANOSECONDS:
+        v = _whole(velocity)
+        if before is None or v is None or not 0 < t_ns - before <= GAP_S * NANOSECONDS:
             return
-        step = math.hypot(velocity[0], velocity[1]) * (t_ns - before) / NANOSECONDS
+        step = math.hypot(v[0], v[1]) * (t_ns - before) / NANOSECONDS
         self.total += step
         self.trip += step
 
     def begin(self) -> None:
-        """Time begins again, and so does the trip."""
+        """Begin a trip: the time of the world was set back."""
         self._t_ns, self.trip = None, 0.0
+
+    def fields(self) -> tuple[str, str, str, str]:
+        """Return total and trip in nautical miles, as VLW has them."""
+        return f"{self.total / MILE:.3f}", "N", f"{self.trip / MILE:.3f}", "N"
 
 
 class Nmea0183:
-    """The sentences.
+    """The device: all sentences of a table.
 
     Attributes:
         wanted: ports of its sensors.
@@ -162,50 +159,48 @@ class Nmea0183:
             "GGA": _gga, "RMC": _rmc, "VTG": _vtg, "GLL": _gll, "ZDA": _zda, "HDT": _hdt, "DBT": _dbt, "DPT": self._dpt,
             "VBW": _vbw, "VLW": self._vlw, "MTW": _mtw,
         }  # fmt: skip
-        allowed: list[str] = []
         for role, (_, needed, optional, sentences) in _ROLES.items():
             path = getattr(table, role)
-            if path is None:
-                continue
-            source = Source(role, path, context.ports, needed, optional)
-            allowed += sentences
-            chosen = [kind for kind in sentences if not table.sentences or kind in table.sentences]
-            self._sources.setdefault(source.path, []).append((role, source, chosen))
-        for kind in table.sentences:
-            if kind not in allowed:
-                roles = [role for role, (_, _, _, sentences) in _ROLES.items() if kind in sentences]
-                raise CannotServe(f"sentences: {kind} needs a sensor: give {roles[0]}")
+            if path is not None:
+                source = Source(role, path, context.ports, needed, optional)
+                chosen = [kind for kind in sentences if not table.sentences or kind in table.sentences]
+                self._sources.setdefault(source.path, []).append((role, source, chosen))
+            elif missing := [kind for kind in table.sentences if kind in sentences]:
+                raise CannotServe(f"sentences: {missing[0]} needs a sensor: give {role}")
         if not self._sources:
             raise CannotServe(f"gps: no sensor is named: give one of {', '.join(_ROLES)}")
         self.wanted: Collection[str] = self._sources.keys()
 
-    def reader(self) -> LineReader:
-        """Lines."""
-        return LineReader(LINE_LIMIT)
+    def reader(self) -> LineReader[bytes]:
+        """Return a reader of lines."""
+        return LineReader(LINE_LIMIT, bytes)
 
     def take(self, message: bytes, reply: Reply) -> str:
-        """Nothing is asked of these devices; what is no sentence is counted."""
+        """Check a line. Nobody asks anything of these devices, but what is no sentence is counted."""
         return "" if is_sentence(message) else "a line is no sentence of NMEA 0183, or its checksum is wrong"
 
     def reset(self) -> None:
-        """The time of the world begins again."""
+        """Start again at another time."""
         self._due.clear()
         self._water.begin()
         self._ground.begin()
 
     def see(self, sample: Sample) -> list[bytes]:
-        """A reading; all its sentences that are due. An invalid one of a receiver or log is told as such, of others nothing is said."""
+        """Take a reading. Returns its sentences, if they are due.
+
+        Sentences of a receiver or log say that a reading is invalid; other sensors send nothing then.
+        """
         messages: list[bytes] = []
         for role, source, sentences in self._sources[sample.port]:
             said = {**source.values(sample), "valid": sample.valid}
             if role == "gps" and not sample.valid:
                 said["fix"] = 0
             if role == "speed_log":
-                self._ground.see(sample.t_ns, _whole(said["v_S"]))
-                self._water.see(sample.t_ns, _whole(said.get("v_water_S")))
+                self._ground.see(sample.t_ns, said["v_S"])
+                self._water.see(sample.t_ns, said.get("v_water_S"))
             if (not sample.valid and role not in ("gps", "speed_log")) or not self._is_due(role, sample.t_ns):
                 continue
-            utc = self._utc(sample.t_ns)
+            utc = instant(self._context.world.epoch_ns + sample.t_ns)
             talker = _ROLES[role][0]
             messages += [sentence(talker + kind, self._write[kind](said, utc)) for kind in sentences]
         return messages
@@ -217,22 +212,17 @@ class Nmea0183:
         self._due[role] = max(due + self._period_ns, t_ns - self._period_ns + 1)
         return True
 
-    def _utc(self, t_ns: int) -> datetime:
-        return instant(self._context.world.epoch_ns + t_ns)
-
     def _dpt(self, said: Mapping[str, Any], _: datetime) -> Iterable[str]:
         return f"{said['range']:.2f}", f"{self._table.transducer_offset_m:.2f}", ""
 
     def _vlw(self, said: Mapping[str, Any], _: datetime) -> Iterable[str]:
-        has_water = "v_water_S" in said
-        water = [f"{d / MILE:.3f}" if has_water else "" for d in (self._water.total, self._water.trip)]
-        ground = [f"{d / MILE:.3f}" for d in (self._ground.total, self._ground.trip)]
-        return water[0], "N", water[1], "N", ground[0], "N", ground[1], "N"
+        water = self._water.fields() if "v_water_S" in said else ("", "N", "", "N")
+        return *water, *self._ground.fields()
 
 
-def _whole(v: object) -> tuple[float, float, float] | None:
-    """A velocity; None where it was not measured."""
-    return cast(tuple[float, float, float], v) if isinstance(v, tuple) and None not in v else None
+def _whole(v: object) -> Vec3 | None:
+    """Return a velocity; None where it was not measured."""
+    return cast(Vec3, v) if isinstance(v, tuple) and None not in v else None
 
 
 def _time(utc: datetime) -> str:
@@ -242,26 +232,16 @@ def _time(utc: datetime) -> str:
 def _gga(said: Mapping[str, Any], utc: datetime) -> Iterable[str]:
     has_fix = bool(said["fix"])
     satellites = f"{said['satellites'] or 0:02d}"
-    # Dilution of precision is not simulated: its field is empty, as the standard has it for what is not known.
+    # Dilution of precision is not simulated: the standard leaves the field of an unknown value empty.
     height = (f"{said['height']:.2f}", "M", "0.0", "M") if has_fix else ("", "M", "", "M")
     return _time(utc), *_place(said), "1" if has_fix else "0", satellites, "", *height, "", ""
 
 
 def _rmc(said: Mapping[str, Any], utc: datetime) -> Iterable[str]:
-    has_fix = bool(said["fix"])
-    speed, course = _course(said) if has_fix else (0.0, "")
-    knots = f"{speed / KNOT:.3f}" if has_fix else ""
-    return (
-        _time(utc),
-        "A" if has_fix else "V",
-        *_place(said),
-        knots,
-        course,
-        f"{utc:%d%m%y}",
-        "",
-        "",
-        "A" if has_fix else "N",
-    )
+    if not said["fix"]:
+        return _time(utc), "V", *_place(said), "", "", f"{utc:%d%m%y}", "", "", "N"
+    speed, course = _course(said)
+    return _time(utc), "A", *_place(said), f"{speed / KNOT:.3f}", course, f"{utc:%d%m%y}", "", "", "A"
 
 
 def _vtg(said: Mapping[str, Any], _: datetime) -> Iterable[str]:

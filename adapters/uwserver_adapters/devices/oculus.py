@@ -25,23 +25,23 @@ MODELS: Mapping[str, tuple[int, float, float]] = {
 }  # fmt: skip
 """The maker's part number, frequency of mode 1 and of mode 2, Hz (data sheets)."""
 STATUS_NS = NANOSECONDS
-"""Between two status messages, as the device sends them."""
+"""Simulation time between two status messages, as the device sends them."""
 MOST_ROWS = 8192
-"""Of a picture, with those before its first."""
+"""Most rows of a picture, with the blank ones before its first."""
 CENTIDEGREES = 100.0 * deg(1.0)
-"""In a radian."""
+"""Hundredths of a degree in a radian."""
 NO_GAIN = np.uint32(1)
-"""Told of each row, for clients that ask for its gain: they divide by it, and the sensor's counts have none that could be taken off."""
+"""Gain of each row, for clients that ask for it. They divide by it, and the sensor's counts contain no such gain."""
 
 
 class OculusTable(DeviceTable, tag="oculus", kw_only=True, frozen=True):
     """Attributes:
-    sonar: of kind `multibeam`, with counts (`image` of uint8).
-    model: what clients are told.
-    attitude: told with each ping of version 2; mount it as the sonar.
-    device_id: its number.
-    gains_db: gain of the sensor for 0 and for 100 percent. What the device adds is not published: these are guesses.
-    sound_speed_mps: told where a client leaves it to the device: the sensor's `assumed_sound_speed_mps`.
+    sonar: a sensor of kind `multibeam` that gives counts (`image` of uint8).
+    model: the model that clients are told.
+    attitude: attitude sensor, mounted as the sonar; its angles are sent with each ping of version 2.
+    device_id: number of the device.
+    gains_db: gain of the sensor for 0 and for 100 percent. The real gains are not published: these are guesses.
+    sound_speed_mps: speed of sound that is sent where a client leaves it to the device; give the sensor's `assumed_sound_speed_mps`.
     """
 
     sonar: Name
@@ -52,7 +52,7 @@ class OculusTable(DeviceTable, tag="oculus", kw_only=True, frozen=True):
     sound_speed_mps: Positive = 1500.0
 
     def build(self, context: AdapterContext) -> Oculus:
-        """The device."""
+        """Return the device."""
         return Oculus(self, context)
 
 
@@ -61,7 +61,7 @@ class Oculus:
 
     Attributes:
         wanted: its ports.
-        fire: what it was asked last; one fires for all peers.
+        fire: the last fire message. It holds for all peers.
     """
 
     def __init__(self, table: OculusTable, context: AdapterContext) -> None:
@@ -81,17 +81,17 @@ class Oculus:
         self._rpy_deg = (0.0, 0.0, 0.0)
 
     def reader(self) -> MessageReader:
-        """Messages."""
+        """Return a reader of messages."""
         return MessageReader()
 
     def reset(self) -> None:
-        """The time of the world begins again; what was asked stays."""
+        """Start again at another time; the last fire message stays."""
         self._pinged_ns = self._told_ns = -1
 
     # -- requests -------------------------------------------------------------------------------------------------------------------
 
     def take(self, message: Message, reply: Reply) -> str:
-        """A message of a client. The protocol has no answers: each ping tells what it was fired with."""
+        """Carry out a message of a client. The protocol has no answers: each ping result repeats the fire message that it obeys."""
         if message.number == wire.DUMMY:
             return ""
         if message.number != wire.SIMPLE_FIRE:
@@ -99,8 +99,7 @@ class Oculus:
         fire = wire.fire_of(message)
         if fire is None:
             return f"a fire message has a payload of {len(message.payload)} bytes: 37 or 73 are known"
-        fault = _fault(fire)
-        if fault:
+        if fault := _fault(fire):
             return fault
         before, self.fire = self.fire, fire
         asked = self._asked(fire)
@@ -119,7 +118,7 @@ class Oculus:
             self._context.stats.last_error = f"{self._table.sonar}: {answer.fault.text}"[:300]
 
     def _asked(self, fire: Fire) -> dict[str, object]:
-        """What it asks of the sensor, of what that can be asked; the device itself takes the nearest that it can."""
+        """Return the settings of the sensor for a fire message, limited to what the sensor takes: so does the real device."""
         asked: dict[str, object] = {}
         reach = self._arguments.get("range")
         if reach is not None:
@@ -139,7 +138,7 @@ class Oculus:
     # -- readings -------------------------------------------------------------------------------------------------------------------
 
     def see(self, sample: Sample) -> list[Report]:
-        """A ping, unless it comes faster than the client wants them; once a second the status."""
+        """Take a ping or an attitude. Returns the ping, unless it comes too early for the wanted rate, and once a second the status."""
         if self._attitude is not None and sample.port == self._attitude.path:
             if sample.valid:
                 angles = rpy_from_quat(cast(tuple[float, float, float, float], self._attitude.values(sample)["q_NS"]))
@@ -158,7 +157,7 @@ class Oculus:
         return said
 
     def _is_due(self, t_ns: int) -> bool:
-        # A ping a little early is taken: the sensor's own rate may be just that.
+        # The sensor may ping at just the wanted rate: a ping that is a little early counts.
         period = 0.999 * NANOSECONDS / wire.PING_HZ[self.fire.ping_rate]
         return self._pinged_ns < 0 or t_ns - self._pinged_ns >= period
 
@@ -171,7 +170,7 @@ class Oculus:
         rows, beams = counts.shape
         start = said.get("range_start") or 0.0
         row_m = (said["range"] - start) / max(1, rows)
-        # The device's rows begin at the sonar.
+        # The picture of a real device begins at the sonar, that of the sensor at `range_start`.
         blank = min(round(start / row_m), MOST_ROWS - rows) if row_m > 0.0 else 0
         if blank > 0:
             counts = np.concatenate([np.zeros((blank, beams), counts.dtype), counts])
@@ -185,7 +184,7 @@ class Oculus:
 
 
 def _packed(counts: Any, flags: int) -> bytes:
-    """Counts (rows, beams) as the client wants them: 16 bits each, with a gain before each row."""
+    """Return counts (rows, beams) in the form of the client's flags: perhaps of 16 bits each, perhaps with a gain before each row."""
     if flags & wire.WITH_16_BITS:
         counts = counts.astype("<u2") * np.uint16(257)
     if not flags & wire.WITH_GAINS:
@@ -198,24 +197,23 @@ def _packed(counts: Any, flags: int) -> bytes:
 
 
 def _fault(fire: Fire) -> str:
-    """Why a fire message cannot be obeyed; "" where it can."""
-    if fire.mode not in (1, 2):
-        return f"mode {fire.mode}: 1 or 2"
-    if fire.ping_rate not in (*wire.PING_HZ, wire.STANDBY):
-        return f"ping rate {fire.ping_rate}: 0 to {wire.STANDBY}"
-    if not 0.0 < fire.reach <= 1000.0:
-        return f"range {fire.reach}: more than 0, at most 1000"
-    if not 0.0 <= fire.gain <= 100.0:
-        return f"gain {fire.gain} percent: 0 to 100"
-    if fire.sound_speed != 0.0 and not 1000.0 <= fire.sound_speed <= 2000.0:
-        return f"sound speed {fire.sound_speed}: 0, or 1000 to 2000 m/s"
-    if not 0.0 <= fire.salinity <= 100.0:
-        return f"salinity {fire.salinity}: 0 to 100"
-    return ""
+    """Return why a fire message cannot be obeyed, or ""."""
+    checks = (
+        (fire.mode in (1, 2), f"mode {fire.mode}: 1 or 2"),
+        (fire.ping_rate in (*wire.PING_HZ, wire.STANDBY), f"ping rate {fire.ping_rate}: 0 to {wire.STANDBY}"),
+        (0.0 < fire.reach <= 1000.0, f"range {fire.reach}: more than 0, at most 1000"),
+        (0.0 <= fire.gain <= 100.0, f"gain {fire.gain} percent: 0 to 100"),
+        (
+            fire.sound_speed == 0.0 or 1000.0 <= fire.sound_speed <= 2000.0,
+            f"sound speed {fire.sound_speed}: 0, or 1000 to 2000 m/s",
+        ),
+        (0.0 <= fire.salinity <= 100.0, f"salinity {fire.salinity}: 0 to 100"),
+    )
+    return next((text for is_good, text in checks if not is_good), "")
 
 
 def _ipv4(host: str) -> bytes:
-    """The address that clients are told to come to; loopback where the table tells none."""
+    """Return the address to which clients are told to connect: loopback where the host is no IPv4 address, or stands for all."""
     try:
         address = ipaddress.IPv4Address(host)
     except ValueError:

@@ -8,21 +8,21 @@ from dataclasses import dataclass
 
 from msgspec import Struct
 
-from uwserver_adapters.devices.device import Garbage
+from uwserver_adapters.devices.device import BinaryReader, Garbage
 
 HEAD = struct.Struct("<HHHHHIH")
 CHECK = 0x4F53
 MARK = CHECK.to_bytes(2, "little")
 PAYLOAD_LIMIT = 4096
-"""Longest payload of a command, bytes; that of a fire message has 73."""
+"""Longest payload of a command, bytes. That of a fire message has 73."""
 SIMPLE_FIRE, SIMPLE_PING_RESULT, USER_CONFIG, DUMMY = 0x15, 0x23, 0x55, 0xFF
 IN_METRES, WITH_16_BITS, WITH_GAINS = 0x01, 0x02, 0x04
-"""Bits of `Fire.flags`; others are told back as they came."""
+"""Bits of `Fire.flags`. The device sends all other bits back as they came."""
 STANDBY = 5
 PING_HZ = {0: 10.0, 1: 15.0, 2: 40.0, 3: 5.0, 4: 2.0}
-"""Most pings, by the number of the ping rate."""
+"""Number of a ping rate -> pings in a second, at most."""
 PICTURE_OFFSET = 2048
-"""Of the picture in a ping result, bytes: as a recorded one of an M1200d has it."""
+"""Offset of the picture in a ping result, bytes, as in a recorded result of an M1200d."""
 _FIRE = struct.Struct("<5B4d")
 _EXTENDED = struct.Struct("<9I")
 _STATUS = struct.Struct("<IHHI6I4s4s4s6s9d")
@@ -30,7 +30,7 @@ _STATUS = struct.Struct("<IHHI6I4s4s4s6s9d")
 
 @dataclass(frozen=True)
 class Message:
-    """Any message, with its payload as it is."""
+    """Any message; its payload is not parsed."""
 
     number: int
     payload: bytes = b""
@@ -43,16 +43,15 @@ class Fire(Struct, frozen=True):
     """What a client asks of the sonar: `OculusSimpleFireMessage`.
 
     Attributes:
-        mode: 1 low frequency, 2 high.
-        ping_rate: of `PING_HZ`, or `STANDBY`.
-        network_speed, gamma: told back.
+        mode: 1 for the low frequency, 2 for the high one.
+        ping_rate: a key of `PING_HZ`, or `STANDBY`.
+        network_speed, gamma, salinity: sent back unchanged.
         flags: bits.
-        reach: m, or percent.
+        reach: range, m or percent.
         gain: percent.
         sound_speed: m/s; 0 leaves it to the device.
-        salinity: told back.
-        extended: nine words that version 2 has more; empty in version 1.
-        version: of the message's head.
+        extended: nine more words that version 2 has; empty in version 1.
+        version: in the head of the message.
     """
 
     mode: int = 1
@@ -68,7 +67,7 @@ class Fire(Struct, frozen=True):
     version: int = 0
 
     def payload(self) -> bytes:
-        """As it stands behind the head."""
+        """Return the payload of the message."""
         data = _FIRE.pack(
             self.mode, self.ping_rate, self.network_speed, self.gamma, self.flags, self.reach, self.gain, self.sound_speed, self.salinity
         )  # fmt: skip
@@ -76,16 +75,16 @@ class Fire(Struct, frozen=True):
 
 
 class Ping(Struct, frozen=True):
-    """What a ping result tells beside the picture.
+    """What a ping result tells besides the picture.
 
     Attributes:
-        number: counts.
+        number: counts the pings.
         frequency: Hz.
         sound_speed: m/s.
-        t_ns: simulation time when it was sent.
+        t_ns: simulation time at which the ping was sent.
         row_m: range of one row.
-        bearings: of the beams, 0.01 degrees, positive to starboard.
-        rpy_deg: of the device.
+        bearings: of the beams, in 0.01 degrees, positive to starboard.
+        rpy_deg: roll, pitch and yaw of the device, degrees.
     """
 
     number: int
@@ -98,7 +97,7 @@ class Ping(Struct, frozen=True):
 
 
 def encode(message: Message) -> bytes:
-    """The bytes of a message."""
+    """Return the bytes of a message."""
     head = HEAD.pack(
         CHECK, message.source, message.destination, message.number, message.version, len(message.payload), 0
     )
@@ -106,7 +105,7 @@ def encode(message: Message) -> bytes:
 
 
 def fire_of(message: Message) -> Fire | None:
-    """What a fire message asks; None where it is none of the two known lengths."""
+    """Return what a fire message asks; None where its length is none of the two known ones."""
     extended: tuple[int, ...] = ()
     if len(message.payload) == _FIRE.size + _EXTENDED.size:
         extended = _EXTENDED.unpack_from(message.payload, _FIRE.size)
@@ -117,13 +116,13 @@ def fire_of(message: Message) -> Fire | None:
 
 
 def result(device: int, fire: Fire, ping: Ping, picture: bytes) -> bytes:
-    """`OculusSimplePingResult`, of the version in which the client fired.
+    """Return an `OculusSimplePingResult`, in the version of the client's fire message.
 
     Args:
         device: number of the sonar.
-        fire: what was asked.
-        ping: see there.
-        picture: rows of beams, the nearest first, of 8 or 16 bits an item; with gains, four bytes more before each row.
+        fire: what the client asked.
+        ping: the ping.
+        picture: rows of beams, the nearest row first, of 8 or 16 bits an item; with gains there are four more bytes before each row.
     """
     rows_bytes = len(ping.bearings) * (2 if fire.flags & WITH_16_BITS else 1) + (4 if fire.flags & WITH_GAINS else 0)
     rows = len(picture) // max(1, rows_bytes)
@@ -143,13 +142,13 @@ def result(device: int, fire: Fire, ping: Ping, picture: bytes) -> bytes:
 
 
 def status(device: int, part: int, address: bytes, is_pinging: bool) -> bytes:
-    """`OculusStatusMsg`: by this a client finds the sonar.
+    """Return an `OculusStatusMsg`, by which clients find the sonar.
 
     Args:
         device: number of the sonar.
         part: the maker's number of the model.
         address: IPv4, four bytes.
-        is_pinging: whether it is not in standby.
+        is_pinging: the sonar is not in standby.
     """
     main_runs, paused = 3, 0 if is_pinging else 1 << 14
     none = bytes(4)
@@ -159,34 +158,19 @@ def status(device: int, part: int, address: bytes, is_pinging: bool) -> bytes:
     return encode(Message(0, body, 0, device))
 
 
-class MessageReader:
-    """Bytes to messages. What is between them is garbage, told once a piece; after a head that claims too much, the next one is looked for."""
+class MessageReader(BinaryReader[Message]):
+    """Splits a stream into messages."""
 
-    def __init__(self) -> None:
-        self._buffer = bytearray()
+    mark, noun = MARK, "message of the Oculus protocol"
 
-    def receive(self, data: bytes) -> None:
-        """Store bytes."""
-        self._buffer += data
-
-    def next_event(self) -> Message | Garbage | None:
-        """The next message; None until more bytes come."""
-        buffer = self._buffer
-        start = buffer.find(MARK)
-        if start < 0:
-            start = len(buffer) - buffer.endswith(MARK[:1])
-        if start > 0:
-            del buffer[:start]
-            return Garbage(f"{start} bytes are no message of the Oculus protocol")
+    def parse(self, buffer: bytearray) -> tuple[int, Message | Garbage | None]:
+        """Read the message at the start of the buffer."""
         if len(buffer) < HEAD.size:
-            return None
+            return 0, None
         _, source, destination, number, version, size, _ = HEAD.unpack_from(buffer)
         if size > PAYLOAD_LIMIT:
-            del buffer[:1]
-            return Garbage(f"a message claims {size} bytes, at most {PAYLOAD_LIMIT} are read")
+            return 1, Garbage(f"a message claims {size} bytes, at most {PAYLOAD_LIMIT} are read")
         end = HEAD.size + size
         if len(buffer) < end:
-            return None
-        payload = bytes(buffer[HEAD.size : end])
-        del buffer[:end]
-        return Message(number, payload, version, source, destination)
+            return 0, None
+        return end, Message(number, bytes(buffer[HEAD.size : end]), version, source, destination)

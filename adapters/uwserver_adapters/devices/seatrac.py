@@ -1,11 +1,10 @@
-"""Blueprint Subsea SeaTrac X150: positions of other beacons by PING and NAV, datagrams by DAT, and its own status."""
+"""Blueprint Subsea SeaTrac X150: it tells positions of other beacons (PING, NAV), sends datagrams (DAT), and tells its own status."""
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
-from typing import Annotated, Any, cast
+from typing import Annotated, Any, NamedTuple, cast
 
 from msgspec import Meta
 from msgspec.structs import replace
@@ -16,9 +15,9 @@ from uwserver.ports import Sample
 from uwserver.table import Name, Table
 from uwserver_adapters.devices import seatrac_messages as wire
 from uwserver_adapters.devices.codec import NANOSECONDS
-from uwserver_adapters.devices.device import DeviceTable, Reply, Source
+from uwserver_adapters.devices.device import DeviceTable, Garbage, LineReader, Reply, Source
 from uwserver_adapters.devices.seatrac_datagrams import Datagrams
-from uwserver_adapters.devices.seatrac_messages import CommandReader, Found, Local, Message, encode
+from uwserver_adapters.devices.seatrac_messages import Found, Local, Message, encode
 
 BeaconId = Annotated[int, Meta(ge=1, le=15)]
 PART_X150, SERIAL_NUMBER, FIRMWARE = 795, 1, (2, 4, 1000)
@@ -27,9 +26,9 @@ _FIX = ("beacon", "range", "bearing", "elevation", "p_beacon_S", "travel_time")
 
 class SeaTracBeacon(Table, kw_only=True, frozen=True):
     """Attributes:
-    id: by which clients call it.
-    depth: depth sensor of the vehicle that carries it, which it tells of itself.
-    attitude: likewise.
+    id: number of the beacon.
+    depth: depth sensor of the vehicle that carries the beacon; the beacon tells its depth.
+    attitude: attitude sensor of that vehicle; the beacon tells its attitude.
     """
 
     id: BeaconId
@@ -40,11 +39,11 @@ class SeaTracBeacon(Table, kw_only=True, frozen=True):
 class SeaTracTable(DeviceTable, tag="seatrac", kw_only=True, frozen=True):
     """Attributes:
     usbl: the sensor, of kind `usbl`.
-    beacons: by the names that the sensor has for them.
-    id: of this beacon.
-    attitude: of this beacon, mounted as the sensor; without it there are no positions, only directions.
-    depth: of this beacon, a sensor with a field `depth`.
-    modem: of this beacon (``rov/modem``), a modem whose addresses are the beacons' numbers: then it sends and receives datagrams.
+    beacons: the other beacons, by the names that the sensor has for them.
+    id: number of this beacon.
+    attitude: attitude sensor of this beacon, mounted as the USBL sensor; without it there are only directions, and no positions.
+    depth: depth sensor of this beacon, with a field `depth`.
+    modem: modem of this beacon (``rov/modem``), by which it sends and receives datagrams; its addresses are the beacons' numbers.
     """
 
     usbl: Name
@@ -55,19 +54,19 @@ class SeaTracTable(DeviceTable, tag="seatrac", kw_only=True, frozen=True):
     modem: Name | None = None
 
     def __post_init__(self) -> None:
-        """ValueError where two beacons have one number."""
+        """Raise ValueError where two beacons have one number."""
         super().__post_init__()
         numbers = [beacon.id for beacon in self.beacons.values()] + [self.id]
         if len(set(numbers)) < len(numbers):
             raise ValueError("two beacons have the same id: that of this beacon and those of `beacons` must differ")
 
     def build(self, context: AdapterContext) -> SeaTrac:
-        """The device."""
+        """Return the device."""
         return SeaTrac(self, context)
 
 
 class _Senses:
-    """Attitude and depth sensors of one beacon, and what they told last."""
+    """Attitude and depth sensors of one beacon, and their last readings."""
 
     def __init__(self, role: str, attitude: str | None, depth: str | None, context: AdapterContext) -> None:
         ports = context.ports
@@ -77,7 +76,7 @@ class _Senses:
         self.local = Local()
 
     def see(self, sample: Sample) -> None:
-        """A sample of one of them."""
+        """Take a sample of any sensor."""
         if not sample.valid:
             return
         if self._attitude is not None and self._attitude.path == sample.port:
@@ -87,13 +86,20 @@ class _Senses:
             self.local = replace(self.local, **{name: value for name, value in said.items() if value is not None})
 
     def reset(self) -> None:
-        """Nothing is known."""
+        """Forget all readings but the speed of sound."""
         self.local = Local(sound_speed=self.local.sound_speed)
 
 
-@dataclass(frozen=True)
-class _Awaited:
-    """What a peer waits for: a fix of this beacon. `name` is empty where there is none of this number: it will not answer."""
+class _Awaited(NamedTuple):
+    """A fix of another beacon that a peer waits for.
+
+    Attributes:
+        name: of the beacon; "" where there is none of this number, so that none will answer.
+        number: of the beacon.
+        request: kind of the request.
+        query: bits of a NAV request; None for a PING.
+        reply: sends to the peer.
+    """
 
     name: str
     number: int
@@ -129,18 +135,21 @@ class SeaTrac:
         self._t_ns = 0
         self._period = -1
         self._awaited: _Awaited | None = None
-        self._answers: dict[int, Callable[[bytes, Reply], str]] = {
-            wire.SYS_ALIVE: self._alive, wire.SYS_INFO: self._information, wire.SYS_REBOOT: self._reboot,
-            wire.STATUS: self._tell_status, wire.STATUS_CFG_GET: self._tell_configuration, wire.STATUS_CFG_SET: self._configure,
-            wire.XCVR_STATUS: self._tell_transceiver, wire.PING_SEND: self._ping, wire.NAV_QUERY_SEND: self._query,
-        }  # fmt: skip
+        self._answers: dict[int, Callable[[], bytes]] = {
+            wire.SYS_ALIVE: lambda: struct.pack("<I", self._t_ns // NANOSECONDS),
+            wire.SYS_INFO: self._information,
+            wire.SYS_REBOOT: self._reboot,
+            wire.STATUS: self._status,
+            wire.STATUS_CFG_GET: lambda: bytes((self._content, self._mode)),
+            wire.XCVR_STATUS: lambda: bytes((wire.IDLE if self._awaited is None else wire.REQUESTING,)),
+        }
 
-    def reader(self) -> CommandReader:
-        """Commands."""
-        return CommandReader()
+    def reader(self) -> LineReader[Message | Garbage]:
+        """Return a reader of commands."""
+        return LineReader(wire.LINE_LIMIT, wire.decode)
 
     def reset(self) -> None:
-        """The time of the world begins again; the configuration stays."""
+        """Start again at another time; the configuration stays."""
         self._fail()
         self._t_ns, self._period = 0, -1
         for senses in (self._own, *self._others.values()):
@@ -149,38 +158,28 @@ class SeaTrac:
     # -- requests -------------------------------------------------------------------------------------------------------------------
 
     def take(self, message: Message, reply: Reply) -> str:
-        """A command; its answer has the same number."""
-        if message.number == wire.DAT_SEND and self._modem is not None:
+        """Carry out a command; its answer has the same number."""
+        number = message.number
+        if number == wire.DAT_SEND and self._modem is not None:
             return self._modem.send(message.payload, reply)
-        answer = self._answers.get(message.number)
-        if answer is None:
-            return f"command 0x{message.number:02X} is not simulated"
-        return answer(message.payload, reply)
-
-    def _alive(self, _: bytes, reply: Reply) -> str:
-        reply(encode(Message(wire.SYS_ALIVE, struct.pack("<I", self._t_ns // NANOSECONDS))))
+        if number in (wire.PING_SEND, wire.NAV_QUERY_SEND):
+            return self._ask(number, message.payload, reply)
+        if number == wire.STATUS_CFG_SET:
+            return self._configure(message.payload, reply)
+        if number not in self._answers:
+            return f"command 0x{number:02X} is not simulated"
+        reply(encode(Message(number, self._answers[number]())))
         return ""
 
-    def _information(self, _: bytes, reply: Reply) -> str:
+    def _information(self) -> bytes:
         hardware = struct.pack("<HBIHH", PART_X150, 1, SERIAL_NUMBER, 0, 0)
         firmware = struct.pack("<BHBBHI", 1, PART_X150, *FIRMWARE, 0)
-        head = struct.pack("<IB", self._t_ns // NANOSECONDS, 1)
-        reply(encode(Message(wire.SYS_INFO, head + hardware + firmware + firmware + b"\x01")))
-        return ""
+        return struct.pack("<IB", self._t_ns // NANOSECONDS, 1) + hardware + firmware + firmware + b"\x01"
 
-    def _reboot(self, _: bytes, reply: Reply) -> str:
+    def _reboot(self) -> bytes:
         self._fail()
         self._content, self._mode = self._there, 1
-        reply(encode(Message(wire.SYS_REBOOT, bytes((wire.OK,)))))
-        return ""
-
-    def _tell_status(self, _: bytes, reply: Reply) -> str:
-        reply(self._status())
-        return ""
-
-    def _tell_configuration(self, _: bytes, reply: Reply) -> str:
-        reply(encode(Message(wire.STATUS_CFG_GET, bytes((self._content, self._mode)))))
-        return ""
+        return bytes((wire.OK,))
 
     def _configure(self, payload: bytes, reply: Reply) -> str:
         reason, code = "", wire.OK
@@ -195,23 +194,11 @@ class SeaTrac:
         reply(encode(Message(wire.STATUS_CFG_SET, bytes((code,)))))
         return reason
 
-    def _tell_transceiver(self, _: bytes, reply: Reply) -> str:
-        state = wire.IDLE if self._awaited is None else wire.REQUESTING
-        reply(encode(Message(wire.XCVR_STATUS, bytes((state,)))))
-        return ""
-
-    def _ping(self, payload: bytes, reply: Reply) -> str:
-        return self._send(wire.PING_SEND, payload, None, reply)
-
-    def _query(self, payload: bytes, reply: Reply) -> str:
-        query = payload[1] if len(payload) > 1 else 0
-        return self._send(
-            wire.NAV_QUERY_SEND, payload[:1] + bytes((wire.REQX,)) if len(payload) > 1 else b"", query, reply
-        )
-
-    def _send(self, command: int, payload: bytes, query: int | None, reply: Reply) -> str:
-        """Ask another beacon: `payload` is its number and the kind of request."""
-        number, request = (*payload, 0, 0)[:2]
+    def _ask(self, command: int, payload: bytes, reply: Reply) -> str:
+        """Ask another beacon. The payload is its number, and the kind of request (PING) or the bits of what is asked (NAV)."""
+        is_ping = command == wire.PING_SEND
+        number, second = (*payload, 0, 0)[:2] if is_ping or len(payload) > 1 else (0, 0)
+        request, query = (second, None) if is_ping else (wire.REQX, second)
         reason, code = "", wire.OK
         if len(payload) < 2:
             reason, code = "a request: the number of the beacon and the kind are needed", wire.PARAM_MISSING
@@ -230,7 +217,7 @@ class SeaTrac:
     # -- readings -------------------------------------------------------------------------------------------------------------------
 
     def see(self, sample: Sample) -> list[bytes]:
-        """A sample: the fix that a peer waits for goes to it, the status to all when it is due."""
+        """Take a sample. The fix that a peer waits for goes to that peer; returned is the status for all, when it is due."""
         self._own.see(sample)
         for other in self._others.values():
             other.see(sample)
@@ -244,7 +231,7 @@ class SeaTrac:
         if not rate or period == self._period:
             return []
         self._period = period
-        return [self._status()]
+        return [encode(Message(wire.STATUS, self._status()))]
 
     def _see_fix(self, sample: Sample) -> None:
         said = cast(dict[str, Any], self._usbl.values(sample))
@@ -253,7 +240,7 @@ class SeaTrac:
             self._own.local = replace(self._own.local, sound_speed=speed)
         awaited = self._awaited
         if awaited is None or awaited.name not in ("", said["beacon"]):
-            return  # the sensor asks its beacons in turn: the answer of this one is not the one that is waited for
+            return  # the sensor asks its beacons in turn, and this is the answer of another one
         if not awaited.name or not sample.valid:
             self._fail()
             return
@@ -270,20 +257,17 @@ class SeaTrac:
         record = wire.fix(self._table.id, awaited.number, awaited.request + 1, local, found)
         if awaited.query is None:
             return encode(Message(wire.PING_RESP, record))
-        flags, values = 0, b""
-        if awaited.query & wire.QUERY_DEPTH and remote.depth is not None:
-            flags, values = flags | wire.QUERY_DEPTH, values + struct.pack("<i", wire.i32(wire.DECI * remote.depth))
-        if awaited.query & wire.QUERY_TEMPERATURE and remote.depth is not None:
-            flags, values = (
-                flags | wire.QUERY_TEMPERATURE,
-                values + struct.pack("<h", wire.i16(wire.DECI * remote.temperature)),
-            )
-        if awaited.query & wire.QUERY_ATTITUDE and remote.q_NS is not None:
-            flags, values = flags | wire.QUERY_ATTITUDE, values + remote.attitude()
-        return encode(Message(wire.NAV_QUERY_RESP, record + bytes((flags,)) + values + b"\x01"))
+        depth_dm, temperature = wire.i32(wire.DECI * (remote.depth or 0.0)), wire.i16(wire.DECI * remote.temperature)
+        known = {
+            wire.QUERY_DEPTH: None if remote.depth is None else struct.pack("<i", depth_dm),
+            wire.QUERY_TEMPERATURE: None if remote.depth is None else struct.pack("<h", temperature),
+            wire.QUERY_ATTITUDE: None if remote.q_NS is None else remote.attitude(),
+        }
+        told = {bit: data for bit, data in known.items() if awaited.query & bit and data is not None}
+        return encode(Message(wire.NAV_QUERY_RESP, record + bytes((sum(told),)) + b"".join(told.values()) + b"\x01"))
 
     def _fail(self) -> None:
-        """Tell who waits that no answer came."""
+        """Tell the peer that waits that no answer came."""
         awaited, self._awaited = self._awaited, None
         if awaited is not None:
             error = wire.PING_ERROR if awaited.query is None else wire.NAV_ERROR
@@ -293,5 +277,4 @@ class SeaTrac:
         local, content = self._own.local, self._content
         body = struct.pack("<BQ", content, self._t_ns // 1_000_000)
         body += local.environment() if content & wire.ENVIRONMENT else b""
-        body += local.attitude() if content & wire.ATTITUDE else b""
-        return encode(Message(wire.STATUS, body))
+        return body + (local.attitude() if content & wire.ATTITUDE else b"")

@@ -1,4 +1,4 @@
-"""DAT of a SeaTrac: datagrams through a modem of the world."""
+"""Messages DAT of a SeaTrac: they send and receive datagrams through a modem of the world."""
 
 from __future__ import annotations
 
@@ -15,20 +15,22 @@ from uwserver_adapters.devices.device import Reply, Source
 from uwserver_adapters.devices.seatrac_messages import Found, Local, Message, encode
 
 LONGEST = 31
-"""Bytes of a datagram."""
+"""Most bytes of a datagram."""
 EVERYBODY = 0
+_CODES = {"busy": wire.BUSY}
+"""Status codes of faults; all other faults are FAIL."""
 
 
 class Datagrams:
-    """What one beacon sends and hears.
+    """Sends and receives the datagrams of one beacon.
 
     Args:
         own: number of this beacon.
-        modem: its path, without ``/send`` and ``/received``.
+        modem: path of its modem, without ``/send`` and ``/received``.
         context: of the adapter.
 
     Attributes:
-        wanted: the port where it hears.
+        wanted: path of the port where the modem receives.
 
     Raises:
         CannotServe: there is no such modem.
@@ -44,27 +46,32 @@ class Datagrams:
         self.wanted: Collection[str] = (self._heard.path,)
 
     def send(self, payload: bytes, reply: Reply) -> str:
-        """DAT_SEND: beacon, kind of message, length, data. It is answered when the modem has taken or refused it."""
+        """Carry out DAT_SEND: beacon, kind of message, length, data. The answer comes once the modem has taken or refused it."""
         destination = payload[0] if payload else 0
+
+        def tell(code: int) -> None:
+            reply(encode(Message(wire.DAT_SEND, bytes((code, destination)))))
+
         reason, code = self._fault(payload)
         if code != wire.OK:
-            reply(encode(Message(wire.DAT_SEND, bytes((code, destination)))))
+            tell(code)
             return reason
         wants = payload[1] in (wire.REQ, wire.REQU, wire.REQX)
 
         def answered(answer: Answer | Progress) -> None:
             if isinstance(answer, Answer):
-                reply(encode(Message(wire.DAT_SEND, bytes((_status(answer), destination)))))
+                tell(_CODES.get(answer.fault.code, wire.FAIL) if answer.fault else wire.OK)
 
         value = {"destination": destination, "data": payload[3:], "acknowledge": float(wants)}
         try:
             self._context.command(self._port, value, self._context.name, answered)
         except Refused as refused:
-            reply(encode(Message(wire.DAT_SEND, bytes((wire.FAIL, destination)))))
+            tell(wire.FAIL)
             return f"the modem refuses it: {refused.fault.text}"
         return ""
 
     def _fault(self, payload: bytes) -> tuple[str, int]:
+        """Return why a datagram cannot be sent, and the status code of that; "" and OK where it can."""
         if len(payload) < 3:
             return "a datagram: beacon, kind of message and length are needed", wire.PARAM_MISSING
         destination, kind, length = payload[:3]
@@ -81,13 +88,12 @@ class Datagrams:
         return "", wire.OK
 
     def hear(self, sample: Sample, local: Local) -> list[bytes]:
-        """A sample of the modem: a datagram that came, one that was delivered, or one that nobody answered."""
+        """Take a sample of the modem: a datagram came, was delivered, or got no answer. Returns its message for the peers."""
+        if not sample.valid:
+            return []
         said = cast(dict[str, Any], self._heard.values(sample))
-        return [self._message(said, local)] if sample.valid else []
-
-    def _message(self, said: dict[str, Any], local: Local) -> bytes:
         if said["event"] == "failed":
-            return encode(Message(wire.DAT_ERROR, bytes((wire.TIMED_OUT, said["destination"] & 0xFF))))
+            return [encode(Message(wire.DAT_ERROR, bytes((wire.TIMED_OUT, said["destination"] & 0xFF))))]
         is_answer = said["event"] == "delivered"
         other = (said["destination"] if is_answer else said["source"]) & 0xFF
         data = said["data"].data[:LONGEST] if isinstance(said["data"], Buffer) and not is_answer else b""
@@ -98,7 +104,7 @@ class Datagrams:
             kind = wire.ONE_WAY_USBL
         addressed = self._own if is_answer else said["destination"] & 0xFF
         record = wire.fix(addressed, other, kind, local, found)
-        return encode(Message(wire.DAT_RECEIVE, record + bytes((is_answer, len(data))) + data + b"\x01"))
+        return [encode(Message(wire.DAT_RECEIVE, record + bytes((is_answer, len(data))) + data + b"\x01"))]
 
     def _found(self, said: dict[str, Any], local: Local) -> Found:
         reach, bearing, elevation = said["range"], said["bearing"], said["elevation"] or 0.0
@@ -109,9 +115,3 @@ class Datagrams:
             p_N = rotate(local.q_NS, p_S)
         travel_time = 0.0 if reach is None else 2.0 * reach / local.sound_speed
         return Found(reach, travel_time, bearing, elevation, p_N)
-
-
-def _status(answer: Answer) -> int:
-    if answer.fault is None:
-        return wire.OK
-    return wire.BUSY if answer.fault.code == "busy" else wire.FAIL

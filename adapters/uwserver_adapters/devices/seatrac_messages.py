@@ -1,5 +1,7 @@
-"""SeaTrac's serial protocol: ``#`` (to the beacon) or ``$`` (from it), bytes as hexadecimal digits, CRC16, CR and LF (Blueprint Subsea, SeaTrac
-Serial Interface, as public drivers have it). All numbers are little-endian."""
+"""SeaTrac's serial protocol (Blueprint Subsea, SeaTrac Serial Interface, as public drivers have it).
+
+A line is ``#`` (to the beacon) or ``$`` (from it), bytes as hexadecimal digits, CRC16, CR and LF. All numbers are little-endian.
+"""
 
 from __future__ import annotations
 
@@ -9,35 +11,28 @@ from dataclasses import dataclass
 
 from msgspec import Struct
 
-from uwserver.frames import rpy_from_quat
+from uwserver.frames import Quat, Vec3, rpy_from_quat
 from uwserver_adapters.devices.codec import FULL_TURN_DEG, deg
-from uwserver_adapters.devices.device import Garbage, LineReader
+from uwserver_adapters.devices.device import Garbage
 
 LINE_LIMIT = 1024
-"""Longest line that is read of a peer, bytes: the settings of a beacon take some 400."""
+"""Longest line of a peer, bytes. The settings of a beacon take some 400."""
 SYS_ALIVE, SYS_INFO, SYS_REBOOT = 0x01, 0x02, 0x03
 STATUS, STATUS_CFG_GET, STATUS_CFG_SET = 0x10, 0x11, 0x12
 XCVR_STATUS, PING_SEND, PING_RESP, PING_ERROR = 0x3A, 0x40, 0x42, 0x43
 NAV_QUERY_SEND, NAV_QUERY_RESP, NAV_ERROR = 0x50, 0x52, 0x53
 DAT_SEND, DAT_RECEIVE, DAT_ERROR = 0x60, 0x61, 0x63
-OK, FAIL, PARAM_MISSING, PARAM_INVALID, BUSY, TIMED_OUT, IDLE, REQUESTING = (
-    0x00,
-    0x01,
-    0x04,
-    0x05,
-    0x30,
-    0x34,
-    0x3B,
-    0x3D,
-)
+OK, FAIL, PARAM_MISSING, PARAM_INVALID = 0x00, 0x01, 0x04, 0x05
+BUSY, TIMED_OUT, IDLE, REQUESTING = 0x30, 0x34, 0x3B, 0x3D
 ENVIRONMENT, ATTITUDE = 0x01, 0x02
-"""What a status message may hold."""
+"""Bits of the content of a status message."""
 ONE_WAY, ONE_WAY_USBL, REQ, REQU, REQX = 0, 1, 2, 4, 6
-"""Messages that want no answer, and requests: for a range, for a direction too, and for the other's depth too. The answer has the next number."""
+"""Kinds of messages. The first two want no answer. The others request a range, also a direction, and also the other beacon's depth; the kind
+of the answer is the next number."""
 RANGE_VALID, USBL_VALID, POSITION_VALID, POSITION_ENHANCED = 0x01, 0x02, 0x04, 0x08
 QUERY_DEPTH, QUERY_SUPPLY, QUERY_TEMPERATURE, QUERY_ATTITUDE = 0x01, 0x02, 0x04, 0x08
 STATUS_HZ = (0.0, 1.0, 2.5, 5.0, 10.0, 25.0)
-"""By the number of the mode."""
+"""Rate of status messages, by the number of the mode."""
 TIMER_HZ = 16_000
 CHANNELS = 4
 """Hydrophones of an X150."""
@@ -58,25 +53,25 @@ def _step(value: int) -> int:
     return value
 
 
-_TABLE = [_step(value) for value in range(256)]
+_CRC_OF_BYTE = [_step(value) for value in range(256)]
 
 
 def crc16(data: bytes) -> int:
-    """CRC-16/ARC."""
+    """Return the CRC-16/ARC."""
     crc = 0
     for byte in data:
-        crc = crc >> 8 ^ _TABLE[(crc ^ byte) & 0xFF]
+        crc = crc >> 8 ^ _CRC_OF_BYTE[(crc ^ byte) & 0xFF]
     return crc
 
 
 def encode(message: Message, mark: bytes = b"$") -> bytes:
-    """The line; `mark` is ``#`` for a command."""
+    """Return the line of a message; `mark` is ``#`` for a command."""
     body = bytes((message.number,)) + message.payload
     return mark + (body + crc16(body).to_bytes(2, "little")).hex().upper().encode() + b"\r\n"
 
 
 def decode(line: bytes) -> Message | Garbage:
-    """A command, without the end of its line."""
+    """Parse the line of a command, without its end."""
     if not line.startswith(b"#"):
         return Garbage("a line is no command of the SeaTrac protocol: those begin with #")
     try:
@@ -90,66 +85,50 @@ def decode(line: bytes) -> Message | Garbage:
     return Message(body[0], body[1:-2])
 
 
-class CommandReader:
-    """Lines to commands."""
-
-    def __init__(self) -> None:
-        self._lines = LineReader(LINE_LIMIT)
-
-    def receive(self, data: bytes) -> None:
-        """Store bytes."""
-        self._lines.receive(data)
-
-    def next_event(self) -> Message | Garbage | None:
-        """The next command; None until more bytes come."""
-        line = self._lines.next_event()
-        return line if line is None or isinstance(line, Garbage) else decode(line)
-
-
 # -- values ---------------------------------------------------------------------------------------------------------------------------
 
 
 def i16(value: float) -> int:
-    """The nearest that 16 bits hold."""
+    """Return the nearest signed whole number of 16 bits."""
     return min(0x7FFF, max(-0x8000, round(value)))
 
 
 def i32(value: float) -> int:
-    """Likewise of 32 bits."""
+    """Return the nearest signed whole number of 32 bits."""
     return min(0x7FFFFFFF, max(-0x80000000, round(value)))
 
 
 def u16(value: float) -> int:
-    """Likewise, without a sign."""
+    """Return the nearest unsigned whole number of 16 bits."""
     return min(0xFFFF, max(0, round(value)))
 
 
 class Local(Struct, frozen=True):
-    """What the beacon, or another one, measures of itself.
+    """What a beacon measures of itself.
 
     Attributes:
-        q_NS: attitude, w x y z; None where nothing tells it.
+        q_NS: attitude, w x y z; None without a sensor, or before its first sample.
         depth: m; None likewise.
         temperature: degC.
         pressure: Pa.
-        sound_speed: that it counts with, m/s.
+        sound_speed: speed of sound that the beacon uses, m/s.
     """
 
-    q_NS: tuple[float, float, float, float] | None = None
+    q_NS: Quat | None = None
     depth: float | None = None
     temperature: float = 0.0
     pressure: float = 0.0
     sound_speed: float = 1500.0
 
     def attitude(self) -> bytes:
-        """Yaw, pitch and roll in tenths of a degree."""
+        """Return yaw, pitch and roll, in tenths of a degree."""
         roll, pitch, yaw = (0.0, 0.0, 0.0) if self.q_NS is None else rpy_from_quat(self.q_NS)
         return struct.pack(
             "<3h", *(i16(DECI * deg(angle)) for angle in (math.remainder(yaw, 2 * math.pi), pitch, roll))
         )
 
     def environment(self) -> bytes:
-        """Supply (which nothing measures, 0), temperature, pressure, depth, sound speed."""
+        """Return supply voltage (0, as nothing measures it), temperature, pressure, depth and sound speed."""
         depth = i32(DECI * (self.depth or 0.0))
         return struct.pack(
             "<HhiiH", 0, i16(DECI * self.temperature), i32(self.pressure / 100.0), depth, u16(DECI * self.sound_speed)
@@ -157,26 +136,36 @@ class Local(Struct, frozen=True):
 
 
 class Found(Struct, frozen=True):
-    """What is known of where another beacon is; None where it is not.
+    """Where another beacon is; None for what is not known.
 
     Attributes:
-        reach: m.
-        travel_time: there and back, s.
-        bearing, elevation: rad; the elevation towards z, downwards.
-        p_N: from this beacon, m; it needs an attitude.
-        depth: told by the other one, m.
+        reach: range, m.
+        travel_time: of the sound there and back, s.
+        bearing, elevation: rad; the elevation is positive downwards, towards z.
+        p_N: position relative to this beacon, m; known where the attitude is.
+        depth: depth that the other beacon tells, m.
     """
 
     reach: float | None = None
     travel_time: float = 0.0
     bearing: float | None = None
     elevation: float = 0.0
-    p_N: tuple[float, float, float] | None = None
+    p_N: Vec3 | None = None
     depth: float | None = None
 
 
 def fix(own: int, other: int, kind: int, local: Local, found: Found) -> bytes:
-    """ACOFIX: the record of a fix, for a message of a kind. Signal strengths and the error of the fit, which nothing measures, are 0."""
+    """Return ACOFIX, the record of a fix.
+
+    Signal strengths and the error of the fit are 0, as nothing measures them.
+
+    Args:
+        own: number of the destination.
+        other: number of the source.
+        kind: kind of the message.
+        local: what this beacon measures of itself.
+        found: where the other beacon is.
+    """
     flags, body = 0, b""
     if found.reach is not None:
         flags |= RANGE_VALID

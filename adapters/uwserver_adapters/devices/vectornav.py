@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import Literal
 
 from msgspec import Struct, field
@@ -14,7 +14,7 @@ from uwserver_adapters.devices import vectornav_binary as binary
 from uwserver_adapters.devices import vectornav_text as text
 from uwserver_adapters.devices.codec import NANOSECONDS
 from uwserver_adapters.devices.device import Garbage, LineReader, Reply
-from uwserver_adapters.devices.inertial import InertialSensors, InertialTable, Readings
+from uwserver_adapters.devices.inertial import InertialDevice, InertialTable, Readings
 from uwserver_adapters.devices.vectornav_binary import BinaryOutput
 from uwserver_adapters.devices.vectornav_text import OUTPUTS, Command, Misread
 
@@ -22,43 +22,43 @@ ASYNC_TYPE, ASYNC_HZ, FIRST_BINARY, BINARIES = 6, 7, 75, 3
 FIRMWARE = "2.1.0.0"
 _READ_ONLY: Mapping[int, tuple[str, ...]] = {
     2: ("4",), 3: ("0100000001",), 4: (FIRMWARE,),
-    # Sensors are turned in the scenario, not here: a rotation that is kept but not obeyed would be worse than a refusal.
+    # A scenario turns its sensors itself. A rotation that the device keeps but does not obey would be worse than a refusal.
     26: ("+1.000000", "+0.000000", "+0.000000", "+0.000000", "+1.000000", "+0.000000", "+0.000000", "+0.000000", "+1.000000"),
 }  # fmt: skip
 _KEPT: Mapping[int, tuple[str, ...]] = {
     0: ("",), 5: ("115200",), 30: ("0", "0", "0", "0", "1", "0", "1"), 32: ("3", "0", "0", "0", "6", "1", "0", "100000000", "0"),
     35: ("1", "1", "1", "1"),
 }  # fmt: skip
-"""Registers that can be written and read, and change nothing: user tag, baud rate, protocol, synchronisation, attitude filter."""
+"""Registers that are only kept: user tag, baud rate, protocol, synchronisation, attitude filter."""
 _BY_REGISTER = {output.register: output for output in OUTPUTS.values()}
 
 
 class VectorNavTable(InertialTable, tag="vectornav", kw_only=True, frozen=True):
     """Attributes:
-    model: VN-200 has a satellite receiver, and needs `gps`.
+    model: the VN-200 has a satellite receiver, and needs `gps`; the VN-100 has none.
     """
 
     model: Literal["VN-100", "VN-200"] = "VN-100"
 
     def __post_init__(self) -> None:
-        """ValueError where it does not fit together."""
+        """Raise ValueError where model and `gps` do not fit each other."""
         super().__post_init__()
         if (self.model == "VN-200") != (self.gps is not None):
             raise ValueError("gps goes with the VN-200, and with it alone: a VN-100 has no satellite receiver")
 
     def build(self, context: AdapterContext) -> VectorNav:
-        """The device."""
+        """Return the device."""
         return VectorNav(self, context)
 
 
 class Settings(Struct, frozen=True):
-    """What can be written.
+    """Settings that clients can write.
 
     Attributes:
-        async_type: of `OUTPUTS`; 0 for none.
-        async_hz: of that message.
-        binary: the three outputs.
-        kept: other registers.
+        async_type: number of the asynchronous message, a key of `OUTPUTS`; 0 for none.
+        async_hz: rate of that message.
+        binary: the three binary outputs.
+        kept: registers that are only kept.
     """
 
     async_type: int
@@ -67,61 +67,34 @@ class Settings(Struct, frozen=True):
     kept: Mapping[int, tuple[str, ...]] = field(default_factory=lambda: _KEPT)
 
 
-class CommandReader:
-    """Lines to commands."""
-
-    def __init__(self) -> None:
-        self._lines = LineReader(text.LINE_LIMIT)
-
-    def receive(self, data: bytes) -> None:
-        """Store bytes."""
-        self._lines.receive(data)
-
-    def next_event(self) -> Command | Misread | Garbage | None:
-        """The next command; None until more bytes come."""
-        while (found := self._lines.next_event()) is not None:
-            event = found if isinstance(found, Garbage) else text.read(found)
-            if event is not None:
-                return event
-        return None
-
-
 class _Refused(Exception):
     def __init__(self, number: int, reason: str) -> None:
         super().__init__(reason)
         self.number = number
 
 
-class VectorNav:
+class VectorNav(InertialDevice):
     """The device.
 
     Attributes:
-        wanted: its ports.
-        settings: as they are now.
+        settings: the present settings.
     """
 
     def __init__(self, table: VectorNavTable, context: AdapterContext) -> None:
-        self._sensors = InertialSensors(table, context)
+        super().__init__(table, context)
         self._model = table.model
-        self.wanted: Collection[str] = self._sensors.wanted
         self._factory = Settings(22 if table.gps else 14)
         self._saved = self.settings = self._factory
         self._is_paused = False
-        self._sent: dict[int, int] = {}
 
-    def reader(self) -> CommandReader:
-        """Commands."""
-        return CommandReader()
-
-    def reset(self) -> None:
-        """The time of the world begins again; settings stay."""
-        self._sensors.reset()
-        self._sent.clear()
+    def reader(self) -> LineReader[Command | Misread | Garbage]:
+        """Return a reader of commands."""
+        return LineReader(text.LINE_LIMIT, text.read)
 
     # -- requests -------------------------------------------------------------------------------------------------------------------
 
     def take(self, message: Command | Misread, reply: Reply) -> str:
-        """A command; it is answered by its echo with what it asked for, or by an error."""
+        """Answer a command: by its echo with what it asked for, or by an error."""
         if isinstance(message, Misread):
             reply(text.error(text.BAD_CHECKSUM))
             return "the checksum of a message is wrong"
@@ -135,14 +108,17 @@ class VectorNav:
     def _obeyed(self, command: Command) -> bytes:
         values = command.values
         if command.verb == "VNRRG":
-            number = _register(values, 1, 1)
+            _counted(values, 1, 1)
+            number = _whole(values[0], 0, 255)
             return text.line("VNRRG", f"{number:02d}", *self._read(number))
         if command.verb == "VNWRG":
-            number = _register(values, 2, None)
+            _counted(values, 2, len(values))
+            number = _whole(values[0], 0, 255)
             self._write(number, values[1:])
             return text.line("VNWRG", f"{number:02d}", *values[1:])
         if command.verb == "VNBOM":
-            return self._poll(_register(values, 1, 1))
+            _counted(values, 1, 1)
+            return self._poll(_whole(values[0], 0, 255))
         if command.verb == "VNASY":
             self._is_paused = _whole(values[0] if values else "", 0, 1) == 0
         elif command.verb == "VNWNV":
@@ -157,16 +133,15 @@ class VectorNav:
 
     def _read(self, number: int) -> tuple[str, ...]:
         settings = self.settings
-        if number == 1:
-            return (self._model,)
-        if number in _READ_ONLY:
-            return _READ_ONLY[number]
-        if number in settings.kept:
-            return settings.kept[number]
-        if number == ASYNC_TYPE:
-            return (str(settings.async_type),)
-        if number == ASYNC_HZ:
-            return (str(settings.async_hz),)
+        plain = {
+            1: (self._model,),
+            ASYNC_TYPE: (str(settings.async_type),),
+            ASYNC_HZ: (str(settings.async_hz),),
+            **_READ_ONLY,
+            **settings.kept,
+        }
+        if number in plain:
+            return plain[number]
         if 0 <= number - FIRST_BINARY < BINARIES:
             output = settings.binary[number - FIRST_BINARY]
             fields = (f"{bits:04X}" for bits in output.fields)
@@ -177,15 +152,14 @@ class VectorNav:
         return (output_of.values(self._readings()),)
 
     def _readings(self) -> Readings:
-        newest = self._sensors.newest
-        if newest is None:
+        if self.newest is None:
             raise _Refused(text.BAD_PARAMETER, "nothing is measured yet")
-        return newest
+        return self.newest
 
     def _write(self, number: int, values: tuple[str, ...]) -> None:
         settings = self.settings
         if number in (ASYNC_TYPE, ASYNC_HZ):
-            _counted(values, 1, 2)  # the second names one of the device's two lines, of which one is there
+            _counted(values, 1, 2)  # the second value names one of the two lines of a real device; there is one here
             value = _whole(values[0], 0, 255)
             if number == ASYNC_HZ and value not in text.FREQUENCIES_HZ:
                 raise _Refused(text.BAD_PARAMETER, f"{value} Hz: it is one of {text.FREQUENCIES_HZ}")
@@ -218,26 +192,20 @@ class VectorNav:
     # -- readings -------------------------------------------------------------------------------------------------------------------
 
     def see(self, sample: Sample) -> list[bytes]:
-        """Messages that are due with a reading of the IMU."""
-        readings = self._sensors.see(sample)
+        """Take a sample. Returns the messages that are due with a reading of the IMU."""
+        readings = self.measure(sample)
         if readings is None or self._is_paused:
             return []
-        settings, said = self.settings, []
-        if settings.async_type and self._is_due(0, readings.t_ns, NANOSECONDS // settings.async_hz):
+        settings, said, t_ns = self.settings, [], readings.t_ns
+        if settings.async_type and self.is_due(0, t_ns // (NANOSECONDS // settings.async_hz)):
             output = OUTPUTS[settings.async_type]
             said.append(text.line(output.header, output.values(readings)))
         for number, output_to in enumerate(settings.binary, start=1):
             if not (output_to.ports and output_to.groups and output_to.divisor):
                 continue
-            if self._is_due(number, readings.t_ns, output_to.divisor * NANOSECONDS // binary.IMU_RATE_HZ):
+            if self.is_due(number, t_ns // (output_to.divisor * NANOSECONDS // binary.IMU_RATE_HZ)):
                 said.append(binary.encode(output_to, readings))
         return said
-
-    def _is_due(self, which: int, t_ns: int, period_ns: int) -> bool:
-        """Once in each period, on its grid, so that the rate is right with an IMU of any rate above it."""
-        period = t_ns // period_ns
-        before, self._sent[which] = self._sent.get(which, -1), period
-        return period != before
 
 
 def _counted(values: tuple[str, ...], least: int, most: int) -> None:
@@ -245,11 +213,6 @@ def _counted(values: tuple[str, ...], least: int, most: int) -> None:
         raise _Refused(text.TOO_FEW, f"{len(values)} values, at least {least} are needed")
     if len(values) > most:
         raise _Refused(text.TOO_MANY, f"{len(values)} values, at most {most} are taken")
-
-
-def _register(values: tuple[str, ...], least: int, most: int | None) -> int:
-    _counted(values, least, len(values) if most is None else most)
-    return _whole(values[0], 0, 255)
 
 
 def _whole(value: str, least: int, most: int, base: int = 10) -> int:

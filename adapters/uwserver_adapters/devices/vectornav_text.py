@@ -1,32 +1,33 @@
-"""VectorNav's ASCII protocol: ``$VNRRG,08*4B``. Forms of the numbers as the maker's manuals show them (UM001 of the VN-100, UM004 of the VN-200)."""
+"""VectorNav's ASCII protocol: ``$VNRRG,08*4B``. Numbers have the forms of the maker's manuals (UM001 of the VN-100, UM004 of the VN-200)."""
 
 from __future__ import annotations
 
 import binascii
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from uwserver_adapters.devices.codec import NANOSECONDS, deg
+from uwserver.frames import Quat, Vec3
+from uwserver_adapters.devices.codec import NANOSECONDS, checksum, deg, sentence
 from uwserver_adapters.devices.device import Garbage
 from uwserver_adapters.devices.inertial import Readings
 
 LINE_LIMIT = 512
-"""Longest line that is read of a peer, bytes."""
+"""Longest line of a peer, bytes."""
 GAUSS = 1e4
-"""In a tesla."""
+"""Gauss in a tesla."""
 NO_CHECKSUM = b"XX"
-"""In place of a checksum: it is not looked at."""
+"""Stands in place of a checksum that the device shall not check."""
 BAD_CHECKSUM, UNKNOWN_COMMAND, TOO_FEW, TOO_MANY, BAD_PARAMETER, UNKNOWN_REGISTER, NOT_ALLOWED = 3, 4, 5, 6, 7, 8, 9
-"""Numbers of the device's errors."""
+"""Error numbers of the device."""
 TIME_ERROR_S = 2.1e-8
-"""What the receiver tells of the error of its clock: as in the manual's example."""
+"""Error of the receiver's clock that the device tells, s, as in the manual's example."""
 _LINE = re.compile(rb"\$(VN[A-Z]{3}(?:,[^,*$]*)*)\*([0-9A-Fa-f]{4}|[0-9A-Fa-f]{2}|XX)")
 
 
 @dataclass(frozen=True)
 class Command:
-    """One message of a peer: ``VNWRG`` and what follows it."""
+    """One message of a peer: a word such as ``VNWRG``, and the values behind it."""
 
     verb: str
     values: tuple[str, ...] = ()
@@ -34,38 +35,26 @@ class Command:
 
 @dataclass(frozen=True)
 class Misread:
-    """A line with a wrong checksum: the device tells its sender."""
-
-
-def checksum(body: bytes) -> int:
-    """Exclusive or of all characters between the dollar sign and the asterisk."""
-    total = 0
-    for byte in body:
-        total ^= byte
-    return total
+    """A line with a wrong checksum, of which the device tells its sender."""
 
 
 def crc16(data: bytes) -> int:
-    """CCITT, from 0, as the device has it in both protocols."""
+    """Return the CRC-16/CCITT that begins with 0, as both protocols of the device have it."""
     return binascii.crc_hqx(data, 0)
 
 
-def line(*parts: str) -> bytes:
-    """A whole message of the device."""
-    body = ",".join(parts).encode("ascii")
-    return b"$%b*%02X\r\n" % (body, checksum(body))
+def line(word: str, *values: str) -> bytes:
+    """Return a whole message of the device."""
+    return sentence(word, values)
 
 
 def error(number: int) -> bytes:
-    """``VNERR``."""
+    """Return the message ``VNERR``."""
     return line("VNERR", f"{number:02d}")
 
 
-def read(text: bytes) -> Command | Misread | Garbage | None:
-    """A line without its end; None where it is empty."""
-    text = text.strip()
-    if not text:
-        return None
+def read(text: bytes) -> Command | Misread | Garbage:
+    """Parse a line without its end."""
     found = _LINE.fullmatch(text)
     if found is None:
         return Garbage("a line is no message of the VectorNav protocol")
@@ -82,26 +71,44 @@ def read(text: bytes) -> Command | Misread | Garbage | None:
 # -- measurements ---------------------------------------------------------------------------------------------------------------------
 
 
-def _ypr(r: Readings) -> str:
+def ypr_deg(r: Readings) -> Vec3:
+    """Return yaw, pitch and roll, degrees."""
     roll, pitch, yaw = map(deg, r.rpy)
-    return f"{yaw:+08.3f},{pitch:+08.3f},{roll:+08.3f}"
+    return yaw, pitch, roll
 
 
-def _quaternion(r: Readings) -> str:
+def quaternion(r: Readings) -> Quat:
+    """Return the attitude as x y z w."""
     w, x, y, z = r.q_NS
-    return f"{x:+09.6f},{y:+09.6f},{z:+09.6f},{w:+09.6f}"
+    return x, y, z, w
 
 
-def _mag(r: Readings) -> str:
-    return ",".join(f"{GAUSS * value:+08.4f}" for value in r.field_S)
+def gauss(field_T: Vec3) -> Vec3:
+    """Return a magnetic flux density (T) in gauss."""
+    x, y, z = field_T
+    return GAUSS * x, GAUSS * y, GAUSS * z
 
 
-def _accel(r: Readings) -> str:
-    return ",".join(f"{value:+07.3f}" for value in r.f_S)
+def ins_status(r: Readings) -> int:
+    """Return the INS status. It is "tracking" while the receiver has a fix: no filter bridges a dive."""
+    return 0x6 if r.fix.kind else 0x0
 
 
-def _gyro(r: Readings) -> str:
-    return ",".join(f"{value:+010.6f}" for value in r.w_S)
+Part = Callable[[Readings], str]
+"""Writes some values of a measurement, joined by commas."""
+
+
+def _numbers(form: str, values: Callable[[Readings], Sequence[float]]) -> Part:
+    """Return a part that writes all these values in one form."""
+    return lambda r: ",".join(format(value, form) for value in values(r))
+
+
+_ypr = _numbers("+08.3f", ypr_deg)
+_quaternion = _numbers("+09.6f", quaternion)
+_mag = _numbers("+08.4f", lambda r: gauss(r.field_S))
+_accel = _numbers("+07.3f", lambda r: r.f_S)
+_gyro = _numbers("+010.6f", lambda r: r.w_S)
+_velocity = _numbers("+08.3f", lambda r: r.fix.v_N)
 
 
 def _climate(r: Readings) -> str:
@@ -110,30 +117,28 @@ def _climate(r: Readings) -> str:
 
 def _place(r: Readings) -> str:
     fix = r.fix
-    north, east, down = fix.v_N
-    place = f"{deg(fix.latitude):+012.8f},{deg(fix.longitude):+013.8f},{fix.height:+010.3f}"
-    return f"{place},{north:+08.3f},{east:+08.3f},{down:+08.3f}"
+    return f"{deg(fix.latitude):+012.8f},{deg(fix.longitude):+013.8f},{fix.height:+010.3f}"
 
 
 def _time(r: Readings) -> str:
     return f"{r.gps_tow_ns / NANOSECONDS:013.6f},{r.gps_week:04d}"
 
 
-def _gps(r: Readings) -> str:
-    fix = r.fix
-    h, v, s = fix.horizontal_accuracy, fix.vertical_accuracy, fix.velocity_accuracy
-    return f"{_time(r)},{fix.kind},{fix.satellites:02d},{_place(r)},{h:+08.3f},{h:+08.3f},{v:+08.3f},{s:+08.3f},{TIME_ERROR_S:.2E}"
+def _receiver(r: Readings) -> str:
+    return f"{r.fix.kind},{r.fix.satellites:02d}"
 
 
-def ins_status(r: Readings) -> int:
-    """Tracking while the receiver has a fix: there is no filter that would bridge a dive."""
-    return 0x6 if r.fix.kind else 0x0
+def _accuracies(r: Readings) -> str:
+    h, v, s = r.fix.horizontal_accuracy, r.fix.vertical_accuracy, r.fix.velocity_accuracy
+    return f"{h:+08.3f},{h:+08.3f},{v:+08.3f},{s:+08.3f},{TIME_ERROR_S:.2E}"
 
 
-def _ins(r: Readings) -> str:
-    fix = r.fix
-    uncertain = f"{0.0:04.1f},{fix.horizontal_accuracy:04.1f},{fix.velocity_accuracy:04.2f}"
-    return f"{_time(r)},{ins_status(r):04X},{_ypr(r)},{_place(r)},{uncertain}"
+def _ins_status(r: Readings) -> str:
+    return f"{ins_status(r):04X}"
+
+
+def _ins_uncertainty(r: Readings) -> str:
+    return f"{0.0:04.1f},{r.fix.horizontal_accuracy:04.1f},{r.fix.velocity_accuracy:04.2f}"
 
 
 @dataclass(frozen=True)
@@ -141,19 +146,19 @@ class Output:
     """A measurement: its asynchronous message, and the register where it is read.
 
     Attributes:
-        header: ``VNYPR``.
-        register: number.
-        parts: texts of its values, joined by commas.
-        needs_gps: whether a device without a receiver lacks it.
+        header: first word of the message, such as ``VNYPR``.
+        register: number of the register.
+        parts: write the values, in this order.
+        needs_gps: a device without a satellite receiver lacks it.
     """
 
     header: str
     register: int
-    parts: tuple[Callable[[Readings], str], ...]
+    parts: tuple[Part, ...]
     needs_gps: bool = False
 
     def values(self, readings: Readings) -> str:
-        """As the device writes them."""
+        """Return the values as the device writes them."""
         return ",".join(part(readings) for part in self.parts)
 
 
@@ -167,9 +172,9 @@ OUTPUTS: Mapping[int, Output] = {
     13: Output("VNMAR", 20, (_mag, _accel, _gyro)),
     14: Output("VNYMR", 27, (_ypr, _mag, _accel, _gyro)),
     19: Output("VNIMU", 54, (_mag, _accel, _gyro, _climate)),
-    20: Output("VNGPS", 58, (_gps,), needs_gps=True),
-    22: Output("VNINS", 63, (_ins,), needs_gps=True),
+    20: Output("VNGPS", 58, (_time, _receiver, _place, _velocity, _accuracies), needs_gps=True),
+    22: Output("VNINS", 63, (_time, _ins_status, _ypr, _place, _velocity, _ins_uncertainty), needs_gps=True),
 }
-"""By the number of the asynchronous message (register 6)."""
+"""Number of an asynchronous message (register 6) -> the measurement."""
 FREQUENCIES_HZ = (1, 2, 4, 5, 10, 20, 25, 40, 50, 100, 200)
-"""Of asynchronous messages (register 7)."""
+"""Rates of asynchronous messages that register 7 takes."""

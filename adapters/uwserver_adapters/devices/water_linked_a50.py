@@ -1,4 +1,4 @@
-"""Water Linked A50: lines of JSON on TCP 16171, as its TCP JSON API 3.3 documents them (docs.waterlinked.com, DVL A50/A125)."""
+"""Water Linked A50: lines of JSON on TCP port 16171, by its TCP JSON API 3.3 (docs.waterlinked.com, DVL A50/A125)."""
 
 from __future__ import annotations
 
@@ -10,34 +10,35 @@ import msgspec
 from msgspec import Meta, Struct
 
 from uwserver.adapter import AdapterContext, Undecodable, decode
-from uwserver.ports import Json, Progress, Refused, Sample
-from uwserver.ports import Reply as Answer
+from uwserver.frames import Quat, Vec3
+from uwserver.ports import Json, Sample
 from uwserver.table import Name, Positive
 from uwserver_adapters.devices.codec import FULL_TURN_DEG, NANOSECONDS, deg, rad
 from uwserver_adapters.devices.dead_reckoning import DeadReckoning
-from uwserver_adapters.devices.device import DeviceTable, LineReader, PortNumber, Reply, Source
+from uwserver_adapters.devices.device import DeviceTable, LineReader, PortNumber, Reply, Source, set_at_sensor
 
 PORT = 16171
 FORMAT = "json_v3.3"
 LINE_LIMIT = 4096
-"""Longest command, bytes; the longest of the documented ones has some 200."""
+"""Longest command, bytes. The longest documented one has some 200."""
 POSITION_NS = NANOSECONDS // 5
-"""Between two reports of the position: 5 Hz."""
+"""Simulation time between two reports of the position: 5 Hz."""
 TRIGGERS = 15
-"""Pings that may be asked for ahead."""
+"""Most pings that clients may have requested and not received yet."""
 NO_LOCK = -1.0
-"""Altitude and distance where nothing was found."""
+"""Altitude and distance where no echo came."""
 MICROSECOND = 1000
+"""A microsecond, ns."""
 FIELDS = ("v_S", "altitude", "figure_of_merit", "covariance_S", "beam_velocities", "beam_ranges", "beam_locks")
 _MODES = {"auto": -1, **{f"={number}": number for number in range(5)}}
-"""Range modes that can be simulated."""
+"""Range modes that can be simulated, and the numbers that the sensor has for them."""
 
 
 class WaterLinkedA50Table(DeviceTable, tag="water_linked_a50", kw_only=True, frozen=True):
     """Attributes:
     sensor: the DVL (``rov/dvl``).
-    attitude: sensor with the attitude of the DVL (`q_NS`), mounted like it; with it the position is reckoned and reported 5 times a second.
-    speed_of_sound_mps: what `get_config` answers before a client has set it: the sensor's `assumed_sound_speed_mps`.
+    attitude: attitude sensor (`q_NS`), mounted as the DVL; with it the device reckons its position, and reports it 5 times a second.
+    speed_of_sound_mps: speed that `get_config` tells until a client sets another; give the sensor's `assumed_sound_speed_mps`.
     """
 
     sensor: Name
@@ -46,12 +47,12 @@ class WaterLinkedA50Table(DeviceTable, tag="water_linked_a50", kw_only=True, fro
     speed_of_sound_mps: Positive = 1500.0
 
     def build(self, context: AdapterContext) -> WaterLinkedA50:
-        """The device."""
+        """Return the device."""
         return WaterLinkedA50(self, context)
 
 
 class Configuration(Struct, frozen=True, forbid_unknown_fields=True):
-    """As `get_config` tells it; units and limits are those of the device's documentation."""
+    """The configuration that `get_config` tells, with the units and limits of the device's documentation."""
 
     speed_of_sound: Annotated[float, Meta(ge=1000, le=2000)] = 1500.0
     acoustic_enabled: bool = True
@@ -66,8 +67,8 @@ class WaterLinkedA50:
 
     Attributes:
         wanted: its ports.
-        configuration: as it is now.
-        reckoning: its position.
+        configuration: the present configuration.
+        reckoning: reckons its position.
     """
 
     def __init__(self, table: WaterLinkedA50Table, context: AdapterContext) -> None:
@@ -91,19 +92,19 @@ class WaterLinkedA50:
             "get_version_info": self._get_version_info,
         }
 
-    def reader(self) -> LineReader:
-        """Lines."""
-        return LineReader(LINE_LIMIT)
+    def reader(self) -> LineReader[bytes]:
+        """Return a reader of lines."""
+        return LineReader(LINE_LIMIT, bytes)
 
     def reset(self) -> None:
-        """The time of the world begins again; the configuration stays, as that of a device does."""
+        """Start again at another time; the configuration stays, as in a real device."""
         self.reckoning.forget()
         self._reported_ns, self._position_ns = -1, -POSITION_NS
 
     # -- commands -------------------------------------------------------------------------------------------------------------------
 
     def take(self, message: bytes, reply: Reply) -> str:
-        """A command; every one is answered that can be read."""
+        """Carry out a command. Every line that comes gets an answer."""
         try:
             said = decode(message, "json")
         except Undecodable as error:
@@ -140,84 +141,71 @@ class WaterLinkedA50:
         reply(response("get_version_info", result=said))
 
     def _set_config(self, parameters: object, reply: Reply) -> None:
-        """All of it, or nothing."""
+        """Change the configuration, as a whole or not at all."""
+
+        def refuse(text: str) -> None:
+            reply(response("set_config", text))
+
         if not isinstance(parameters, dict) or not parameters:
-            reply(
-                response(
-                    "set_config",
-                    'give what is to be set: {"command":"set_config","parameters":{"speed_of_sound":1480}}',
-                )
-            )
+            refuse('give what is to be set: {"command":"set_config","parameters":{"speed_of_sound":1480}}')
             return
         changes = cast(dict[str, Any], parameters)
         try:
-            # None is no value, and would otherwise be taken for one that was left out.
-            wanted = msgspec.convert({**msgspec.to_builtins(self.configuration), **changes}, Configuration)
+            wanted = self._changed(changes)
         except msgspec.ValidationError as error:
-            reply(response("set_config", str(error)))
+            refuse(str(error))
             return
         if wanted.range_mode not in _MODES:
-            text = f"range_mode {wanted.range_mode[:20]} is not simulated: use {', '.join(_MODES)}"
-            reply(response("set_config", text))
+            refuse(f"range_mode {wanted.range_mode[:20]} is not simulated: use {', '.join(_MODES)}")
             return
         settings: dict[str, object] = {}
         if "speed_of_sound" in changes:
             settings["sound_speed"] = wanted.speed_of_sound
         if "range_mode" in changes:
             settings["range_mode"] = _MODES[wanted.range_mode]
-        self._apply(settings, changes, reply)
 
-    def _apply(self, settings: Mapping[str, object], changes: Mapping[str, Any], reply: Reply) -> None:
-        """What concerns the sensor is set there; what is told is kept once that has been done."""
-
-        def done() -> None:
-            # Others may have been set meanwhile: only what was asked for is changed.
-            told = {**msgspec.to_builtins(self.configuration), **changes}
-            self.configuration = msgspec.convert(told, Configuration)
+        def done(fault: str) -> None:
+            if fault:
+                refuse(fault)
+                return
+            # Another command may have changed other settings meanwhile, so only these are changed.
+            self.configuration = self._changed(changes)
             self._triggers = 0 if self.configuration.acoustic_enabled else self._triggers
             reply(response("set_config"))
 
-        def answered(answer: Answer | Progress) -> None:
-            if isinstance(answer, Answer):
-                if answer.fault is None:
-                    done()
-                else:
-                    reply(response("set_config", answer.fault.text))
+        if settings:
+            set_at_sensor(self._context, self._source, settings, done)
+        else:
+            done("")
 
-        if not settings:
-            done()
-            return
-        try:
-            self._context.call(f"{self._source.path}/set", settings, self._context.name, answered)
-        except Refused as refused:
-            reply(response("set_config", refused.fault.text))
+    def _changed(self, changes: Mapping[str, Any]) -> Configuration:
+        # msgspec checks each value, and refuses None, which `replace` would keep.
+        return msgspec.convert({**msgspec.to_builtins(self.configuration), **changes}, Configuration)
 
     # -- reports --------------------------------------------------------------------------------------------------------------------
 
     def see(self, sample: Sample) -> list[bytes]:
-        """A ping, or an attitude."""
+        """Take a ping or an attitude. Returns the report of the velocity or of the position."""
         if self._attitude and sample.port == self._attitude.path:
             return self._see_attitude(self._attitude, sample)
         said = self._source.values(sample)
-        if sample.valid:
-            v = self._turned(cast(tuple[float, float, float], said["v_S"]))
-            sigma = cast(float, said["figure_of_merit"])
-            if not self._is_silent:
-                self.reckoning.see_velocity(sample.t_ns, cast(tuple[float, float, float], said["v_S"]), sigma)
-        else:
-            v = (0.0, 0.0, 0.0)
         if self._is_silent:
             return []
+        v = (0.0, 0.0, 0.0)
+        if sample.valid:
+            v_S = cast(Vec3, said["v_S"])
+            v = self._turned(v_S)
+            self.reckoning.see_velocity(sample.t_ns, v_S, cast(float, said["figure_of_merit"]))
         self._triggers = max(0, self._triggers - 1)
         return [line(self._velocity(sample, said, v))]
 
     @property
     def _is_silent(self) -> bool:
-        """Whether it does not ping: the sensor does, but nobody hears of it."""
+        """Whether the device does not ping. The sensor does, but nothing is reported."""
         return not self.configuration.acoustic_enabled and self._triggers == 0
 
-    def _turned(self, v: tuple[float, float, float]) -> tuple[float, float, float]:
-        """Along the axes of the vehicle, from which the device is turned clockwise by the mounting offset."""
+    def _turned(self, v: Vec3) -> Vec3:
+        """Turn a vector to the axes of the vehicle; the device is mounted clockwise from these by the mounting offset."""
         angle = rad(self.configuration.mounting_rotation_offset)
         c, s = math.cos(angle), math.sin(angle)
         return c * v[0] - s * v[1], s * v[0] + c * v[1], v[2]
@@ -227,7 +215,7 @@ class WaterLinkedA50:
         rows = [self._turned((columns[0][i], columns[1][i], columns[2][i])) for i in range(3)]
         return [list(row) for row in rows]
 
-    def _velocity(self, sample: Sample, said: Mapping[str, Any], v: tuple[float, float, float]) -> dict[str, object]:
+    def _velocity(self, sample: Sample, said: Mapping[str, Any], v: Vec3) -> dict[str, object]:
         before, self._reported_ns = self._reported_ns, sample.t_ns
         beams = zip(said["beam_locks"], said["beam_velocities"], said["beam_ranges"], strict=True)
         epoch = self._context.world.epoch_ns
@@ -251,13 +239,14 @@ class WaterLinkedA50:
     def _see_attitude(self, source: Source, sample: Sample) -> list[bytes]:
         if not sample.valid:
             return []
-        self.reckoning.see_attitude(sample.t_ns, cast(tuple[float, float, float, float], source.values(sample)["q_NS"]))
+        self.reckoning.see_attitude(sample.t_ns, cast(Quat, source.values(sample)["q_NS"]))
         if sample.t_ns - self._position_ns < POSITION_NS:
             return []
-        # Kept to the grid, so that 5 Hz come of an attitude of any rate.
+        # Reports stay on a grid of 5 Hz whatever the rate of the attitude.
         late = (sample.t_ns - self._position_ns) % POSITION_NS
         self._position_ns = sample.t_ns - (late if self._position_ns >= 0 else 0)
-        position, (roll, pitch, yaw) = self._turned_back(self.reckoning.position()), self.reckoning.attitude()
+        # Where a mounting offset is set, the frame of the position is that of the vehicle at the start.
+        position, (roll, pitch, yaw) = self._turned(self.reckoning.position()), self.reckoning.attitude()
         report = {
             "ts": (self._context.world.epoch_ns + sample.t_ns) / NANOSECONDS,
             "x": position[0], "y": position[1], "z": position[2], "std": math.sqrt(self.reckoning.variance),
@@ -266,18 +255,14 @@ class WaterLinkedA50:
         }  # fmt: skip
         return [line(report)]
 
-    def _turned_back(self, p: tuple[float, float, float]) -> tuple[float, float, float]:
-        """The frame of the position is that of the vehicle at the start, where a mounting offset is set."""
-        return self._turned(p)
-
 
 def line(value: object) -> bytes:
-    """As the device ends its lines."""
+    """Return a value as a line of the device."""
     return msgspec.json.encode(value) + b"\r\n"
 
 
 def response(command: str, error: str = "", result: Json = None) -> bytes:
-    """The answer to a command; `error` is empty where it succeeded."""
+    """Return the answer to a command; `error` is "" where it succeeded."""
     return line(
         {
             "response_to": command, "success": not error, "error_message": error, "result": result,

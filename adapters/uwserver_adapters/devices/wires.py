@@ -1,4 +1,4 @@
-"""How peers reach a device: by TCP, by UDP, by a serial line. The same bytes on each."""
+"""The ways by which peers reach a device: TCP, UDP and a serial line. All carry the same bytes."""
 
 from __future__ import annotations
 
@@ -17,67 +17,62 @@ from uwserver.adapter import (
     SerialPort,
     host_of,
 )
-from uwserver_adapters.devices.device import REQUESTS_PER_S, Device, DeviceTable, Garbage, Reader
+from uwserver_adapters.devices.device import REQUESTS_PER_S, Device, DeviceTable, Garbage, Reader, Reply
 
 REST_S = 0.004
 """Wall time before the next turn of a serial line, once one is used up."""
 STRANGERS_PER_S = 1000
-"""Datagrams of senders that are not known yet which are read in a second: their addresses may be forged, so they count together."""
+"""Datagrams of unknown senders that are read in a second. They count together, because their addresses may be forged."""
 Address = tuple[object, ...]
 
 
-class Desk:
-    """What all ways to one device share: the device, and how its peers' messages are counted.
+class ServedDevice:
+    """A device, and the counters that all its peers share.
 
     Args:
         name: of the device, for the log.
         table: of the device.
-        device: who is meant.
+        device: the device itself.
         context: of the adapter.
-        refusals: where it is told what was refused.
+        refusals: tells the log what was refused.
+
+    Attributes:
+        device, table: as given.
+        stats: of the adapter.
     """
 
     def __init__(
         self, name: str, table: DeviceTable, device: Device, context: AdapterContext, refusals: Refusals
     ) -> None:
-        self.name = name
         self.table = table
         self.device = device
         self.stats = context.stats
-        self.refusals = refusals
+        self._name = name
+        self._refusals = refusals
 
-    def take(self, event: object, wire: Wire) -> None:
-        """A message of a peer, or what was none."""
+    def take(self, event: object, reply: Reply) -> None:
+        """Hand a message of a peer to the device, and count what was none."""
         if isinstance(event, Garbage):
             self.refuse("garbage", event.text)
             return
         self.stats.commands += 1
-        reason = self.device.take(event, wire.reply)
-        if reason:
+        if reason := self.device.take(event, reply):
             self.refuse("unknown message", reason)
 
     def refuse(self, cause: str, text: str) -> None:
-        """Count it, and tell it once a minute."""
+        """Count a refusal, and log it once a minute."""
         self.stats.errors += 1
-        self.stats.last_error = f"{self.name}: {text}"[:300]
-        self.refusals.note(cause, f"{self.name}: {text}")
+        self.stats.last_error = f"{self._name}: {text}"[:300]
+        self._refusals.note(cause, f"{self._name}: {text}")
 
 
-class Wire:
-    """To whom an answer goes."""
+class TcpPeer(Connection):
+    """A peer on TCP. It is admitted at once, because many peers only listen."""
 
-    def reply(self, data: bytes) -> None:
-        """Send an answer."""
-        raise NotImplementedError
-
-
-class TcpWire(Connection, Wire):
-    """A peer on TCP. It is admitted as it comes: many only listen."""
-
-    def __init__(self, desk: Desk, peers: Peers[TcpWire]) -> None:
+    def __init__(self, served: ServedDevice, peers: Peers[TcpPeer]) -> None:
         super().__init__(peers)
-        self._desk = desk
-        self._reader: Reader = desk.device.reader()
+        self._served = served
+        self._reader: Reader = served.device.reader()
         self._rate = RateMeter(REQUESTS_PER_S)
 
     def receive(self, data: bytes) -> None:
@@ -85,7 +80,7 @@ class TcpWire(Connection, Wire):
         self._reader.receive(data)
 
     def step(self) -> bool:
-        """Take the next message, unless too many came: they wait, and so does their sender."""
+        """Take the next message. Where too many came the rest waits, and nothing more is read of the peer."""
         now = self.loop.time()
         if self._rate.is_full(now):
             return False
@@ -93,30 +88,30 @@ class TcpWire(Connection, Wire):
         if event is None:
             return False
         self._rate.take(now)
-        self._desk.take(event, self)
+        self._served.take(event, self.reply)
         return True
 
     def quiet_until(self) -> float:
-        """When the next message is taken of a peer that sent too many."""
+        """Return when the next message is taken of a peer that sent too many."""
         return self._rate.end if self._rate.is_full(self.loop.time()) else 0.0
 
     def reply(self, data: bytes) -> None:
-        """Send an answer; who reads none of them is disconnected."""
+        """Send an answer. A peer that does not read its answers is disconnected."""
         if self.is_closing:
             return
-        if self.waiting > self._desk.table.queue_bytes:
-            self._desk.refuse("slow", "a peer does not read its answers and is disconnected")
+        if self.waiting > self._served.table.queue_bytes:
+            self._served.refuse("slow", "a peer does not read its answers and is disconnected")
             self.abort()
             return
-        self._desk.stats.bytes_sent += len(data)
+        self._served.stats.bytes_sent += len(data)
         self.write(data)
 
     def report(self, data: bytes) -> None:
-        """Send what all peers get, unless this one is slow."""
-        stats = self._desk.stats
+        """Send a message for all peers; a slow peer does not get it."""
+        stats = self._served.stats
         if self.is_stranger or self.is_closing:
             return
-        if self.waiting > self._desk.table.queue_bytes:
+        if self.waiting > self._served.table.queue_bytes:
             stats.dropped += 1
             return
         stats.samples_sent += 1
@@ -124,137 +119,122 @@ class TcpWire(Connection, Wire):
         self.write(data)
 
 
-class _Sender(Wire):
-    """One address."""
+class _UdpSender:
+    """An address that sent datagrams lately."""
 
-    def __init__(self, wire: UdpWire, address: Address) -> None:
-        self.reader = wire.desk.device.reader()
+    def __init__(self, reader: Reader) -> None:
+        self.reader = reader
         self.rate = RateMeter(REQUESTS_PER_S)
         self.heard_s = 0.0
-        self._wire = wire
-        self._address = address
-
-    def reply(self, data: bytes) -> None:
-        self._wire.send(data, self._address)
 
 
-class UdpWire(asyncio.DatagramProtocol):
-    """All peers on UDP: whoever sent lately, and whom the table names.
+class UdpPeers(asyncio.DatagramProtocol):
+    """All peers on UDP: addresses that sent lately, and those of the table.
 
     Args:
-        desk: the device.
+        served: the device.
         targets: resolved addresses of the table's `udp_to`.
+        peers: the peers on TCP, with which datagrams share their turns.
     """
 
-    def __init__(self, desk: Desk, targets: list[Address], peers: Peers[TcpWire]) -> None:
-        self.desk = desk
+    def __init__(self, served: ServedDevice, targets: list[Address], peers: Peers[TcpPeer]) -> None:
+        self._served = served
         self._targets = targets
         self._loop = asyncio.get_running_loop()
         self._turns = DatagramTurns(peers.turns)
         self._strangers = RateMeter(STRANGERS_PER_S)
-        self._senders: dict[Address, _Sender] = {}
+        self._senders: dict[Address, _UdpSender] = {}
         self._transport: asyncio.DatagramTransport | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Begin."""
+        """Begin to send."""
         self._transport = cast(asyncio.DatagramTransport, transport)
 
     def connection_lost(self, error: Exception | None) -> None:
-        """End."""
+        """Send nothing more."""
         self._transport = None
         self._turns.close()
 
     def error_received(self, error: Exception) -> None:
-        """Nobody listens at a target, most often: it may come yet."""
+        """Ignore it: most often nobody listens at a target yet."""
 
     @property
     def count(self) -> int:
-        """Senders whose lease lasts."""
+        """Number of senders whose lease lasts."""
         return len(self._senders)
 
     def datagram_received(self, data: bytes, address: Address) -> None:
-        """Take a datagram in its turn."""
+        """Take a datagram, in the turn of its sender."""
         now = self._loop.time()
+        stats = self._served.stats
         sender = self._senders.get(address)
         if sender is None:
             self._expire(now)
             if not self._strangers.take(now):
                 return
-            if len(self._senders) >= self.desk.table.max_clients:
-                most = self.desk.table.max_clients
-                self.desk.refuse(
-                    "max_clients", f"{most} senders of datagrams are served: raise max_clients of the device"
-                )
+            most = self._served.table.max_clients
+            if len(self._senders) >= most:
+                text = f"{most} senders of datagrams are served: raise max_clients of the device"
+                self._served.refuse("max_clients", text)
                 return
-            sender = self._senders[address] = _Sender(self, address)
+            sender = self._senders[address] = _UdpSender(self._served.device.reader())
         sender.heard_s = now
-        if not sender.rate.take(now):
-            self.desk.stats.dropped += 1
-            return
-        if not self._turns.put(host_of(address), len(data), lambda: self._work(sender, data)):
-            self.desk.stats.dropped += 1
+        is_allowed = sender.rate.take(now)
+        if not is_allowed or not self._turns.put(
+            host_of(address), len(data), lambda: self._work(sender.reader, address, data)
+        ):
+            stats.dropped += 1
 
-    def _work(self, sender: _Sender, data: bytes) -> Iterator[None]:
-        sender.reader.receive(data)
-        while (event := sender.reader.next_event()) is not None:
-            self.desk.take(event, sender)
+    def _work(self, reader: Reader, address: Address, data: bytes) -> Iterator[None]:
+        reader.receive(data)
+        while (event := reader.next_event()) is not None:
+            self._served.take(event, lambda answer: self._send(answer, address))
             yield
 
     def _expire(self, now: float) -> None:
-        lease = self.desk.table.udp_lease_s
-        for address in [address for address, sender in self._senders.items() if now - sender.heard_s > lease]:
-            del self._senders[address]
+        lease = self._served.table.udp_lease_s
+        self._senders = {a: sender for a, sender in self._senders.items() if now - sender.heard_s <= lease}
 
     def report(self, data: bytes) -> None:
-        """Send what all peers get."""
+        """Send a message for all peers."""
         self._expire(self._loop.time())
         for address in (*self._senders, *self._targets):
-            self.desk.stats.samples_sent += 1
-            self.send(data, address)
+            self._served.stats.samples_sent += 1
+            self._send(data, address)
 
-    def send(self, data: bytes, address: Address) -> None:
-        """One datagram; counted where too much waits for the system."""
+    def _send(self, data: bytes, address: Address) -> None:
         if self._transport is None:
             return
-        # Typeshed does not know it of datagrams; asyncio and uvloop have it.
+        # Typeshed gives a datagram transport no such method; those of asyncio and uvloop have it.
         waiting = cast(asyncio.WriteTransport, self._transport).get_write_buffer_size()
-        if waiting > self.desk.table.queue_bytes:
-            self.desk.stats.dropped += 1
+        if waiting > self._served.table.queue_bytes:
+            self._served.stats.dropped += 1
             return
-        self.desk.stats.bytes_sent += len(data)
+        self._served.stats.bytes_sent += len(data)
         self._transport.sendto(data, address)
 
     def close(self) -> None:
-        """End it."""
+        """Close the socket."""
         if self._transport is not None:
             self._transport.abort()
 
 
-class SerialWire(Wire):
-    """The one peer of a serial line that may come and go."""
+class SerialPeer:
+    """The one peer of a serial line, which may come and go.
 
-    def __init__(self, path: str, desk: Desk, context: AdapterContext) -> None:
-        self._desk = desk
+    Attributes:
+        port: the line.
+    """
+
+    def __init__(self, path: str, served: ServedDevice, context: AdapterContext) -> None:
+        self._served = served
         self._loop = asyncio.get_running_loop()
-        self._reader = desk.device.reader()
+        self._reader = served.device.reader()
         self._turn: asyncio.TimerHandle | None = None
-        self._port = SerialPort(path, context, opened=self._begin, received=self._receive, closed=self._end)
-
-    @property
-    def is_open(self) -> bool:
-        """Whether the line is there."""
-        return self._port.is_open
-
-    def attend(self) -> None:
-        """Open the line if it is not; to be called now and then."""
-        self._port.attend()
-
-    def close(self) -> None:
-        """End it."""
-        self._port.close()
+        self.port = SerialPort(path, context, opened=self._begin, received=self._receive, closed=self._end)
 
     def _begin(self) -> None:
-        self._reader = self._desk.device.reader()
+        self._reader = self._served.device.reader()
 
     def _end(self) -> None:
         if self._turn is not None:
@@ -267,30 +247,29 @@ class SerialWire(Wire):
             self._work()
 
     def _work(self) -> None:
-        """Take what is there, for one turn; nothing more is read before the rest had its own."""
+        """Take stored messages for one turn. While some are left nothing more is read of the line."""
         self._turn = None
         end = self._loop.time() + TURN_S
         while (event := self._reader.next_event()) is not None:
-            self._desk.take(event, self)
-            if not self._port.is_open:
+            self._served.take(event, self._reply)
+            if not self.port.is_open:
                 return
             if self._loop.time() >= end:
-                self._port.pause()
+                self.port.pause()
                 self._turn = self._loop.call_later(REST_S, self._work)
                 return
-        self._port.resume()
+        self.port.resume()
 
-    def reply(self, data: bytes) -> None:
-        """Send an answer, or what all peers get; what the line does not take in time is dropped."""
-        if not self._port.is_open:
+    def _reply(self, data: bytes) -> None:
+        if not self.port.is_open:
             return
-        if self._port.write(data):
-            self._desk.stats.bytes_sent += len(data)
+        if self.port.write(data):
+            self._served.stats.bytes_sent += len(data)
         else:
-            self._desk.stats.dropped += 1
+            self._served.stats.dropped += 1
 
     def report(self, data: bytes) -> None:
-        """Likewise, counted as a sample."""
-        if self._port.is_open:
-            self._desk.stats.samples_sent += 1
-            self.reply(data)
+        """Send a message for all peers; what the line does not take in time is dropped."""
+        if self.port.is_open:
+            self._served.stats.samples_sent += 1
+            self._reply(data)

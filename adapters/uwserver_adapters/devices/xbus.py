@@ -1,4 +1,7 @@
-"""Xsens' Xbus messages: 0xFA, 0xFF, message id, length, data, sum; and the items of MTData2 (MT Low Level Communication Protocol). Big-endian."""
+"""Xsens' Xbus messages, and the items of MTData2 (MT Low Level Communication Protocol), big-endian.
+
+A message is 0xFA, 0xFF, message id, length, data, and the sum that makes all bytes after 0xFA add up to 0.
+"""
 
 from __future__ import annotations
 
@@ -7,93 +10,71 @@ import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from uwserver.frames import matrix, multiply, rotate, rpy_from_quat
+from uwserver.frames import Quat, frd_from_flu, matrix, multiply, rotate, rpy_from_quat
 from uwserver_adapters.devices.codec import deg
-from uwserver_adapters.devices.device import Garbage
-from uwserver_adapters.devices.inertial import Quaternion, Readings, Vector
+from uwserver_adapters.devices.device import BinaryReader, Garbage
+from uwserver_adapters.devices.inertial import Readings
 
 PREAMBLE, MASTER, EXTENDED = 0xFA, 0xFF, 0xFF
 DATA_LIMIT = 2048
-"""Longest data of a command, bytes; the protocol allows as many."""
+"""Longest data of a command, bytes, as the protocol allows."""
 REQ_DID, GO_TO_MEASUREMENT, REQ_FIRMWARE = 0x00, 0x10, 0x12
 REQ_BAUDRATE, REQ_PRODUCT_CODE, REQ_HARDWARE, GO_TO_CONFIG, MT_DATA_2 = 0x18, 0x1C, 0x1E, 0x30, 0x36
 RESET, ERROR, OUTPUT_CONFIGURATION = 0x40, 0x42, 0xC0
 INVALID_MESSAGE, INVALID_PARAMETER = 0x04, 0x21
 EVERY = 0xFFFF
-"""A rate: with every message."""
+"""Rate of an item that is sent with every message."""
 ENU, NED, NWU = 0x0, 0x4, 0x8
-"""Local frames, by bits 2 and 3 of an item's number."""
+"""Local frames, in bits 2 and 3 of an item's number."""
 FIELD_UNIT_T = 5e-5
-"""Field that is told as 1: the device tells it relative to where it was calibrated, some 50 uT."""
+"""Magnetic field that the device tells as 1, T: the field where it was calibrated, some 50 uT."""
 _HALF = math.sqrt(0.5)
-# The device's own axes are forward, left, up: those of the sensor turned by half a turn about x.
-_FLIP: Quaternion = (0.0, 1.0, 0.0, 0.0)
-_FROM_NED: Mapping[int, Quaternion] = {ENU: (0.0, _HALF, _HALF, 0.0), NWU: _FLIP}
+# The device's own axes are forward, left, up: the sensor's axes after half a turn about x.
+_FLIP: Quat = (0.0, 1.0, 0.0, 0.0)
+_FROM_NED: Mapping[int, Quat] = {ENU: (0.0, _HALF, _HALF, 0.0), NWU: _FLIP}
 
 
 @dataclass(frozen=True)
 class Message:
-    """Any message."""
+    """Any message; its data are not parsed."""
 
     number: int
     data: bytes = b""
 
 
 def encode(message: Message) -> bytes:
-    """The bytes of a message."""
+    """Return the bytes of a message."""
     size = len(message.data)
     length = bytes((size,)) if size < EXTENDED else bytes((EXTENDED,)) + size.to_bytes(2, "big")
     body = bytes((MASTER, message.number)) + length + message.data
     return bytes((PREAMBLE,)) + body + bytes((-sum(body) & 0xFF,))
 
 
-class MessageReader:
-    """Bytes to messages. What is between them is garbage, told once a piece; after a broken one the next is looked for from its second byte."""
+class MessageReader(BinaryReader[Message]):
+    """Splits a stream into messages."""
 
-    def __init__(self) -> None:
-        self._buffer = bytearray()
+    mark, noun = bytes((PREAMBLE,)), "message of the Xbus protocol"
 
-    def receive(self, data: bytes) -> None:
-        """Store bytes."""
-        self._buffer += data
-
-    def next_event(self) -> Message | Garbage | None:
-        """The next message; None until more bytes come."""
-        buffer = self._buffer
-        start = buffer.find(PREAMBLE)
-        if start < 0:
-            start = len(buffer)
-        if start > 0:
-            del buffer[:start]
-            return Garbage(f"{start} bytes are no message of the Xbus protocol")
+    def parse(self, buffer: bytearray) -> tuple[int, Message | Garbage | None]:
+        """Read the message at the start of the buffer."""
         if len(buffer) < 4 or (buffer[3] == EXTENDED and len(buffer) < 6):
-            return None
+            return 0, None
         begin, size = (6, int.from_bytes(buffer[4:6], "big")) if buffer[3] == EXTENDED else (4, buffer[3])
         if buffer[1] not in (MASTER, 1) or size > DATA_LIMIT:
-            return self._skip("the head of a message is wrong")
+            return 1, Garbage("the head of a message is wrong")
         end = begin + size
         if len(buffer) <= end:
-            return None
+            return 0, None
         if sum(buffer[1 : end + 1]) & 0xFF:
-            return self._skip("the checksum of a message is wrong")
-        message = Message(buffer[2], bytes(buffer[begin:end]))
-        del buffer[: end + 1]
-        return message
-
-    def _skip(self, text: str) -> Garbage:
-        del self._buffer[:1]
-        return Garbage(text)
+            return 1, Garbage("the checksum of a message is wrong")
+        return end + 1, Message(buffer[2], bytes(buffer[begin:end]))
 
 
 # -- items ----------------------------------------------------------------------------------------------------------------------------
 
 
-def _own_axes(v: Vector) -> Vector:
-    return v[0], -v[1], -v[2]
-
-
-def orientation(q_NS: Quaternion, local: int) -> Quaternion:
-    """Of the device's axes in its local frame, w x y z; w is not negative."""
+def orientation(q_NS: Quat, local: int) -> Quat:
+    """Return the attitude of the device's axes in its local frame, w x y z; w is not negative."""
     w, x, y, z = multiply(multiply(_FROM_NED[local], q_NS), _FLIP)
     return (w, x, y, z) if w >= 0.0 else (-w, -x, -y, -z)
 
@@ -113,7 +94,8 @@ def _utc(r: Readings) -> bytes:
 
 
 def _status(r: Readings) -> int:
-    return 0x3 | (0x4 if r.fix.kind else 0)  # self test, filter valid, fix
+    """Return the status bits: self test passed, filter valid, and whether there is a fix."""
+    return 0x3 | (0x4 if r.fix.kind else 0)
 
 
 REALS: Mapping[int, Callable[[Readings, int], tuple[float, ...]]] = {
@@ -121,14 +103,14 @@ REALS: Mapping[int, Callable[[Readings, int], tuple[float, ...]]] = {
     0x2010: lambda r, local: orientation(r.q_NS, local),
     0x2020: _rows,
     0x2030: _euler,
-    0x4020: lambda r, _: _own_axes(r.f_S),
+    0x4020: lambda r, _: frd_from_flu(r.f_S),
     0x5020: lambda r, _: (r.fix.height,),
     0x5040: lambda r, _: (deg(r.fix.latitude), deg(r.fix.longitude)),
-    0x8020: lambda r, _: _own_axes(r.w_S),
-    0xC020: lambda r, _: tuple(value / FIELD_UNIT_T for value in _own_axes(r.field_S)),
+    0x8020: lambda r, _: frd_from_flu(r.w_S),
+    0xC020: lambda r, _: tuple(value / FIELD_UNIT_T for value in frd_from_flu(r.field_S)),
     0xD010: lambda r, local: rotate(_FROM_NED[local], r.fix.v_N),
 }
-"""Items whose numbers have a precision and a local frame, which the last four bits of the item's number name."""
+"""Items that are real numbers. The last four bits of the item's number name the precision and the local frame."""
 WHOLE: Mapping[int, Callable[[Readings, int], bytes]] = {
     0x1010: lambda r, _: _utc(r),
     0x1020: lambda _, count: struct.pack(">H", count & 0xFFFF),
@@ -137,12 +119,13 @@ WHOLE: Mapping[int, Callable[[Readings, int], bytes]] = {
     0xE010: lambda r, _: bytes((_status(r) & 0xFF,)),
     0xE020: lambda r, _: struct.pack(">I", _status(r)),
 }
-"""Items that have none; the second argument counts the messages."""
+"""All other items. The second argument is the number of the message."""
 NEED_GPS = frozenset((0x5020, 0x5040, 0xD010))
+"""Items of the satellite receiver."""
 
 
 def fault_of(number: int, has_gps: bool) -> str:
-    """Why an item cannot be told; "" where it can."""
+    """Return why an item cannot be sent, or ""."""
     if number in WHOLE:
         return ""
     base, local = number & 0xFFF0, number & 0xC
@@ -154,7 +137,7 @@ def fault_of(number: int, has_gps: bool) -> str:
 
 
 def real(value: float, precision: int) -> bytes:
-    """A number as float (0), fixed point 12.20 (1), fixed point 16.32 (2) or double (3)."""
+    """Return a number as float (precision 0), fixed point 12.20 (1), fixed point 16.32 (2) or double (3)."""
     if precision == 0:
         return struct.pack(">f", value)
     if precision == 3:
@@ -164,15 +147,14 @@ def real(value: float, precision: int) -> bytes:
     fixed = min(most - 1, max(-most, round(value * (1 << bits)))) & (2 * most - 1)
     if precision == 1:
         return fixed.to_bytes(4, "big")
-    # The fraction stands before the whole part.
+    # The device sends the fraction before the whole part.
     return (fixed & 0xFFFFFFFF).to_bytes(4, "big") + (fixed >> 32).to_bytes(2, "big")
 
 
 def item(number: int, readings: Readings, count: int) -> bytes:
-    """An item of MTData2: its number, length and value."""
-    whole = WHOLE.get(number)
-    if whole is not None:
-        data = whole(readings, count)
+    """Return an item of MTData2: its number, length and value."""
+    if number in WHOLE:
+        data = WHOLE[number](readings, count)
     else:
         values = REALS[number & 0xFFF0](readings, number & 0xC)
         data = b"".join(real(value, number & 0x3) for value in values)

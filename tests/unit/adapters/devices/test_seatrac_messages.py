@@ -7,16 +7,16 @@ import struct
 
 import pytest
 from msgspec.structs import replace
-from uwserver_adapters.devices.device import Garbage
+from uwserver_adapters.devices.device import Garbage, LineReader
 from uwserver_adapters.devices.seatrac_messages import (
     LINE_LIMIT,
     REQU,
     REQX,
-    CommandReader,
     Found,
     Local,
     Message,
     crc16,
+    decode,
     encode,
     fix,
 )
@@ -44,13 +44,17 @@ GARBAGE = (
 )
 
 
+def command_reader() -> LineReader[Message | Garbage]:
+    return LineReader(LINE_LIMIT, decode)
+
+
 def test_bytes_both_ways():
-    check_codec(CommandReader, CASES, need_data=None, garbage=GARBAGE, resynchronises=False)
+    check_codec(command_reader, CASES, need_data=None, garbage=GARBAGE, resynchronises=False)
 
 
 @pytest.mark.parametrize("junk", [junk for junk in GARBAGE if junk.endswith(b"\n")])
 def test_garbage_is_told_and_the_next_command_read(junk: bytes):
-    events = read_all(CommandReader(), [junk, b"#01C1C0\r\n"], None)
+    events = read_all(command_reader(), [junk, b"#01C1C0\r\n"], None)
     assert events[-1] == Message(1)
     assert any(isinstance(event, Garbage) for event in events)
 

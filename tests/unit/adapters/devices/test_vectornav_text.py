@@ -6,10 +6,9 @@ import math
 
 import pytest
 from devices_rig import inertial_readings
-from uwserver_adapters.devices.device import Garbage
+from uwserver_adapters.devices.device import Garbage, LineReader
 from uwserver_adapters.devices.inertial import Fix
-from uwserver_adapters.devices.vectornav import CommandReader
-from uwserver_adapters.devices.vectornav_text import LINE_LIMIT, OUTPUTS, Command, Misread, error, line
+from uwserver_adapters.devices.vectornav_text import LINE_LIMIT, OUTPUTS, Command, Misread, error, line, read
 
 from uwserver.testing import CodecCase, check_codec
 from uwserver.testing.codecs import read_all
@@ -37,13 +36,17 @@ GARBAGE = (
 )
 
 
+def command_reader() -> LineReader[Command | Misread | Garbage]:
+    return LineReader(LINE_LIMIT, read)
+
+
 def test_bytes_both_ways():
-    check_codec(CommandReader, CASES, need_data=None, garbage=GARBAGE)
+    check_codec(command_reader, CASES, need_data=None, garbage=GARBAGE)
 
 
 @pytest.mark.parametrize("junk", [junk for junk in GARBAGE if junk.strip() and junk.endswith(b"\n")])
 def test_garbage_is_told_and_the_next_line_read(junk: bytes):
-    events = read_all(CommandReader(), [junk, b"$VNRRG,8*4B\r\n"], None)
+    events = read_all(command_reader(), [junk, b"$VNRRG,8*4B\r\n"], None)
     assert events[-1] == READ
     assert any(isinstance(event, Garbage) for event in events)
 
@@ -79,6 +82,6 @@ def test_a_quaternion_has_its_scalar_last():
 
 
 def test_a_line_without_end_is_not_kept():
-    reader = CommandReader()
+    reader = command_reader()
     reader.receive(b"x" * 4000)
     assert isinstance(reader.next_event(), Garbage)
