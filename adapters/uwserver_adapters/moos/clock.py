@@ -1,4 +1,4 @@
-"""MOOS time: seconds since 1970 times the warp, plus what the database's clock is ahead."""
+"""MOOS time: seconds since 1970 times the warp, plus the lead of the database's clock."""
 
 from __future__ import annotations
 
@@ -13,20 +13,23 @@ from uwserver.adapter import AdapterContext
 log = logging.getLogger(__name__)
 
 CREDIBLE_S = 86_400.0
-"""Difference of two clocks above which the warp must be different, MOOS seconds at warp 1."""
+"""Difference of two clocks above which their warps must be different, MOOS seconds at warp 1."""
 _JUMP_S = 1.0
+"""Difference that is followed at once, MOOS seconds at warp 1."""
 _GAIN = 0.1
+"""Share of a smaller difference by which the clock is corrected with each answer."""
 _MEAN_OF = 5
+"""Heartbeats of which DB_QOS tells the mean."""
 
 
 def unix_s() -> float:
-    """Seconds since 1970, by the machine's clock."""
+    """Return seconds since 1970 by the machine's clock."""
     return datetime.now(timezone.utc).timestamp()
 
 
 class DatabaseClock:
-    """MOOS time as a MOOSDB has it: the machine's date at any time, steps of it included. Its clients on this machine follow the same steps, and
-    throw away mail that is far from their own time.
+    """MOOS time of a MOOSDB: the date of the machine, with all its steps. Clients on this machine follow the same steps, and throw away mail whose
+    time is far from theirs.
 
     Args:
         warp: MOOS seconds in a second.
@@ -46,7 +49,7 @@ class DatabaseClock:
 
 
 class MoosClock:
-    """That of a client. Steady: the machine's date is asked once, later steps of it are followed with the database's, as a skew.
+    """MOOS time of a client. The date of the machine is read once; later steps of it are followed as a skew, together with the database.
 
     Args:
         warp: MOOS seconds in a second; the MOOSTimeWarp of the community.
@@ -55,7 +58,7 @@ class MoosClock:
 
     Attributes:
         warp: as given.
-        skew: what is added to follow the database, MOOS seconds.
+        skew: correction that follows the database, MOOS seconds.
     """
 
     def __init__(self, warp: float, steady: Callable[[], float], unix: float | None = None) -> None:
@@ -72,14 +75,14 @@ class MoosClock:
     def observe(self, sent: float, theirs: float, received: float) -> float:
         """Follow the database's clock.
 
-        A time of theirs between our sending and receiving is what equal clocks show, so nothing is changed then.
+        Equal clocks give a time between our question and its answer, so nothing is changed then.
 
         Args:
             sent, received: our MOOS times of a question and its answer.
             theirs: the database's MOOS time in between.
 
         Returns:
-            By how much the clock jumped, MOOS seconds; 0 for a small difference, which is followed smoothly.
+            The jump of the clock, MOOS seconds; 0 for a small difference, which is followed smoothly.
         """
         if sent <= theirs <= received:
             return 0.0
@@ -92,12 +95,12 @@ class MoosClock:
 
     @property
     def is_credible(self) -> bool:
-        """Whether the difference to the database can be one of clocks: another warp makes it far larger."""
+        """Whether the skew can be a difference of two clocks. Another warp makes it far larger."""
         return abs(self.skew) < CREDIBLE_S * self.warp
 
 
 def warp_of(context: AdapterContext, given: float | None) -> float:
-    """MOOSTimeWarp: as given, else the speed of the server. Warns when the two differ, as time would run differently on the two sides."""
+    """Return the MOOSTimeWarp: as given, else the speed of the server. Warns where both are known and differ, as time would run differently then."""
     world = context.world
     if world.mode != "realtime":
         return 1.0 if given is None else given
@@ -108,14 +111,14 @@ def warp_of(context: AdapterContext, given: float | None) -> float:
 
 
 class Latency:
-    """How long the heartbeats of a client were under way, ms of MOOS time by the clocks of both sides; its text is that of DB_QOS."""
+    """Travel times of a client's heartbeats, ms of MOOS time by the clocks of both sides. Its text is that of DB_QOS: last, most, least, mean."""
 
     def __init__(self) -> None:
         self._last: deque[float] = deque(maxlen=_MEAN_OF)
         self._most, self._least = -math.inf, math.inf
 
     def add(self, latency_ms: float) -> None:
-        """One more."""
+        """Add a travel time."""
         self._last.append(latency_ms)
         self._most, self._least = max(self._most, latency_ms), min(self._least, latency_ms)
 

@@ -1,35 +1,57 @@
-"""The conventional variables of MOOS and uSimMarine: degrees, east and north, from and to N, B and radians."""
+"""The conventional variables of MOOS and uSimMarine, in degrees, east and north; inside are N, B and radians."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from msgspec import Struct
 
 from uwserver.frames import Quat, Vec3, quat_from_rpy, rotate, rpy_from_quat
 from uwserver.units import NANOSECONDS, deg, rad
 
+__all__ = [
+    "TEXT_LIMIT",
+    "Fix",
+    "Pairs",
+    "ResetPose",
+    "compass",
+    "deg",
+    "drift",
+    "finite",
+    "geodetic",
+    "heading_of",
+    "navigation",
+    "period_ns",
+    "pitch_of",
+    "pose_of",
+    "rad",
+    "reset_pose",
+    "seconds",
+    "speed_through_water",
+    "turned",
+]  # fmt: skip
+
 Pairs = list[tuple[str, float | str]]
 
 _TURN = 2 * math.pi
 _SEMI_MAJOR_M = 6_378_137.0
 _ECCENTRICITY_2 = 6.694_379_990_14e-3
-"""Ellipsoid WGS 84."""
+"""Semi-major axis and squared eccentricity of the ellipsoid WGS 84."""
 
 
 class Fix(Struct, kw_only=True):
-    """What is known of the vehicle now; None where nothing is.
+    """What is known of the vehicle now; None for what is not known.
 
     Attributes:
         p_N: position in N, m.
         q_NB: attitude.
         v_B: velocity over ground in B, m/s.
         v_water_B: velocity through the water in B, m/s, where it is measured.
-        flow_B: velocity of the water in B, m/s, where it is known.
-        depth: below the surface, m; default: from the position.
-        altitude: above the bottom, m; default: from the depth.
-        water_depth: of the bottom, m.
+        flow_B: velocity of the water in B, m/s.
+        depth: measured depth below the surface, m.
+        altitude: measured altitude above the bottom, m.
+        water_depth: depth of the bottom, m.
         t_ns: simulation time of the position.
     """
 
@@ -45,12 +67,12 @@ class Fix(Struct, kw_only=True):
 
     @property
     def below(self) -> float | None:
-        """Depth below the surface, m: as measured, else from the position."""
+        """Depth below the surface, m: the measured one, else from the position."""
         return self.p_N[2] if self.depth is None and self.p_N is not None else self.depth
 
 
 def speed_through_water(fix: Fix) -> float | None:
-    """Surge through the water, m/s; over ground where the water's velocity is not known. None where nothing is known."""
+    """Return the surge through the water, m/s: over ground where the water's velocity is not known, None where nothing is known."""
     if fix.v_water_B is not None:
         return fix.v_water_B[0]
     if fix.v_B is None:
@@ -59,11 +81,13 @@ def speed_through_water(fix: Fix) -> float | None:
 
 
 def navigation(fix: Fix, prefix: str, origin_deg: tuple[float, float] | None) -> Pairs:
-    """The conventional set of what is known: X east, Y north, DEPTH and SPEED in m and m/s, HEADING in degrees clockwise from north, ROLL and
-    PITCH (nose up) in rad, YAW in rad against the clock from north, as uSimMarine has it. SPEED is the surge through the water, never negative, as
-    a helm expects it."""
+    """Return the conventional set of variables, of what is known.
+
+    X is east and Y north, DEPTH and SPEED are in m and m/s, HEADING in degrees clockwise from north, ROLL and PITCH (nose up) in rad. YAW is in rad
+    counter-clockwise from north, as uSimMarine has it. SPEED is the surge through the water, never negative, as a helm expects it.
+    """
     pairs: Pairs = []
-    depth = fix.below
+    depth, altitude = fix.below, fix.altitude
     if fix.p_N is not None:
         north, east, _ = fix.p_N
         pairs += [("X", east), ("Y", north)]
@@ -80,21 +104,20 @@ def navigation(fix: Fix, prefix: str, origin_deg: tuple[float, float] | None) ->
         pairs += [("SPEED_OVER_GROUND", math.hypot(v_n, v_e)), ("HEADING_OVER_GROUND", compass(math.atan2(v_e, v_n)))]
     if depth is not None:
         pairs += [("DEPTH", depth), ("Z", -depth)]
-    altitude = fix.altitude
-    if altitude is None and depth is not None and fix.water_depth is not None:
-        altitude = max(fix.water_depth - depth, 0.0)
+        if altitude is None and fix.water_depth is not None:
+            altitude = max(fix.water_depth - depth, 0.0)
     if altitude is not None:
         pairs.append(("ALTITUDE", altitude))
     return [(f"{prefix}_{name}", value) for name, value in pairs]
 
 
 def compass(yaw: float) -> float:
-    """Heading, degrees in [0, 360), of a yaw angle (rad)."""
+    """Return the heading, degrees in [0, 360), of a yaw angle (rad)."""
     return deg(yaw % _TURN) % deg(_TURN)
 
 
 def geodetic(north: float, east: float, origin_deg: tuple[float, float]) -> tuple[float, float]:
-    """Latitude and longitude (degrees) at a place near the origin: the ellipsoid's radii at the origin, good to 1 m within 3 km."""
+    """Return latitude and longitude (degrees) of a place near the origin, from the ellipsoid's radii at the origin: good to 1 m within 3 km."""
     lat, lon = origin_deg
     sine = math.sin(rad(lat))
     root = 1.0 - _ECCENTRICITY_2 * sine * sine
@@ -104,37 +127,22 @@ def geodetic(north: float, east: float, origin_deg: tuple[float, float]) -> tupl
 
 
 def heading_of(fix: Fix) -> float | None:
-    """Degrees in [0, 360); None where it is not known."""
+    """Return the heading, degrees in [0, 360); None where it is not known."""
     return None if fix.q_NB is None else compass(rpy_from_quat(fix.q_NB)[2])
 
 
 def pitch_of(fix: Fix) -> float | None:
-    """rad, nose up; None where it is not known."""
+    """Return the pitch, rad, nose up; None where it is not known."""
     return None if fix.q_NB is None else rpy_from_quat(fix.q_NB)[1]
 
 
 def turned(heading: float) -> float:
-    """An angle in degrees, of a heading's error, to [-180, 180]."""
+    """Return a difference of headings (degrees) within [-180, 180]."""
     return math.remainder(heading, deg(_TURN))
 
 
-def degrees(angle: float) -> float:
-    """Radians to degrees."""
-    return deg(angle)
-
-
-def angle_of(degrees_: float) -> float:
-    """Degrees to radians."""
-    return rad(degrees_)
-
-
-def radians(value: float | Sequence[float]) -> float | tuple[float, ...]:
-    """Degrees of a table to radians, each component."""
-    return rad(value) if isinstance(value, int | float) else tuple(map(rad, value))
-
-
 TEXT_LIMIT = 256
-"""Longest text of a few numbers that is read, characters."""
+"""Longest text with a few numbers that is read, characters."""
 
 
 def _short(text: str) -> str:
@@ -151,7 +159,7 @@ _RESET_ADVICE = "write x=10,y=-5,heading=90,speed=1,depth=2, or these five numbe
 
 
 class ResetPose(Struct, frozen=True):
-    """Where a USM_RESET puts the vehicle: level, at rest but for the surge.
+    """Where a USM_RESET puts the vehicle: level, and at rest except for the surge.
 
     Attributes:
         p_N: position in N, m.
@@ -164,7 +172,7 @@ class ResetPose(Struct, frozen=True):
     speed: float
 
     def command(self) -> Mapping[str, list[float]]:
-        """Fields of a teleport command."""
+        """Return the fields of a teleport command."""
         return {
             "p_NB": list(self.p_N),
             "q_NB": list(quat_from_rpy(0.0, 0.0, self.yaw)),
@@ -174,17 +182,19 @@ class ResetPose(Struct, frozen=True):
 
 
 def pose_of(fix: Fix) -> ResetPose:
-    """Where the vehicle is by what is known; its speed is not kept."""
+    """Return where the vehicle is; its speed is not kept."""
     yaw = rpy_from_quat(fix.q_NB)[2] if fix.q_NB is not None else 0.0
     return ResetPose(fix.p_N or (0.0, 0.0, 0.0), yaw, 0.0)
 
 
 def reset_pose(text: str, base: ResetPose) -> ResetPose:
-    """What USM_RESET says: ``x=10,y=-5,heading=90,speed=1,depth=2`` with uSimMarine's short keys (`hdg`, `deg`, `spd`, `dep`) too, or the five
-    numbers in this order, the last of them left out or not. What is left out stays as in `base`.
+    """Parse a USM_RESET.
+
+    It is ``x=10,y=-5,heading=90,speed=1,depth=2``, also with uSimMarine's short keys (`hdg`, `deg`, `spd`, `dep`), or these numbers in this order, of
+    which the last ones may be missing. What is missing stays as in `base`.
 
     Raises:
-        ValueError: the text says what is wrong; it is obeyed whole or not at all.
+        ValueError: it cannot be read as a whole; the text says what is wrong.
     """
     found: dict[str, float] = {}
     parts = [part.strip() for part in _short(text).strip().rstrip(",").split(",")]
@@ -205,7 +215,8 @@ def reset_pose(text: str, base: ResetPose) -> ResetPose:
 
 
 def drift(text: str) -> tuple[float, float]:
-    """North and east components (m/s) of ``direction,speed``: where the water goes to in degrees clockwise from north, and how fast.
+    """Return north and east components (m/s) of ``direction,speed``: the direction to which the water flows, in degrees clockwise from north, and its
+    speed, m/s.
 
     Raises:
         ValueError: the text says what is wrong.
@@ -218,17 +229,17 @@ def drift(text: str) -> tuple[float, float]:
 
 
 def seconds(t_ns: int) -> float:
-    """Nanoseconds of simulation time to seconds."""
+    """Return seconds of nanoseconds."""
     return t_ns / NANOSECONDS
 
 
 def period_ns(rate_hz: float) -> int:
-    """Nanoseconds between two of `rate_hz` a second."""
+    """Return the period of a rate, ns."""
     return round(NANOSECONDS / rate_hz)
 
 
 def finite(text: str) -> float:
-    """A finite number in a text. Raises ValueError when it is none."""
+    """Return the finite number in a text. Raises ValueError where it is none."""
     try:
         number = float(text) if len(text) <= TEXT_LIMIT else math.nan
     except ValueError:

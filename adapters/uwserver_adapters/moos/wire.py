@@ -1,4 +1,4 @@
-"""The MOOS V10 wire, both sides, without input or output: 32 bytes of hello, then packets of messages, all little-endian.
+"""The MOOS V10 wire, both sides, without input or output: 32 bytes of greeting, then packets of messages, all little-endian.
 
 ::
 
@@ -7,32 +7,32 @@
              | f64 time | f64 number | f64 number2 | text data
     text     i32 length | bytes
 
-Source: behaviour of MOOSDB and its clients, core-moos 10.5.
+Source: the behaviour of MOOSDB and its clients, core-moos 10.5.
 """
 
 from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Literal
 
 from msgspec import Struct
 
 HELLO = b"ELKS CAN'T DANCE 2/8/10".ljust(32, b"\0")
-"""What a client sends first."""
+"""The first bytes of a client."""
 PACKET_LIMIT = 1 << 20
-"""Longest packet that is taken, bytes: what copies of it cost keeps all other threads waiting."""
+"""Longest packet that is taken, bytes: copies of it keep all other threads waiting."""
 MESSAGES_LIMIT = 2048
-"""Messages in a packet, at most: C++ clients send a thousand."""
+"""Most messages in a packet. C++ clients send a thousand."""
 SKIP_LIMIT = 64 << 20
-"""Longest packet that is passed over, bytes; what claims more is no packet."""
+"""Longest packet that is passed over, bytes. What claims more is no packet."""
 AT_ONCE = 64
-"""Messages that are read in one call: about 0.3 ms."""
+"""Messages that are read in one call, which takes about 0.3 ms."""
 NAMES_LIMIT = 1024
-"""Longest name in a message: of its variable, its client, its community; bytes."""
+"""Longest name in a message (of its variable, client or community), bytes."""
 TEXT_LIMIT = 64 << 10
-"""Longest value that is read as a text where it is not ASCII, bytes; longer ones only pass through."""
+"""Longest value with other characters than ASCII that is read as a text, bytes. Longer ones only pass through."""
 
 NOTIFY = "N"
 REGISTER = "R"
@@ -53,11 +53,12 @@ BINARY = "B"
 KINDS = (DOUBLE, STRING, BINARY)
 
 ASYNCHRONOUS = "asynchronous"
-"""Key of a client's first message, and text of the welcome, when packets may come unasked."""
+"""Key of a client's first message, and text of the welcome, where packets may come unasked."""
 TIMING_KEY = "_async_timing"
 SERVER_REQUEST_ID = -2
+"""Id of requests to the database itself, and of their answers."""
 NO_NUMBER = -1.0
-"""In a number field that says nothing."""
+"""Stands in a number field without a meaning."""
 
 _PACKET = struct.Struct("<iiB")
 _HEAD = struct.Struct("<iicc")
@@ -73,15 +74,15 @@ class Message(Struct, frozen=True, gc=False):
 
     Attributes:
         type: one character, see the constants above.
-        key: name of the variable, or what the type needs.
-        number, number2: NO_NUMBER where they say nothing.
+        key: name of the variable; some types use it otherwise.
+        number, number2: NO_NUMBER where they mean nothing.
         data: the value of a string or binary variable.
         kind: DOUBLE, STRING or BINARY; other characters are kept as they come.
         src: client that wrote it.
-        src_aux: within that client, who.
-        community: where it was first written; "" until the database fills it in.
+        src_aux: part of that client that wrote it.
+        community: community where it was written; "" until the database fills it in.
         time: MOOS time, s.
-        id: counts what a client sends; SERVER_REQUEST_ID in requests to the database and their answers.
+        id: counts the messages of a client; SERVER_REQUEST_ID in requests to the database and their answers.
     """
 
     type: str
@@ -103,7 +104,7 @@ class Message(Struct, frozen=True, gc=False):
 
     @property
     def value(self) -> float | str | bytes:
-        """What a notification says, by its kind. A long string that is not ASCII is given as bytes: to read it takes too long."""
+        """The value of a notification, by its kind. A long string with other characters than ASCII stays bytes: to read it takes too long."""
         if self.kind == DOUBLE:
             return self.number
         is_text = self.kind != BINARY and (len(self.data) <= TEXT_LIMIT or self.data.isascii())
@@ -111,29 +112,29 @@ class Message(Struct, frozen=True, gc=False):
 
 
 class Hello(Struct, frozen=True):
-    """The client speaks this wire."""
+    """The greeting of a client."""
 
 
 class Packet(Struct, frozen=True):
-    """Messages that came together: they take effect together."""
+    """Messages that came together, and take effect together."""
 
     messages: tuple[Message, ...]
 
 
 class Malformed(Struct, frozen=True):
-    """The bytes are no MOOS, or more than is taken. Nothing after them can be understood; the text says what is wrong."""
+    """The bytes are no MOOS, or more than is taken; the text says what is wrong. Nothing after them can be understood."""
 
     text: str
 
 
 class Skipped(Struct, frozen=True):
-    """A packet was too long and is thrown away as it comes; the next one can be understood. The text says how long."""
+    """A packet was too long and is thrown away as it comes; the text says how long. The next one can be understood."""
 
     text: str
 
 
 class Reading(Struct, frozen=True):
-    """A packet of many messages is being read: others may have their turn, then ask again."""
+    """A packet of many messages is being read. Others may have their turn before the decoder is asked again."""
 
 
 WireEvent = Hello | Packet | Malformed | Skipped | Reading
@@ -141,7 +142,7 @@ _READING = Reading()
 
 
 def notify(key: str, value: float | str | bytes, time: float, src: str = "", id: int = -1) -> Message:
-    """A write of a variable: a number, a text, or bytes as a binary string."""
+    """Return a write of a variable: a number, a text, or bytes as a binary string."""
     if isinstance(value, str):
         return Message(NOTIFY, key, data=_bytes(value), kind=STRING, src=src, time=time, id=id)
     if isinstance(value, bytes):
@@ -150,13 +151,13 @@ def notify(key: str, value: float | str | bytes, time: float, src: str = "", id:
 
 
 def wildcard(type: str, src: str, time: float, pattern: str, app: str = "*", interval_s: float = 0.0) -> Message:
-    """A registration (or its end, by `type`) for all variables that match `pattern`, written by clients that match `app`."""
+    """Return a registration (or, by `type`, its end) for all variables that match `pattern`, written by clients that match `app`."""
     text = f"AppPattern={app},VarPattern={pattern},Interval={interval_s:g}"
     return Message(type, src, data=_bytes(text), kind=STRING, src=src, time=time)
 
 
 def wildcard_of(message: Message) -> tuple[str, str, float]:
-    """Patterns of variable and client, and interval (s), of a wildcard registration; what is missing is "" and 0."""
+    """Return the patterns of variable and client, and the interval (s), of a wildcard registration; "" and 0 for what is missing."""
     text = message.data[: 3 * NAMES_LIMIT].decode("utf-8", "surrogateescape")
     found = dict(part.split("=", 1) for part in text.split(",") if "=" in part)
     named = {key.strip().lower(): value.strip() for key, value in found.items()}
@@ -164,7 +165,7 @@ def wildcard_of(message: Message) -> tuple[str, str, float]:
 
 
 def seconds(text: str) -> float:
-    """A number of seconds in a text: 0 when it is none, or no sensible one."""
+    """Return the number of seconds in a text; 0 where it is none, or not above 0."""
     try:
         number = float(text[:64])
     except ValueError:
@@ -173,7 +174,7 @@ def seconds(text: str) -> float:
 
 
 def encode(message: Message) -> bytes:
-    """The bytes of one message. Raises ValueError when `type` or `kind` is not one ASCII character, or `id` no i32."""
+    """Return the bytes of one message. Raises ValueError when `type` or `kind` is not one ASCII character, or `id` no i32."""
     src, aux = _bytes(message.src), _bytes(message.src_aux)
     community, key = _bytes(message.community), _bytes(message.key)
     data = message.data
@@ -189,7 +190,7 @@ def encode(message: Message) -> bytes:
 
 
 def packet(messages: Sequence[bytes]) -> bytes:
-    """A packet of encoded messages."""
+    """Return a packet of encoded messages."""
     body = b"".join(messages)
     return _PACKET.pack(_PACKET.size + len(body), len(messages), 0) + body
 
@@ -202,134 +203,105 @@ def _bytes(text: str) -> bytes:
 
 
 def readable(text: str) -> str:
-    """The text, with U+FFFD for what was no UTF-8: logs and JSON cannot carry it otherwise."""
+    """Return the text with U+FFFD for what was no UTF-8, as logs and JSON need it."""
     return text if text.isascii() else _bytes(text).decode("utf-8", "replace")
 
 
 class Decoder:
-    """Bytes of one connection to events: `receive` stores, `next_event` parses.
+    """Turns the bytes of one connection into events: `receive` stores, `next_event` parses.
 
     A length that a peer claims costs no memory: bytes are kept as they come, and a packet above the limit ends the connection at once.
 
     Args:
-        expects_hello: the peer is a client, which says hello first.
+        expects_hello: the peer is a client, which greets first.
         limit: longest packet, bytes.
-        skips: a packet above the limit is thrown away, and the number of messages has no limit: a database whose client we are sends what
-            others wrote.
+        skips: pass over packets above the limit, and allow any number of messages in a packet. For a client of a database, which sends what
+            all others wrote.
     """
 
     def __init__(self, expects_hello: bool = False, limit: int = PACKET_LIMIT, skips: bool = False) -> None:
-        self.limit = limit
-        self._expects_hello = expects_hello
-        self._skips = skips
-        self._to_skip = 0
         self._buffer = bytearray()
-        self._messages: _Messages | None = None
+        self._events = _events(self._buffer, expects_hello, limit, skips)
         self._is_broken = False
 
     def receive(self, data: bytes) -> None:
         """Store bytes; those after a fault are thrown away."""
-        if self._to_skip:
-            skipped = min(self._to_skip, len(data))
-            self._to_skip -= skipped
-            data = data[skipped:]
         if not self._is_broken:
             self._buffer += data
 
     def next_event(self) -> WireEvent | None:
-        """The next packet; None until more bytes come. `Reading` when a packet has more messages than are read at once. After `Malformed`
-        nothing comes any more."""
-        if self._is_broken:
-            return None
-        if self._expects_hello:
-            return self._hello()
-        try:
-            if self._messages is None:
-                begun = self._begin()
-                if begun is not None or self._messages is None:
-                    return begun
-            if not self._messages.read(AT_ONCE):
-                return _READING
-            packet = Packet(tuple(self._messages.found))
-            self._messages = None
-            return packet
-        except _Fault as fault:
-            return self._fault(str(fault))
+        """Return the next packet; None until more bytes come.
 
-    def _begin(self) -> WireEvent | None:
-        """Take the next packet out of the buffer, if it is whole. Raises _Fault when it cannot be one."""
-        buffer = self._buffer
-        if len(buffer) < _LENGTH.size:
-            return None
-        (size,) = _LENGTH.unpack_from(buffer)
-        if size < _PACKET.size:
-            raise _Fault(f"a packet of {size} bytes: its header alone has {_PACKET.size}")
-        if size > self.limit:
-            text = f"a packet of {size} bytes: the longest that is taken has {self.limit}"
-            if not self._skips or size > SKIP_LIMIT:
-                raise _Fault(text)
-            self._to_skip = max(0, size - len(buffer))
-            del buffer[:size]
-            return Skipped(text)
-        if len(buffer) < size:
-            return None
-        with memoryview(buffer) as whole:  # a slice of it would be a copy more
-            data = bytes(whole[:size])
-        del buffer[:size]
-        self._messages = _Messages(data, math.inf if self._skips else MESSAGES_LIMIT)
-        return None
-
-    def _hello(self) -> WireEvent | None:
-        buffer = self._buffer
-        if not HELLO.startswith(buffer[: len(HELLO)]):
-            return self._fault(f"the first bytes are {bytes(buffer[:32])!r}, a MOOS V10 client says {HELLO!r}")
-        if len(buffer) < len(HELLO):
-            return None
-        del buffer[: len(HELLO)]
-        self._expects_hello = False
-        return Hello()
-
-    def _fault(self, text: str) -> Malformed:
-        self._is_broken = True
-        self._messages = None
-        self._buffer.clear()
-        return Malformed(text)
+        `Reading` stands for a part of a packet with more messages than are read at once. After `Malformed` nothing comes any more.
+        """
+        event = next(self._events, None)
+        if isinstance(event, Malformed):
+            self._is_broken = True
+            self._buffer.clear()
+        return event
 
 
 class _Fault(Exception):
-    """What is wrong in a packet."""
+    """Says what is wrong in a packet."""
 
 
-class _Messages:
-    """Reads the messages of a packet, some at a time.
+def _events(buffer: bytearray, expects_hello: bool, limit: int, skips: bool) -> Iterator[WireEvent | None]:
+    """Parse the bytes that are added to a buffer. Yields None until more of them come."""
+    try:
+        while expects_hello and not buffer.startswith(HELLO):
+            if not HELLO.startswith(buffer[: len(HELLO)]):
+                raise _Fault(f"the first bytes are {bytes(buffer[:32])!r}, a MOOS V10 client says {HELLO!r}")
+            yield None
+        if expects_hello:
+            del buffer[: len(HELLO)]
+            yield Hello()
+        while True:
+            while len(buffer) < _LENGTH.size:
+                yield None
+            (size,) = _LENGTH.unpack_from(buffer)
+            if size < _PACKET.size:
+                raise _Fault(f"a packet of {size} bytes: its header alone has {_PACKET.size}")
+            if size <= limit:
+                yield from _packet_of(buffer, size, math.inf if skips else MESSAGES_LIMIT)
+                continue
+            text = f"a packet of {size} bytes: the longest that is taken has {limit}"
+            if not skips or size > SKIP_LIMIT:
+                raise _Fault(text)
+            yield Skipped(text)
+            while size:
+                skipped = min(size, len(buffer))
+                del buffer[:skipped]
+                size -= skipped
+                if size:
+                    yield None
+    except _Fault as fault:
+        yield Malformed(str(fault))
 
-    Attributes:
-        found: those read so far.
-    """
 
-    def __init__(self, data: bytes, most: float) -> None:
-        size, number, compressed = _PACKET.unpack_from(data)
-        if compressed:
-            raise _Fault("a compressed packet: MOOS V10 has none")
-        if not 0 <= number <= (size - _PACKET.size) // _SHORTEST:
-            raise _Fault(f"{number} messages in a packet of {size} bytes")
-        if number > most:
-            raise _Fault(f"{number} messages in a packet: the most that are taken are {most:g}")
-        self.found: list[Message] = []
-        self._data = data
-        self._at = _PACKET.size
-        self._number = number
-
-    def read(self, most: int) -> bool:
-        """Read so many more; whether these were all. Raises _Fault."""
-        for _ in range(min(most, self._number - len(self.found))):
-            message, self._at = _message(self._data, self._at)
-            self.found.append(message)
-        if len(self.found) < self._number:
-            return False
-        if self._at != len(self._data):
-            raise _Fault(f"{len(self._data) - self._at} bytes behind the last of {self._number} messages")
-        return True
+def _packet_of(buffer: bytearray, size: int, most: float) -> Iterator[WireEvent | None]:
+    """Take a packet of this size out of the buffer, once it is complete. Raises _Fault when it is none."""
+    while len(buffer) < size:
+        yield None
+    with memoryview(buffer) as whole:  # a slice of the buffer would be one more copy
+        data = bytes(whole[:size])
+    del buffer[:size]
+    _, number, compressed = _PACKET.unpack_from(data)
+    if compressed:
+        raise _Fault("a compressed packet: MOOS V10 has none")
+    if not 0 <= number <= (size - _PACKET.size) // _SHORTEST:
+        raise _Fault(f"{number} messages in a packet of {size} bytes")
+    if number > most:
+        raise _Fault(f"{number} messages in a packet: the most that are taken are {most:g}")
+    found: list[Message] = []
+    at = _PACKET.size
+    while len(found) < number:
+        message, at = _message(data, at)
+        found.append(message)
+        if len(found) % AT_ONCE == 0 and len(found) < number:
+            yield _READING
+    if at != size:
+        raise _Fault(f"{size - at} bytes behind the last of {number} messages")
+    yield Packet(tuple(found))
 
 
 def _message(data: bytes, start: int) -> tuple[Message, int]:

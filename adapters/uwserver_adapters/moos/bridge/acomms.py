@@ -1,4 +1,4 @@
-"""A vehicle's modem by the variables of MOOS' drivers of acoustic modems: ACOMMS_TRANSMIT_DEST and _DATA in, ACOMMS_RECEIVED_* out."""
+"""A vehicle's modem behind the variables of MOOS' modem drivers: ACOMMS_TRANSMIT_DEST and _DATA in, ACOMMS_RECEIVED_* out."""
 
 from __future__ import annotations
 
@@ -13,30 +13,28 @@ SOURCE_ID, DEST_ID, DATA = "ACOMMS_RECEIVED_SOURCE_ID", "ACOMMS_RECEIVED_DEST_ID
 
 
 class Acomms:
-    """Sends what is written to a destination that was written before, or to all.
+    """The acoustic modem of a vehicle. It sends to the last destination that was written, or to all.
 
     Attributes:
         names: variables that mean something here; none without a modem.
-        received, send: ports of the modem; "" for none.
+        received, send: paths of the modem's ports; "" without a modem.
     """
 
     def __init__(self) -> None:
-        self.names: tuple[str, ...] = ()
-        self.received = self.send = ""
         self._destination: float | None = None
-        self._fields: tuple[str, ...] = ()
+        self.find({}, "")
 
     def find(self, ports: Mapping[str, Port], vehicle: str) -> None:
-        """Look for the first acoustic modem of a vehicle."""
+        """Look for the first acoustic modem of a vehicle; "" stands for no vehicle."""
         found = [p for p in ports.values() if p.kind == "acoustic_modem" and p.path.startswith(f"{vehicle}/")]
-        received = next((port for port in found if vehicle and port.direction == "sensor"), None)
-        self.received = "" if received is None else received.path
-        self.send = self.received.removesuffix("received") + "send" if received is not None else ""
-        self._fields = () if received is None else tuple([field.name for field in received.fields])
-        self.names = (DESTINATION, TEXT, BINARY) if received is not None else ()
+        port = next((port for port in found if vehicle and port.direction == "sensor"), None)
+        self.names = () if port is None else (DESTINATION, TEXT, BINARY)
+        self.received = "" if port is None else port.path
+        self.send = "" if port is None else port.path.removesuffix("received") + "send"
+        self._fields = () if port is None else tuple([field.name for field in port.fields])
 
     def hear(self, name: str, value: float | str | bytes) -> dict[str, object] | None:
-        """What a variable sends; None for a destination.
+        """Return the command that a variable causes; None for a destination, which is only kept.
 
         Raises:
             Refused: a text as destination, or a number as data.
@@ -52,7 +50,8 @@ class Acomms:
         return {"data": data} if self._destination is None else {"data": data, "destination": self._destination}
 
     def pairs(self, sample: Sample) -> list[tuple[str, float | str]]:
-        """Variables of a message: the data last, when all that is said of them is there. Bytes that are no ASCII text come as JSON."""
+        """Return the variables of a message that was received: the data last, after all that describes them. Bytes that are no printable ASCII text
+        become JSON."""
         told = dict(zip(self._fields, sample.value, strict=True))
         data = told["data"]
         if told["event"] != "data" or not isinstance(data, Buffer):

@@ -1,9 +1,10 @@
-"""Variables on one side, the world on the other: all that the three adapters share. Knows no socket."""
+"""The bridge between MOOS variables and the world, which all three adapters share. Nothing here knows a socket."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from typing import Any
 
 import msgspec
 
@@ -42,26 +43,30 @@ MODE = "SIMULATION_MODE"
 STATUS = "world/status"
 
 CALLS_PER_S = 50
-"""Calls that one client may begin in a second."""
+"""Most calls that one client may begin in a second."""
 STATES_PER_S = 200
-"""Resets, currents, pauses and the like, likewise: a current ten times a second, at warp 20."""
+"""Most resets, currents, pauses and the like: enough for a current ten times a second at warp 20."""
 COMMANDS_PER_S = 4000
-"""Writes of actuators' variables, likewise: 20 times a second three of them, at warp 60."""
+"""Most writes of actuators' variables: enough for three of them 20 times a second at warp 60."""
+
+
+_Route = tuple[Quota | None, Callable[[str, Any, str], None]]
+"""The limit of a variable, and what obeys it: gets name, value and client."""
 
 
 class Bridge:
-    """The adapter's `Subscriber`, and the reader of what others write. Loop thread.
+    """Publishes samples as variables, and obeys variables that others write. Loop thread.
 
     Args:
         table: what to publish and to obey.
         context: the world.
         post: publishes variables that belong together.
-        listen: asks for writes of variables that mean something only now, as their vehicle came later.
-        source: name of the connection, for the world's view of who commands.
+        listen: asks for writes of further variables.
+        source: name by which the world knows the commands of this connection.
         steady: a clock that never jumps, s.
 
     Attributes:
-        appcasts: of this adapter; its `node` is the community.
+        appcasts: makes the appcasts; its `node` is the name of the community.
 
     Raises:
         CannotServe: the table names what is not there.
@@ -88,7 +93,7 @@ class Bridge:
         self._post = post
         self._listen = listen
         self._outlets: dict[str, Outlet] = {}
-        self._raster = None if table.rate_hz is None else Raster(table.rate_hz)
+        self._raster = Raster(table.rate_hz)
         self._seen: dict[str, float] = {}
         self._passed_over: dict[str, float | None] = {}
         self._vehicle_name = vehicle = self._vehicle()
@@ -111,11 +116,14 @@ class Bridge:
             lambda name, value: post([(name, value)]),
             listen,
         )
+        self._states = frozenset(self._usm.names) - frozenset(MOMENTARY)
         self._direct: dict[str, tuple[Port, Field]] = {}
+        self._routes: dict[str, _Route] = {}
+        self._commanded: dict[str, str] = {}
         self._open_ports()
 
     def _vehicle(self) -> str:
-        """The vehicle that is meant; "" for none, where nothing belongs to one of several."""
+        """Return the vehicle of the table; "" for none, where the table needs none and there are several."""
         table, ports = self._table, self._context.ports
         belongs = table.vehicle is not None or table.nav is not None or bool(table.commands)
         return vehicle_of(table.vehicle, ports) if belongs or len(vehicles_of(ports)) == 1 else ""
@@ -140,41 +148,40 @@ class Bridge:
                 self._direct.update({variable(path, field.name): (port, field) for field in port.fields})
             elif any(matches(pattern, path) for pattern in table.publish):
                 self._outlets[path] = Outlet(port, table.vectors, table.on_change)
+        # The first of these groups that has a name decides.
+        groups: tuple[tuple[Collection[str], _Route], ...] = (
+            (self._acomms.names, (self._command_quota, self._obey_modem)),
+            (self._pilot.hears, (None, lambda name, value, _: self._pilot.hear(name, number(name, value), self._t_s))),
+            (self._mixer.names, (self._command_quota, self._obey_mixed)),
+            (self._direct, (self._command_quota, self._obey_direct)),
+            (self._reports.names, (self._command_quota, self._obey_report)),
+            ((CALL,) if table.services else (), (self._call_quota, self._obey_call)),
+            ((APPCAST_REQUEST,), (None, lambda _, value, __: self.appcasts.ask(str(value), self._steady()))),
+            (FREE if table.usm else (), (None, self._obey_usm)),
+            (self._usm.names if table.usm else (), (self._state_quota, self._obey_usm)),
+        )
+        self._routes = {name: route for names, route in reversed(groups) for name in names}
 
     @property
     def listens_to(self) -> tuple[str, ...]:
-        """Variables of others that mean something here."""
-        names = dict.fromkeys(
-            (
-                *self._mixer.names,
-                *self._direct,
-                *self._acomms.names,
-                *self._pilot.hears,
-                *self._reports.names,
-                APPCAST_REQUEST,
-            )
-        )
-        if self._table.usm:
-            names.update(dict.fromkeys(self._usm.names))
-        if self._table.services:
-            names[CALL] = None
-        return tuple(names)
+        """Variables that mean something here."""
+        return tuple(self._routes)
 
     def begin(self, community: str = "") -> None:
-        """Others can hear now, for the first time or again."""
+        """Begin in a community that was joined, for the first time or again."""
         self.appcasts.node = community
         self._passed_over.clear()
         self._pilot.reset()
         self._post([(MODE, "TRUE")])
 
     def attend(self) -> None:
-        """Tell how the world does; to be called each second."""
+        """Publish the state of the world; to be called each second."""
         self._faults.flush()
         wall_s = self._steady()
 
         def on_status(answer: Reply | Progress) -> None:
             said = answer.result if isinstance(answer, Reply) else None
-            if not self.wanted:  # no sample tells the time
+            if not self.wanted:  # then no sample tells the time
                 self._t_s = seconds(answer.t_ns)
             pairs = self._pace.observe(said, wall_s, self._context.name) if isinstance(said, dict) else []
             if pairs:
@@ -200,17 +207,17 @@ class Bridge:
 
     @property
     def wanted(self) -> Collection[str]:
-        """Ports that become variables."""
+        """Paths of the ports that become variables."""
         beside = self._nav.wanted if self._nav is not None else ()
         return {*self._outlets, *beside, *filter(None, [self._acomms.received])}
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
-        """All variables of a tick, together."""
+        """Publish all variables of a tick together."""
         pairs: list[tuple[str, float | str]] = []
         self._t_s = seconds(samples[-1].t_sent_ns) if samples else self._t_s
         for sample in samples:
             outlet = self._outlets.get(sample.port)
-            if outlet is not None and (self._raster is None or self._raster.is_due(sample.port, sample.t_sent_ns)):
+            if outlet is not None and self._raster.is_due(sample.port, sample.t_sent_ns):
                 pairs += outlet.pairs(sample)
             if sample.port == self._acomms.received:
                 pairs += self._acomms.pairs(sample)
@@ -224,7 +231,7 @@ class Bridge:
             self._post(pairs)
 
     def _steer(self, fix: Fix) -> list[tuple[str, float]]:
-        """Let our own autopilot act; returns what it did."""
+        """Let the autopilot of the adapter act. Returns the variables that it has written."""
         outputs = self._pilot.outputs(fix, self._t_s)
         paths = dict.fromkeys(path for name, value in outputs.items() for path in self._mixer.take(name, value))
         for path in paths:
@@ -232,7 +239,7 @@ class Bridge:
         return list(outputs.items())
 
     def put_event(self, event: Event) -> None:
-        """Tell everybody."""
+        """Follow an event, and publish it."""
         if event.event == "ports_changed":
             before = frozenset(self._direct)
             self._open_ports()
@@ -241,8 +248,7 @@ class Bridge:
             if come := [name for name in self._direct if name not in before]:
                 self._listen(come)
         elif event.event == "reset":
-            if self._raster is not None:
-                self._raster.reset()
+            self._raster.reset()
             if self._nav is not None:
                 self._nav.reset()
             self._usm.forget()
@@ -252,135 +258,117 @@ class Bridge:
     def _reply(self, answer: Answer) -> None:
         self._post([(REPLY, msgspec.json.encode(answer).decode())])
 
-    def _tell(self, name: str, value: float | str | bytes, source: str, fault: Fault) -> None:
-        self._faults.note(name, value, source, fault)
-
     # -- in -------------------------------------------------------------------------------------------------------------------------
 
     def take(self, written: Iterable[tuple[str, float | str | bytes, str, float]], since: float = -math.inf) -> None:
-        """Obey what others wrote, together; each fault is told in UWSERVER_ERROR.
+        """Obey what others wrote, all together. Each fault is told in UWSERVER_ERROR.
 
-        What was written before we came is history that the database keeps: it is no command any more. States (a current, a pause) hold,
-        once.
+        The database keeps values from before we came. They are no commands any more, but states (a current, a pause) still hold, once.
 
         Args:
             written: name, value, client and MOOS time.
             since: MOOS time at which we came.
         """
-        commanded: dict[str, str] = {}
         for name, value, source, time in written:
-            source = readable(source)
-            if isinstance(value, bytes):
-                value = self._read(name, value)
-            elif isinstance(value, str):
-                value = readable(value)
-            if time < since and (not self._is_state(name) or time <= self._seen.get(name, -math.inf)):
-                if since - time > CREDIBLE_S:  # else it may have been under way as we came
+            source, value = readable(source), self._read(name, value)
+            if time < since and (name not in self._states or time <= self._seen.get(name, -math.inf)):
+                if since - time > CREDIBLE_S:  # a little earlier it may have been under way while we came
                     self._pass_over(name, value, source, time)
                 continue
             self._seen[name] = time
             try:
-                self._obey(name, value, source, commanded)
+                self._obey(name, value, source)
             except Refused as refused:
-                self._tell(name, value, source, refused.fault)
+                self._faults.note(name, value, source, refused.fault)
             except ValueError as error:
-                self._tell(name, value, source, Fault("bad_argument", str(error), name))
+                self._faults.note(name, value, source, Fault("bad_argument", str(error), name))
+        commanded, self._commanded = self._commanded, {}
         for path, source in commanded.items():
             self._command(path, self._mixer.command(path), source)
 
-    def _read(self, name: str, value: bytes) -> str | bytes:
-        """A binary variable: itself for a field of bytes or a buffer, or where it is too long, else text."""
-        packed = name in self._acomms.names or (name in self._direct and self._direct[name][1].is_packed)
-        return value if packed or len(value) > TEXT_LIMIT else value.decode("utf-8", "replace")
+    def _is_packed(self, name: str) -> bool:
+        """Return whether a variable goes to a field of bytes or a buffer."""
+        return name in self._acomms.names or (name in self._direct and self._direct[name][1].is_packed)
+
+    def _read(self, name: str, value: float | str | bytes) -> float | str | bytes:
+        """Return the value with a binary one as text, unless it goes to a packed field or is too long."""
+        if isinstance(value, str):
+            return readable(value)
+        if not isinstance(value, bytes) or self._is_packed(name) or len(value) > TEXT_LIMIT:
+            return value
+        return value.decode("utf-8", "replace")
 
     def _pass_over(self, name: str, value: float | str | bytes, source: str, time: float) -> None:
-        """What is kept comes once; what comes again was written now, by a clock that is behind. That is told once."""
+        """Note an old write. A kept value comes once; one that comes again was written now, by a clock that is far behind, which is told once."""
         before = self._passed_over.setdefault(name, time)
         if before is not None and time != before:
             self._passed_over[name] = None
             text = "written by a clock that is far behind: is its MOOSTimeWarp ours? It is not obeyed"
-            self._tell(name, value, source, Fault("bad_argument", text, name))
+            self._faults.note(name, value, source, Fault("bad_argument", text, name))
 
-    def _is_state(self, name: str) -> bool:
-        return name in self._usm.names and name not in MOMENTARY
-
-    def _obey(self, name: str, value: float | str | bytes, source: str, commanded: dict[str, str]) -> None:
-        quota = self._quota_of(name)
+    def _obey(self, name: str, value: float | str | bytes, source: str) -> None:
+        quota, obey = self._routes.get(name, (None, self._obey_elsewhere))
         if quota is not None and not quota.take(source):
             if quota.is_first_too_many(source):
-                self._refuse_flood(name, value, source, quota.most)
+                text = f"more than {quota.most} in a second: what is above is not carried out"
+                self._refuse_flood(name, value, source, Fault("overload", text, name))
             return
-        if name in self._acomms.names:
-            if (message := self._acomms.hear(name, value)) is not None:
-                self._command(self._acomms.send, message, source, name)
-        elif isinstance(value, bytes):
-            self._obey_bytes(name, value, source)
-        elif name in self._pilot.hears:
-            self._pilot.hear(name, number(name, value), self._t_s)
-        elif name in self._mixer.names:
-            if self._usm.is_enabled and self._pilot.admits(name, number(name, value), self._t_s):
-                commanded.update(dict.fromkeys(self._mixer.take(name, number(name, value)), source))
-        elif name in self._direct:
-            port, field = self._direct[name]
-            content = value if field.type == "str" else given(value)
-            self._command(port.path, {field.name: content}, source, name)
-        elif name in self._reports.names:
-            for path, told in self._reports.commands(name, value):
-                self._command(path, told, source, name)
-        elif name == CALL:
-            if self._table.services:
-                self._calls.take(str(value), source, self._reply)
-        elif name == APPCAST_REQUEST:
-            self.appcasts.ask(str(value), self._steady())
-        elif self._table.usm:
-            self._obey_usm(name, value, source)
+        if isinstance(value, bytes) and not self._is_packed(name):
+            raise Refused("too_large", f"a text of {len(value)} bytes: the longest has {TEXT_LIMIT}", name)
+        obey(name, value, source)
+
+    def _refuse_flood(self, name: str, value: float | str | bytes, source: str, fault: Fault) -> None:
+        if name == CALL and not isinstance(value, bytes):
+            self._calls.take(str(value), source, self._reply, fault)
+        else:
+            self._faults.note(name, value, source, fault)
+
+    def _obey_modem(self, name: str, value: float | str | bytes, source: str) -> None:
+        if (message := self._acomms.hear(name, value)) is not None:
+            self._command(self._acomms.send, message, source, name)
+
+    def _obey_mixed(self, name: str, value: float | str, source: str) -> None:
+        if self._usm.is_enabled and self._pilot.admits(name, number(name, value), self._t_s):
+            self._commanded.update(dict.fromkeys(self._mixer.take(name, number(name, value)), source))
+
+    def _obey_direct(self, name: str, value: float | str | bytes, source: str) -> None:
+        port, field = self._direct[name]
+        content = value if isinstance(value, bytes) or field.type == "str" else given(value)
+        self._command(port.path, {field.name: content}, source, name)
+
+    def _obey_report(self, name: str, value: float | str, source: str) -> None:
+        for path, told in self._reports.commands(name, value):
+            self._command(path, told, source, name)
+
+    def _obey_call(self, _: str, value: float | str, source: str) -> None:
+        self._calls.take(str(value), source, self._reply)
 
     def _obey_usm(self, name: str, value: float | str, source: str) -> None:
-        if name in self._usm.names:
-            self._usm.take(name, value, source, lambda fault: self._tell(name, value, source, fault))
-        elif name in ELSEWHERE:
+        self._usm.take(name, value, source, lambda fault: self._faults.note(name, value, source, fault))
+
+    def _obey_elsewhere(self, name: str, value: float | str, _: str) -> None:
+        if self._table.usm and name in ELSEWHERE:
             self._usm.hear_elsewhere(name, value)
-
-    def _quota_of(self, name: str) -> Quota | None:
-        """Which limit a variable falls under; None for one that costs nothing."""
-        if name in self._mixer.names or name in self._direct or name in (*self._reports.names, *self._acomms.names):
-            return self._command_quota
-        if name == CALL:
-            return self._call_quota
-        return self._state_quota if name in self._usm.names and name not in FREE else None
-
-    def _refuse_flood(self, name: str, value: float | str | bytes, source: str, most: int) -> None:
-        fault = Fault("overload", f"more than {most} in a second: what is above is not carried out", name)
-        if name == CALL and not isinstance(value, bytes):
-            self._calls.refuse(str(value), source, fault, self._reply)
-        else:
-            self._tell(name, value, source, fault)
-
-    def _obey_bytes(self, name: str, value: bytes, source: str) -> None:
-        if name not in self._direct or not self._direct[name][1].is_packed:
-            raise Refused("too_large", f"a text of {len(value)} bytes: the longest has {TEXT_LIMIT}", name)
-        port, field = self._direct[name]
-        self._command(port.path, {field.name: value}, source, name)
 
     def _neutral(self) -> None:
         self._pilot.rest()
         for path in self._mixer.neutral():
             self._command(path, self._mixer.command(path), self._peer.source)
 
-    def _command(self, path: str, value: Mapping[str, object], source: str, name: str = "") -> None:  # fmt: skip
+    def _command(self, path: str, value: Mapping[str, object], source: str, name: str = "") -> None:
         name = name or variable(path)
 
         def on_answer(reply: Reply) -> None:
             if reply.fault is not None:
-                self._tell(name, "", source, reply.fault)
+                self._faults.note(name, "", source, reply.fault)
 
         try:
-            # One source for all clients of a community: helm, autopilot and operator take turns there by MOOS's own rules.
+            # All clients of a community are one source for the world: helm, autopilot and operator take turns by the rules of MOOS.
             self._peer.command(path, value, on_answer)
         except Refused as refused:
-            self._tell(name, "", source, refused.fault)
+            self._faults.note(name, "", source, refused.fault)
 
     def close(self) -> None:
-        """Cancel calls under way."""
+        """Cancel all calls."""
         self._calls.close()
         self._peer.close()

@@ -1,4 +1,4 @@
-"""Services over MOOS: a call is written to one variable, its answer to another, both latched.
+"""Services over MOOS: a call is written to one variable, and its answer to another.
 
 ``UWSERVER_CALL`` is ``[id] service [JSON arguments]`` or a JSON map ``{"id", "service", "args", "timeout_s"}``; ``UWSERVER_REPLY`` is a JSON map with
 the same `id`, and either `value` and `tick`, or `error`.
@@ -16,9 +16,11 @@ from uwserver.adapter import AdapterContext, Conversation, Owed, Undecodable, de
 from uwserver.ports import Fault, Json, Refused, Reply
 
 TIMEOUT_S = 10.0
+"""Wall time in which a call must be done, unless it says otherwise."""
 OPEN = 64
-"""Calls that may be under way."""
+"""Most calls under way at the same time."""
 TEXT_LIMIT = 1 << 16
+"""Longest call, characters."""
 
 T = TypeVar("T")
 Answer = dict[str, Json]
@@ -35,7 +37,7 @@ class Request(Struct, frozen=True):
 
 
 def parse(text: str) -> Request:
-    """Read the variable.
+    """Parse a call.
 
     Raises:
         Refused: the text says what is wrong.
@@ -52,20 +54,16 @@ def parse(text: str) -> Request:
 
 
 def words(text: str) -> tuple[str | None, str, str]:
-    """Id, service and arguments of the short form; the id is None where there is none, the others may be empty."""
-    first, rest = _split(text)
+    """Return id, service and arguments of the short form. The id is None where there is none; the others may be empty."""
+    first, rest = (*text.split(None, 1), "", "")[:2]
     if not first or "/" in first:
         return None, first, rest
-    return first, *_split(rest)
-
-
-def _split(text: str) -> tuple[str, str]:
-    found = text.split(None, 1)
-    return (found[0] if found else "", found[1] if len(found) > 1 else "")
+    service, args = (*rest.split(None, 1), "", "")[:2]
+    return first, service, args
 
 
 def id_of(text: str) -> str | int | None:
-    """The id of a call that cannot be read; None where it has none."""
+    """Return the id of a call that cannot be read; None where it has none."""
     text = text[:TEXT_LIMIT].strip()
     return json_member(text.encode("utf-8", "replace"), "id") if text.startswith("{") else words(text)[0]
 
@@ -92,31 +90,36 @@ class Calls:
 
     @property
     def waiting(self) -> int:
-        """How many wait for their answer."""
+        """Number of calls that wait for their answer."""
         return self._peer.owed.count
 
-    def take(self, text: str, source: str, answer: Callable[[Answer], None]) -> None:
-        """Begin a call, or say why not.
+    def take(self, text: str, source: str, answer: Callable[[Answer], None], refusal: Fault | None = None) -> None:
+        """Begin a call, or answer why not.
 
         Args:
             text: see `parse`.
             source: client that wrote it.
-            answer: takes the one answer.
+            answer: gets the one answer.
+            refusal: why the call shall not even begin.
         """
         request = Request("", id_of(text))
+
+        def tell(**outcome: Json) -> None:
+            answer({"id": request.id, "service": request.service, "src": source, **outcome})
+
+        def fail(fault: Fault) -> None:
+            self._stats.errors += 1
+            tell(error={"code": fault.code, "message": fault.text, "where": fault.where})
 
         def on_answer(reply: Reply) -> None:
             if reply.fault is not None:
                 fail(reply.fault)
-                return
-            said: Answer = {"id": request.id, "service": request.service, "src": source, "tick": reply.tick}
-            answer({**said, "t_ns": reply.t_ns, "value": reply.result})
+            else:
+                tell(tick=reply.tick, t_ns=reply.t_ns, value=reply.result)
 
-        def fail(fault: Fault) -> None:
-            self._stats.errors += 1
-            error: Answer = {"code": fault.code, "message": fault.text, "where": fault.where}
-            answer({"id": request.id, "service": request.service, "src": source, "error": error})
-
+        if refusal is not None:
+            fail(refusal)
+            return
         try:
             request = parse(text)
             if not 0.0 < request.timeout_s < 1e6:
@@ -125,12 +128,6 @@ class Calls:
         except Refused as refused:
             fail(refused.fault)
 
-    def refuse(self, text: str, source: str, fault: Fault, answer: Callable[[Answer], None]) -> None:
-        """Answer a call that is not even begun."""
-        self._stats.errors += 1
-        error: Answer = {"code": fault.code, "message": fault.text, "where": fault.where}
-        answer({"id": id_of(text), "service": "", "src": source, "error": error})
-
     def close(self) -> None:
-        """Cancel what is under way; nobody is answered any more."""
+        """Cancel all calls; nobody is answered any more."""
         self._peer.close()

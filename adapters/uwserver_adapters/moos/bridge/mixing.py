@@ -1,4 +1,4 @@
-"""From percentages (DESIRED_THRUST, DESIRED_RUDDER ...) to fields of actuators: a sum of columns, one for each variable."""
+"""Fields of actuators from percentages (DESIRED_THRUST, DESIRED_RUDDER ...). A field is a sum with one column for each variable."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from collections.abc import Mapping, Sequence
 
 from uwserver.adapter import CannotServe, field_of, port_of
 from uwserver.ports import Field, Port
-from uwserver_adapters.moos.codec import radians
+from uwserver_adapters.moos.codec import rad
 from uwserver_adapters.moos.config import Target
 
 FULL = 100.0
-"""The value of a variable that gives a target's `full`."""
+"""Value of a variable that stands for a target's `full`."""
 
 
 class _Mixed:
-    """One field of an actuator: the sum of what variables ask for, within its range."""
+    """One field of an actuator: the sum of the parts of all variables, within its range."""
 
     def __init__(self, field: Field) -> None:
         self.field = field
@@ -23,7 +23,7 @@ class _Mixed:
         self.zero: tuple[float, ...] = (0.0,) * field.size
 
     def value(self, given: Mapping[str, float]) -> float | list[float]:
-        """The field for the variables given so far."""
+        """Return the field for the present values of the variables."""
         total = list(self.zero)
         for name, column in self.columns.items():
             part = given.get(name, 0.0) / FULL
@@ -35,22 +35,22 @@ class _Mixed:
 
 
 class Mixer:
-    """Keeps the last value of each variable and says what the actuators get.
+    """Keeps the last value of each variable, and computes the commands of the actuators.
 
     Args:
-        commands: targets of each variable.
-        ports: what there is.
-        vehicle: whose actuators they are.
+        commands: variable -> its targets.
+        ports: those of the context.
+        vehicle: vehicle of the actuators.
 
     Raises:
-        CannotServe: a port or field is not there, or `full` or `zero` does not fit it.
+        CannotServe: a port or field is missing, or `full` or `zero` does not fit it.
     """
 
     def __init__(self, commands: Mapping[str, Sequence[Target]], ports: Mapping[str, Port], vehicle: str) -> None:
         self._given: dict[str, float] = {}
         self._limits: dict[str, float] = {}
         self._mixed: dict[str, dict[str, _Mixed]] = {}
-        self._reached: dict[str, list[str]] = {}
+        self._reached: dict[str, dict[str, None]] = {}
         for name, targets in commands.items():
             for target in targets:
                 self._add(name, target, ports, vehicle)
@@ -59,47 +59,44 @@ class Mixer:
         where = f"commands.{name}"
         port = port_of(where, target.port, ports, vehicle, "actuator")
         field = field_of(where, port, target.field)
-        path = port.path
-        mixed = self._mixed.setdefault(path, {}).setdefault(field.name, _Mixed(field))
+        mixed = self._mixed.setdefault(port.path, {}).setdefault(field.name, _Mixed(field))
         mixed.columns[name] = _column(where, target, field)
         zero = _components(where, "zero", target.zero, field)
         mixed.zero = tuple(sum_ + part for sum_, part in zip(mixed.zero, zero, strict=True))
         self._limits[name] = min(target.limit, self._limits.get(name, math.inf))
-        reached = self._reached.setdefault(name, [])
-        if path not in reached:
-            reached.append(path)
+        self._reached.setdefault(name, {})[port.path] = None
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Variables that it listens to."""
+        """Variables that mean something here."""
         return tuple(self._reached)
 
     def take(self, name: str, value: float) -> list[str]:
-        """Remember a value; returns the paths of the actuators that it changes. Raises ValueError when it is not finite."""
+        """Keep a value. Returns the paths of the actuators that it changes. Raises ValueError where it is not finite."""
         if not math.isfinite(value):
             raise ValueError(f"{value} is no finite number")
         limit = self._limits[name]
         self._given[name] = min(max(value, -limit), limit)
-        return self._reached[name]
+        return list(self._reached[name])
 
     def neutral(self) -> list[str]:
-        """Forget all values; returns the paths of all actuators."""
+        """Forget all values. Returns the paths of all actuators."""
         self._given.clear()
         return list(self._mixed)
 
     def command(self, path: str) -> dict[str, float | list[float]]:
-        """All fields of an actuator that variables reach."""
+        """Return all fields of an actuator that variables reach."""
         return {name: mixed.value(self._given) for name, mixed in self._mixed[path].items()}
 
 
 def _column(where: str, target: Target, field: Field) -> tuple[float, ...]:
     if (target.full is None) == (target.full_deg is None):
         raise CannotServe(f"{where}: give either `full` or `full_deg`, what 100 adds")
-    if target.full_deg is not None and field.unit != "rad":
+    if target.full is not None:
+        return _components(where, "full", target.full, field)
+    if field.unit != "rad":
         raise CannotServe(f'{where}: "{field.name}" is in {field.unit}: give `full`, not `full_deg`')
-    return _components(
-        where, "full", target.full if target.full is not None else radians(target.full_deg or 0.0), field
-    )
+    return tuple(map(rad, _components(where, "full", target.full_deg or 0.0, field)))
 
 
 def _components(where: str, what: str, given: float | tuple[float, ...], field: Field) -> tuple[float, ...]:

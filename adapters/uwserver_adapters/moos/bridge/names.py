@@ -4,54 +4,42 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable
 from typing import Literal
 
 import msgspec
 
 from uwserver.adapter import Undecodable, decode
-from uwserver.ports import Buffer, Field, Port, Refused, Sample, Scalar, Value
+from uwserver.ports import Buffer, Field, Port, Refused, Sample, Value
 
 MOST_COMPONENTS = 16
-"""A longer field is one JSON list whatever the scenario says: nobody wants 300 variables of one sonar ping."""
+"""Most components that become variables. A longer field is one JSON list whatever the scenario says: one sonar ping would make 300 variables."""
 
 _encode = msgspec.json.Encoder().encode
 
 
 def variable(*words: str) -> str:
-    """The name of a port, a field or a component: upper case, "_" for all that is neither letter nor digit."""
+    """Return the name of a port, a field or a component: in upper case, with "_" for all that is neither letter nor digit."""
     return re.sub(r"[^A-Za-z0-9]+", "_", "_".join(words)).strip("_").upper()
 
 
 class Outlet:
     """Turns samples of one port into variables.
 
-    Attributes:
-        port: as given.
+    Args:
+        port: the port.
+        vectors: how a vector is published, see `BridgeTable`.
+        on_change: publish only values that have changed.
     """
 
     def __init__(self, port: Port, vectors: Literal["components", "json"], on_change: bool) -> None:
-        self.port = port
         self._on_change = on_change
         self._last: dict[str, float | str] = {}
         self._valid = variable(port.path, "valid")
-        self._names = [self._of(field, vectors) for field in port.fields]
-
-    def _of(self, field: Field, vectors: Literal["components", "json"]) -> str | list[str]:
-        """One name, or one of each component."""
-        name = variable(self.port.path, field.name)
-        if not field.shape or vectors == "json" or field.size > MOST_COMPONENTS:
-            return name
-        if field.is_rotation:
-            words: Iterator[str] | tuple[str, ...] = ("W", "X", "Y", "Z")
-        elif field.shape == (3,) and field.frame:
-            words = ("X", "Y", "Z")
-        else:
-            words = map(str, range(field.size))
-        return [f"{name}_{word}" for word in words]
+        self._names = [_names_of(port, field, vectors) for field in port.fields]
 
     def pairs(self, sample: Sample) -> list[tuple[str, float | str]]:
-        """Variables of a sample. What has no value, or no finite one, is left out; ``..._VALID`` is published when it changes."""
+        """Return the variables of a sample. Those without a finite value are left out; ``..._VALID`` is published when it changes."""
         pairs: list[tuple[str, float | str]] = []
         valid = "true" if sample.valid else "false"
         if self._last.get(self._valid, "true") != valid:
@@ -73,9 +61,23 @@ class Outlet:
         pairs.append((name, value))
 
 
+def _names_of(port: Port, field: Field, vectors: Literal["components", "json"]) -> str | list[str]:
+    """Return the name of a field, or the names of its components."""
+    name = variable(port.path, field.name)
+    if not field.shape or vectors == "json" or field.size > MOST_COMPONENTS:
+        return name
+    words: Iterable[object] = range(field.size)
+    if field.is_rotation:
+        words = "WXYZ"
+    elif field.shape == (3,) and field.frame:
+        words = "XYZ"
+    return [f"{name}_{word}" for word in words]
+
+
 def _written(value: Value) -> float | str | None:
     if isinstance(value, tuple):
-        return None if all(component is None for component in value) else _encode(_finite(value)).decode()
+        finite = [None if isinstance(part, float) and not math.isfinite(part) else part for part in value]
+        return None if all(component is None for component in value) else _encode(finite).decode()
     if isinstance(value, Buffer):
         return _encode(value).decode()
     if isinstance(value, bool):
@@ -85,19 +87,15 @@ def _written(value: Value) -> float | str | None:
     return value
 
 
-def _finite(value: tuple[Scalar, ...]) -> list[Scalar]:
-    return [None if isinstance(part, float) and not math.isfinite(part) else part for part in value]
-
-
 def number(name: str, value: float | str) -> float:
-    """Of a variable that is to be one; Refused for a text."""
+    """Return the value of a variable that must be a number. Raises Refused where it is a text."""
     if isinstance(value, str):
         raise Refused("bad_argument", f'"{value[:40]}" is a text: write {name} as a number', name)
     return value
 
 
 def given(value: float | str) -> object:
-    """A field of a command: a number, or a JSON list in a text."""
+    """Return the field of a command: a number, or the JSON list in a text. Raises ValueError where the text is none."""
     if not isinstance(value, str):
         return value
     try:

@@ -1,4 +1,4 @@
-"""How often writers may ask, and how often they are told of their faults: nobody's flood is everybody's mail."""
+"""Limits of how often writers may ask, and of how often refusals are told. All clients get the refusals, so one client could flood the others."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from uwserver.adapter import AdapterStats, RateMeter
 from uwserver.ports import Fault
 
 WRITERS = 128
-"""Whose requests are counted apart; all further ones share one count. Anybody can claim any name."""
+"""Writers that are counted apart. All others share one count, as a client can claim any name."""
 SHARE = 4
-"""So many writers may ask as often as one may."""
+"""All writers together may ask this many times as often as one."""
 FAULTS_PER_S = 20
-"""Refusals of one writer that are told in a second."""
+"""Most refusals of one writer that are told in a second."""
 
 Value = float | str | bytes
 Clock = Callable[[], float]
 
 
 class Quota:
-    """Counts what each writer asks for, and all of them together.
+    """Counts the requests of each writer, and of all writers together.
 
     Args:
-        most: that one may in a second; all together may `SHARE` times as much.
+        most: requests of one writer in a second; all together may ask `SHARE` times as often.
         steady: a clock that never jumps, s.
 
     Attributes:
@@ -38,19 +38,19 @@ class Quota:
         self._writers: dict[str, RateMeter] = {}
 
     def take(self, writer: str) -> bool:
-        """Count one request; whether it is still allowed."""
+        """Count one request. Returns whether it is still allowed."""
         now = self._steady()
         return self._meter(writer, now).take(now) and self._all.take(now)
 
     def is_first_too_many(self, writer: str) -> bool:
-        """Whether the last one of this writer was the first in this second that was not allowed."""
+        """Return whether the last request of this writer was the first one in this second that was not allowed."""
         meter = self._meter(writer, self._steady())
         return meter.count == meter.most + 1 or (meter.count <= meter.most and self._all.count == self._all.most + 1)
 
     def _meter(self, writer: str, now: float) -> RateMeter:
         meter = self._writers.get(writer)
         if meter is None:
-            if len(self._writers) >= WRITERS:
+            if len(self._writers) >= WRITERS:  # forget those whose second is over
                 self._writers = {name: other for name, other in self._writers.items() if now < other.end}
             if len(self._writers) >= WRITERS:
                 writer = ""
@@ -59,10 +59,10 @@ class Quota:
 
 
 class Faults:
-    """Tells of what was refused, in one variable that all can hear; sparingly.
+    """Tells refusals to all clients in one variable, within a limit.
 
     Args:
-        stats: where they are counted, all of them.
+        stats: counts all refusals.
         tell: publishes the text.
         steady: a clock that never jumps, s.
     """
@@ -74,7 +74,7 @@ class Faults:
         self._untold = 0
 
     def note(self, name: str, value: Value, writer: str, fault: Fault) -> None:
-        """A write of a variable was refused."""
+        """Tell that a write of a variable was refused."""
         self._stats.errors += 1
         self._stats.last_error = f"{name}: {fault.text}"
         if self._quota.take(writer):
@@ -83,7 +83,7 @@ class Faults:
             self._untold += 1
 
     def flush(self) -> None:
-        """Tell how many were not told; to be called each second."""
+        """Tell how many refusals were not told; to be called each second."""
         untold, self._untold = self._untold, 0
         if untold:
             self._put("", "", "", Fault("overload", f"{untold} more refusals in the last second were not told"))
@@ -95,7 +95,7 @@ class Faults:
 
 
 def _shown(value: Value) -> float | str:
-    """A value as a refusal repeats it."""
+    """Return the value that a refusal repeats."""
     if isinstance(value, bytes):
         return f"<binary> {len(value)} bytes"
     return value[:80] if isinstance(value, str) else value

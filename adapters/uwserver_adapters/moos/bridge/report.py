@@ -1,4 +1,4 @@
-"""What the world says of itself to people who watch a mission: whether it keeps the warp, and an appcast for uMAC and pMarineViewer."""
+"""What people who watch a mission are told: whether the world keeps the warp, and an appcast for uMAC and pMarineViewer."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import logging
 import math
 from collections.abc import Mapping
 
-from uwserver_adapters.moos.codec import Pairs, seconds
+from uwserver_adapters.moos.codec import Pairs, finite, seconds
 
 log = logging.getLogger(__name__)
 
@@ -15,16 +15,18 @@ WARNING = "UWSERVER_WARNING"
 APPCAST = "APPCAST"
 APPCAST_REQUEST = "APPCAST_REQ"
 NAME = "uwserver"
+"""Name of the program in appcasts."""
 
 KEPT = 0.95
-"""Share of the wanted speed below which a world does not keep it."""
+"""Share of the wanted speed below which the world is too slow."""
 SLOW_ROUNDS = 3
-"""Rounds (of a second) in which it does not, before that is told."""
+"""Rounds of a second in which the world is too slow before that is told."""
 TELL_S = 60.0
-"""Wall time between two lines of the log about it."""
+"""Wall time between two such lines in the log."""
 LONGEST_REQUEST_S = 30.0
+"""Longest wall time for which one request asks for appcasts."""
 KEYS = 16
-"""Programs that may ask for appcasts at once."""
+"""Most programs that may ask for appcasts at the same time."""
 _TEXT_LIMIT = 512
 
 
@@ -32,9 +34,9 @@ class Pace:
     """Compares simulated with wall time, once a second.
 
     Attributes:
-        warning: text while the world does not keep its speed, "" while it does.
+        warning: text while the world is too slow; "" while it keeps its speed.
         factor: simulated seconds in a second of wall time, in the last round; NaN before the second round.
-        rounds: in which it was too slow, since the start.
+        rounds: rounds in which it was too slow, since the start.
     """
 
     def __init__(self) -> None:
@@ -46,7 +48,7 @@ class Pace:
         self._told_at = -math.inf
 
     def observe(self, status: Mapping[str, object], wall_s: float, name: str) -> Pairs:
-        """Compare.
+        """Compare the times since the last round.
 
         Args:
             status: the answer of ``world/status``.
@@ -54,7 +56,7 @@ class Pace:
             name: of the adapter, for the log.
 
         Returns:
-            Variables that tell it.
+            Variables to publish.
         """
         t_ns, speed = status.get("t_ns"), status.get("speed")
         if not isinstance(t_ns, int) or not isinstance(speed, int | float):
@@ -74,21 +76,18 @@ class Pace:
                 f"the world runs at {self.factor:.3g} of the wanted {speed:g}: lower [world.clock] speed and MOOSTimeWarp alike, "
                 "or give the machine less to do"
             )
-            self._log(wall_s, name)
+            if wall_s - self._told_at >= TELL_S:
+                self._told_at = wall_s
+                log.warning("%s: %s", name, self.warning)
         elif not is_slow:
             self.warning = ""
         if bool(was) != bool(self.warning):
             pairs.append((WARNING, self.warning))
         return pairs
 
-    def _log(self, wall_s: float, name: str) -> None:
-        if wall_s - self._told_at >= TELL_S:
-            self._told_at = wall_s
-            log.warning("%s: %s", name, self.warning)
-
 
 class AppCasts:
-    """Who wants appcasts, until when, and what they say.
+    """Makes appcasts while some program asks for them.
 
     Attributes:
         node: name of the community.
@@ -100,33 +99,31 @@ class AppCasts:
         self._round = 0
 
     def ask(self, text: str, wall_s: float) -> None:
-        """A request: ``node=,app=,duration=,key=,thresh=``. What is not for us, or has no key, is passed over, as MOOS programs do."""
+        """Take a request: ``node=,app=,duration=,key=,thresh=``. One for other programs, or without a key, is passed over, as MOOS programs do."""
         given = dict(part.split("=", 1) for part in text[:_TEXT_LIMIT].split(",") if "=" in part)
         said = {key.strip().lower(): value.strip() for key, value in given.items()}
         if said.get("node", "all") not in (self.node, "all") or said.get("app", "all") not in (NAME, "all"):
             return
         key = said.get("key", "")
-        if not key:
-            return
         try:
-            duration = float(said.get("duration", ""))
+            duration = finite(said.get("duration", ""))
         except ValueError:
             return
-        if math.isfinite(duration) and (key in self._until or len(self._until) < KEYS):
+        if key and (key in self._until or len(self._until) < KEYS):
             self._until[key] = wall_s + min(max(duration, 0.0), LONGEST_REQUEST_S)
 
     def due(self, wall_s: float) -> bool:
-        """Whether somebody still wants one; to be asked once a second."""
+        """Return whether a program still wants appcasts; to be called once a second."""
         self._round += 1
         self._until = {key: until for key, until in self._until.items() if wall_s <= until}
         return bool(self._until)
 
     def text(self, lines: list[str], pace: Pace) -> str:
-        """An appcast.
+        """Return an appcast.
 
         Args:
-            lines: what it says.
-            pace: its warning becomes a run-time warning.
+            lines: its text.
+            pace: gives the run-time warning.
         """
         lines_ = "".join(f"{_plain(line)}!@" for line in lines)
         parts = [f"proc={NAME}", f"iter={self._round}", f"node={_plain(self.node)}", f"messages={lines_}"]
@@ -137,5 +134,5 @@ class AppCasts:
 
 
 def _plain(text: str) -> str:
-    """Without what separates the parts of an appcast."""
+    """Return a text without the separators of an appcast."""
     return text.replace("!@", "").replace("\n", " ")

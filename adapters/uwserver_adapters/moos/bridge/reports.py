@@ -1,33 +1,82 @@
-"""Node reports of others, and their NAV_ variables, which lead external vehicles of the world."""
+"""Node reports and NAV_ variables of other vehicles; external vehicles of the world follow them.
+
+A node report is ``NAME=henry,TYPE=auv,X=12.3,Y=-4,DEP=5,HDG=90,SPD=1.2,TIME=...``, in m, m/s and degrees.
+"""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 
-from uwserver_adapters.moos.node_report import NodeReport, read_report
+from uwserver.frames import quat_from_rpy
+from uwserver_adapters.moos.codec import rad
 
 NODE_REPORTS = ("NODE_REPORT", "NODE_REPORT_LOCAL")
-"""As pNodeReporter writes them, and as they come from other communities."""
+"""Variables with node reports: as they come from other communities, and as pNodeReporter writes them."""
+LONGEST = 4096
+"""Longest node report, characters. They have some hundreds."""
 VARIABLES = "_*"
-"""Ends the name of one who is followed by its variables: ``NAV_*``."""
+"""End of the name of a vehicle that is followed by its variables: ``NAV_*``."""
+_PAIR = re.compile(r'\s*([A-Za-z_]\w*)\s*=\s*("[^"]*"|\{[^{}]*\}|[^,]*)(?:,|$)')
 _KEYS = {"X": "X", "Y": "Y", "DEPTH": "DEP", "HEADING": "HDG", "SPEED": "SPD"}
-"""Last words of variables, and the same in node reports."""
+"""Last word of a variable -> key of a node report."""
 
 Told = Iterator[tuple[str, Mapping[str, object]]]
-"""Ports, and what they are told."""
+"""Paths of ports, and the fields of their commands."""
+
+
+def read_report(text: str) -> tuple[str, dict[str, float]]:
+    """Return the name in a node report ("" where it has none), and its finite numbers by key in upper case.
+
+    Raises:
+        ValueError: the text is too long.
+    """
+    if len(text) > LONGEST:
+        raise ValueError(f"a node report of {len(text)} characters: at most {LONGEST} are read")
+    name, numbers = "", dict[str, float]()
+    for key, value in _PAIR.findall(text):
+        if key.upper() == "NAME":
+            name = value.strip()
+            continue
+        try:
+            number = float(value)
+        except ValueError:
+            continue
+        if math.isfinite(number):
+            numbers[key.upper()] = number
+    return name, numbers
+
+
+def pose_command(name: str, numbers: Mapping[str, float]) -> dict[str, object]:
+    """Return the fields of a command to a port `pose`: level, and moving ahead at the reported speed.
+
+    Raises:
+        ValueError: there is no position.
+    """
+    missing = [key for key in ("X", "Y") if key not in numbers]
+    if missing:
+        raise ValueError(f"the report of {name} has no {' and no '.join(missing)}")
+    value: dict[str, object] = {"p_NB": [numbers["Y"], numbers["X"], numbers.get("DEP", 0.0)]}
+    if "HDG" in numbers:
+        value["q_NB"] = list(quat_from_rpy(0.0, 0.0, rad(numbers["HDG"])))
+    if "SPD" in numbers:
+        value["v_NB_B"] = [numbers["SPD"], 0.0, 0.0]
+    return value
 
 
 class NodeReports:
-    """Which external vehicle follows whom.
+    """Moves external vehicles as others report.
+
+    Args:
+        externals: name of an external vehicle -> what it follows: the name in node reports, in which large and small letters are the same; or the
+            beginning of variables, ``NAV_*``.
 
     Attributes:
         names: variables that mean something here.
     """
 
     def __init__(self, externals: Mapping[str, str]) -> None:
-        """externals: by the names of the vehicles that follow them, names in node reports, whose large and small letters are one; or beginnings
-        of variables, ``NAV_*``."""
         self._nodes: dict[str, list[str]] = {}
         self._variables: dict[str, tuple[_Newest, str]] = {}
         for vehicle, followed in externals.items():
@@ -40,33 +89,33 @@ class NodeReports:
         self.names = (*(NODE_REPORTS if self._nodes else ()), *self._variables)
 
     def commands(self, name: str, value: float | str) -> Told:
-        """What follows from a variable; nothing from the report of a node that nobody follows, nor from half a place.
+        """Yield the commands that follow from a variable: none for the report of a node that nobody follows, or until X and Y have both come.
 
         Raises:
-            ValueError: it is the report of one that is followed, and says no place, or a text for a number; the text says what is wrong.
+            ValueError: the report of a followed node has no position, or a text comes instead of a number; the text says what is wrong.
         """
         if name in self._variables:
             newest, key = self._variables[name]
             yield from newest.hear(key, value)
             return
-        report = read_report(str(value))
-        for vehicle in self._nodes.get(report.name.lower(), ()):
-            yield f"{vehicle}/pose", report.command()
+        node, numbers = read_report(str(value))
+        for vehicle in self._nodes.get(node.lower(), ()):
+            yield f"{vehicle}/pose", pose_command(node, numbers)
 
 
 class _Newest:
-    """The newest values of variables that come one by one; a place is one when both X and Y are newer than the last."""
+    """The newest values of variables that come one by one. Both X and Y must be newer than the last position before there is another."""
 
     def __init__(self, vehicle: str, followed: str) -> None:
         self._vehicle, self._followed = vehicle, followed
-        self._found: dict[str, float] = {}
+        self._numbers: dict[str, float] = {}
         self._fresh: set[str] = set()
 
     def hear(self, key: str, value: float | str) -> Told:
         if isinstance(value, str) or not math.isfinite(value):
             raise ValueError(f'"{str(value)[:40]}" is no number')
-        self._found[key] = value
+        self._numbers[key] = value
         self._fresh.add(key)
         if {"X", "Y"} <= self._fresh:
             self._fresh.clear()
-            yield f"{self._vehicle}/pose", NodeReport(self._followed, dict(self._found)).command()
+            yield f"{self._vehicle}/pose", pose_command(self._followed, self._numbers)

@@ -1,10 +1,10 @@
-"""The `moos` adapter: joins a MOOSDB, or one for each community, and stays there."""
+"""The adapter `moos`: it joins one MOOSDB or several, and stays there."""
 
 from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 
 from uwserver.adapter import AdapterContext, serving, within
 from uwserver.ports import Event, Sample
@@ -25,7 +25,20 @@ CONNECT_S = 1.0
 
 
 class Community:
-    """One connection that is made again and again. The adapter's `Subscriber`. Loop thread."""
+    """One MOOSDB, which is joined again and again. Loop thread.
+
+    Args:
+        name: of the community in the adapter's table.
+        table: of the community.
+        config: of the adapter.
+        context: the world.
+        clock: MOOS time.
+
+    Attributes:
+        bridge: the bridge between the database and the world.
+        link: the connection; None while there is none.
+        address: of the database.
+    """
 
     def __init__(
         self, name: str, table: CommunityTable, config: MoosConfig, context: AdapterContext, clock: MoosClock
@@ -34,27 +47,13 @@ class Community:
         self._timeout_s = config.timeout_s
         self._context = context
         self._clock = clock
-        self._link: Link | None = None
         self._alog: Alog | None = None
+        self.link: Link | None = None
         self.bridge = Bridge(table, context, self._post, self._listen, name, asyncio.get_running_loop().time)
         self.address = f"{table.host}:{table.port}"
 
-    @property
-    def wanted(self) -> Collection[str]:
-        """What the bridge does, while somebody is there."""
-        return () if self._link is None else self.bridge.wanted
-
-    def put_samples(self, samples: Sequence[Sample]) -> None:
-        """Publish them, if somebody is there."""
-        if self._link is not None:
-            self.bridge.put_samples(samples)
-
-    def put_event(self, event: Event) -> None:
-        """Tell it."""
-        self.bridge.put_event(event)
-
     def _post(self, pairs: Pairs) -> None:
-        link, stats = self._link, self._context.stats
+        link, stats = self.link, self._context.stats
         if link is None:
             return
         if link.kinds:
@@ -65,36 +64,39 @@ class Community:
             return
         stats.samples_sent += len(pairs)
         stats.bytes_sent += size
+        now = self._clock.now()
+        self._log((name, value, self._table.client, now) for name, value in pairs)
+
+    def _log(self, written: Iterable[tuple[str, float | str | bytes, str, float]]) -> None:
         if self._alog is not None:
-            now = self._clock.now()
-            for name, value in pairs:
-                self._alog.write(now, name, self._table.client, value)
+            for name, value, source, time in written:
+                self._alog.add(time, name, source, value)
 
     def _compare(self, link: Link, pairs: Pairs) -> None:
-        """Tell once of each variable that another client keeps as another type."""
+        """Warn once of each variable to which another client has given another type."""
         for name, value in pairs:
             theirs = link.kinds.pop(name, "")
             if theirs and theirs != (wire.STRING if isinstance(value, str) else wire.DOUBLE):
                 text = f"the MOOSDB at {self.address} has {name} with another type and drops ours: rename one, or start it anew"
                 self._context.stats.errors += 1
-                self._context.stats.last_error = text
-                log.warning("%s: %s", self._context.name, text)
+                self._warn(text)
+
+    def _warn(self, text: str) -> None:
+        self._context.stats.last_error = text
+        log.warning("%s: %s", self._context.name, text)
 
     def _listen(self, names: Sequence[str]) -> None:
-        if self._link is not None:
-            self._link.register(names)
+        if self.link is not None:
+            self.link.register(names)
 
     def _take(self, link: Link, messages: Sequence[Message]) -> None:
         own = self._table.client
         mail = [(m.key, m.value, m.src, m.time) for m in messages if m.src != own]
-        if self._alog is not None:
-            for name, value, source, time in mail:
-                self._alog.write(time, name, source, value)
+        self._log(mail)
         self.bridge.take(mail, link.joined_at)
 
     async def run(self) -> None:
-        """Join, stay, join again, until cancelled."""
-        stats = self._context.stats
+        """Join, stay, and join again, until cancelled."""
         told = ""
         self._alog = Alog(self._table.alog, self._clock.now, self._context) if self._table.alog else None
         try:
@@ -103,9 +105,9 @@ class Community:
                     await self._visit()
                 except (OSError, LinkLost) as error:
                     text = f"MOOSDB at {self.address}: {error}; it is tried again"
-                    stats.last_error = text
+                    self._context.stats.last_error = text
                     if text != told:
-                        log.warning("%s: %s", self._context.name, text)
+                        self._warn(text)
                         told = text
                 await asyncio.sleep(RETRY_S)
         finally:
@@ -114,18 +116,17 @@ class Community:
                 self._alog.close()
 
     async def _visit(self) -> None:
+        """Join the database, and stay until the connection is over."""
         loop, stats = asyncio.get_running_loop(), self._context.stats
         table = self._table
-        link: Link
-        link = Link(table.client, self._clock, lambda messages: self._take(link, messages))
+        link: Link = Link(table.client, self._clock, lambda messages: self._take(link, messages))
         try:
             await within(CONNECT_S, loop.create_connection(lambda: link, table.host, table.port), "no answer")
             await within(CONNECT_S, link.join(), "no answer")
             if not self._clock.is_credible:
                 gap = f"{self._clock.skew:g} s, is its MOOSTimeWarp {self._clock.warp:g}?"
-                stats.last_error = f"the clock of the MOOSDB at {self.address} differs by {gap}"
-                log.warning("%s: %s", self._context.name, stats.last_error)
-            self._link = link
+                self._warn(f"the clock of the MOOSDB at {self.address} differs by {gap}")
+            self.link = link
             self._context.follow_wants()
             stats.peers += 1
             try:
@@ -135,12 +136,12 @@ class Community:
                 self.bridge.begin(link.community)
                 await link.stay(self._timeout_s, self.bridge.attend)
             finally:
-                self._link = None
+                self.link = None
                 self._context.follow_wants()
                 stats.peers -= 1
         finally:
             link.abort()
-            await asyncio.sleep(0)  # its socket is closed with the next turn of the loop
+            await asyncio.sleep(0)  # the loop closes an aborted socket in its next turn
 
 
 class MoosAdapter:
@@ -151,6 +152,7 @@ class MoosAdapter:
     def __init__(self, config: MoosConfig, context: AdapterContext) -> None:
         self.config = config
         self.context = context
+        self._communities: list[Community] = []
 
     async def run(self, ready: asyncio.Event) -> None:
         """Serve until cancelled; the databases may come and go.
@@ -160,36 +162,34 @@ class MoosAdapter:
         """
         config, context = self.config, self.context
         steady = asyncio.get_running_loop().time
-        warp = warp_of(context, config.warp)
-        members = [
+        warp = context.stats.details["warp"] = warp_of(context, config.warp)
+        self._communities = [
             Community(name, table, config, context, MoosClock(warp, steady))
             for name, table in config.communities.items()
         ]
-        tasks = [asyncio.ensure_future(member.run()) for member in members]
+        tasks = [asyncio.ensure_future(community.run()) for community in self._communities]
         try:
-            context.stats.details["warp"] = warp
-            with serving(context, _Several(members), ", ".join(member.address for member in members), ready):
+            with serving(context, self, ", ".join(each.address for each in self._communities), ready):
                 await asyncio.gather(*tasks)
         finally:
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
 
-
-class _Several:
-    """A subscriber of many."""
-
-    def __init__(self, members: Sequence[Community]) -> None:
-        self._members = members
+    def _joined(self) -> list[Community]:
+        return [community for community in self._communities if community.link is not None]
 
     @property
     def wanted(self) -> Collection[str]:
-        return frozenset().union(*(member.wanted for member in self._members))
+        """Ports that become variables of the communities that are joined now."""
+        return frozenset().union(*(community.bridge.wanted for community in self._joined()))
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
-        for member in self._members:
-            member.put_samples(samples)
+        """Publish samples in the communities that are joined now."""
+        for community in self._joined():
+            community.bridge.put_samples(samples)
 
     def put_event(self, event: Event) -> None:
-        for member in self._members:
-            member.put_event(event)
+        """Tell all bridges of an event."""
+        for community in self._communities:
+            community.bridge.put_event(event)

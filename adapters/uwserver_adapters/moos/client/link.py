@@ -15,11 +15,11 @@ from uwserver_adapters.moos.wire import Malformed, Message, Packet, Skipped
 log = logging.getLogger(__name__)
 
 BEAT_S = 1.0
-"""Wall time between two heartbeats; a MOOSDB gives up after 5 s of silence."""
+"""Wall time between two heartbeats. A MOOSDB gives up after 5 s of silence."""
 WAITING = 4 << 20
-"""Bytes that may wait for a database that does not read; samples are dropped above."""
+"""Bytes that may wait for a database that does not read. Samples are dropped above that."""
 REST_S = 0.004
-"""Wall time in which others have their turn, once the database has used up its own."""
+"""Wall time in which others have their turn, once the database has used up its turn."""
 
 
 class LinkLost(Exception):
@@ -27,18 +27,18 @@ class LinkLost(Exception):
 
 
 class Link(asyncio.Protocol):
-    """A client's side. Loop thread.
+    """The client's side of a connection. Loop thread.
 
     Args:
         name: of the client.
-        clock: follows the database's.
-        take: called with the notifications of each packet.
+        clock: MOOS time; it follows the clock of the database.
+        take: gets the notifications of each packet.
 
     Attributes:
         is_joined: the database has welcomed us.
-        joined_at: MOOS time of that.
+        joined_at: MOOS time of the welcome.
         community: name of the database's community.
-        kinds: types of variables that were there when we asked, by name.
+        kinds: name -> type of the variables that the database had when we asked.
     """
 
     def __init__(self, name: str, clock: MoosClock, take: Callable[[Sequence[Message]], None]) -> None:
@@ -53,7 +53,6 @@ class Link(asyncio.Protocol):
         self._turn: asyncio.TimerHandle | None = None
         self._has_skipped = False
         self._transport: asyncio.Transport
-        self._is_connected = False
         self._loop = asyncio.get_running_loop()
         self._joined: asyncio.Future[None] = self._loop.create_future()
         self._lost: asyncio.Future[None] = self._loop.create_future()
@@ -64,9 +63,8 @@ class Link(asyncio.Protocol):
     # -- asyncio --------------------------------------------------------------------------------------------------------------------
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Greet."""
+        """Greet the database."""
         self._transport = cast(asyncio.Transport, transport)
-        self._is_connected = True
         self._greeted = self._clock.now()
         name = Message(wire.DATA, wire.ASYNCHRONOUS, data=self._name.encode(), kind=wire.STRING, time=self._greeted)
         self._transport.write(wire.HELLO + wire.packet([wire.encode(name)]))
@@ -79,33 +77,29 @@ class Link(asyncio.Protocol):
             self._work()
 
     def _work(self) -> None:
-        """Take what is there, for one turn: what others write comes through the database, which holds none of them back."""
+        """Take stored packets for one turn. All that other clients write comes through the database, which holds none of them back."""
         self._turn = None
         end = self._loop.time() + TURN_S
         while (event := self._decoder.next_event()) is not None:
             if isinstance(event, Malformed):
                 self._end(f"the peer is no MOOSDB: {event.text}")
-                return
-            if isinstance(event, Packet) and not self._packet_or_welcome(event):
-                return
-            if isinstance(event, Skipped) and not self._has_skipped:
+            elif isinstance(event, Packet) and self.is_joined:
+                self._packet(event.messages)
+            elif isinstance(event, Packet):
+                self._welcome(event.messages)
+            elif isinstance(event, Skipped) and not self._has_skipped:
                 self._has_skipped = True
                 log.warning("%s passes over what the MOOSDB sends: %s", self._name, event.text)
+            if self._lost.done():
+                return
             if self._loop.time() >= end:
                 self._transport.pause_reading()
                 self._turn = self._loop.call_later(REST_S, self._work)
                 return
         self._transport.resume_reading()
 
-    def _packet_or_welcome(self, event: Packet) -> bool:
-        """Whether the connection goes on."""
-        if not self.is_joined:
-            return self._welcome(event.messages)
-        self._packet(event.messages)
-        return self.is_joined
-
     def connection_lost(self, error: Exception | None) -> None:
-        """The database went, or we closed."""
+        """End: the database went, or we closed."""
         self._end("the connection was closed" if error is None else f"the connection broke: {error}")
 
     def _end(self, text: str) -> None:
@@ -116,27 +110,25 @@ class Link(asyncio.Protocol):
         for future in (self._joined, self._lost):
             if not future.done():
                 future.set_exception(LinkLost(text))
-                future.exception()  # whoever waits is told; nobody has to
+                future.exception()  # marks it as retrieved: asyncio would log an exception that nobody awaits
         self._transport.abort()
 
     # -- in -------------------------------------------------------------------------------------------------------------------------
 
-    def _welcome(self, messages: Sequence[Message]) -> bool:
+    def _welcome(self, messages: Sequence[Message]) -> None:
         first = messages[0] if messages else Message(wire.NULL, "")
-        if first.type == wire.POISON:
-            self._end(f"the MOOSDB refuses us: {wire.readable(first.text)}")
-            return False
         if first.type != wire.WELCOME:
-            self._end("the peer is no MOOSDB of version 10: it does not welcome us")
-            return False
-        # It tells its time less that of our greeting.
+            refusal = f"the MOOSDB refuses us: {wire.readable(first.text)}"
+            other = "the peer is no MOOSDB of version 10: it does not welcome us"
+            self._end(refusal if first.type == wire.POISON else other)
+            return
+        # The welcome tells the database's time less the time of our greeting.
         self._clock.observe(self._greeted, self._greeted + first.number, self._clock.now())
         self.community = wire.readable(first.community)
         self.joined_at = self._clock.now()
         self.is_joined = True
         if not self._joined.done():
             self._joined.set_result(None)
-        return True
 
     def _packet(self, messages: Sequence[Message]) -> None:
         mail = []
@@ -144,10 +136,10 @@ class Link(asyncio.Protocol):
             if message.type == wire.NOTIFY:
                 if message.id != wire.SERVER_REQUEST_ID:
                     mail.append(message)
-                elif message.kind in wire.KINDS:  # else nobody has written it yet
+                elif message.kind in wire.KINDS:  # other kinds stand for a variable that nobody has written yet
                     self.kinds[message.key] = message.kind
             elif message.type == wire.TIMING:
-                # A step of the database's clock moves the instant at which we came with it: else all that is written after a step back
+                # A step of the database's clock moves the time at which we came as well. Otherwise all that is written after a step back
                 # would count as history.
                 self.joined_at += self._clock.observe(message.time, message.number, self._clock.now())
         if mail:
@@ -160,19 +152,18 @@ class Link(asyncio.Protocol):
         await self._joined
 
     async def stay(self, timeout_s: float, attend: Callable[[], None]) -> None:
-        """Beat until the connection is over.
+        """Send heartbeats until the connection is over.
 
         Args:
-            timeout_s: wall time without a word of the database after which it is over.
-            attend: called with each beat.
+            timeout_s: wall time without a word of the database after which the connection is over.
+            attend: called with each heartbeat.
 
         Raises:
-            LinkLost: it is, or the database said nothing for `timeout_s`.
+            LinkLost: the connection is over, or the database said nothing for `timeout_s`.
         """
         while True:
             attend()
-            beat = Message(wire.TIMING, wire.TIMING_KEY, 0.0, time=self._clock.now())
-            self._transport.write(wire.packet([wire.encode(beat)]))
+            self._write(Message(wire.TIMING, wire.TIMING_KEY, 0.0, time=self._clock.now()))
             await asyncio.wait([self._lost], timeout=BEAT_S)
             if self._lost.done():
                 self._lost.result()
@@ -180,16 +171,16 @@ class Link(asyncio.Protocol):
                 raise LinkLost(f"the MOOSDB said nothing for {timeout_s:g} s")
 
     def register(self, names: Sequence[str]) -> None:
-        """Ask for all writes of some variables; their last values come at once."""
+        """Ask for all writes of some variables. Their last values come at once."""
         now = self._clock.now()
-        messages = [Message(wire.REGISTER, name, 0.0, src=self._name, time=now, id=self._next_id()) for name in names]
-        if messages:
-            self._transport.write(wire.packet([wire.encode(message) for message in messages]))
+        if names:
+            self._write(
+                *[Message(wire.REGISTER, name, 0.0, src=self._name, time=now, id=self._next_id()) for name in names]
+            )
 
     def ask_kinds(self) -> None:
-        """Ask for the types of all variables: a MOOSDB drops writes of another type without a word to the writer."""
-        request = Message(wire.SERVER_REQUEST, "ALL", time=self._clock.now(), id=wire.SERVER_REQUEST_ID)
-        self._transport.write(wire.packet([wire.encode(request)]))
+        """Ask for the types of all variables: a MOOSDB drops writes of another type without telling the writer."""
+        self._write(Message(wire.SERVER_REQUEST, "ALL", time=self._clock.now(), id=wire.SERVER_REQUEST_ID))
 
     def notify(self, pairs: Sequence[tuple[str, float | str]]) -> int:
         """Write variables together.
@@ -200,8 +191,11 @@ class Link(asyncio.Protocol):
         if not self.is_joined or self._transport.is_closing() or self._transport.get_write_buffer_size() > WAITING:
             return 0
         now = self._clock.now()
-        encoded = [wire.encode(wire.notify(name, value, now, self._name, self._next_id())) for name, value in pairs]
-        data = wire.packet(encoded)
+        return self._write(*[wire.notify(name, value, now, self._name, self._next_id()) for name, value in pairs])
+
+    def _write(self, *messages: Message) -> int:
+        """Send messages as one packet. Returns its size, bytes."""
+        data = wire.packet([wire.encode(message) for message in messages])
         self._transport.write(data)
         return len(data)
 
@@ -210,6 +204,6 @@ class Link(asyncio.Protocol):
         return self._last_id
 
     def abort(self) -> None:
-        """Close at once, if there is something to close."""
-        if self._is_connected:
+        """Close at once, if the connection was made."""
+        if self._greeted:
             self._transport.abort()

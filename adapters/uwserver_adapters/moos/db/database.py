@@ -1,4 +1,4 @@
-"""What a MOOSDB does, without input or output: keeps the last value of each variable and delivers writes to those who asked."""
+"""A MOOSDB without input or output: it keeps the last value of each variable, and delivers writes to the clients that asked for them."""
 
 from __future__ import annotations
 
@@ -16,21 +16,22 @@ from uwserver_adapters.moos.wire import Message
 NAME_LIMIT = 256
 """Longest name of a variable, characters."""
 FILTERS = 256
-"""Wildcard registrations of one client."""
+"""Most wildcard registrations of one client."""
 FILTERS_OF_ALL = 2048
-"""Of those of all clients: each counts 1 and for each star 1, with a question mark 64 more. Each new variable is compared with all of them."""
+"""Most wildcard registrations of all clients. Each counts 1, and 1 more for each star, and 64 more with a question mark: each new variable is
+compared with all of them."""
 PIECE = 600
-"""Work after which others may have their turn, in units of a third of a microsecond: see `Database.spent`."""
+"""Work after which others may have their turn, in the units of `Database.spent`."""
 DELIVERED = 3
-"""Work of a message to a client; each 256 bytes are one unit more, as they are copied and encoded."""
+"""Work of a message to a client. Each 256 bytes of it are one unit more, as they are copied and encoded."""
 NAMES = 2048
-"""Names in one answer to VAR_SUMMARY: where there are more variables there are more answers."""
+"""Most names in one answer to VAR_SUMMARY. For more variables there are more answers."""
 LISTED = 256
-"""Variables that the summaries tell of, and of each client: they are made every second."""
+"""Most variables in a summary, and of each client: the summaries are made every second."""
 KEPT_BYTES = 256 << 20
-"""Of all values together."""
+"""Most bytes of all values together."""
 REFUSED = "DB_REFUSED"
-"""Where clients are told what was not taken, and why."""
+"""Variable that tells clients which write or registration was not taken, and why."""
 
 _MEAN = 0.5
 """Weight of the newest interval in a variable's frequency."""
@@ -42,14 +43,16 @@ class Database:
     Args:
         community: its name.
         now: MOOS time, s.
-        max_variables: more are refused.
-        steady: a clock that never jumps, MOOS seconds: intervals are measured by it, so that a step of `now` holds no mail back; default: `now`.
+        max_variables: most variables that are kept.
+        steady: a clock that never jumps, MOOS seconds; default: `now`. Intervals are measured by it, so that a step of `now` holds no mail back.
 
     Attributes:
-        name: under which it writes variables of its own.
-        refused: writes and registrations that were not taken.
-        spent: work that was done, about, in units of a third of a microsecond: who asks for much of it looks here when it is time for others.
+        community: as given.
+        name: name under which the database writes variables of its own.
+        refused: number of writes and registrations that were not taken.
+        spent: work done so far, about, in units of a third of a microsecond. A caller that wants much work compares two readings.
         log: called with each write that was taken.
+        variables: name -> variable.
     """
 
     def __init__(
@@ -59,7 +62,7 @@ class Database:
         self.name = f"MOOSDB_{community}"
         self.refused = 0
         self.spent = 0
-        self.log: Callable[[Message], None] = _ignore
+        self.log: Callable[[Message], None] = lambda message: None
         self.variables: dict[str, Variable] = {}
         self._now = now
         self._steady = now if steady is None else steady
@@ -69,44 +72,46 @@ class Database:
         self._kept = 0
         self._is_refusing = False
         self._told = Quota(FAULTS_PER_S, self._steady)
+        self._turn_began = 0
 
-    @property
-    def clients(self) -> tuple[str, ...]:
-        """Names of all clients."""
-        return tuple(self._clients)
+    def is_turn_over(self, work: int = 0) -> bool:
+        """Return whether others may have their turn now, as a `PIECE` of work was done since they last had; count the work that comes next."""
+        is_over = self.spent - self._turn_began >= PIECE
+        if is_over:
+            self._turn_began = self.spent
+        self.spent += work
+        return is_over
 
     # -- clients --------------------------------------------------------------------------------------------------------------------
 
     def join(self, name: str, deliver: Callable[[Letter], None]) -> None:
-        """A client is there; `deliver` takes its mail."""
+        """Add a client; `deliver` takes its mail."""
         self._clients[name] = Client(deliver)
         self.say("DB_EVENT", f"connected={name}")
 
     def leave(self, name: str) -> Iterator[None]:
-        """It went, and hears nothing more. What is left of it is tidied up in pieces: to be taken to the end, some time."""
+        """Remove a client: it gets no more mail. Its registrations are removed by the returned iterator, which is to be run to its end."""
         client = self._clients.pop(name)
-        client.leave()
+        client.deliver = lambda letter: None
         self.say("DB_EVENT", f"disconnected={name}")
         return self._tidy(name, client)
 
     def _tidy(self, name: str, client: Client) -> Iterator[None]:
-        for key in self.paced(client.hears, DELIVERED):
-            if key is None:
+        for key in list(client.hears):
+            if self.is_turn_over(DELIVERED):
                 yield
-            else:
-                self.variables[key].drop(name, client)
+            if self.variables[key].hears(name, client):  # and not a new client of this name
+                del self.variables[key].subscribers[name]
 
     def beat(self, name: str, sent: float) -> None:
-        """A heartbeat of a client, sent at a MOOS time of its clock."""
+        """Take a heartbeat of a client, sent at a MOOS time of its clock."""
         self._clients[name].latency.add((self._now() - sent) * 1e3)
 
-    def take(self, name: str, message: Message) -> None:
-        """The same as `steps`, all at once."""
-        for _ in self.steps(name, message):
-            pass
-
     def steps(self, name: str, message: Message) -> Iterator[None]:
-        """A message of a client. What is not taken is told in DB_REFUSED; unknown types are ignored, as MOOSDB does."""
+        """Carry out a message of a client. Others may have their turn at each step.
+
+        What is not taken is told in DB_REFUSED. Unknown types are ignored, as a MOOSDB does.
+        """
         if message.type == wire.NOTIFY:
             self.write(message)
         elif message.type == wire.REGISTER:
@@ -121,25 +126,10 @@ class Database:
         elif message.type == wire.SERVER_REQUEST:
             yield from self._answer(name, message)
 
-    def paced(self, names: Iterable[str], each: int) -> Iterator[str | None]:
-        """These names, as they are now, and between them None where others may have their turn.
-
-        Args:
-            names: of variables; only they are copied: the pairs of a large dictionary would take 2 ms.
-            each: work that one of them is; what is done besides counts too.
-        """
-        start = self.spent
-        for name in list(names):
-            if self.spent - start >= PIECE:
-                yield None
-                start = self.spent
-            self.spent += each
-            yield name
-
     def _refuse(self, client: str, key: str, reason: str) -> str:
-        """Tell everybody, sparingly; returns the reason."""
+        """Tell all clients of a refusal, within a limit. Returns the reason."""
         self.refused += 1
-        if not self._is_refusing and self._told.take(client):  # a full database cannot even say so
+        if not self._is_refusing and self._told.take(client):  # else a full database would refuse DB_REFUSED, and so on
             self._is_refusing = True
             self.say(REFUSED, f"client={client[:60]},variable={key[:60]},reason={reason}")
             self._is_refusing = False
@@ -148,7 +138,7 @@ class Database:
     # -- registrations --------------------------------------------------------------------------------------------------------------
 
     def register(self, name: str, key: str, interval: float) -> None:
-        """A client hears a variable, at most every `interval` MOOS seconds, and its last value at once."""
+        """Register a client for a variable. It gets the last value now, and writes at most every `interval` MOOS seconds."""
         variable = self._variable(name, key)
         if isinstance(variable, str):
             return
@@ -162,29 +152,28 @@ class Database:
             self.deliver(client, variable.letter)
 
     def deliver(self, client: Client, letter: Letter) -> None:
-        """A message to one client."""
+        """Deliver a message to one client."""
         self.spent += DELIVERED + (len(letter.message.data) >> 8)
         client.deliver(letter)
 
     def register_all(self, name: str, pattern: str, app: str, interval: float) -> Iterator[None]:
-        """A client hears all variables that match, also those that come later. In pieces: there may be many."""
+        """Register a client for all variables that match, also for those that come later. Others may have their turn at each step."""
         if reason := self.objection(name, pattern, app):
             self._refuse(name, pattern, reason)
             return
         client = self._clients[name]
         client.filters[pattern, app] = interval
-        for key in self.paced(self.variables, work(pattern, app)):
-            if key is None:
+        for key in list(self.variables):
+            if self.is_turn_over(work(pattern, app)):
                 yield
-                if self._clients.get(name) is not client:
+                if self._clients.get(name) is not client:  # it left meanwhile
                     return
-                continue
-            letter = self.variables[key].letter
-            if letter is not None and fits(key, letter.message.src, pattern, app):
+            variable = self.variables[key]
+            if variable.letter is not None and fits(key, variable.source, pattern, app):
                 self.register(name, key, interval)
 
     def objection(self, name: str, pattern: str, app: str) -> str:
-        """Why a client cannot hear all that match; "" when it can."""
+        """Return why a client cannot register for a pattern, or ""."""
         filters = self._clients[name].filters
         if max(len(pattern), len(app)) > NAME_LIMIT:
             return f"a pattern has at most {NAME_LIMIT} characters"
@@ -206,30 +195,28 @@ class Database:
             self._clients[name].hears.pop(key, None)
 
     def forget_all(self, name: str, pattern: str, app: str) -> Iterator[None]:
-        """A client hears these no more; in pieces."""
+        """End the registrations of a client that match. Others may have their turn at each step."""
         client = self._clients[name]
         client.filters.pop((pattern, app), None)
-        for key in self.paced(client.hears, DELIVERED + work(pattern, app)):
-            if key is None:
+        for key in list(client.hears):
+            if self.is_turn_over(DELIVERED + work(pattern, app)):
                 yield
-                if self._clients.get(name) is not client:
+                if self._clients.get(name) is not client:  # it left meanwhile
                     return
-                continue
-            letter = self.variables[key].letter
-            if fits(key, letter.message.src if letter is not None else "", pattern, app):
+            if fits(key, self.variables[key].source, pattern, app):
                 self._forget(name, key)
 
     # -- writes ---------------------------------------------------------------------------------------------------------------------
 
     def say(self, key: str, value: float | str) -> None:
-        """Write a variable of our own."""
+        """Write a variable of the database itself."""
         self.write(wire.notify(key, value, self._now(), self.name))
 
     def write(self, message: Message) -> str:
         """Keep a value and deliver it. The first write of a variable fixes its type.
 
         Returns:
-            "", or why it was not taken.
+            Why it was not taken, or "".
         """
         variable = self._variable(message.src, message.key)
         if isinstance(variable, str):
@@ -238,7 +225,7 @@ class Database:
         if message.kind not in wire.KINDS or (old is not None and old.message.kind != message.kind):
             given, has = (_WORDS.get(kind, "unknown type") for kind in (message.kind, variable.kind))
             return self._refuse(message.src, message.key, f"a write as {given}, its type is {has}")
-        kept = self._kept + len(message.data) - (len(old.message.data) if old is not None else 0)
+        kept = self._kept + len(message.data) - variable.size
         if kept > KEPT_BYTES:
             return self._refuse(message.src, message.key, f"all values together have at most {KEPT_BYTES} bytes")
         self._kept = kept
@@ -255,14 +242,12 @@ class Database:
             variable.frequency += _MEAN * (1.0 / elapsed - variable.frequency)
         variable.written, variable.last = self._now(), now
         variable.writes += 1
-        writer = self._clients.get(message.src)  # anybody can claim any name, so only those of clients are kept
+        writer = self._clients.get(message.src)  # a message can claim any name, so only names of clients are kept
         if writer is not None:
             writer.writes[message.key] = None
         self.spent += DELIVERED
         for subscription in variable.subscribers.values():
-            if not subscription.interval:
-                self.deliver(subscription.client, letter)
-            elif now - subscription.last >= subscription.interval:
+            if not subscription.interval or now - subscription.last >= subscription.interval:
                 subscription.last = now
                 self.deliver(subscription.client, letter)
         return ""
@@ -276,7 +261,7 @@ class Database:
                     client.hears[key] = None
 
     def _variable(self, client: str, key: str) -> Variable | str:
-        """The variable, made if need be, or why there can be none."""
+        """Return the variable, which is made if need be; or why there can be none."""
         variable = self.variables.get(key)
         if variable is None:
             if not 0 < len(key) <= NAME_LIMIT:
@@ -289,7 +274,7 @@ class Database:
     # -- what it tells of itself ----------------------------------------------------------------------------------------------------
 
     def tell(self) -> None:
-        """Write the DB_ variables; those that cost much only when somebody listens. To be called every second or two."""
+        """Write the DB_ variables. The costly ones are written only when a client is registered for them. To be called every second or two."""
         self.say("DB_TIME", self._now())
         self.say("DB_UPTIME", self._steady() - self._steady_start)
         self.say("DB_CLIENTS", "".join(f"{name}," for name in self._clients))
@@ -300,8 +285,7 @@ class Database:
     def _summary(self) -> str:
         lines = []
         for key, variable in islice(self.variables.items(), LISTED):
-            letter = variable.letter
-            source = letter.message.src if letter is not None else "(write pending)"
+            letter, source = variable.letter, variable.source if variable.letter is not None else "(write pending)"
             value = "" if letter is None else str(replace(letter.message, data=letter.message.data[:64]).value)
             value = f"{value[:22]}..." if len(value) > 25 else value
             lines.append(
@@ -310,37 +294,32 @@ class Database:
         return "".join(lines)
 
     def _traffic(self) -> str:
-        clients = self._clients.items()
-        return ",".join(f"{name}={':'.join(_first(c.hears))}&{':'.join(_first(c.writes))}" for name, c in clients)
+        def first(names: Iterable[str]) -> str:
+            return ":".join(islice(names, LISTED))
+
+        return ",".join(f"{name}={first(c.hears)}&{first(c.writes)}" for name, c in self._clients.items())
 
     def _quality(self) -> str:
         return "".join(f"{name}={client.latency}," for name, client in self._clients.items() if client.latency)
 
     def _answer(self, name: str, request: Message) -> Iterator[None]:
-        """What a client asks of the database itself, in pieces."""
+        """Answer what a client asks of the database itself. Others may have their turn at each step."""
         client = self._clients[name]
+        replies: Iterable[Message] = ()
         if request.key == "ALL":
-            replies = self._all()
+            replies = (self._listed(key, self.variables[key]) for key in list(self.variables))
         elif "PROC_SUMMARY" in request.key:
             replies = self._clients_summary()
         elif "VAR_SUMMARY" in request.key:
             replies = (self._reply("VAR_SUMMARY", ",".join(part)) for part in _parts(self.variables, NAMES))
         elif "DB_CLEAR" in request.key:
-            replies = self._cleared()
+            yield from self._clear()
         else:
             self._refuse(name, request.key, "no request: ask for ALL, VAR_SUMMARY, PROC_SUMMARY or DB_CLEAR")
-            return
-        start = self.spent
         for reply in replies:
-            if reply is not None:
-                self.deliver(client, Letter(reply))
-            if reply is None or self.spent - start >= PIECE:
+            self.deliver(client, Letter(reply))
+            if self.is_turn_over():
                 yield
-                start = self.spent
-
-    def _all(self) -> Iterator[Message | None]:
-        for key in self.paced(self.variables, DELIVERED):
-            yield None if key is None else self._listed(key, self.variables[key])
 
     def _clients_summary(self) -> Iterator[Message]:
         for who, client in list(self._clients.items()):
@@ -349,14 +328,16 @@ class Database:
                 text = f"{who}:{_list('SUBSCRIBED=', heard)},{_list('PUBLISHED=', written)}"
                 yield self._reply("PROC_SUMMARY", text)
 
-    def _cleared(self) -> Iterator[None]:
+    def _clear(self) -> Iterator[None]:
+        """Forget all values and types."""
         for client in self._clients.values():
             client.writes.clear()
-        for key in self.paced(self.variables, DELIVERED):
-            if key is None:
+        for key in list(self.variables):  # the names alone: a copy of 20 000 pairs would take 2 ms
+            if self.is_turn_over(DELIVERED):
                 yield
-            else:
-                self._kept -= self.variables[key].clear()
+            variable = self.variables[key]
+            self._kept -= variable.size
+            self.variables[key] = Variable(last=variable.last, subscribers=variable.subscribers)
 
     def _listed(self, key: str, variable: Variable) -> Message:
         if variable.letter is None:
@@ -371,16 +352,8 @@ class Database:
 _WORDS = {wire.DOUBLE: "double", wire.STRING: "string", wire.BINARY: "binary"}
 
 
-def _ignore(message: Message) -> None:
-    """No log."""
-
-
-def _first(names: Iterable[str]) -> Iterable[str]:
-    return islice(names, LISTED)
-
-
 def _parts(names: Iterable[str], most: int) -> Iterator[list[str]]:
-    """These names, as they are now, in parts of at most so many; one part without any where there are none."""
+    """Return the present names in parts of at most `most`; one empty part where there are none."""
     there = list(names)
     return (there[at : at + most] for at in range(0, max(1, len(there)), most))
 

@@ -1,11 +1,11 @@
-"""The world as a client of a database in the same process, and what the two adapters that listen share."""
+"""The world as a client of a database in the same process, for the two adapters that listen."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
-from uwserver.adapter import TURN_S, AdapterContext
+from uwserver.adapter import AdapterContext, Chores
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.alog import Alog
 from uwserver_adapters.moos.bridge.bridge import Bridge, Pairs
@@ -17,32 +17,32 @@ from uwserver_adapters.moos.wire import Message
 
 OWN_NAME = "uwserver"
 RIVAL = "a MOOSDB"
-"""Who most likely holds a port that is in use."""
+"""What most likely holds a port that is in use."""
 AT_ONCE = 256
-"""Writes that take effect together; behind so many of them others may have their turn."""
-REST_S = 0.004
-"""Wall time before the next of them, once a turn is used up."""
+"""Most writes that take effect together. After them others may have their turn."""
 
 
 class LocalClient:
-    """The world as a client of a database in this process: no socket between them.
+    """The world as a client of a database, with no socket between them.
 
     Args:
-        table: what it publishes and obeys.
+        table: what the bridge publishes and obeys.
         context: the world.
-        database: where it is a client.
+        database: the database.
         clock: MOOS time.
+
+    Attributes:
+        bridge: the bridge between the database and the world.
     """
 
     def __init__(self, table: BridgeTable, context: AdapterContext, database: Database, clock: DatabaseClock) -> None:
-        self._context = context
         self._database = database
         self._clock = clock
         self._mail: list[tuple[str, float | str | bytes, str, float]] = []
-        self._waking: asyncio.Handle | None = None
-        self._loop = asyncio.get_running_loop()
-        self.bridge = Bridge(table, context, self._post, self._listen, OWN_NAME, self._loop.time)
-        # After the bridge: a table that does not fit makes no file at each try.
+        self._chores = Chores()
+        steady = asyncio.get_running_loop().time
+        self.bridge = Bridge(table, context, self._post, self._listen, OWN_NAME, steady)
+        # The log comes after the bridge: a table that does not fit is tried again and again, and should leave no file each time.
         self._alog = Alog(table.alog, clock.now, context) if table.alog else None
         if self._alog is not None:
             database.log = self._log
@@ -64,32 +64,24 @@ class LocalClient:
         if message.src == OWN_NAME:
             return
         self._mail.append((message.key, message.value, message.src, message.time))
-        if self._waking is None:
-            # What a client wrote in one packet takes effect together.
-            self._waking = self._loop.call_soon(self._take)
+        if not self._chores:
+            # In the next turn of the loop: writes of one packet take effect together.
+            self._chores.add(self._take())
 
-    def _take(self) -> None:
-        """Take what is there, for one turn; what is left has its own, after a rest."""
-        self._waking = None
-        end = self._loop.time() + TURN_S
-        at = 0
-        while at < len(self._mail):
-            if at and self._loop.time() >= end:
-                self._waking = self._loop.call_later(REST_S, self._take)
-                break
-            mail = self._mail[at : at + AT_ONCE]
-            at += len(mail)
+    def _take(self) -> Iterator[None]:
+        while self._mail:
+            mail = self._mail[:AT_ONCE]
+            del self._mail[:AT_ONCE]
             self.bridge.take(mail)
-        del self._mail[:at]
+            yield
 
     def _log(self, message: Message) -> None:
         if self._alog is not None:
-            self._alog.write(message.time, message.key, message.src, message.value)
+            self._alog.add(message.time, message.key, message.src, message.value)
 
     def close(self) -> None:
-        """Cancel calls, end the log."""
-        if self._waking is not None:
-            self._waking.cancel()
+        """Cancel calls, and end the log."""
+        self._chores.close()
         self.bridge.close()
         if self._alog is not None:
             self._alog.close()

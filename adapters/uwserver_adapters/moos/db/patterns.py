@@ -1,4 +1,4 @@
-"""Patterns of names, as clients register for all that match: ``*`` is any number of characters, ``?`` one."""
+"""Patterns of names, by which clients register for all variables that match: ``*`` is any number of characters, ``?`` is one."""
 
 from __future__ import annotations
 
@@ -6,26 +6,26 @@ from functools import lru_cache
 from typing import NamedTuple
 
 MARKED = 64
-"""What a pattern with a question mark costs: 20 us with the longest names."""
+"""Work of a comparison with a question mark in the pattern: 20 us with the longest names."""
 
 
 def fits(key: str, source: str, pattern: str, app: str) -> bool:
-    """Whether a variable and who wrote it last are meant."""
+    """Return whether the patterns match a variable and the client that wrote it last."""
     return glob(pattern, key) and glob(app, source)
 
 
 def work(pattern: str, app: str = "") -> int:
-    """What a comparison costs, about: in units of a third of a microsecond."""
+    """Return the cost of a comparison, about, in units of a third of a microsecond."""
     return 1 + sum(each.count("*") + MARKED * ("?" in each) for each in (pattern, app))
 
 
 def is_pattern(text: str) -> bool:
-    """Whether it may stand for more than one name."""
+    """Return whether a text may match more than one name."""
     return "*" in text or "?" in text
 
 
 def _has_parts(parts: list[str], text: str) -> bool:
-    """Whether a text is these parts in their order, with anything between them."""
+    """Return whether a text consists of these parts in their order, with anything between them."""
     if len(parts) == 1:
         return text == parts[0]
     start, *middle, end = parts
@@ -40,48 +40,50 @@ def _has_parts(parts: list[str], text: str) -> bool:
     return True
 
 
-class _Places(NamedTuple):
-    """A pattern as sets of places, each a bit; a place is how many of its characters but stars are behind.
+class _Automaton(NamedTuple):
+    """A pattern as an automaton. A state is how many characters of the pattern, without stars, are matched; sets of states are bits of a number.
 
     Attributes:
-        takes: for a character, the places from which it leads to the next.
-        takes_any: the same for a character that is none of the pattern's.
-        stays: places with a star.
-        end: behind all.
+        advance: character -> states from which it leads to the next state.
+        advance_any: the same for a character that the pattern does not contain.
+        stay: states with a star.
+        end: the last state.
     """
 
-    takes: dict[str, int]
-    takes_any: int
-    stays: int
+    advance: dict[str, int]
+    advance_any: int
+    stay: int
     end: int
 
 
 @lru_cache(maxsize=256)
-def _places(pattern: str) -> _Places:
-    takes_any = stays = 0
-    takes: dict[str, int] = {}
-    here = 1
+def _automaton(pattern: str) -> _Automaton:
+    advance_any = stay = 0
+    advance: dict[str, int] = {}
+    state = 1
     for character in pattern:
         if character == "*":
-            stays |= here
+            stay |= state
             continue
         if character == "?":
-            takes_any |= here
+            advance_any |= state
         else:
-            takes[character] = takes.get(character, 0) | here
-        here <<= 1
-    return _Places({character: places | takes_any for character, places in takes.items()}, takes_any, stays, here)
+            advance[character] = advance.get(character, 0) | state
+        state <<= 1
+    return _Automaton({c: states | advance_any for c, states in advance.items()}, advance_any, stay, state)
 
 
 def glob(pattern: str, text: str) -> bool:
-    """Whether a text fits a pattern: ``*`` is any number of characters, ``?`` one. Nothing is tried twice: a character costs the same at
-    whatever places of the pattern it may stand."""
-    if "?" not in pattern:  # nearly all there are
+    """Return whether a text matches a pattern.
+
+    Nothing is tried twice: all states that are possible advance together, so each character costs the same.
+    """
+    if "?" not in pattern:  # nearly all patterns
         return _has_parts(pattern.split("*"), text)
-    takes, takes_any, stays, end = _places(pattern)
-    at = 1
+    advance, advance_any, stay, end = _automaton(pattern)
+    states = 1
     for character in text:
-        at = (at & takes.get(character, takes_any)) << 1 | at & stays
-        if not at:
+        states = (states & advance.get(character, advance_any)) << 1 | states & stay
+        if not states:
             return False
-    return at & end != 0
+    return states & end != 0

@@ -1,8 +1,10 @@
-"""What a database keeps: variables, who is there, and where writes of a variable go."""
+"""What a database keeps: its variables, its clients, and which client gets the writes of which variable."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
 
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.clock import Latency
@@ -10,103 +12,93 @@ from uwserver_adapters.moos.wire import Message
 
 
 class Letter:
-    """A message on its way to many: encoded once.
+    """A message on its way to many clients; it is encoded once.
 
     Attributes:
-        message: that.
-        line: the same as text; "" before the first who hears lines makes it.
+        message: the message.
+        line: the same as a line of text; "" until the first client that reads lines makes it.
     """
-
-    __slots__ = ("_data", "line", "message")
 
     def __init__(self, message: Message) -> None:
         self.message = message
         self.line = ""
-        self._data: bytes | None = None
 
-    @property
+    @cached_property
     def data(self) -> bytes:
         """The encoded message."""
-        if self._data is None:
-            self._data = wire.encode(self.message)
-        return self._data
+        return wire.encode(self.message)
 
 
+@dataclass(eq=False)
 class Client:
     """One client.
 
     Attributes:
         deliver: takes its mail.
-        filters: its wildcard registrations, each with its interval.
-        hears: variables that it is registered for.
-        writes: variables that it has written.
+        filters: (pattern of variables, pattern of clients) -> interval, of its wildcard registrations.
+        hears: names of the variables for which it is registered; the values mean nothing.
+        writes: names of the variables that it has written, likewise.
         latency: of its heartbeats.
     """
 
-    def __init__(self, deliver: Callable[[Letter], None]) -> None:
-        self.deliver = deliver
-        self.filters: dict[tuple[str, str], float] = {}
-        self.hears: dict[str, None] = {}
-        self.writes: dict[str, None] = {}
-        self.latency = Latency()
-
-    def leave(self) -> None:
-        """It is gone: what still comes is thrown away."""
-        self.deliver = _throw_away
+    deliver: Callable[[Letter], None]
+    filters: dict[tuple[str, str], float] = field(default_factory=dict)
+    hears: dict[str, None] = field(default_factory=dict)
+    writes: dict[str, None] = field(default_factory=dict)
+    latency: Latency = field(default_factory=Latency)
 
 
+@dataclass(eq=False, slots=True)
 class Subscription:
-    """Whose a write of a variable is, how often at most, and when the last was delivered (by the steady clock)."""
+    """The registration of a client for a variable.
 
-    __slots__ = ("client", "interval", "last")
+    Attributes:
+        client: the client.
+        interval: least MOOS time between two deliveries, s; 0 for all writes.
+        last: when the last write was delivered, by the steady clock.
+    """
 
-    def __init__(self, client: Client, interval: float) -> None:
-        self.client = client
-        self.interval = interval
-        self.last = -1e300
+    client: Client
+    interval: float
+    last: float = -1e300
 
 
+@dataclass(eq=False)
 class Variable:
     """One variable.
 
     Attributes:
         letter: its last value; None before the first.
-        written: MOOS time of that by our clock.
+        written: MOOS time of the last write, by our clock.
         last: the same by the steady clock.
-        writes: how many.
+        writes: number of writes.
         frequency: mean number of writes in a MOOS second.
-        subscribers: by name.
+        subscribers: name of a client -> its registration.
     """
 
-    def __init__(self) -> None:
-        self.letter: Letter | None = None
-        self.written = self.last = 0.0
-        self.writes = 0
-        self.frequency = 0.0
-        self.subscribers: dict[str, Subscription] = {}
+    letter: Letter | None = None
+    written: float = 0.0
+    last: float = 0.0
+    writes: int = 0
+    frequency: float = 0.0
+    subscribers: dict[str, Subscription] = field(default_factory=dict)
 
     @property
     def kind(self) -> str:
-        """D, S or B; "" before the first write."""
+        """Type of the value: D, S or B; "" before the first write."""
         return self.letter.message.kind if self.letter is not None else ""
 
-    def clear(self) -> int:
-        """Forget value and type; returns how many bytes the value had."""
-        kept = 0 if self.letter is None else len(self.letter.message.data)
-        self.letter = None
-        self.writes, self.written, self.frequency = 0, 0.0, 0.0
-        return kept
+    @property
+    def source(self) -> str:
+        """Client that wrote the last value; "" before the first write."""
+        return self.letter.message.src if self.letter is not None else ""
+
+    @property
+    def size(self) -> int:
+        """Bytes of the value."""
+        return len(self.letter.message.data) if self.letter is not None else 0
 
     def hears(self, name: str, client: Client) -> bool:
-        """Whether this client hears it, and not one that had its name before."""
+        """Return whether this client is registered, and not an earlier one of the same name."""
         there = self.subscribers.get(name)
         return there is not None and there.client is client
-
-    def drop(self, name: str, client: Client) -> None:
-        """This client hears it no more."""
-        if self.hears(name, client):
-            del self.subscribers[name]
-
-
-def _throw_away(letter: Letter) -> None:
-    """Nobody is there any more."""

@@ -1,1 +1,1 @@
-"""The adapter `moos_text`: variables as lines of text."""
+"""The adapter `moos_text`: MOOS variables as lines of text."""

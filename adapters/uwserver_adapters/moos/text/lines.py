@@ -1,6 +1,6 @@
-"""Lines of text, both sides, without input or output (docs/reference/moos_text.md is the grammar).
+"""Lines of text, both sides, without input or output. The grammar is docs/reference/moos_text.md.
 
-Each line is ``[#tag] NAME=value [NAME=value ...]`` or ``[#tag] VERB arguments``; a value is a number, or a text, quoted as in JSON if need be.
+Each line is ``[#tag] NAME=value [NAME=value ...]`` or ``[#tag] VERB arguments``; a value is a number or a text, quoted as in JSON if need be.
 """
 
 from __future__ import annotations
@@ -16,8 +16,9 @@ from uwserver.ports import ErrorCode, Refused
 
 VERBS = ("SUBSCRIBE", "UNSUBSCRIBE", "LIST", "GET", "CALL", "HELP", "QUIT")
 LINE_LIMIT = 1 << 16
+"""Longest line, bytes."""
 PAIRS = 256
-"""Variables that one line may write."""
+"""Most variables that one line may write."""
 TEXT_LIMIT = 1 << 15
 """Longest quoted text, characters."""
 NUMBER_LIMIT = 64
@@ -33,14 +34,14 @@ _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 
 
 class Write(Struct, frozen=True):
-    """Values of variables."""
+    """A line that writes variables."""
 
     pairs: tuple[tuple[str, float | str], ...]
     tag: str = ""
 
 
 class Verb(Struct, frozen=True):
-    """Something to do; `verb` is one of VERBS, `rest` what stands behind it."""
+    """A line with something to do: `verb` is one of VERBS, `rest` is the text behind it."""
 
     verb: str
     rest: str = ""
@@ -48,7 +49,7 @@ class Verb(Struct, frozen=True):
 
 
 class Malformed(Struct, frozen=True):
-    """A line that cannot be understood; the next one can."""
+    """A line that cannot be understood. The next one can."""
 
     code: ErrorCode
     text: str
@@ -56,17 +57,17 @@ class Malformed(Struct, frozen=True):
 
 
 class LineDecoder(Lines):
-    """Bytes of one connection to events: `receive` stores, `next_event` parses.
+    """Turns the bytes of one connection into events: `receive` stores, `next_event` parses.
 
     Args:
-        limit: longest line, bytes; a longer one is thrown away as it comes, and told once.
+        limit: longest line, bytes. A longer one is reported once, and thrown away as it comes.
     """
 
     def __init__(self, limit: int = LINE_LIMIT) -> None:
         super().__init__(limit)
 
     def next_event(self) -> Write | Verb | Malformed | None:
-        """The next line's meaning; None until more bytes come."""
+        """Return the next line's meaning; None until more bytes come."""
         try:
             line = self.next_line()
         except Refused as refused:
@@ -75,7 +76,7 @@ class LineDecoder(Lines):
 
 
 def parse(line: bytes) -> Write | Verb | Malformed:
-    """What one line, without its end, means."""
+    """Return the meaning of one line, without its end."""
     try:
         text = line.decode().strip()
     except UnicodeDecodeError as error:
@@ -137,7 +138,7 @@ def _value(text: str, at: int) -> tuple[float | str, int]:
 
 
 def pair_line(name: str, value: float | str | bytes) -> str:
-    """A variable as it is told: numbers in full precision, texts always quoted, binary values by their size."""
+    """Return a variable as a line: numbers in full precision, texts always quoted, of binary values the size."""
     if isinstance(value, bytes):
         return f'{name}="<binary> {len(value)} bytes"'
     if isinstance(value, str):
@@ -146,12 +147,12 @@ def pair_line(name: str, value: float | str | bytes) -> str:
 
 
 def reply_line(tag: str, text: str = "") -> str:
-    """What follows on a line that was carried out."""
+    """Return the answer to a line that was carried out."""
     return " ".join(filter(None, (_tagged(tag), "OK", text)))
 
 
 def error_line(tag: str, code: str, text: str) -> str:
-    """What follows on a line that was not."""
+    """Return the answer to a line that was not carried out."""
     return " ".join(filter(None, (_tagged(tag), "ERROR", code, " ".join(text.split()))))
 
 

@@ -6,8 +6,8 @@ import math
 
 import pytest
 from uwserver_adapters.moos.bridge.bridge import ERROR, Bridge
+from uwserver_adapters.moos.bridge.reports import LONGEST, pose_command, read_report
 from uwserver_adapters.moos.config import BridgeTable
-from uwserver_adapters.moos.node_report import LONGEST, read_report
 
 from uwserver.frames import quat_from_rpy
 from uwserver.ports import Port
@@ -40,16 +40,16 @@ class Bench:
 
 
 def test_a_report_says_place_heading_and_speed():
-    report = read_report(REPORT)
-    assert report.name == "henry"
-    value = report.command()
+    name, numbers = read_report(REPORT)
+    assert name == "henry"
+    value = pose_command(name, numbers)
     assert value["p_NB"] == [-35.50, 51.71, 0.5]
     assert value["q_NB"] == pytest.approx(quat_from_rpy(0.0, 0.0, math.radians(118.85)))
     assert value["v_NB_B"] == [2.0, 0.0, 0.0]
 
 
 def test_what_is_left_out_is_left_out():
-    assert read_report("NAME=a,X=1,Y=2").command() == {"p_NB": [2.0, 1.0, 0.0]}
+    assert pose_command(*read_report("NAME=a,X=1,Y=2")) == {"p_NB": [2.0, 1.0, 0.0]}
 
 
 @pytest.mark.parametrize(
@@ -57,7 +57,7 @@ def test_what_is_left_out_is_left_out():
 )
 def test_a_report_without_a_place_is_refused(text):
     with pytest.raises(ValueError, match="has no"):
-        read_report(text).command()
+        pose_command(*read_report(text))
 
 
 def test_a_long_text_is_not_searched():

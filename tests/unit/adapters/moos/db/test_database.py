@@ -16,6 +16,11 @@ from uwserver_adapters.moos.db.patterns import glob
 from uwserver_adapters.moos.wire import Message
 
 
+def take(database: Database, client: str, message: Message) -> None:
+    for _ in database.steps(client, message):
+        pass
+
+
 class Community:
     """A database, a clock that a test moves, and boxes of mail."""
 
@@ -30,13 +35,13 @@ class Community:
             self.database.join(name, lambda letter, box=box: box.append(letter.message))
 
     def write(self, client: str, key: str, value: Any) -> None:
-        self.database.take(client, wire.notify(key, value, self.time, client))
+        take(self.database, client, wire.notify(key, value, self.time, client))
 
     def register(self, client: str, key: str, interval: float = 0.0) -> None:
-        self.database.take(client, Message(wire.REGISTER, key, interval, src=client))
+        take(self.database, client, Message(wire.REGISTER, key, interval, src=client))
 
     def wildcard(self, client: str, pattern: str, app: str = "*", type: str = wire.WILDCARD_REGISTER) -> None:
-        self.database.take(client, wire.wildcard(type, client, self.time, pattern, app))
+        take(self.database, client, wire.wildcard(type, client, self.time, pattern, app))
 
     def heard(self, client: str) -> list[tuple[str, Any]]:
         found = [(m.key, m.value) for m in self.boxes[client]]
@@ -44,7 +49,7 @@ class Community:
         return found
 
     def ask(self, client: str, key: str) -> list[Message]:
-        self.database.take(client, Message(wire.SERVER_REQUEST, key, id=-2))
+        take(self.database, client, Message(wire.SERVER_REQUEST, key, id=-2))
         found = list(self.boxes[client])
         self.boxes[client].clear()
         return found
@@ -68,9 +73,9 @@ def test_the_last_value_waits_for_who_comes_later(tank):
 
 def test_mail_says_who_wrote_it_when_and_where(tank):
     tank.register("b", "X")
-    tank.database.take("a", Message("N", "X", 1.0, src="a", src_aux="deep", time=55.0, id=7))
+    take(tank.database, "a", Message("N", "X", 1.0, src="a", src_aux="deep", time=55.0, id=7))
     assert tank.boxes["b"] == [Message("N", "X", 1.0, src="a", src_aux="deep", community="tank", time=55.0, id=7)]
-    tank.database.take("a", Message("N", "X", 1.0, src="far", community="shore", time=56.0))
+    take(tank.database, "a", Message("N", "X", 1.0, src="far", community="shore", time=56.0))
     assert tank.boxes["b"][1].community == "shore"
 
 
@@ -86,7 +91,7 @@ def test_the_first_write_fixes_the_type_and_a_clash_is_told(tank):
     tank.write("a", "X", 1.0)
     tank.write("a", "X", "two")
     tank.write("a", "X", b"two")
-    tank.database.take("a", Message("N", "X", 1.0, kind="~", src="a"))
+    take(tank.database, "a", Message("N", "X", 1.0, kind="~", src="a"))
     heard = tank.heard("b")
     assert heard[0] == ("X", 1.0)
     assert [text for _, text in heard[1:]] == [
@@ -112,9 +117,9 @@ def test_a_step_of_the_clock_holds_no_mail_back(step):
     heard: list[Message] = []
     database.join("a", lambda letter: None)
     database.join("b", lambda letter: heard.append(letter.message))
-    database.take("b", Message(wire.REGISTER, "X", 0.5, src="b"))
+    take(database, "b", Message(wire.REGISTER, "X", 0.5, src="b"))
     for value in (0.0, 1.0, 2.0, 3.0):
-        database.take("a", wire.notify("X", value, now, "a"))
+        take(database, "a", wire.notify("X", value, now, "a"))
         now, steady = now + 0.25, steady + 0.25
         if value == 1.0:
             now += step
@@ -164,8 +169,8 @@ def test_wildcards_may_name_the_writer(tank):
 
 def test_unregister(tank):
     tank.register("b", "X")
-    tank.database.take("b", Message(wire.UNREGISTER, "X", src="b"))
-    tank.database.take("b", Message(wire.UNREGISTER, "NEVER", src="b"))
+    take(tank.database, "b", Message(wire.UNREGISTER, "X", src="b"))
+    take(tank.database, "b", Message(wire.UNREGISTER, "NEVER", src="b"))
     tank.write("a", "X", 1.0)
     assert tank.heard("b") == []
 
@@ -322,7 +327,7 @@ def test_whatever_clients_say_never_raises(said):
     tank = Community(max_variables=10)
     tank.join("a", "b")
     for k, message in enumerate(said):
-        tank.database.take("ab"[k % 2], message)
+        take(tank.database, "ab"[k % 2], message)
     tank.database.tell()
     _leave(tank, "a")
     for box in tank.boxes.values():
@@ -331,7 +336,7 @@ def test_whatever_clients_say_never_raises(said):
 
 def test_unknown_types_are_ignored(tank):
     for type in (".", "C", "K", "W", "þ"):
-        tank.database.take("a", Message(type, "X", src="a"))
+        take(tank.database, "a", Message(type, "X", src="a"))
     assert "X" not in tank.database.variables
 
 
