@@ -1,7 +1,8 @@
-"""ArduPilot's MORSE backend (`SIM_Morse`): it connects to two TCP ports, reads lines of sensors on one and writes servo channels to the other.
+"""ArduPilot's MORSE backend (`SIM_Morse`): it connects to two TCP ports, reads sensors as lines on one, and writes servo channels to the other.
 
-It is not in lockstep: it goes on by itself between two lines. The `ardupilot_json` adapter is the better way; this one is for set-ups that are there.
-Its reader looks for texts, not for JSON: ``timestamp`` first, one blank after each colon and comma, all keys of a section it finds.
+It is not in lockstep: it goes on by itself between two lines. The adapter `ardupilot_json` is the better way; this one is for set-ups that exist.
+Its reader does not parse JSON but looks for texts: ``timestamp`` must come first, one blank must follow each colon and comma, and a section must
+have all keys.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import asyncio
 import contextlib
 import json
 import re
-from collections.abc import AsyncIterator, Collection, Sequence
+from collections.abc import AsyncIterator, Callable, Collection, Sequence
 from typing import Any
 
 from uwserver.adapter import (
@@ -34,20 +35,20 @@ from uwserver_adapters.morse.config import AutopilotTable, MorseConfig
 from uwserver_adapters.sil.channels import Outputs, Scale
 
 LINE_LIMIT = 4096
-"""Longest line of the autopilot, bytes; it writes some 150."""
+"""Longest line of the autopilot, bytes. It writes some 150."""
 CHANNELS = 16
-"""That it writes."""
+"""Most servo channels in a line."""
 _STRAY = re.compile(rb"(\d)f")
-"""ArduPilot writes 1500f for every fourth channel from the second on: a letter too much in its format text."""
+"""ArduPilot writes 1500f for every fourth channel from the second on, by a typing error in its format text."""
 
 
 def sensors(
     vehicle: str, t_s: float, imu: Sequence[Any], p_NB: Sequence[float], q_NB: Sequence[float], v_NB_B: Sequence[float]
 ) -> bytes:
-    """A line of sensors. Its world is north, west, up, its body forward, left, up (as its source turns them back).
+    """Return a line of sensors. The world is north, west, up, and the body forward, left, up, as ArduPilot's source turns them back.
 
     Args:
-        vehicle: its name, before each section.
+        vehicle: name of the vehicle, which begins each section.
         t_s: simulation time, s.
         imu: w_S (rad/s) and f_S (m/s^2), along the axes of B.
         p_NB: position, m.
@@ -61,7 +62,7 @@ def sensors(
         f"{vehicle}.imu": {
             "angular_velocity": list(frd_from_flu(imu[0])),
             "linear_acceleration": list(frd_from_flu(imu[1])),
-            "magnetic_field": [0.0, 0.0, 0.0],  # it is asked for, and not used
+            "magnetic_field": [0.0, 0.0, 0.0],  # ArduPilot wants this key, and does not use it
         },
         f"{vehicle}.gps": {"x": x, "y": y, "z": z},
         f"{vehicle}.pose": {"roll": roll, "pitch": -pitch, "yaw": -yaw},
@@ -71,7 +72,7 @@ def sensors(
 
 
 def pulses(line: bytes) -> list[int]:
-    """Pulse widths (us) of the servo channels that a line of the autopilot gives; 0 is no output.
+    """Return the pulse widths (us) of the servo channels in a line of the autopilot; 0 is no output.
 
     Raises:
         Refused: it is no such line.
@@ -91,7 +92,7 @@ def pulses(line: bytes) -> list[int]:
 
 
 class Autopilot:
-    """The two ports.
+    """The two ports for the autopilot.
 
     Args:
         table: of the autopilot.
@@ -123,60 +124,49 @@ class Autopilot:
 
     @property
     def wanted(self) -> Collection[str]:
-        """Ports that a line of sensors needs."""
+        """Paths of the ports that a line of sensors needs."""
         return self._readings.wanted
 
     @contextlib.asynccontextmanager
     async def serving(self) -> AsyncIterator[None]:
-        """Both ports are open while this is."""
+        """Keep both ports open while the context is."""
         table, config, context = self._table, self._config, self._context
         refusals = Refusals(context.name, context.stats, asyncio.get_running_loop().time)
         sensing: Peers[_Sensors] = Peers(4, refusals)
         controlling: Peers[_Control] = Peers(1, refusals)
-        async with (
-            serve_tcp(lambda: _Sensors(sensing, self._listeners), sensing, config.bind, table.sensors_port, key="ardupilot.sensors_port") as a,
-            serve_tcp(lambda: _Control(controlling, self), controlling, config.bind, table.control_port, key="ardupilot.control_port") as b,
-        ):  # fmt: skip
+        sensors_server = serve_tcp(
+            lambda: _Sensors(sensing, self._listeners), sensing, config.bind, table.sensors_port, key="ardupilot.sensors_port"
+        )  # fmt: skip
+        control_server = serve_tcp(
+            lambda: _Control(controlling, self._control, context), controlling, config.bind, table.control_port,
+            key="ardupilot.control_port",
+        )  # fmt: skip
+        async with sensors_server as a, control_server as b:
             context.stats.details["ardupilot"] = f"--model morse-pwm:{config.bind}:{a.port}:{b.port}"
             yield
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
-        """A line for each tick in which the pose is told."""
+        """Send a line in each tick in which the pose comes."""
         self._readings.see(samples)
         pose, velocity, imu = self._pose, self._velocity, self._imu
         if not self._listeners or pose.values is None or velocity.values is None or imu.values is None:
             return
         if not any(sample.port == pose.path for sample in samples):
             return
-        p_NB: Any
-        q_NB: Any
-        v_NB_B: Any
-        p_NB, q_NB = pose.values
-        (v_NB_B,) = velocity.values
-        line = sensors(self._vehicle, codec.seconds(pose.t_ns), imu.values, p_NB, q_NB, v_NB_B)
+        line = sensors(self._vehicle, codec.seconds(pose.t_ns), imu.values, *pose.values, *velocity.values)  # type: ignore[arg-type]  # vectors
         for listener in list(self._listeners):
             if listener.waiting <= self._config.queue_bytes:
                 listener.write(line)
 
-    def control(self, peer: Conversation, line: bytes) -> None:
-        """Carry out a line of the autopilot; a fault raises `Refused`."""
-        widths = pulses(line)
-        levels = [self._scale[width] for width in widths]
+    def _control(self, peer: Conversation, line: bytes) -> None:
+        """Carry out a line of the autopilot. Raises Refused."""
+        levels = [self._scale[width] for width in pulses(line)]
         for path, value in self._outputs.commands(levels):
             peer.command(path, value)
 
-    def conversation(self) -> Conversation:
-        """Of an autopilot that connects."""
-        return Conversation(self._context, "ardupilot")
-
-    def complain(self, fault: Refused) -> None:
-        """Count what was refused; the autopilot reads no answers."""
-        self._context.stats.errors += 1
-        self._context.stats.last_error = fault.fault.text
-
 
 class _Sensors(Connection):
-    """The autopilot's reader."""
+    """The connection by which the autopilot reads sensors."""
 
     def __init__(self, peers: Peers[Any], listeners: set[_Sensors]) -> None:
         super().__init__(peers)
@@ -189,20 +179,23 @@ class _Sensors(Connection):
         self._listeners.discard(self)
 
     def receive(self, data: bytes) -> None:
-        """It says nothing."""
+        """Ignore what comes: the autopilot writes nothing here."""
 
     def step(self) -> bool:
         return False
 
 
 class _Control(Connection):
-    """The autopilot's writer."""
+    """The connection by which the autopilot writes servo channels."""
 
-    def __init__(self, peers: Peers[Any], autopilot: Autopilot) -> None:
+    def __init__(
+        self, peers: Peers[Any], control: Callable[[Conversation, bytes], None], context: AdapterContext
+    ) -> None:
         super().__init__(peers)
-        self._autopilot = autopilot
+        self._control = control
+        self._stats = context.stats
         self._lines = Lines(LINE_LIMIT)
-        self._conversation = autopilot.conversation()
+        self._conversation = Conversation(context, "ardupilot")
 
     def closed(self) -> None:
         self._conversation.close()
@@ -215,7 +208,8 @@ class _Control(Connection):
             line = self._lines.next_line()
             if line is None:
                 return False
-            self._autopilot.control(self._conversation, line)
-        except Refused as refused:
-            self._autopilot.complain(refused)
+            self._control(self._conversation, line)
+        except Refused as refused:  # only counted: the autopilot reads no answers
+            self._stats.errors += 1
+            self._stats.last_error = refused.fault.text
         return True

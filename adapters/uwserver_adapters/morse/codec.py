@@ -1,6 +1,6 @@
-"""Readings and commands as MORSE has them: east, north, up; bodies forward, left, up; Euler angles, quaternions as {x, y, z, w}.
+"""Readings and commands in MORSE's forms: the world is east, north, up, bodies are forward, left, up, quaternions are {x, y, z, w}.
 
-The keys are those of MORSE's own sensors and actuators where it has such a one; all other ports keep their own names.
+Where MORSE has such a sensor or actuator, the keys are its keys. All other ports keep their own names.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from uwserver.units import NANOSECONDS, deg
 Reading = dict[str, object]
 
 _FLIP = (0.0, 1.0, 0.0, 0.0)
-"""Half a turn about x: from forward, right, down to forward, left, up."""
+"""Half a turn about x, from forward, right, down to forward, left, up."""
 _SWAPS = {"N": ned_from_enu, "B": frd_from_flu, "S": frd_from_flu}
 _SUFFIX = {"N", "B", "S", "NB", "NS"}
 
 
 def timestamp(epoch_ns: int, t_ns: int) -> float:
-    """Seconds since 1970 of a simulation time."""
+    """Return a simulation time as seconds since 1970."""
     return (epoch_ns + t_ns) / NANOSECONDS
 
 
 def seconds(t_ns: int) -> float:
-    """Of a simulation time."""
+    """Return seconds of simulation time."""
     return t_ns / NANOSECONDS
 
 
@@ -34,12 +34,12 @@ def seconds(t_ns: int) -> float:
 
 
 def reading(port: Port, value: Sequence[Value], attitude: Sequence[float] | None = None) -> Reading:
-    """A sample of a sensor, without its time.
+    """Return a sample of a sensor in MORSE's form, without its time.
 
     Args:
-        port: of the sample.
+        port: port of the sample.
         value: one entry for each field.
-        attitude: q_NB of the vehicle, for what MORSE tells in the world's axes; None where it is not known.
+        attitude: q_NB of the vehicle, for values that MORSE has in the world's axes; None where it is not known.
     """
     fields = {field.name: (field, each) for field, each in zip(port.fields, value, strict=True)}
     told = _KINDS.get(port.kind, {})
@@ -56,7 +56,7 @@ def reading(port: Port, value: Sequence[Value], attitude: Sequence[float] | None
 
 
 def _converted(field: Field, value: Value) -> object:
-    """A field in MORSE's frames; bytes and buffers as they are."""
+    """Return the value of a field in MORSE's frames. Bytes and buffers stay as they are."""
     if not isinstance(value, tuple):
         return value
     numbers: Any = value
@@ -68,18 +68,18 @@ def _converted(field: Field, value: Value) -> object:
     rows = [list(swap(numbers[i : i + 3])) for i in range(0, len(value), 3)]
     if field.shape == (3,):
         return rows[0]
-    if field.shape == (3, 3):  # a covariance: its columns turn as its rows do
+    if field.shape == (3, 3):  # a covariance: both its rows and its columns turn
         return [list(row) for row in zip(*(swap(column) for column in zip(*rows, strict=True)), strict=True)]
     return rows
 
 
 def _turned(frame: str, q: Sequence[float]) -> tuple[float, float, float, float]:
-    """A quaternion between our frames as one between MORSE's. Turns it back, too."""
+    """Return a quaternion between our frames as one between MORSE's frames. The same function turns it back."""
     return attitude_enu_flu(q) if frame.startswith("N") else multiply(multiply(_FLIP, q), conjugate(_FLIP))
 
 
 def _quaternion(q: Sequence[float]) -> Reading:
-    if q[0] < 0.0:  # the same attitude; people expect a positive w
+    if q[0] < 0.0:  # the negative of q is the same attitude, and people expect a positive w
         q = [-each for each in q]
     return {"x": q[1], "y": q[2], "z": q[3], "w": q[0]}
 
@@ -112,20 +112,20 @@ _KINDS: Mapping[str, Mapping[str, Any]] = {
     "battery": {"charge": lambda share: {"charge": None if share is None else 100.0 * share}},
     "range_array": {"ranges": _named("range_list")},
 }
-"""Of a kind: what becomes of a field, converted already. A port that lacks one of these fields keeps its own names for all."""
+"""Kind of a port -> field -> its part of the reading, from the value in MORSE's frames. A port that lacks one of these fields keeps its own names."""
 
 
 # -- commands ---------------------------------------------------------------------------------------------------------------------------
 
 
 def command(port: Port, said: Mapping[str, object]) -> dict[str, object]:
-    """The command for an actuator; fields by their name, or by it without the frame (``force`` of ``force_B``).
+    """Return the command for an actuator. A field goes by its name, or by the name without the frame (``force`` for ``force_B``).
 
     Raises:
-        Refused: a key is no field of the port; numbers and limits are for the world to check.
+        Refused: a key is no field of the port. Numbers and limits are checked by the world.
     """
     fields = {field.name: field for field in port.fields}
-    short = {name: field for field in port.fields for name in [_short(field)]}
+    short = {_short(field): field for field in port.fields}
     value: dict[str, object] = {}
     for key, given in said.items():
         if key == "timestamp":
@@ -146,7 +146,7 @@ def _short(field: Field) -> str:
 
 
 def _taken(field: Field, given: object) -> object:
-    """A field's value in our frames; what is not of its shape is left for the world to refuse."""
+    """Return a field's value in our frames. A value of another shape stays as it is, and the world refuses it."""
     if field.is_rotation:
         if isinstance(given, dict) and set(given) == set("xyzw"):
             given = [given[key] for key in "wxyz"]
@@ -166,29 +166,27 @@ def _numbers(given: object, count: int) -> bool:
 
 
 def motion(said: Mapping[str, object]) -> dict[str, object]:
-    """The autopilot's velocity for what MORSE's `MotionVW` {v, w} and `MotionXYW` {x, y, w} take; z and yaw rates likewise.
+    """Return the autopilot's velocity for the keys of MORSE's `MotionVW` {v, w} and `MotionXYW` {x, y, w}, with z besides.
 
     Raises:
-        Refused: other keys, or no numbers.
+        Refused: there are other keys, or values that are no numbers.
     """
-    known = {"v", "x", "y", "z", "w", "timestamp"}
-    unknown = [key for key in said if key not in known]
-    if unknown or ("v" in said and "x" in said):
+    if set(said) - {"v", "x", "y", "z", "w", "timestamp"} or ("v" in said and "x" in said):
         raise Refused("bad_argument", "write {v, w}, or {x, y, z, w}: m/s forward, left, up, and rad/s to the left")
     x = number(said, "v") if "v" in said else number(said, "x")
     return {"v_B": list(frd_from_flu((x, number(said, "y"), number(said, "z")))), "yaw_rate": -number(said, "w")}
 
 
 def place(x: float, y: float, z: float) -> list[float]:
-    """A position (m) in N of one in east, north, up."""
+    """Return a position (m) in N for one in east, north, up."""
     return list(ned_from_enu((x, y, z)))
 
 
 def number(said: Mapping[str, object], key: str) -> float:
-    """A number that is said, 0 where it is not.
+    """Return the number of a key, 0 where the key is missing.
 
     Raises:
-        Refused: it is none, or not finite.
+        Refused: the value is no number, or not finite.
     """
     value = said.get(key, 0.0)
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e300:

@@ -1,4 +1,4 @@
-"""Which component of MORSE each port is, and what the clients are told of them."""
+"""The components of MORSE that ports and services stand for, and their description for clients."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from uwserver.adapter import CannotServe, did_you_mean
 from uwserver.ports import Json, Port, Service
 
 CLASS = "uwserver.adapters.morse"
-"""Stands where MORSE names the class of a datastream."""
+"""Stands where MORSE names the class of a data stream."""
 
 VELOCITY = "autopilot/velocity"
 GOTO = "autopilot/goto"
@@ -19,15 +19,15 @@ Role = Literal["port", "motion", "waypoint"]
 
 
 class Component(NamedTuple):
-    """Something that a client sees under one name.
+    """A component: something that clients see under one name.
 
     Attributes:
-        name: ``heavy.imu``.
-        kind: of its port, or MORSE's word for it.
-        port: behind it; of a `waypoint` None.
-        role: what it does: all of a port, MORSE's `motion` (the autopilot's velocity), or its `waypoint` (the autopilot's goto).
-        services: that it has.
-        path: of the port or service behind it.
+        name: such as ``heavy.imu``.
+        kind: kind of its port, or MORSE's word for the component.
+        port: the port behind it; None for a `waypoint`.
+        role: "port" for a whole port, or MORSE's "motion" (the autopilot's velocity) or "waypoint" (the autopilot's goto).
+        services: names of its services.
+        path: path of the port or service behind it.
     """
 
     name: str
@@ -39,33 +39,36 @@ class Component(NamedTuple):
 
     @property
     def robot(self) -> str:
-        """The vehicle."""
+        """Name of the vehicle."""
         return self.name.partition(".")[0]
 
     @property
     def direction(self) -> Literal["IN", "OUT"]:
-        """Of its stream, seen from the simulator."""
+        """Direction of its stream, seen from the simulator."""
         return "OUT" if self.port is not None and self.port.direction == "sensor" else "IN"
+
+    @property
+    def pose_path(self) -> str:
+        """Path of the vehicle's pose, for a component of its ground truth."""
+        return f"{self.path.rpartition('/')[0]}/pose"
 
 
 def components(
     ports: Mapping[str, Port], services: Mapping[str, Service], names: Mapping[str, str] | None = None
 ) -> dict[str, Component]:
-    """All components by name, in alphabetical order.
+    """Return all components by name, in alphabetical order.
 
     Args:
         ports, services: those of the context.
-        names: path of a port -> the component's name, where the usual one is not wanted.
+        names: path of a port -> name of its component, where the usual name is not wanted.
 
     Raises:
-        CannotServe: such a name is impossible, or two ports share one.
+        CannotServe: such a name is not possible, or two ports share one.
     """
     names = names or {}
     found: dict[str, Component] = {}
     for path in sorted(ports, key=lambda path: (path not in names, "/truth/" in path, path)):
-        name = names[path] if path in names else _usual(path, found)
-        if path in names:
-            _check(path, name, found)
+        name = _named(path, names[path], found) if path in names else _usual(path, found)
         port = ports[path]
         own = ("get_local_data",) if port.direction == "sensor" else ()
         more = ("get_properties", "set_property", "get_configurations") if f"{path}/get" in services else ()
@@ -76,10 +79,10 @@ def components(
 
 
 def check_names(names: Mapping[str, str], ports: Mapping[str, Port]) -> None:
-    """The ports that the table names are there.
+    """Check that the ports that the table names are there.
 
     Raises:
-        CannotServe: one is not; the text says what was meant.
+        CannotServe: one is not; the text says which port may be meant.
     """
     for path in names:
         if path not in ports:
@@ -88,7 +91,7 @@ def check_names(names: Mapping[str, str], ports: Mapping[str, Port]) -> None:
 
 
 def _usual(path: str, taken: Collection[str]) -> str:
-    """``heavy/imu`` is heavy.imu; ground truth goes by MORSE's names (heavy.pose), as there it was a sensor like others."""
+    """Return the usual name of a port: heavy.imu for ``heavy/imu``. Ground truth has MORSE's names (heavy.pose): there it is a sensor like others."""
     vehicle, _, rest = path.partition("/")
     whole = rest.replace("/", "_")
     choices = itertools.chain(
@@ -97,31 +100,33 @@ def _usual(path: str, taken: Collection[str]) -> str:
     return next(name for choice in choices if (name := f"{vehicle}.{choice}") not in taken)
 
 
-def _check(path: str, name: str, taken: Iterable[str]) -> None:
+def _named(path: str, name: str, taken: Iterable[str]) -> str:
+    """Return the name that the table gives a port, if it is possible."""
     vehicle = path.partition("/")[0]
     rest = name.removeprefix(f"{vehicle}.")
     if rest == name or not rest.isidentifier():
         raise CannotServe(f'names: "{name}" of {path} is {vehicle}. and one word of letters, digits and _')
     if name in taken:
         raise CannotServe(f'names: two ports are called "{name}"')
+    return name
 
 
 def _of_autopilots(ports: Mapping[str, Port], services: Mapping[str, Service]) -> Iterable[Component]:
-    for path, port in ports.items():
+    for path in (*ports, *services):
         vehicle, _, rest = path.partition("/")
-        if rest == VELOCITY:
-            yield Component(f"{vehicle}.motion", "motion", port, "motion", (), path)
-    for path in services:
-        vehicle, _, rest = path.partition("/")
-        if rest == GOTO:
+        if rest == VELOCITY and path in ports:
+            yield Component(f"{vehicle}.motion", "motion", ports[path], "motion", (), path)
+        elif rest == GOTO:
             yield Component(f"{vehicle}.waypoint", "waypoint", None, "waypoint", ("goto", "stop"), path)
 
 
 def places(
     found: Mapping[str, Component], services: Mapping[str, Service], vehicles: Iterable[str]
 ) -> dict[str, dict[str, str]]:
-    """Services that belong to no port, by name -> path, for each vehicle and each other first level (``world``; ``playback`` where a recording
-    is played). What has more levels (`autopilot/arm`) has an underscore in its name (`autopilot_arm`)."""
+    """Return the services that belong to no port, by name -> path, for each vehicle and each other first level (``world``, ``playback``).
+
+    A service with more levels (`autopilot/arm`) has an underscore in its name (`autopilot_arm`).
+    """
     ports = {component.path for component in found.values() if component.role == "port"}
     there: dict[str, dict[str, str]] = {vehicle: {} for vehicle in vehicles}
     for path in services:
@@ -134,7 +139,7 @@ def places(
 def details(
     found: Mapping[str, Component], there: Mapping[str, Mapping[str, str]], vehicles: Iterable[str], scene: str
 ) -> Json:
-    """What ``simulation details`` answers; `there` are the `places`."""
+    """Return the answer of ``simulation details``; `there` are the `places`."""
     told: dict[str, dict[str, Json]] = {vehicle: {} for vehicle in vehicles}
     for component in found.values():
         told.setdefault(component.robot, {})[component.name] = {

@@ -1,4 +1,4 @@
-"""The adapter's table in a scenario."""
+"""The table of the adapter `morse` in a scenario."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from uwserver.table import Name, Table
 from uwserver_adapters.sil.channels import OutputTable
 
 FIRST_STREAM = 60000
+"""TCP port of the first stream, as MORSE has it."""
 
 _Port = Annotated[int, Meta(ge=0, le=65535)]
 _Count = Annotated[int, Meta(ge=1)]
@@ -21,13 +22,13 @@ class AutopilotTable(Table, kw_only=True, frozen=True):
     """ArduPilot's MORSE backend: ``--model morse-pwm:127.0.0.1:60900:60901``.
 
     Attributes:
-        vehicle: whose sensors and actuators; default: the only one there is.
+        vehicle: vehicle of the sensors and actuators; default: the only one there is.
         sensors_port, control_port: TCP ports; 0 takes a free one.
-        imu: port with `f_S` and `w_S`, mounted along the vehicle's axes.
+        imu: port with `f_S` and `w_S` of a sensor that is mounted along the vehicle's axes.
         pose: port with `p_NB` and `q_NB`.
         velocity: port with `v_NB_B`.
-        outputs: what servo channels move; default: the vehicle's `thrusters`, by channels 1 to n.
-        low_us, neutral_us, high_us: pulse widths of full deflection and neutral.
+        outputs: actuators that servo channels move; default: the vehicle's `thrusters`, by channels 1 to n.
+        low_us, neutral_us, high_us: pulse widths of full reverse, neutral and full forward, us.
     """
 
     vehicle: Name | None = None
@@ -45,16 +46,17 @@ class AutopilotTable(Table, kw_only=True, frozen=True):
 class MorseConfig(AdapterTable, tag="morse", kw_only=True, frozen=True):
     """Attributes:
     bind: address to listen at. MORSE's protocol knows no token: anything but loopback needs allow_network.
-    allow_network: whoever reaches the address may read all and command all.
-    port: TCP port of requests; 0 takes a free one.
-    stream_port: TCP port of the first stream; each component has one of its own, and clients ask for its number. A port that is in use is
+    allow_network: allow another address: whoever reaches it may read all and command all.
+    port: TCP port for requests; 0 takes a free one.
+    stream_port: TCP port of the first stream. Each component has a stream of its own, and clients ask for its number. A port that is in use is
         passed over; 0 takes free ones.
-    names: of a vehicle: name of a component -> its port, below the vehicle: `vw = "autopilot/velocity"`; others keep their usual names.
+    names: names of components for each vehicle: name -> port below the vehicle, as `vw = "autopilot/velocity"`; others keep their usual names.
     ardupilot: serve ArduPilot's MORSE backend too.
-    queue_bytes: that wait for a slow client: of a stream, samples are left out above it; who lets answers wait is disconnected.
-    max_requests_per_s: of one client; more are refused.
-    max_unanswered: calls of one client that wait for the world.
-    max_clients: connections, to requests and to all streams: a client of pymorse has one for each component that it uses.
+    queue_bytes: bytes that may wait for a slow client. Above that a stream drops samples, and a client that does not read its answers is
+        disconnected.
+    max_requests_per_s: requests of one client in a second; more are refused.
+    max_unanswered: calls of one client that may wait for the world.
+    max_clients: connections for requests and to all streams; a client of pymorse has one for each component that it uses.
     """
 
     bind: Name = "127.0.0.1"
@@ -70,7 +72,7 @@ class MorseConfig(AdapterTable, tag="morse", kw_only=True, frozen=True):
 
     @property
     def component_of(self) -> dict[str, str]:
-        """Path of a port -> name of its component, of those that `names` has."""
+        """Path of a port -> name of its component, for those in `names`."""
         return {
             f"{vehicle}/{port}": f"{vehicle}.{name}"
             for vehicle, named in self.names.items()

@@ -1,8 +1,8 @@
 """Lines of MORSE's request channel, both sides, without input or output.
 
-A request is ``ID COMPONENT SERVICE [JSON list]`` or ``ID cancel``, an answer ``ID STATUS [JSON]`` with SUCCESS, FAILED or PREEMPTED. MORSE's
-own server took what one call of ``recv`` gave for whole requests, wrote no false, zero or empty result, and let one client cancel the request of
-another: none of that is so here.
+A request is ``ID COMPONENT SERVICE [JSON list]`` or ``ID cancel``. An answer is ``ID STATUS [JSON]`` with SUCCESS, FAILED or PREEMPTED. Faults of
+MORSE's own server are not repeated here: it took the bytes of one ``recv`` for whole requests, wrote no false, zero or empty result, and let one
+client cancel the request of another.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _NAME = re.compile(r"[^\s]{1,256}")
 
 
 class Request(Struct, frozen=True):
-    """A call: `args` are positional."""
+    """A call; `args` are positional."""
 
     id: str
     component: str
@@ -35,26 +35,26 @@ class Request(Struct, frozen=True):
 
 
 class Cancel(Struct, frozen=True):
-    """Whoever asked this ends what it began under this id."""
+    """The client cancels what it began under this id."""
 
     id: str
 
 
 class Malformed(Struct, frozen=True):
-    """A line that cannot be understood; the next one can. `id` is "" where the line has none."""
+    """A line that cannot be understood. The next one can. `id` is "" where the line has none."""
 
     id: str
     text: str
 
 
 class RequestDecoder(Lines):
-    """Bytes of one connection to requests: `receive` stores, `next_event` parses."""
+    """Turns the bytes of one connection into requests: `receive` stores, `next_event` parses."""
 
     def __init__(self, limit: int = LINE_LIMIT) -> None:
         super().__init__(limit)
 
     def next_event(self) -> Request | Cancel | Malformed | None:
-        """The next line's meaning; None until more bytes come."""
+        """Return the next line's meaning; None until more bytes come."""
         try:
             line = self.next_line()
         except Refused as refused:
@@ -63,7 +63,7 @@ class RequestDecoder(Lines):
 
 
 def parse(line: bytes) -> Request | Cancel | Malformed:
-    """What one line, without its end, means."""
+    """Return the meaning of one line, without its end."""
     found = _ID.match(line)
     if found is None or len(line.split(None, 1)[0]) > 79:
         return Malformed("", "a request begins with its id, at most 79 characters without a blank")
@@ -89,7 +89,7 @@ def parse(line: bytes) -> Request | Cancel | Malformed:
 
 
 def answer(id: str, status: Status, value: Json = None) -> bytes:
-    """An answer's line. A value of None is left out, as the clients expect it; NaN and infinity, which JSON has not, are null."""
+    """Return the line of an answer. A value of None is left out, as clients expect it. NaN and infinity become null."""
     text = b"" if value is None else b" " + msgspec.json.encode(value)
     return f"{id or '-'} {status}".encode() + text + b"\n"
 

@@ -1,71 +1,47 @@
-"""What one client of the request channel asks, and is answered. Knows no socket: requests in, lines out."""
+"""One client of the request channel. Nothing here knows a socket: requests in, lines out."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Protocol
+from functools import partial
+from typing import Any
 
-from uwserver.adapter import AdapterContext, Conversation, Owed, did_you_mean
-from uwserver.ports import Json, Progress, Refused, Reply, Sample, Service
+from uwserver.adapter import Conversation, Owed, did_you_mean
+from uwserver.ports import Json, Refused, Reply, Sample, Service
 from uwserver_adapters.morse import codec
 from uwserver_adapters.morse.components import GOTO, Component
 from uwserver_adapters.morse.grammar import Cancel, Malformed, Request, Status, answer
+from uwserver_adapters.morse.stage import Stage
 
 STATUS = "world/status"
 
 LARGEST = 1e15
-"""Of a number; whole ones of JSON may have hundreds of digits."""
-
-Tell = Callable[[Reply], None]
-
-
-class Stage(Protocol):
-    """What all clients share."""
-
-    context: AdapterContext
-
-    @property
-    def components(self) -> Mapping[str, Component]:
-        """All of them, by name."""
-
-    @property
-    def places(self) -> Mapping[str, Mapping[str, str]]:
-        """Services that belong to no component, by name -> path, for each vehicle, and for ``world`` and its like."""
-
-    @property
-    def details(self) -> Json:
-        """What ``simulation details`` answers."""
-
-    def stream_port(self, name: str) -> int | None:
-        """TCP port of a component's stream; None where it has none."""
-
-    def data(self, component: Component, samples: Sequence[Sample]) -> dict[str, object] | None:
-        """What a component's stream says of these samples: its own, and where it needs it that of the vehicle's pose; None without its own."""
-
-    def companions(self, component: Component) -> list[str]:
-        """Paths of the ports that `data` needs."""
+"""Numbers must be smaller than this; whole numbers of JSON may have hundreds of digits."""
 
 
 class Session:
     """One client.
 
     Args:
-        stage: that it stands on.
+        stage: what all clients share.
         name: of this client.
-        send: takes a line.
-        most: calls that may wait for the world.
+        send: sends a line.
+        most: most calls that may wait for the world.
+
+    Attributes:
+        conversation: its calls.
     """
 
     def __init__(self, stage: Stage, name: str, send: Callable[[bytes], None], most: int) -> None:
         self._stage = stage
         self._context = stage.context
         self._send = send
-        self._conversation = Conversation(stage.context, name, Owed(most))
-        self._simulation: dict[str, Callable[[Request], None]] = {
+        self.conversation = Conversation(stage.context, name, Owed(most))
+        simulation: dict[str, Callable[[Request], None]] = {
             "list_robots": lambda request: self._give(request, [each.name for each in self._context.world.vehicles]),
             "details": lambda request: self._give(request, self._stage.details),
-            "list_streams": lambda request: self._give(request, [name for name, _ in self._ports()]),
-            "get_all_stream_ports": lambda request: self._give(request, dict(self._ports())),
+            "list_streams": lambda request: self._give(request, list(self._ports())),
+            "get_all_stream_ports": lambda request: self._give(request, {**self._ports()}),
             "get_stream_port": self._stream_port,
             "reset_objects": lambda request: self._simply(request, "world/reset"),
             "suspend_dynamics": lambda request: self._simply(request, "world/pause"),
@@ -75,33 +51,21 @@ class Session:
             "quit": lambda request: self._simply(request, "world/shutdown"),
             "terminate": lambda request: self._simply(request, "world/shutdown"),
         }
-        self._time: dict[str, Callable[[Request], None]] = {
-            "now": lambda request: self._with_time(request, lambda t_ns: self._give(request, self._stamp(t_ns))),
+        time: dict[str, Callable[[Request], None]] = {
+            "now": self._now,
             "sleep": self._sleep,
             "set_time_scale": self._set_time_scale,
             "mode": lambda request: self._give(request, self._context.world.mode),
             "statistics": lambda request: self._simply(request, STATUS),
         }
-
-    def close(self) -> None:
-        """The client has gone."""
-        self._conversation.close()
-
-    def end_calls(self) -> None:
-        """The client asks for nothing more: end its calls that take long."""
-        self._conversation.end_calls()
-
-    @property
-    def waiting(self) -> int:
-        """Calls that wait for the world."""
-        return self._conversation.owed.count
+        self._own = {"simulation": simulation, "time": time}
 
     def take(self, event: Request | Cancel | Malformed) -> None:
-        """Carry out a line; every fault is told."""
+        """Carry out a line. Every fault is told to the client."""
         if isinstance(event, Malformed):
             self._fail(event.id, event.text)
         elif isinstance(event, Cancel):
-            if not self._conversation.cancel(event.id):
+            if not self.conversation.cancel(event.id):
                 self._fail(
                     event.id,
                     "nothing that can be cancelled runs under this id; its call may have been answered already",
@@ -113,36 +77,30 @@ class Session:
                 self._fail(event.id, refused.fault.text)
 
     def _dispatch(self, request: Request) -> None:
-        component, service = request.component, request.service
-        if component in ("simulation", "time"):
-            table = self._simulation if component == "simulation" else self._time
-            if service not in table:
-                raise Refused("unknown_service", f'no service "{service}" of {component}{_among(service, table)}')
-            table[service](request)
-        elif component in self._stage.components:
-            self._of_component(request, self._stage.components[component])
-        elif component in self._stage.places:
-            known = self._stage.places[component]
-            if service not in known:
-                raise Refused("unknown_service", f'no service "{service}" of {component}{_among(service, known)}')
-            self._call_by_place(request, known[service])
+        name, service = request.component, request.service
+        component, place = self._stage.components.get(name), self._stage.places.get(name)
+        known: Mapping[str, Callable[[Request], None]]
+        if name in self._own:
+            known = self._own[name]
+        elif component is not None:
+            known = dict.fromkeys(component.services, partial(self._of_component, component))
+        elif place is not None:
+            known = {each: partial(self._call_by_place, path) for each, path in place.items()}
         else:
-            there = ["simulation", "time", *self._stage.places, *self._stage.components]
-            raise Refused("unknown_service", f'no component "{component[:80]}"{_among(component, there)}')
+            there = [*self._own, *self._stage.places, *self._stage.components]
+            raise Refused("unknown_service", f'no component "{name[:80]}"{_among(name, there)}')
+        if service not in known:
+            raise Refused("unknown_service", f'no service "{service}" of {name}{_among(service, known)}')
+        known[service](request)
 
     # -- components -----------------------------------------------------------------------------------------------------------------------
 
-    def _of_component(self, request: Request, component: Component) -> None:
+    def _of_component(self, component: Component, request: Request) -> None:
         service = request.service
-        if service not in component.services:
-            raise Refused(
-                "unknown_service", f'no service "{service}" of {component.name}{_among(service, component.services)}'
-            )
         if service == "get_local_data":
             _expect(request)
             self._read(request, component)
         elif service in ("get_properties", "get_configurations"):
-            _expect(request)
             self._simply(request, f"{component.path}/get")
         elif service == "set_property":
             name, value = _expect(request, "name", "value")
@@ -154,18 +112,20 @@ class Session:
 
     def _read(self, request: Request, component: Component) -> None:
         def on_samples(samples: Sequence[Sample]) -> None:
-            if self._conversation.is_closed:
+            by_port = {sample.port: sample for sample in samples}
+            own = by_port.get(component.path)
+            if self.conversation.is_closed:
                 return
-            data: Any = self._stage.data(component, samples)
-            if data is None:
+            if own is None:
                 self._fail(request.id, f"{component.name} has measured nothing yet")
             else:
+                data: Any = self._stage.data(component, own, by_port.get(component.pose_path))
                 self._give(request, data)
 
-        self._context.read(self._stage.companions(component), on_samples, self._conversation.source)
+        self._context.read(self._stage.sources(component), on_samples, self.conversation.source)
 
     def _goto(self, request: Request, component: Component) -> None:
-        """``goto(x, y, z[, tolerance[, speed]])``, answered when the place is reached."""
+        """Carry out ``goto(x, y, z[, tolerance[, speed]])``. It is answered when the place is reached."""
         if not 3 <= len(request.args) <= 5:
             raise _wrong_number(request, "x, y, z, and perhaps tolerance and speed")
         numbers = [
@@ -178,16 +138,17 @@ class Session:
 
     # -- simulation and time --------------------------------------------------------------------------------------------------------------
 
-    def _ports(self) -> list[tuple[str, int]]:
-        numbers = ((name, self._stage.stream_port(name)) for name in self._stage.components)
-        return [(name, number) for name, number in numbers if number is not None]
+    def _ports(self) -> dict[str, int]:
+        """Return the ports of the streams of all present components, by name."""
+        ports = self._stage.stream_ports
+        return {name: ports[name] for name in self._stage.components if name in ports}
 
     def _stream_port(self, request: Request) -> None:
         (name,) = _expect(request, "component")
-        number = self._stage.stream_port(str(name))
-        if number is None:
+        ports = self._ports()
+        if str(name) not in ports:
             raise Refused("bad_argument", f'no stream "{str(name)[:80]}"{_among(str(name), self._stage.components)}')
-        self._give(request, number)
+        self._give(request, ports[str(name)])
 
     def _switch(self, request: Request, verb: str) -> None:
         (name,) = _expect(request, "component")
@@ -207,11 +168,13 @@ class Session:
         (scale,) = _expect(request, "scale")
         self._call(request, "world/set_speed", {"speed": _number("scale", scale)})
 
-    def _stamp(self, t_ns: int) -> float:
-        return codec.timestamp(self._context.world.epoch_ns, t_ns)
+    def _now(self, request: Request) -> None:
+        _expect(request)
+        epoch_ns = self._context.world.epoch_ns
+        self._with_time(request, lambda t_ns: self._give(request, codec.timestamp(epoch_ns, t_ns)))
 
     def _with_time(self, request: Request, go_on: Callable[[int], None]) -> None:
-        """Ask what time it is, and go on with that."""
+        """Ask the world for its time, and go on with that."""
 
         def on_reply(reply: Reply) -> None:
             try:
@@ -219,9 +182,7 @@ class Session:
             except Refused as refused:
                 self._fail(request.id, refused.fault.text)
 
-        if request.service == "now":
-            _expect(request)
-        self._conversation.call(STATUS, {}, on_reply)
+        self.conversation.call(STATUS, {}, on_reply)
 
     # -- calls and answers ----------------------------------------------------------------------------------------------------------------
 
@@ -229,17 +190,15 @@ class Session:
         _expect(request)
         self._call(request, path, {})
 
-    def _call_by_place(self, request: Request, path: str) -> None:
-        """A service of ours with its arguments in their order, or one object with their names."""
+    def _call_by_place(self, path: str, request: Request) -> None:
+        """Call a service of the world. Its arguments come in their order, or as one object with their names."""
         service = self._context.services.get(path)
-        if service is None:  # it went, and the event has not come yet
+        if service is None:  # it has gone, and the event of that is still to come
             raise Refused("unknown_service", f"no service {path}{_among(path, self._context.services)}")
         self._call(request, path, _args(request, service))
 
     def _call(self, request: Request, path: str, args: Mapping[str, object]) -> None:
-        self._conversation.call(
-            path, args, lambda reply: self._answer(request.id, reply), key=request.id, progress=_ignore
-        )
+        self.conversation.call(path, args, lambda reply: self._answer(request.id, reply), key=request.id)
 
     def _answer(self, id: str, reply: Reply) -> None:
         if reply.fault is None:
@@ -254,10 +213,6 @@ class Session:
     def _fail(self, id: str, text: str) -> None:
         self._context.stats.errors += 1
         self._send(answer(id, "FAILED", text))
-
-
-def _ignore(_: Progress) -> None:
-    """The protocol has no word for it."""
 
 
 def _args(request: Request, service: Service) -> dict[str, object]:

@@ -1,80 +1,142 @@
-"""One client: it asks which devices there are, opens some, hears their data, commands and asks."""
+"""The devices with all their clients, and one client: it lists devices, opens some, reads their data, and commands them."""
 
 from __future__ import annotations
 
 import socket
 import struct
-from collections.abc import Mapping
-from typing import Any, Protocol
+from collections.abc import Collection, Sequence
 
 import msgspec
 
 from uwserver.adapter import AdapterContext, Connection, Conversation, Peers, RateMeter
-from uwserver.ports import Fault, Refused, Reply
-from uwserver_adapters.player import wire
+from uwserver.ports import Event, Fault, Refused, Reply, Sample
+from uwserver_adapters.player import codec, wire
 from uwserver_adapters.player.config import PlayerConfig
-from uwserver_adapters.player.devices import Device
+from uwserver_adapters.player.devices import Ask, Device, devices_of
 from uwserver_adapters.player.wire import ACK, CMD, DATA, NACK, OPAQUE, PLAYER, REQ, SYNCH, Message
 
 Address = tuple[int, int]
-"""Interface, and number in it."""
+"""Address of a device: interface, and number in it."""
 
 
-class Server(Protocol):
-    """The adapter, as its clients see it."""
+class Server:
+    """All devices, and the clients that have opened them. Devices of a new vehicle get new numbers, which may change when a vehicle is removed.
 
-    context: AdapterContext
-    config: PlayerConfig
+    Args:
+        config: of the adapter.
+        context: the world.
+        peers: all clients.
 
-    @property
-    def devices(self) -> Mapping[Address, Device]:
-        """All devices, by address."""
+    Attributes:
+        config, context, peers: as given.
+        devices: all devices, by address.
+    """
+
+    def __init__(self, config: PlayerConfig, context: AdapterContext, peers: Peers[Client]) -> None:
+        self.config, self.context, self.peers = config, context, peers
+        self._by_port: dict[str, list[tuple[Device, list[Client]]]] = {}
+        self._t_ns = 0
+        self._find_devices()
+
+    def _find_devices(self) -> None:
+        self._epoch_ns = self.context.world.epoch_ns
+        found = devices_of(self.context.ports, self._epoch_ns, self.config.pose)
+        self.devices: dict[Address, Device] = {(device.interface, device.number): device for device in found}
+        self.context.stats.details["devices"] = len(found)
 
     def timestamp(self, t_ns: int | None = None) -> float:
-        """Seconds since 1970 of a simulation time, or of the newest there was."""
+        """Return a simulation time, by default the newest one, as seconds since 1970."""
+        return codec.timestamp(self._epoch_ns + (self._t_ns if t_ns is None else t_ns))
 
     def follow(self) -> None:
-        """A client hears other devices than before."""
+        """Find out again which clients get the samples of which port: a client has opened or closed a device, or devices have changed."""
+        self._by_port = {}
+        for address, device in self.devices.items():
+            # A peer that has just been accepted is no client yet.
+            clients = [client for client in self.peers if address in getattr(client, "opened_devices", ())]
+            for path in device.ports if clients else ():
+                self._by_port.setdefault(path, []).append((device, clients))
+        self.context.follow_wants()
 
     def complain(self, text: str) -> None:
-        """A command was not taken, which Player does not answer."""
+        """Log that a command was not taken, as Player does not answer commands."""
+        self.count_error(text)
+        self.peers.refusals.note("not taken", text)
+
+    def count_error(self, text: str) -> None:
+        """Count an error."""
+        self.context.stats.errors += 1
+        self.context.stats.last_error = text[:300]
+
+    # -- uwserver.adapter.Subscriber ------------------------------------------------------------------------------------------------------
+
+    @property
+    def wanted(self) -> Collection[str]:
+        """Paths of the ports of all devices that a client has opened."""
+        return self._by_port.keys()
+
+    def put_samples(self, samples: Sequence[Sample]) -> None:
+        """Send samples of a tick to the clients."""
+        asked: dict[Client, None] = {}
+        for sample in samples:
+            self._t_ns = max(self._t_ns, sample.t_sent_ns)
+            for device, clients in self._by_port.get(sample.port, ()):
+                told = device.tell(sample)
+                if told is None:
+                    continue
+                subtype, body = told
+                self.context.stats.encoded += 1
+                message = Message(device.interface, device.number, DATA, subtype, body, self.timestamp(sample.t_ns))
+                data = wire.encode(message)
+                for client in clients:
+                    client.tell(message, data)
+                    asked[client] = None
+        for client in asked:
+            client.deliver()
+
+    def put_event(self, event: Event) -> None:
+        """Follow vehicles that come and go, and a reset of the world."""
+        if event.event == "ports_changed":
+            self._find_devices()
+            self.follow()
+        elif event.event == "reset":
+            self._t_ns = 0
 
 
 class Client(Connection):
     """A client.
 
     Args:
-        server: the adapter.
-        peers: all clients.
-        name: of this one, for the world.
+        server: the devices.
+        name: of the client, for the world.
 
     Attributes:
         opened_devices: addresses of the devices that it has opened.
     """
 
-    def __init__(self, server: Server, peers: Peers[Any], name: str) -> None:
-        super().__init__(peers, server.config.hello_timeout_s)
+    def __init__(self, server: Server, name: str) -> None:
+        super().__init__(server.peers, server.config.hello_timeout_s)
         self.opened_devices: set[Address] = set()
         self._server = server
         self._name = name
         self._decoder = wire.Decoder()
         self._conversation = Conversation(server.context, name)
         self._rate = RateMeter(server.config.max_requests_per_s)
-        self._here = (0, 0)
+        self._here = (0, 0)  # our address and port, as the client sees them
         self._is_pulled = self._is_asked = False
         self._newest: dict[tuple[int, int, int], bytes] = {}
 
     # -- Connection -----------------------------------------------------------------------------------------------------------------------
 
     def opened(self) -> None:
-        """A server speaks first."""
+        """Send the banner: a server speaks first."""
         here = self.transport.get_extra_info("sockname")
         if isinstance(here, tuple) and ":" not in here[0]:
             self._here = (struct.unpack("<I", socket.inet_aton(here[0]))[0], here[1])
         self.write(wire.BANNER)
 
     def refused(self, fault: Fault) -> bytes:
-        """Player has no words for it."""
+        """Send nothing: the protocol has no message for it."""
         return b""
 
     def receive(self, data: bytes) -> None:
@@ -100,20 +162,20 @@ class Client(Connection):
         return True
 
     def quiet_until(self) -> float:
-        """Who floods is not read until its second is over."""
+        """Nothing more is read of a client that floods until its second is over."""
         return self._rate.end if self._rate.is_flooded(self.loop.time()) else 0.0
 
     def half_closed(self) -> None:
-        """On TCP, who has gone looks like who only listens on: what would take long is ended, the rest is still answered."""
+        """End what takes long, and still answer the rest: on TCP a client that has gone looks like one that only listens on."""
         self._conversation.end_calls()
 
     @property
     def is_owed(self) -> bool:
-        """Answers are to come."""
+        """Whether answers are still to come."""
         return self._conversation.owed.count > 0
 
     def closed(self) -> None:
-        """It went. What it commanded stands until the actuator's time-out."""
+        """Forget the client. What it commanded stands until the actuator's time-out."""
         self._conversation.close()
         self.opened_devices.clear()
         self._server.follow()
@@ -131,7 +193,7 @@ class Client(Connection):
             raise Refused("denied", f"{device.name} is not open: ask for it with PLAYER_PLAYER_REQ_DEV")
         if device.take is None or message.type not in (CMD, REQ):
             raise Refused("denied", f"{device.name} is a sensor: it takes nothing")
-        self._carry_out(message, device)
+        self._carry_out(message, device.take(message))
 
     def _device(self, interface: int, index: int) -> Device:
         device = self._server.devices.get((interface, index))
@@ -139,10 +201,7 @@ class Client(Connection):
             raise Refused("unknown_port", f"there is no device {interface}:{index}")
         return device
 
-    def _carry_out(self, message: Message, device: Device) -> None:
-        assert device.take is not None
-        ask = device.take(message)
-
+    def _carry_out(self, message: Message, ask: Ask) -> None:
         def answered(reply: Reply) -> None:
             if reply.fault is not None:
                 self._refuse(message, reply.fault)
@@ -161,12 +220,11 @@ class Client(Connection):
             self._answer(message, b"")
 
     def _refuse(self, message: Message, fault: Fault) -> None:
-        """A request is answered, with the text where it is opaque; a command is not, by Player's rules."""
+        """Refuse a message. A request is answered, with the text where it is opaque; a command is not, by Player's rules."""
         if message.type != REQ:
             self._server.complain(f"{self._name}: {fault.text}")
             return
-        self._server.context.stats.errors += 1
-        self._server.context.stats.last_error = f"{self._name}: {fault.text}"[:300]
+        self._server.count_error(f"{self._name}: {fault.text}")
         said = {"error": fault.text, "code": fault.code}
         self._answer(message, wire.octets(msgspec.json.encode(said)) if message.interface == OPAQUE else b"", NACK)
 
@@ -183,18 +241,19 @@ class Client(Connection):
     # -- the interface player ---------------------------------------------------------------------------------------------------------------
 
     def _of_server(self, message: Message) -> None:
+        """Answer a request of the interface `PLAYER`."""
+        body = message.body
         if message.subtype == wire.DEVLIST:
             there = list(self._server.devices)
-            self._answer(
-                message, wire.u32(len(there), len(there)) + b"".join(wire.address(*self._here, *at) for at in there)
-            )
+            addresses = b"".join(wire.address(*self._here, *at) for at in there)
+            self._answer(message, wire.u32(len(there), len(there)) + addresses)
         elif message.subtype == wire.DRIVERINFO:
-            device = self._device(wire.read_u32(message.body, 8), wire.read_u32(message.body, 12))
+            device = self._device(wire.read_u32(body, 8), wire.read_u32(body, 12))
             self._answer(message, self._named(device))
         elif message.subtype == wire.DEV:
-            self._have(message)
+            self._open_or_close(message)
         elif message.subtype == wire.DATAMODE:
-            mode = wire.read_u32(message.body)
+            mode = wire.read_u32(body)
             if mode not in (wire.PUSH, wire.PULL):
                 raise Refused("bad_argument", f"no mode of delivery {mode}: 1 pushes, 2 pulls")
             self._is_pulled = mode == wire.PULL
@@ -203,20 +262,18 @@ class Client(Connection):
             self._answer(message, b"")
             self._is_asked = True
             self.deliver()
-        elif (
-            message.subtype == wire.ADD_REPLACE_RULE
-        ):  # the newest of each kind is all that waits here, as such rules ask
+        elif message.subtype == wire.ADD_REPLACE_RULE:
+            # Such rules ask to keep only the newest message of each kind, and nothing else is kept here.
             self._answer(message, b"")
         else:
             raise Refused("unknown_service", f"no request {message.subtype} of the interface player")
 
     def _named(self, device: Device) -> bytes:
-        """Address and driver of a device."""
+        """Return address and driver of a device, as messages have them."""
         name = device.name.encode()[: wire.NAME_BYTES - 1] + b"\0"
         return wire.address(*self._here, device.interface, device.number) + wire.octets(name)
 
-    def _have(self, message: Message) -> None:
-        """Open a device, or close it."""
+    def _open_or_close(self, message: Message) -> None:
         address = wire.read_u32(message.body, 8), wire.read_u32(message.body, 12)
         access = wire.read_u32(message.body, 16)
         device = self._server.devices.get(address)
@@ -233,15 +290,20 @@ class Client(Connection):
 
     # -- data -----------------------------------------------------------------------------------------------------------------------------
 
-    def tell(self, device: Device, subtype: int, data: bytes) -> None:
-        """Data of a device that it has opened, a whole message; the newest waits for who pulls."""
+    def tell(self, message: Message, data: bytes) -> None:
+        """Send data of a device that the client has opened, or keep the newest for a client that pulls.
+
+        Args:
+            message: the message.
+            data: the same, encoded.
+        """
         if self._is_pulled:
-            self._newest[device.interface, device.number, subtype] = data
+            self._newest[message.interface, message.number, message.subtype] = data
         else:
             self._send(data)
 
     def deliver(self) -> None:
-        """Where data were asked for and some are there: all of them, then their end."""
+        """Send all kept data, and the mark of their end, if the client has asked for data and there are some."""
         if not (self._is_asked and self._newest) or self.is_closing:
             return
         for data in self._newest.values():
@@ -260,8 +322,3 @@ class Client(Connection):
         stats.samples_sent += 1
         stats.bytes_sent += len(data)
         self.write(data)
-
-
-def data_message(device: Device, subtype: int, body: bytes, timestamp: float) -> bytes:
-    """What a device tells, for all who hear it."""
-    return wire.encode(Message(device.interface, device.number, DATA, subtype, body, timestamp))

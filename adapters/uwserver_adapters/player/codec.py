@@ -1,5 +1,8 @@
-"""Samples as bodies of Player's messages. Axes are east, north, up and forward, left, up: Player's are right-handed, with z upwards; its angles
-are rad, from the world's x, which points east here."""
+"""Samples as bodies of Player's messages.
+
+Player's axes are right-handed with z upwards: here they are east, north, up in the world and forward, left, up in the body. Its angles are in rad,
+counted from the world's x.
+"""
 
 from __future__ import annotations
 
@@ -14,41 +17,41 @@ from uwserver.units import NANOSECONDS, deg
 from uwserver_adapters.player import wire
 
 Told = tuple[int, bytes]
-"""Subtype and body of a message of data."""
+"""Subtype and body of a data message."""
 Tell = Callable[[Sample], Told | None]
-"""What a sample says; None for nothing."""
+"""Makes the message of a sample; None for no message."""
 
 CALIBRATED = 2
-"""Subtype of an imu's data: accelerations, rates, magnetic field."""
+"""Subtype of an IMU's data: accelerations, rates, magnetic field."""
 
 _LARGEST_FLOAT = 3.4028234e38
 _STANDS = 1e-9
-"""Speed below which there is no course, m/s."""
+"""Speed below which the course is unknown, m/s."""
 
 
 def timestamp(ns: int) -> float:
-    """Of a message, s."""
+    """Return the time of a message, s."""
     return ns / NANOSECONDS
 
 
 def is_whole(value: Value) -> bool:
-    """Whether an array has all its numbers."""
+    """Return whether an array has all its numbers."""
     return isinstance(value, tuple) and None not in value
 
 
 def state(p_N: Any, q_NB: Any, v_B: Any, w_B: Any) -> Told:
-    """PLAYER_POSITION3D_DATA_STATE: place in the world, speed in the body."""
+    """Return PLAYER_POSITION3D_DATA_STATE: position in the world, velocity in the body."""
     rpy = rpy_from_quat(attitude_enu_flu(q_NB))
     return 1, wire.doubles(*ned_from_enu(p_N), *rpy, *frd_from_flu(v_B), *frd_from_flu(w_B)) + wire.u32(0)
 
 
 def heading(yaw: float) -> float:
-    """Clockwise from north, of an angle from east to the left."""
+    """Return an angle clockwise from north for one counter-clockwise from east, rad."""
     return (math.pi / 2 - yaw) % (2 * math.pi) if math.isfinite(yaw) else yaw
 
 
 def imu(force: int, rate: int) -> Tell:
-    """PLAYER_IMU_DATA_CALIB, of the fields at these places; there is no magnetometer in it."""
+    """Return what makes PLAYER_IMU_DATA_CALIB from the fields at these places. The magnetic field is NaN."""
 
     def tell(sample: Sample) -> Told | None:
         f_S, w_S = sample.value[force], sample.value[rate]
@@ -61,7 +64,7 @@ def imu(force: int, rate: int) -> Tell:
 
 
 def gps(names: Sequence[str], epoch_ns: int) -> Tell:
-    """PLAYER_GPS_DATA_STATE, of a sensor with these fields; without UTM and dilution."""
+    """Return what makes PLAYER_GPS_DATA_STATE from a sensor with these fields, without UTM and dilution of precision."""
 
     def tell(sample: Sample) -> Told:
         of = dict(zip(names, sample.value, strict=True))
@@ -84,7 +87,7 @@ def gps(names: Sequence[str], epoch_ns: int) -> Tell:
 
 
 def ranger(index: int) -> Tell:
-    """PLAYER_RANGER_DATA_RANGE, of the field at this place; nan without an echo."""
+    """Return what makes PLAYER_RANGER_DATA_RANGE from the field at this place; NaN without an echo."""
 
     def tell(sample: Sample) -> Told:
         value = sample.value[index]
@@ -94,12 +97,12 @@ def ranger(index: int) -> Tell:
 
 
 def _short(number: float) -> float:
-    """A number that a float of four bytes can hold."""
+    """Return the nearest number that a float of four bytes can hold."""
     return max(-_LARGEST_FLOAT, min(number, _LARGEST_FLOAT)) if math.isfinite(number) else number
 
 
 def _int32(number: float) -> int:
-    """A number that four bytes can hold."""
+    """Return the nearest whole number that four bytes can hold."""
     return round(max(-(2.0**31), min(number, 2.0**31 - 1)))
 
 

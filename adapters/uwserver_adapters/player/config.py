@@ -1,4 +1,4 @@
-"""The adapter's table in a scenario."""
+"""The table of the adapter `player` in a scenario."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ _Count = Annotated[int, Meta(ge=1)]
 class PlayerConfig(AdapterTable, tag="player", kw_only=True, frozen=True):
     """Attributes:
     bind: address to listen at. Player knows no token: anything but loopback needs allow_network.
-    allow_network: whoever reaches the address may read all and command all.
+    allow_network: allow another address: whoever reaches it may read all and command all.
     port: TCP port; 0 takes a free one.
-    pose: what position3d tells: the autopilot's "estimate", or the "truth" (with truth = true).
-    queue_bytes: that wait for a slow client; data are left out above it.
-    max_requests_per_s: messages of one client; more are not read until the second is over.
+    pose: source of position3d: the autopilot's "estimate", or the "truth" (with truth = true).
+    queue_bytes: bytes that may wait for a slow client; data are dropped above that.
+    max_requests_per_s: messages of one client in a second; more are not read until the second is over.
     max_clients: connections.
-    max_strangers: connected besides, that have said nothing valid yet.
+    max_strangers: further connections that have said nothing valid yet.
     hello_timeout_s: wall time in which a client must have asked for something.
     """
 

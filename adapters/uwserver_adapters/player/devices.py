@@ -1,4 +1,4 @@
-"""Which devices of Player the world has, what they tell, and what they take."""
+"""The devices of Player that the world has, the data that they send, and the messages that they take."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from uwserver_adapters.player.codec import Tell, Told
 from uwserver_adapters.player.wire import CMD, GPS, IMU, OPAQUE, POSITION3D, RANGER, REQ, Message
 
 SERVICES = "services"
-"""Name of the opaque device by which all services are called."""
+"""Name of the opaque device by which clients call services."""
 
 RANGES: Mapping[str, str] = {"altimeter": "range", "range_array": "ranges", "dvl": "beam_ranges"}
-"""Kinds of sensors that are rangers, and the field with their ranges."""
+"""Kind of a sensor that is a ranger -> the field with its ranges."""
 SET_VEL, SET_POS = 1, 2
 MOTOR_POWER, VELOCITY_MODE, POSITION_MODE = 2, 3, 4
 GUIDED = "guided"
-"""Mode of the autopilot in which it follows speeds and places."""
+"""Mode of the autopilot in which it follows velocities and positions."""
 _SET_DATATYPE = 1
 _VELOCITY = struct.Struct(">6dI")
 
 
 class Ask(NamedTuple):
-    """What a message asks of the world: a command of a port, or a call of a service; neither where it is just to be acknowledged."""
+    """What a message asks of the world: a command of a port, or a call of a service. Neither where it is only to be acknowledged."""
 
     port: str = ""
     service: str = ""
@@ -41,10 +41,10 @@ class Device(NamedTuple):
 
     Attributes:
         interface, number: its address.
-        name: of its driver: the path of the port behind it, or of the vehicle.
-        ports: whose samples it tells.
-        tell: what a sample of one of them says; None for nothing.
-        take: what a message asks; raises `Refused`.
+        name: name of its driver: the path of the port behind it, or the vehicle.
+        ports: paths of the ports whose samples it sends.
+        tell: makes the data of a sample; None for no data.
+        take: returns what a message asks, or raises `Refused`; None for a device that takes none.
     """
 
     interface: int
@@ -56,12 +56,12 @@ class Device(NamedTuple):
 
 
 def devices_of(ports: Mapping[str, Port], epoch_ns: int, pose: str) -> list[Device]:
-    """All devices, numbered in each interface.
+    """Return all devices, numbered in each interface.
 
     Args:
         ports: those of the context.
-        epoch_ns: UTC of simulation time zero.
-        pose: what position3d tells, "estimate" or "truth".
+        epoch_ns: UTC of simulation time 0, ns since 1970.
+        pose: source of position3d, "estimate" or "truth".
     """
     found: list[Device] = []
     counts: dict[int, int] = {}
@@ -88,7 +88,7 @@ def devices_of(ports: Mapping[str, Port], epoch_ns: int, pose: str) -> list[Devi
 
 
 def _pose_of(vehicle: str, ports: Mapping[str, Port], pose: str) -> tuple[tuple[str, ...], Tell] | None:
-    """The ports that tell where a vehicle is, and how."""
+    """Return the ports that give the pose of a vehicle, and what makes its data; None where there are none."""
     if pose == "truth":
         where, how_fast = f"{vehicle}/truth/pose", f"{vehicle}/truth/velocity"
         if where not in ports:
@@ -99,7 +99,7 @@ def _pose_of(vehicle: str, ports: Mapping[str, Port], pose: str) -> tuple[tuple[
             newest[sample.port] = sample
             place, speed = newest.get(where), newest.get(how_fast)
             if place is None or speed is None or place.t_ns != speed.t_ns:
-                return None  # the other one of this moment is still to come
+                return None  # the other sample of this time is still to come
             values = (*place.value, *speed.value)
             return codec.state(*values) if len(values) == 4 and all(map(codec.is_whole, values)) else None
 
@@ -107,7 +107,8 @@ def _pose_of(vehicle: str, ports: Mapping[str, Port], pose: str) -> tuple[tuple[
     path = f"{vehicle}/autopilot/state"
     if path not in ports:
         return None
-    picked = [_index(ports[path], name) for name in ("p_N", "q_NB", "v_N", "w_B")]
+    names = [field.name for field in ports[path].fields]
+    picked = [names.index(name) for name in ("p_N", "q_NB", "v_N", "w_B")]
 
     def estimate(sample: Sample) -> Told | None:
         p_N, q_NB, v_N, w_B = (sample.value[k] for k in picked)
@@ -118,25 +119,19 @@ def _pose_of(vehicle: str, ports: Mapping[str, Port], pose: str) -> tuple[tuple[
     return (path,), estimate
 
 
-def _index(port: Port, name: str) -> int:
-    return [field.name for field in port.fields].index(name)
-
-
 def _steering(vehicle: str) -> Callable[[Message], Ask]:
-    """Commands of a position3d: speed and place by the vehicle's autopilot; motor power arms it, either mode makes it follow them."""
+    """Return what takes the messages of a position3d. Velocity and position go to the vehicle's autopilot; motor power arms it, and either mode makes
+    it follow them."""
 
     def take(message: Message) -> Ask:
         kind = (message.type, message.subtype)
-        if kind == (CMD, SET_VEL):
+        if message.type == CMD and message.subtype in (SET_VEL, SET_POS):
             x, y, z, _, _, yaw, _ = wire.read(_VELOCITY, message.body)
-            value: dict[str, object] = {"v_B": list(frd_from_flu((x, y, z))), "yaw_rate": -yaw}
-            return Ask(f"{vehicle}/autopilot/velocity", args=value)
-        if kind == (CMD, SET_POS):
-            x, y, z, _, _, yaw, *_ = wire.read(_VELOCITY, message.body)
-            return Ask(
-                f"{vehicle}/autopilot/position",
-                args={"p_N": list(ned_from_enu((x, y, z))), "heading": codec.heading(yaw)},
-            )
+            if message.subtype == SET_VEL:
+                value: dict[str, object] = {"v_B": list(frd_from_flu((x, y, z))), "yaw_rate": -yaw}
+                return Ask(f"{vehicle}/autopilot/velocity", args=value)
+            value = {"p_N": list(ned_from_enu((x, y, z))), "heading": codec.heading(yaw)}
+            return Ask(f"{vehicle}/autopilot/position", args=value)
         if kind == (REQ, MOTOR_POWER):
             verb = "arm" if wire.read_u32(message.body) else "disarm"
             return Ask(service=f"{vehicle}/autopilot/{verb}")
@@ -174,7 +169,7 @@ def _of_imu(message: Message) -> Ask:
 
 
 def _opaque(port: Port) -> tuple[tuple[str, ...], Tell, Callable[[Message], Ask] | None]:
-    """A port as JSON, as on every wire of text."""
+    """Return ports, `tell` and `take` of a device that stands for a port, with JSON as on every wire of text."""
     if port.direction == "sensor":
         form = SampleForm(port)
 

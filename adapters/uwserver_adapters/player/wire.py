@@ -1,6 +1,6 @@
 """Player's messages, both sides, without input or output: a header of 40 bytes and a body, in XDR (big-endian, in steps of four bytes).
 
-Read in playerproject/player (`player.h`, `interfaces/*.def`, and what its generator makes of them), and tried with its client library.
+Source: playerproject/player (`player.h`, `interfaces/*.def`, and the code that its generator makes), tried with its client library.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from typing import NamedTuple
 from uwserver.ports import Refused
 
 BANNER = b"Player v.3.1.1-dev".ljust(32, b"\0")
-"""What a server says first; clients look at nothing but its length."""
+"""The first bytes of a server. Clients check only their number."""
 MESSAGE_LIMIT = 1 << 17
-"""Longest body that is read, bytes; Player's own bound is 8 MiB."""
+"""Longest body that is read, bytes. Player's own limit is 8 MiB."""
 NAME_BYTES = 64
-"""Longest name of a driver, with its end."""
+"""Longest name of a driver, with the zero at its end, bytes."""
 
 DATA, CMD, REQ, ACK, SYNCH, NACK = range(1, 7)
 """Types of messages."""
@@ -25,7 +25,7 @@ PLAYER, GPS, POSITION3D, OPAQUE, IMU, RANGER = 1, 13, 30, 51, 60, 62
 DEVLIST, DRIVERINFO, DEV, PULL_DATA, DATAMODE, ADD_REPLACE_RULE = 1, 2, 3, 4, 5, 10
 """Requests of the interface `PLAYER`."""
 OPEN, CLOSE, ERROR = 1, 2, 3
-"""Ways to have a device."""
+"""Kinds of access to a device."""
 PUSH, PULL = 1, 2
 """Modes of delivery."""
 
@@ -35,7 +35,7 @@ _U32 = struct.Struct(">I")
 
 
 class Message(NamedTuple):
-    """A message: the device (interface, and number in it), type and subtype, time (s), number, and body."""
+    """A message: device (interface, and number in it), type and subtype, body, time (s), and number."""
 
     interface: int
     number: int
@@ -49,32 +49,27 @@ class Message(NamedTuple):
 
 
 def encode(message: Message) -> bytes:
-    """A message as it stands on the wire."""
+    """Return the bytes of a message."""
     address = (message.host, message.robot, message.interface, message.number)
     head = _HEADER.pack(*address, message.type, message.subtype, message.timestamp, message.seq, len(message.body))
     return head + message.body
 
 
 class Decoder:
-    """Bytes of one client to messages: `receive` stores, `next_message` parses."""
+    """Turns the bytes of one client into messages: `receive` stores, `next_event` parses."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()
-
-    @property
-    def waiting(self) -> int:
-        """Bytes that are stored."""
-        return len(self._buffer)
 
     def receive(self, data: bytes) -> None:
         """Store bytes in pieces of any size."""
         self._buffer += data
 
     def next_event(self) -> Message | None:
-        """The next message; None until more bytes come.
+        """Return the next message; None until more bytes come.
 
         Raises:
-            Refused: this is no Player, or too long; the connection is to be ended.
+            Refused: the bytes are no message of Player, or it is too long. The connection is to be ended.
         """
         if len(self._buffer) < _HEADER.size:
             return None
@@ -95,37 +90,37 @@ class Decoder:
 
 
 def doubles(*numbers: float) -> bytes:
-    """Numbers of eight bytes."""
+    """Return numbers of eight bytes."""
     return struct.pack(f">{len(numbers)}d", *numbers)
 
 
 def floats(*numbers: float) -> bytes:
-    """Numbers of four bytes."""
+    """Return numbers of four bytes."""
     return struct.pack(f">{len(numbers)}f", *numbers)
 
 
 def u32(*numbers: int) -> bytes:
-    """Whole numbers; shorter ones take four bytes, too."""
+    """Return whole numbers of four bytes; XDR has shorter ones in four bytes, too."""
     return struct.pack(f">{len(numbers)}I", *numbers)
 
 
 def octets(data: bytes) -> bytes:
-    """Bytes as Player has them: their number twice, and zeros up to a whole number."""
+    """Return an array of bytes: their number twice, the bytes, and zeros up to the next step of four."""
     return u32(len(data), len(data)) + data + b"\0" * (-len(data) % 4)
 
 
 def rows(numbers: Sequence[float]) -> bytes:
-    """Numbers of eight bytes after their number, which stands there twice."""
+    """Return an array of numbers of eight bytes: how many there are, twice, and the numbers."""
     return u32(len(numbers), len(numbers)) + doubles(*numbers)
 
 
 def address(host: int, robot: int, interface: int, index: int) -> bytes:
-    """Of a device."""
+    """Return the address of a device."""
     return _ADDRESS.pack(host, robot, interface, index)
 
 
 def read_u32(body: bytes, at: int = 0) -> int:
-    """A whole number in a body.
+    """Return a whole number in a body.
 
     Raises:
         Refused: the body is too short.
@@ -135,7 +130,7 @@ def read_u32(body: bytes, at: int = 0) -> int:
 
 
 def read(form: struct.Struct, body: bytes, at: int = 0) -> tuple[float, ...]:
-    """Numbers in a body.
+    """Return numbers in a body.
 
     Raises:
         Refused: the body is too short.
@@ -146,10 +141,10 @@ def read(form: struct.Struct, body: bytes, at: int = 0) -> tuple[float, ...]:
 
 
 def read_octets(body: bytes) -> bytes:
-    """The bytes in a body that has nothing else.
+    """Return the array of bytes that is the whole body.
 
     Raises:
-        Refused: it has others.
+        Refused: the body holds something else.
     """
     size, again = read_u32(body), read_u32(body, 4)
     if size != again or len(body) < 8 + size:

@@ -62,7 +62,7 @@ class Asker:
 
     def __post_init__(self) -> None:
         self.adapter = MorseAdapter(MorseConfig(port=0, stream_port=0), self.context)
-        self.session = Session(self.adapter, "test", self.lines.append, 64)
+        self.session = Session(self.adapter.stage, "test", self.lines.append, 64)
 
     async def ask(self, line: str) -> tuple[str, str, Any]:
         """Id, status and value of the answer; the status is "" while there is none."""
@@ -213,7 +213,7 @@ def test_a_client_that_leaves_ends_its_calls(tell: Callable[[Story], None]) -> N
     async def story(asker: Asker) -> None:
         asker.context.held.add("rov/autopilot/goto")
         await asker.ask("0 rov.waypoint goto [1, 2, 3]")
-        asker.session.close()
+        asker.session.conversation.close()
         for _ in range(4):
             await asyncio.sleep(0)
         assert asker.context.calls[0].is_done
