@@ -160,9 +160,8 @@ class Ping360(ping.PingDevice):
         if number == TRANSDUCER:
             return self._transmit(Settings(*values[:7]), bool(values[7]), reply)
         if number == AUTO_TRANSMIT:
-            return self._auto_transmit(
-                Settings(*values[:2], self.settings.angle, *values[2:6]), Scan(*values[6:]), reply
-            )
+            state = (*values[:2], self.settings.angle, *values[2:6])
+            return self._auto_transmit(Settings(*state), Scan(*values[6:]), reply)
         if number == MOTOR_OFF:
             self._scan = None
             return ""

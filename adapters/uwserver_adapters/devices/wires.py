@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from typing import cast
 
 from uwserver.adapter import (
-    TURN_S,
     AdapterContext,
+    Chores,
     Connection,
     DatagramTurns,
     Peers,
@@ -19,8 +19,6 @@ from uwserver.adapter import (
 )
 from uwserver_adapters.devices.device import REQUESTS_PER_S, Device, DeviceTable, Garbage, Reader, Reply
 
-REST_S = 0.004
-"""Wall time before the next turn of a serial line, once one is used up."""
 STRANGERS_PER_S = 1000
 """Datagrams of unknown senders that are read in a second. They count together, because their addresses may be forged."""
 Address = tuple[object, ...]
@@ -228,36 +226,27 @@ class SerialPeer:
 
     def __init__(self, path: str, served: ServedDevice, context: AdapterContext) -> None:
         self._served = served
-        self._loop = asyncio.get_running_loop()
-        self._reader = served.device.reader()
-        self._turn: asyncio.TimerHandle | None = None
         self.port = SerialPort(path, context, opened=self._begin, received=self._receive, closed=self._end)
+        self._begin()
 
     def _begin(self) -> None:
         self._reader = self._served.device.reader()
+        self._chores = Chores()
 
     def _end(self) -> None:
-        if self._turn is not None:
-            self._turn.cancel()
-            self._turn = None
+        self._chores.close()
 
     def _receive(self, data: bytes) -> None:
         self._reader.receive(data)
-        if self._turn is None:
-            self._work()
+        if not self._chores:
+            self._chores.add(self._work())
 
-    def _work(self) -> None:
-        """Take stored messages for one turn. While some are left nothing more is read of the line."""
-        self._turn = None
-        end = self._loop.time() + TURN_S
+    def _work(self) -> Iterator[None]:
+        """Take stored messages, in turns. While some are left nothing more is read of the line."""
+        self.port.pause()
         while (event := self._reader.next_event()) is not None:
             self._served.take(event, self._reply)
-            if not self.port.is_open:
-                return
-            if self._loop.time() >= end:
-                self.port.pause()
-                self._turn = self._loop.call_later(REST_S, self._work)
-                return
+            yield
         self.port.resume()
 
     def _reply(self, data: bytes) -> None:

@@ -8,29 +8,9 @@ from collections.abc import Mapping
 from msgspec import Struct
 
 from uwserver.frames import Quat, Vec3, quat_from_rpy, rotate, rpy_from_quat
-from uwserver.units import NANOSECONDS, deg, rad
-
-__all__ = [
-    "TEXT_LIMIT",
-    "Fix",
-    "Pairs",
-    "ResetPose",
-    "compass",
-    "deg",
-    "drift",
-    "finite",
-    "geodetic",
-    "heading_of",
-    "navigation",
-    "period_ns",
-    "pitch_of",
-    "pose_of",
-    "rad",
-    "reset_pose",
-    "seconds",
-    "speed_through_water",
-    "turned",
-]  # fmt: skip
+from uwserver.units import NANOSECONDS
+from uwserver.units import deg as deg  # for the modules beside this one: only a codec converts units
+from uwserver.units import rad as rad
 
 Pairs = list[tuple[str, float | str]]
 
@@ -70,6 +50,11 @@ class Fix(Struct, kw_only=True):
         """Depth below the surface, m: the measured one, else from the position."""
         return self.p_N[2] if self.depth is None and self.p_N is not None else self.depth
 
+    @property
+    def rpy(self) -> Vec3 | None:
+        """Roll, pitch (nose up) and yaw, rad."""
+        return None if self.q_NB is None else rpy_from_quat(self.q_NB)
+
 
 def speed_through_water(fix: Fix) -> float | None:
     """Return the surge through the water, m/s: over ground where the water's velocity is not known, None where nothing is known."""
@@ -93,8 +78,8 @@ def navigation(fix: Fix, prefix: str, origin_deg: tuple[float, float] | None) ->
         pairs += [("X", east), ("Y", north)]
         if origin_deg is not None:
             pairs += zip(("LAT", "LONG"), geodetic(north, east, origin_deg), strict=True)
-    if fix.q_NB is not None:
-        roll, pitch, yaw = rpy_from_quat(fix.q_NB)
+    if fix.rpy is not None:
+        roll, pitch, yaw = fix.rpy
         pairs += [("HEADING", compass(yaw)), ("YAW", -yaw), ("PITCH", pitch), ("ROLL", roll)]
     speed = speed_through_water(fix)
     if speed is not None:
@@ -126,16 +111,6 @@ def geodetic(north: float, east: float, origin_deg: tuple[float, float]) -> tupl
     return lat + deg(north / north_radius), lon + deg(east / (east_radius * math.cos(rad(lat))))
 
 
-def heading_of(fix: Fix) -> float | None:
-    """Return the heading, degrees in [0, 360); None where it is not known."""
-    return None if fix.q_NB is None else compass(rpy_from_quat(fix.q_NB)[2])
-
-
-def pitch_of(fix: Fix) -> float | None:
-    """Return the pitch, rad, nose up; None where it is not known."""
-    return None if fix.q_NB is None else rpy_from_quat(fix.q_NB)[1]
-
-
 def turned(heading: float) -> float:
     """Return a difference of headings (degrees) within [-180, 180]."""
     return math.remainder(heading, deg(_TURN))
@@ -145,10 +120,10 @@ TEXT_LIMIT = 256
 """Longest text with a few numbers that is read, characters."""
 
 
-def _short(text: str) -> str:
+def _parts(text: str) -> list[str]:
     if len(text) > TEXT_LIMIT:
         raise ValueError(f"a text of {len(text)} characters: at most {TEXT_LIMIT} are read")
-    return text
+    return [part.strip() for part in text.split(",")]
 
 
 _RESET_KEYS: Mapping[str, str] = {
@@ -183,8 +158,7 @@ class ResetPose(Struct, frozen=True):
 
 def pose_of(fix: Fix) -> ResetPose:
     """Return where the vehicle is; its speed is not kept."""
-    yaw = rpy_from_quat(fix.q_NB)[2] if fix.q_NB is not None else 0.0
-    return ResetPose(fix.p_N or (0.0, 0.0, 0.0), yaw, 0.0)
+    return ResetPose(fix.p_N or (0.0, 0.0, 0.0), 0.0 if fix.rpy is None else fix.rpy[2], 0.0)
 
 
 def reset_pose(text: str, base: ResetPose) -> ResetPose:
@@ -197,8 +171,7 @@ def reset_pose(text: str, base: ResetPose) -> ResetPose:
         ValueError: it cannot be read as a whole; the text says what is wrong.
     """
     found: dict[str, float] = {}
-    parts = [part.strip() for part in _short(text).strip().rstrip(",").split(",")]
-    for index, part in enumerate(parts):
+    for index, part in enumerate(_parts(text.strip().rstrip(","))):
         name, equals, number = part.partition("=")
         if not equals and index < len(_RESET_ORDER):
             name, number = _RESET_ORDER[index], name
@@ -221,7 +194,7 @@ def drift(text: str) -> tuple[float, float]:
     Raises:
         ValueError: the text says what is wrong.
     """
-    parts = _short(text).split(",")
+    parts = _parts(text)
     if len(parts) != 2:
         raise ValueError(f'"{text[:40]}": write direction,speed as in 90,0.5')
     angle, speed = rad(finite(parts[0])), finite(parts[1])

@@ -15,14 +15,14 @@ PortNumber = Annotated[int, Meta(ge=0, le=65535)]
 
 
 class Target(Table, kw_only=True, frozen=True):
-    """What a variable does to one field of an actuator: the contributions of all variables to it are added, then limited to its range.
+    """The effect of a variable on one field of an actuator. The effects of all variables on a field are added, then limited to its range.
 
     Attributes:
-        port: actuator, below the vehicle (`rudder`), or its whole path.
-        field: its field.
-        full: what 100 adds, each component of a vector (`[0, 0, 1, -1]`).
-        full_deg: the same in degrees, for fields in radians.
-        zero: value at 0, each component; a ballast's neutral volume, say.
+        port: actuator, by its name below the vehicle (`rudder`) or its whole path.
+        field: field of the actuator.
+        full: what a value of 100 adds, for each component of a vector (`[0, 0, 1, -1]`).
+        full_deg: the same in degrees, for a field in radians.
+        zero: what a value of 0 adds, for each component; the neutral volume of a ballast, say.
         limit: the variable is limited to +- this; default 100, as it is a percentage.
     """
 
@@ -35,21 +35,23 @@ class Target(Table, kw_only=True, frozen=True):
 
 
 class NavTable(Table, kw_only=True, frozen=True):
-    """The conventional set (NAV_X, NAV_Y, NAV_DEPTH ...). Ports are below the vehicle; by default the truth, which needs `truth = true`.
+    """The conventional set of variables (NAV_X, NAV_Y, NAV_DEPTH ...). Ports are named below the vehicle. By default they are ground truth, which
+    needs `truth = true`.
 
     Attributes:
-        prefix: NAV, as missions have it, or USM.
+        prefix: beginning of the names: NAV, as missions have it, or USM.
         position: port with a position in N (`p_NB`, `p_NS`); "" for none.
-        attitude: port with `q_NB`, `q_NS`; "" for none.
+        attitude: port with `q_NB` or `q_NS`; "" for none.
         velocity: port with a velocity in B (`v_NB_B`, `v_S`); "" for none.
-        flow: port with the velocity of the water (`v_NW_B`) or through the water (`v_water_S`), for NAV_SPEED; default: `truth/flow` where
-            `velocity` is of the truth too; without one NAV_SPEED is the surge over ground.
-        depth: port with `depth`; default: from the position.
-        altitude: port with `range` or `altitude`; default: from `water_depth_m`.
+        flow: port with the velocity of the water (`v_NW_B`) or through the water (`v_water_S`), for NAV_SPEED. Default: `truth/flow`, where
+            `velocity` is ground truth too; without such a port NAV_SPEED is the surge over ground.
+        depth: port with `depth`; default: the depth comes from the position.
+        altitude: port with `range` or `altitude`; default: the altitude comes from `water_depth_m`.
         water_depth_m: depth of the bottom, until a WATER_DEPTH comes.
-        rate_hz: at most so often, simulation time; default: as often as the position (or attitude) comes.
-        ground_truth: publish NAV_GT_* from the truth besides, as uSimMarine does with `dual_state`.
-        origin_deg: latitude and longitude of the origin of N, the mission's LatOrigin and LongOrigin; without it no NAV_LAT, NAV_LONG.
+        rate_hz: highest rate, in simulation time; default: each sample of the position (or attitude).
+        ground_truth: publish NAV_GT_* from the truth as well, as uSimMarine does with `dual_state`.
+        origin_deg: latitude and longitude of the origin of N, which are LatOrigin and LongOrigin of the mission. Without it there are no NAV_LAT
+            and NAV_LONG.
     """
 
     prefix: Name = "NAV"
@@ -66,18 +68,18 @@ class NavTable(Table, kw_only=True, frozen=True):
 
 
 class PidTable(Table, kw_only=True, frozen=True):
-    """An autopilot within the adapter, from DESIRED_HEADING, DESIRED_SPEED and DESIRED_DEPTH to DESIRED_RUDDER, DESIRED_THRUST and
-    DESIRED_ELEVATOR, for missions whose simulator has the PID block itself. The keys are those of pMarinePIDV22.
+    """An autopilot within the adapter, for missions that leave the PID loops to the simulator. It turns DESIRED_HEADING, DESIRED_SPEED and
+    DESIRED_DEPTH into DESIRED_RUDDER, DESIRED_THRUST and DESIRED_ELEVATOR. The keys are those of pMarinePIDV22.
 
     Attributes:
-        speed_factor: thrust (%) for each m/s; 0 for the loop of `speed_pid_*`.
+        speed_factor: thrust (%) for each m/s; 0 to use the loop of `speed_pid_*` instead.
         yaw_pid_kp, yaw_pid_ki, yaw_pid_kd, yaw_pid_integral_limit: rudder (degrees, or %) from the error of the heading, degrees.
         speed_pid_kp, speed_pid_ki, speed_pid_kd, speed_pid_integral_limit: change of the thrust (%) from the error of the speed, m/s.
         z_to_pitch_pid_kp, z_to_pitch_pid_ki, z_to_pitch_pid_kd, z_to_pitch_pid_integral_limit: pitch (rad) from the error of the depth, m.
-        pitch_pid_kp, pitch_pid_ki, pitch_pid_kd, pitch_pid_integral_limit: elevator (rad, given out in degrees) from the error of the pitch, rad.
+        pitch_pid_kp, pitch_pid_ki, pitch_pid_kd, pitch_pid_integral_limit: elevator (rad, published in degrees) from the error of the pitch, rad.
         maxrudder, maxthrust, maxelevator: limits of the outputs.
         maxpitch: limit of the pitch, degrees.
-        depth_control: DESIRED_ELEVATOR is given out too.
+        depth_control: publish DESIRED_ELEVATOR too.
         tardy_helm_threshold, tardy_nav_threshold: age (s, simulation time) above which a DESIRED_ or a NAV_ value stops the vehicle.
     """
 
@@ -108,24 +110,24 @@ class PidTable(Table, kw_only=True, frozen=True):
 
 
 class BridgeTable(Table, kw_only=True, frozen=True):
-    """Which variables stand for what of the world.
+    """Connects MOOS variables with the world.
 
     Attributes:
-        vehicle: to which `nav`, `commands`, and USM_RESET belong; default: the only one there is.
+        vehicle: vehicle of `nav`, `commands` and USM_RESET; default: the only one there is.
         publish: patterns of ports that become variables; [] for none.
-        vectors: a variable for each component, or one with a JSON list.
+        vectors: publish a vector as a variable for each component, or as one variable with a JSON list.
         on_change: publish a variable only when its value has changed.
-        rate_hz: publish a port at most so often, simulation time; default: each sample.
-        nav: publish the conventional set.
-        commands: what DESIRED_THRUST and its like do, by variable.
+        rate_hz: highest rate at which a port is published, in simulation time; default: each sample.
+        nav: publish the conventional set of variables.
+        commands: variable (DESIRED_THRUST and the like) -> its effects on actuators.
         pid: an autopilot within the adapter, for missions without pMarinePID.
-        hold_depth_m: a depth that is held with DESIRED_ELEVATOR (of `commands`) while somebody drives and nobody writes DESIRED_ELEVATOR: a
-            mission in the plane has no depth, and a vehicle with fins would dive or rise for ever.
-        externals: external vehicles of the world by name, and what they follow: a name in NODE_REPORT and NODE_REPORT_LOCAL, or ``NAV_*`` for
+        hold_depth_m: depth to hold with DESIRED_ELEVATOR (of `commands`) while somebody drives and nobody writes DESIRED_ELEVATOR. A mission in the
+            plane has no depth, and without this a vehicle with fins would dive or rise for ever.
+        externals: name of an external vehicle of the world -> what it follows: a name in NODE_REPORT and NODE_REPORT_LOCAL, or ``NAV_*`` for the
             variables NAV_X, NAV_Y, NAV_DEPTH, NAV_HEADING and NAV_SPEED.
-        usm: listen to USM_RESET, USM_SIM_PAUSED, DRIFT_X and the like, as uSimMarine does.
+        usm: obey USM_RESET, USM_SIM_PAUSED, DRIFT_X and the like, as uSimMarine does.
         services: carry out calls that come as the variable UWSERVER_CALL.
-        alog: file (.alog) for all that goes through; an earlier one of this name is kept under a number.
+        alog: file (.alog) that logs all variables; an earlier file of this name is kept under a number.
     """
 
     vehicle: Name | None = None
@@ -144,11 +146,11 @@ class BridgeTable(Table, kw_only=True, frozen=True):
 
 
 class CommunityTable(BridgeTable, kw_only=True, frozen=True):
-    """A MOOSDB to join, with all that `bridge` of the other two adapters has.
+    """A MOOSDB to join, with all keys that `bridge` of the other two adapters has.
 
     Attributes:
-        host, port: where it listens.
-        client: our name there.
+        host, port: address of the MOOSDB.
+        client: our name as its client.
     """
 
     host: Name = "127.0.0.1"
@@ -158,9 +160,9 @@ class CommunityTable(BridgeTable, kw_only=True, frozen=True):
 
 class MoosConfig(AdapterTable, tag="moos", kw_only=True, frozen=True):
     """Attributes:
-    communities: databases to join, one connection each; default: one at 127.0.0.1:9000.
+    communities: databases to join, each by a connection of its own; default: one at 127.0.0.1:9000.
     warp: MOOSTimeWarp of the missions; default: the speed of this server, which must be the same.
-    timeout_s: wall time without a word of the database after which the connection is made anew.
+    timeout_s: wall time without a message of the database after which the connection is made again.
     """
 
     communities: dict[Name, CommunityTable] = field(default_factory=lambda: {"main": CommunityTable()})
@@ -170,15 +172,15 @@ class MoosConfig(AdapterTable, tag="moos", kw_only=True, frozen=True):
 
 class MoosDbConfig(AdapterTable, tag="moosdb", kw_only=True, frozen=True):
     """Attributes:
-    bind: address to listen at; MOOS knows no password, so anything but loopback is open to all who reach it.
+    bind: address to listen at. MOOS knows no password, so any other address than loopback is open to all who reach it.
     port: TCP port; 0 takes a free one.
-    community: its name, told to all clients.
-    bridge: which variables stand for what of the world.
+    community: name of the community, which all clients are told.
+    bridge: connects variables with the world.
     warp: MOOSTimeWarp of the missions; default: the speed of this server.
-    client_timeout_s: wall time without a word of a client after which it is disconnected.
-    max_clients: that have said their name, at once.
-    max_variables: kept; more are refused.
-    queue_bytes: that wait for a client which does not read, before it is disconnected.
+    client_timeout_s: wall time without a message of a client after which it is disconnected.
+    max_clients: clients at the same time that have said their name.
+    max_variables: variables that are kept; more are refused.
+    queue_bytes: bytes that may wait for a client that does not read; above that it is disconnected.
     packet_bytes: longest packet of a client.
     """
 
@@ -196,14 +198,14 @@ class MoosDbConfig(AdapterTable, tag="moosdb", kw_only=True, frozen=True):
 
 class MoosTextConfig(AdapterTable, tag="moos_text", kw_only=True, frozen=True):
     """Attributes:
-    bind: address to listen at; there is no password, so anything but loopback is open to all who reach it.
+    bind: address to listen at. There is no password, so any other address than loopback is open to all who reach it.
     port: TCP port; 0 takes a free one.
-    serial: a serial line or pseudo-terminal to speak on too, such as "/dev/ttyS1".
-    bridge: which variables stand for what of the world.
-    max_clients: that have said a valid line, at once.
-    first_line_s: wall time in which a client must have said one.
-    max_variables: kept; more are refused.
-    queue_bytes: that wait for a client which does not read, before it is disconnected.
+    serial: path of a serial line or pseudo-terminal that is served too, such as "/dev/ttyS1".
+    bridge: connects variables with the world.
+    max_clients: clients at the same time that have sent a valid line.
+    first_line_s: wall time in which a client must have sent a valid line.
+    max_variables: variables that are kept; more are refused.
+    queue_bytes: bytes that may wait for a client that does not read; above that it is disconnected.
     line_bytes: longest line of a client.
     """
 

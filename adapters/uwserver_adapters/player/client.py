@@ -245,7 +245,7 @@ class Client(Connection):
         body = message.body
         if message.subtype == wire.DEVLIST:
             there = list(self._server.devices)
-            addresses = b"".join(wire.address(*self._here, *at) for at in there)
+            addresses = b"".join(wire.u32(*self._here, *at) for at in there)
             self._answer(message, wire.u32(len(there), len(there)) + addresses)
         elif message.subtype == wire.DRIVERINFO:
             device = self._device(wire.read_u32(body, 8), wire.read_u32(body, 12))
@@ -271,7 +271,7 @@ class Client(Connection):
     def _named(self, device: Device) -> bytes:
         """Return address and driver of a device, as messages have them."""
         name = device.name.encode()[: wire.NAME_BYTES - 1] + b"\0"
-        return wire.address(*self._here, device.interface, device.number) + wire.octets(name)
+        return wire.u32(*self._here, device.interface, device.number) + wire.octets(name)
 
     def _open_or_close(self, message: Message) -> None:
         address = wire.read_u32(message.body, 8), wire.read_u32(message.body, 12)

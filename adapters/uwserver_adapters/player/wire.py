@@ -30,7 +30,6 @@ PUSH, PULL = 1, 2
 """Modes of delivery."""
 
 _HEADER = struct.Struct(">6IdII")
-_ADDRESS = struct.Struct(">4I")
 _U32 = struct.Struct(">I")
 
 
@@ -112,11 +111,6 @@ def octets(data: bytes) -> bytes:
 def rows(numbers: Sequence[float]) -> bytes:
     """Return an array of numbers of eight bytes: how many there are, twice, and the numbers."""
     return u32(len(numbers), len(numbers)) + doubles(*numbers)
-
-
-def address(host: int, robot: int, interface: int, index: int) -> bytes:
-    """Return the address of a device."""
-    return _ADDRESS.pack(host, robot, interface, index)
 
 
 def read_u32(body: bytes, at: int = 0) -> int:

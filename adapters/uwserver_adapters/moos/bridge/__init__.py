@@ -1,1 +1,1 @@
-"""Variables on one side, the world on the other. Knows no socket."""
+"""The bridge between MOOS variables and the world. Nothing here knows a socket."""

@@ -192,16 +192,17 @@ class Bridge:
             self._post([(APPCAST, self.appcasts.text(self._report(), self._pace))])
 
     def _report(self) -> list[str]:
+        """Return the lines of an appcast."""
         world = self._context.world
-        lines = [
+        known = () if self._nav is None else self._nav.known()
+        return [
             f"Scenario: {world.scenario}",
             f"Mode: {world.mode}, speed {world.speed:g}, reached {self._pace.factor:.3g}",
+            f"Simulation time: {self._t_s:.2f} s",
+            f"Enabled: {str(self._usm.is_enabled).lower()}",
+            *self._pilot.report(),
+            *(f"{name}: {value:.6g}" for name, value in known if isinstance(value, float)),
         ]
-        lines += [f"Simulation time: {self._t_s:.2f} s", f"Enabled: {str(self._usm.is_enabled).lower()}"]
-        lines += self._pilot.report()
-        if self._nav is not None:
-            lines += [f"{name}: {value:.6g}" for name, value in self._nav.known() if isinstance(value, float)]
-        return lines
 
     # -- out ------------------------------------------------------------------------------------------------------------------------
 

@@ -35,30 +35,26 @@ class Outlet:
     def __init__(self, port: Port, vectors: Literal["components", "json"], on_change: bool) -> None:
         self._on_change = on_change
         self._last: dict[str, float | str] = {}
-        self._valid = variable(port.path, "valid")
+        self._valid, self._was_valid = variable(port.path, "valid"), "true"
         self._names = [_names_of(port, field, vectors) for field in port.fields]
 
     def pairs(self, sample: Sample) -> list[tuple[str, float | str]]:
         """Return the variables of a sample. Those without a finite value are left out; ``..._VALID`` is published when it changes."""
-        pairs: list[tuple[str, float | str]] = []
         valid = "true" if sample.valid else "false"
-        if self._last.get(self._valid, "true") != valid:
-            pairs.append((self._valid, valid))
-        self._last[self._valid] = valid
+        found: list[tuple[str, float | str | None]] = []
         for name, value in zip(self._names, sample.value, strict=False):
             if isinstance(name, str):
-                self._add(pairs, name, _written(value))
+                found.append((name, _written(value)))
             elif isinstance(value, tuple):
-                for word, component in zip(name, value, strict=False):
-                    self._add(pairs, word, _written(component))
-        return pairs
-
-    def _add(self, pairs: list[tuple[str, float | str]], name: str, value: float | str | None) -> None:
-        if value is None or (self._on_change and self._last.get(name) == value):
-            return
+                found += zip(name, map(_written, value), strict=False)
+        pairs = [(name, value) for name, value in found if value is not None]
         if self._on_change:
-            self._last[name] = value
-        pairs.append((name, value))
+            pairs = [(name, value) for name, value in pairs if self._last.get(name) != value]
+            self._last.update(pairs)
+        if self._was_valid != valid:
+            pairs.insert(0, (self._valid, valid))
+        self._was_valid = valid
+        return pairs
 
 
 def _names_of(port: Port, field: Field, vectors: Literal["components", "json"]) -> str | list[str]:

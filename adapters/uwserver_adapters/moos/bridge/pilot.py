@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections import deque
 
-from uwserver_adapters.moos.codec import Fix, deg, heading_of, pitch_of, rad, speed_through_water, turned
+from uwserver_adapters.moos.codec import Fix, compass, deg, rad, speed_through_water, turned
 from uwserver_adapters.moos.config import PidTable
 
 THRUST, RUDDER, ELEVATOR = "DESIRED_THRUST", "DESIRED_RUDDER", "DESIRED_ELEVATOR"
@@ -156,9 +156,10 @@ class Autopilot:
             fix: the vehicle now.
             t_s: time.
         """
-        speed, heading, pitch = speed_through_water(fix), heading_of(fix), pitch_of(fix)
-        if not self.has_control or speed is None or heading is None or pitch is None:
+        speed = speed_through_water(fix)
+        if not self.has_control or speed is None or fix.rpy is None:
             return {}
+        _, pitch, yaw = fix.rpy
         found = dict.fromkeys(self.drives, 0.0)
         oldest = t_s - self._table.tardy_helm_threshold
         self.stale = ", ".join(name for name, (_, at) in self._wanted.items() if at < oldest and name in self._needed)
@@ -166,7 +167,7 @@ class Autopilot:
             return found
         found[THRUST] = self._thrust = self._thrust_for(speed, t_s)
         if self._thrust > 0.0:
-            found[RUDDER] = self._yaw.output(turned(self._wanted[HEADING][0] - heading), t_s)
+            found[RUDDER] = self._yaw.output(turned(self._wanted[HEADING][0] - compass(yaw)), t_s)
             depth = fix.below
             if ELEVATOR in found and depth is not None:
                 found[ELEVATOR] = self._depth.elevator(self._wanted[DEPTH][0], depth, pitch, t_s)
@@ -217,10 +218,10 @@ class DepthHold:
 
     def outputs(self, fix: Fix, t_s: float) -> dict[str, float]:
         """Return the elevator; {} where it does not hold."""
-        depth, pitch = fix.below, pitch_of(fix)
-        if not self.is_needed or depth is None or pitch is None or not 0.0 <= t_s - self._driven <= DRIVEN_S:
+        depth, rpy = fix.below, fix.rpy
+        if not self.is_needed or depth is None or rpy is None or not 0.0 <= t_s - self._driven <= DRIVEN_S:
             return {}
-        return {ELEVATOR: self._loops.elevator(self._depth_m, depth, pitch, t_s)}
+        return {ELEVATOR: self._loops.elevator(self._depth_m, depth, rpy[1], t_s)}
 
 
 class Pilot:

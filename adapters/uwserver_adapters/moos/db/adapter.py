@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import asyncio
 
-from uwserver.adapter import AdapterContext, address_text, serve_tcp, serving
+from uwserver.adapter import AdapterContext, address_text, serve_tcp
 from uwserver_adapters.moos.config import MoosDbConfig
 from uwserver_adapters.moos.db.guests import Community, Guest
 from uwserver_adapters.moos.db.local import OWN_NAME, RIVAL, LocalClient
-
-TELL_S = 1.0
-"""Wall time between two rounds of DB_ variables."""
 
 
 class MoosDbAdapter:
@@ -39,16 +36,14 @@ class MoosDbAdapter:
             lambda: Guest(community), community.peers, config.bind, config.port, rival=RIVAL
         ) as server:
             world = LocalClient(config.bridge, context, database, community.clock)
+            context.stats.details["warp"] = community.clock.warp
+
+            def attend() -> None:
+                context.stats.details["refused_writes"] = database.refused
+                for guest in community.peers:
+                    guest.check()
+
             try:
-                context.stats.details["warp"] = community.clock.warp
-                with serving(context, world.bridge, address_text(config.bind, server.port), ready):
-                    while True:
-                        database.tell()
-                        world.bridge.attend()
-                        context.stats.details["refused_writes"] = database.refused
-                        await asyncio.sleep(TELL_S)
-                        for guest in community.peers:
-                            guest.check()
+                await world.serve(address_text(config.bind, server.port), ready, attend)
             finally:
                 community.close()
-                world.close()

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
-from uwserver.adapter import AdapterContext, Chores
+from uwserver.adapter import AdapterContext, Chores, serving
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.alog import Alog
 from uwserver_adapters.moos.bridge.bridge import Bridge, Pairs
@@ -18,6 +18,8 @@ from uwserver_adapters.moos.wire import Message
 OWN_NAME = "uwserver"
 RIVAL = "a MOOSDB"
 """What most likely holds a port that is in use."""
+TELL_S = 1.0
+"""Wall time between two rounds of DB_ variables."""
 AT_ONCE = 256
 """Most writes that take effect together. After them others may have their turn."""
 
@@ -36,6 +38,7 @@ class LocalClient:
     """
 
     def __init__(self, table: BridgeTable, context: AdapterContext, database: Database, clock: DatabaseClock) -> None:
+        self._context = context
         self._database = database
         self._clock = clock
         self._mail: list[tuple[str, float | str | bytes, str, float]] = []
@@ -49,6 +52,27 @@ class LocalClient:
         database.join(OWN_NAME, self._deliver)
         self._listen(self.bridge.listens_to)
         self.bridge.begin(database.community)
+
+    async def serve(self, address: str, ready: asyncio.Event, attend: Callable[[], object]) -> None:
+        """Publish and obey until cancelled; then cancel all calls, and end the log.
+
+        Args:
+            address: where peers find the adapter.
+            ready: as `Adapter.run` got it.
+            attend: called each second.
+        """
+        try:
+            with serving(self._context, self.bridge, address, ready):
+                while True:
+                    self._database.tell()
+                    self.bridge.attend()
+                    attend()
+                    await asyncio.sleep(TELL_S)
+        finally:
+            self._chores.close()
+            self.bridge.close()
+            if self._alog is not None:
+                self._alog.close()
 
     def _post(self, pairs: Pairs) -> None:
         now = self._clock.now()
@@ -78,10 +102,3 @@ class LocalClient:
     def _log(self, message: Message) -> None:
         if self._alog is not None:
             self._alog.add(message.time, message.key, message.src, message.value)
-
-    def close(self) -> None:
-        """Cancel calls, and end the log."""
-        self._chores.close()
-        self.bridge.close()
-        if self._alog is not None:
-            self._alog.close()

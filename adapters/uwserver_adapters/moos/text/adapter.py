@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
-from uwserver.adapter import HIGH_WATER, AdapterContext, Connection, Peers, Refusals, address_text, serve_tcp, serving
+from uwserver.adapter import HIGH_WATER, AdapterContext, Connection, Peers, Refusals, address_text, serve_tcp
 from uwserver.ports import Fault
 from uwserver_adapters.moos.bridge.bridge import ERROR
 from uwserver_adapters.moos.config import MoosTextConfig
@@ -13,8 +13,6 @@ from uwserver_adapters.moos.text.lines import error_line
 from uwserver_adapters.moos.text.serial_line import SerialLine
 from uwserver_adapters.moos.text.session import TextSession, Users
 
-TELL_S = 1.0
-"""Wall time between two rounds of DB_ variables."""
 UNREAD_S = 0.01
 """Wall time before a listing goes on whose user had not read what was sent."""
 
@@ -32,7 +30,7 @@ class TextConnection(Connection):
         super().__init__(peers, users.config.first_line_s)
         self._users = users
         self._name = name
-        self._session: TextSession | None = None
+        self._session: TextSession
         self._lines: list[str] = []
         self._flushing: asyncio.Handle | None = None
 
@@ -48,23 +46,20 @@ class TextConnection(Connection):
         """End the session."""
         if self._flushing is not None:
             self._flushing.cancel()
-        if self._session is not None:
-            self._session.close()
+        self._session.close()
 
     def receive(self, data: bytes) -> None:
         """Store bytes."""
-        if self._session is not None:
-            self._session.receive(data)
+        self._session.receive(data)
 
     def step(self) -> bool:
         """Carry out the next line, or the next piece of one, unless the user does not read what came of it before."""
-        return not self._is_full and self._session is not None and self._session.step(self.admit)
+        return not self._is_full and self._session.step(self.admit)
 
     @property
     def _is_full(self) -> bool:
         """Whether so much output of a line waits for the user that the rest of the line has to wait too."""
-        is_busy = self._session is not None and self._session.is_busy
-        return is_busy and self.waiting > min(HIGH_WATER, self._users.config.queue_bytes // 2)
+        return self._session.is_busy and self.waiting > min(HIGH_WATER, self._users.config.queue_bytes // 2)
 
     def quiet_until(self) -> float:
         """Return when the rest of a line is tried again."""
@@ -73,7 +68,7 @@ class TextConnection(Connection):
     @property
     def is_owed(self) -> bool:
         """Whether lines may still come for a user that sends nothing more (``echo LIST | nc -N``)."""
-        return bool(self._lines) or (self._session is not None and self._session.is_owed)
+        return bool(self._lines) or self._session.is_owed
 
     def close(self) -> None:
         """Send all lines, then close."""
@@ -128,21 +123,16 @@ class MoosTextAdapter:
         line = SerialLine(config.serial, users) if config.serial else None
         async with serve_tcp(self._connection, self._peers, config.bind, config.port, rival=RIVAL) as server:
             world = LocalClient(config.bridge, self.context, users.database, users.clock)
+            users.database.join(f"{OWN_NAME}_errors", users.tell_error)
+            users.database.register(f"{OWN_NAME}_errors", ERROR, 0.0)
             try:
-                users.database.join(f"{OWN_NAME}_errors", users.tell_error)
-                users.database.register(f"{OWN_NAME}_errors", ERROR, 0.0)
-                with serving(self.context, world.bridge, address_text(config.bind, server.port), ready):
-                    while True:
-                        users.database.tell()
-                        world.bridge.attend()
-                        if line is not None:
-                            line.port.attend()
-                        await asyncio.sleep(TELL_S)
+                await world.serve(
+                    address_text(config.bind, server.port), ready, lambda: None if line is None else line.port.attend()
+                )
             finally:
                 if line is not None:
                     line.port.close()
                 users.chores.close()
-                world.close()
 
     def _connection(self) -> TextConnection:
         self._last_number += 1

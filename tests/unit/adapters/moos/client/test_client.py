@@ -129,7 +129,7 @@ async def test_old_commands_that_the_database_kept_are_not_obeyed(database, join
 
 
 async def test_the_heart_beats_without_samples(database, join, until, monkeypatch):
-    monkeypatch.setattr("uwserver_adapters.moos.db.adapter.TELL_S", 0.05)
+    monkeypatch.setattr("uwserver_adapters.moos.db.local.TELL_S", 0.05)
     monkeypatch.setattr(link, "BEAT_S", 0.1)
     async with database(client_timeout_s=1.5) as db, join(port_of(db)) as context:
         await until(lambda: context.stats.peers == 1, "joined")

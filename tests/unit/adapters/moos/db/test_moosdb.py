@@ -74,7 +74,7 @@ async def test_what_came_in_one_packet_leaves_in_one(tank, connect):
 async def test_much_mail_leaves_in_packets_that_clients_can_hold(tank, connect, monkeypatch):
     """C++ clients throw away what is more than 2048 unread messages."""
     monkeypatch.setattr(guests, "TOGETHER", 2)
-    monkeypatch.setattr("uwserver_adapters.moos.db.adapter.TELL_S", 60.0)
+    monkeypatch.setattr("uwserver_adapters.moos.db.local.TELL_S", 60.0)
     sizes = []
     pack = wire.packet
     monkeypatch.setattr(wire, "packet", lambda messages: sizes.append(len(messages)) or pack(messages))
@@ -419,7 +419,7 @@ async def test_a_client_whose_name_is_no_utf_8_is_named_readably(tank, connect, 
 
 
 async def test_a_silent_client_is_disconnected(tank, connect, monkeypatch):
-    monkeypatch.setattr("uwserver_adapters.moos.db.adapter.TELL_S", 0.05)
+    monkeypatch.setattr("uwserver_adapters.moos.db.local.TELL_S", 0.05)
     async with tank(client_timeout_s=1.5) as context:
         silent, lively = await connect(context.stats.address, "silent"), await connect(context.stats.address, "lively")
         while context.stats.peers == 2:
@@ -434,7 +434,7 @@ async def test_a_silent_client_is_disconnected(tank, connect, monkeypatch):
 
 
 async def test_who_says_no_name_is_disconnected(tank, monkeypatch):
-    monkeypatch.setattr("uwserver_adapters.moos.db.adapter.TELL_S", 0.02)
+    monkeypatch.setattr("uwserver_adapters.moos.db.local.TELL_S", 0.02)
     monkeypatch.setattr(guests, "NAME_S", 0.1)
     async with tank() as context:
         host, port = context.stats.address.split(":")

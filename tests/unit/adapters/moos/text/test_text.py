@@ -420,7 +420,7 @@ async def test_who_does_not_read_is_disconnected(bridge, until):
 
 
 async def test_a_serial_line(bridge, until, monkeypatch):
-    monkeypatch.setattr("uwserver_adapters.moos.text.adapter.TELL_S", 0.02)
+    monkeypatch.setattr("uwserver_adapters.moos.db.local.TELL_S", 0.02)
     ours, theirs = pty.openpty()
     path = os.ttyname(theirs)
 
