@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Annotated, NamedTuple, cast
+from types import SimpleNamespace
+from typing import Annotated, cast
 
 from msgspec import Meta
 
@@ -31,13 +32,6 @@ AnyDevice = (
 )
 
 
-class _Offer(NamedTuple):
-    """The part of a context that a device reads while it is built."""
-
-    ports: Mapping[str, Port]
-    services: Mapping[str, Service]
-
-
 class DevicesConfig(AdapterTable, tag="devices", kw_only=True, frozen=True):
     """Attributes:
     device: devices by names of your own: each says which sensor it serves, as which device, and where.
@@ -49,9 +43,11 @@ class DevicesConfig(AdapterTable, tag="devices", kw_only=True, frozen=True):
         self, ports: Mapping[str, Port], services: Mapping[str, Service]
     ) -> Iterable[tuple[tuple[str, ...], str]]:
         """Yield the devices whose sensors are not there, or of another kind."""
+        # The part of a context that a device reads while it is built.
+        offer = SimpleNamespace(ports=ports, services=services)
         for name, table in self.device.items():
             try:
-                table.build(cast(AdapterContext, _Offer(ports, services)))
+                table.build(cast(AdapterContext, offer))
             except CannotServe as error:
                 role, _, text = str(error).partition(": ")
                 yield ("device", name, role), text

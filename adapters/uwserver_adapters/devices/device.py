@@ -170,8 +170,7 @@ class Source:
         vehicle, _, name = path.partition("/")
         port = port_of(role, name, ports, vehicle, "sensor")
         places = {field.name: place for place, field in enumerate(port.fields)}
-        missing = [name for name in fields if name not in places]
-        if missing:
+        if missing := [name for name in fields if name not in places]:
             there = ", ".join(places)
             raise CannotServe(
                 f'{role}: "{path}" has no field "{missing[0]}", it has: {there}; name a sensor that has it'

@@ -66,7 +66,7 @@ class Fix(Struct, frozen=True):
 
 
 class Readings(Struct, frozen=True):
-    """All that the device measures: a reading of the IMU, and the newest reading of each other sensor at that time.
+    """All readings of the device: one of the IMU, and the newest one of each other sensor at that time.
 
     Attributes:
         t_ns: simulation time of the IMU's reading.
@@ -117,7 +117,7 @@ class Readings(Struct, frozen=True):
 
 
 class InertialDevice:
-    """What all inertial units share: the sensors of the table, and messages at rates of their own.
+    """An inertial unit: the sensors of its table, and messages with rates of their own.
 
     Attributes:
         wanted: ports of the sensors.

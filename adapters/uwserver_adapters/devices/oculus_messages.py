@@ -40,7 +40,7 @@ class Message:
 
 
 class Fire(Struct, frozen=True):
-    """What a client asks of the sonar: `OculusSimpleFireMessage`.
+    """A fire message of a client (`OculusSimpleFireMessage`): the wanted settings of the sonar.
 
     Attributes:
         mode: 1 for the low frequency, 2 for the high one.
@@ -75,7 +75,7 @@ class Fire(Struct, frozen=True):
 
 
 class Ping(Struct, frozen=True):
-    """What a ping result tells besides the picture.
+    """The values of a ping result besides the picture.
 
     Attributes:
         number: counts the pings.

@@ -177,8 +177,7 @@ class Ping360(ping.PingDevice):
 
     def _transmit(self, told: Settings, transmits: bool, reply: Reply) -> str | None:
         """Turn the head, and ping there if the client wants it; the ping is the answer."""
-        fault = fault_of(told)
-        if fault:
+        if fault := fault_of(told):
             return fault
         self._begin(told, None)
         if not transmits:
@@ -194,8 +193,7 @@ class Ping360(ping.PingDevice):
         return None
 
     def _auto_transmit(self, told: Settings, scan: Scan, reply: Reply) -> str | None:
-        fault = fault_of(told) or fault_of(scan)
-        if fault:
+        if fault := fault_of(told) or fault_of(scan):
             return fault
         self._begin(told, scan)
         between = (scan.stop_angle - scan.start_angle) % STEPS

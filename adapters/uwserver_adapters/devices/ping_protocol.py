@@ -61,7 +61,7 @@ class FrameReader(BinaryReader[Frame]):
 
 
 class PingDevice:
-    """What all devices of the ping-protocol share: they tell values, and acknowledge or refuse settings.
+    """A device of the ping-protocol: it tells values, and acknowledges or refuses settings.
 
     Args:
         device_id: its address on the line until a client sets another.

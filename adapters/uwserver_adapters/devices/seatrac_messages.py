@@ -104,7 +104,7 @@ def u16(value: float) -> int:
 
 
 class Local(Struct, frozen=True):
-    """What a beacon measures of itself.
+    """Readings of a beacon's own sensors.
 
     Attributes:
         q_NS: attitude, w x y z; None without a sensor, or before its first sample.
@@ -136,7 +136,7 @@ class Local(Struct, frozen=True):
 
 
 class Found(Struct, frozen=True):
-    """Where another beacon is; None for what is not known.
+    """Position of another beacon; None for values that are not known.
 
     Attributes:
         reach: range, m.
@@ -163,8 +163,8 @@ def fix(own: int, other: int, kind: int, local: Local, found: Found) -> bytes:
         own: number of the destination.
         other: number of the source.
         kind: kind of the message.
-        local: what this beacon measures of itself.
-        found: where the other beacon is.
+        local: readings of this beacon's own sensors.
+        found: position of the other beacon.
     """
     flags, body = 0, b""
     if found.reach is not None:

@@ -234,7 +234,6 @@ def _binary(values: tuple[str, ...]) -> BinaryOutput:
     output = BinaryOutput(ports, divisor, groups, fields if groups else ())
     if output.ports and output.groups and not divisor:
         raise _Refused(text.BAD_PARAMETER, "the divisor of the rate is 0")
-    fault = binary.fault_of(output)
-    if fault:
+    if fault := binary.fault_of(output):
         raise _Refused(text.BAD_PARAMETER, fault)
     return output

@@ -21,7 +21,7 @@ _ECCENTRICITY_2 = 6.694_379_990_14e-3
 
 
 class Fix(Struct, kw_only=True):
-    """What is known of the vehicle now; None for what is not known.
+    """The present state of the vehicle; None for values that are not known.
 
     Attributes:
         p_N: position in N, m.
@@ -134,7 +134,7 @@ _RESET_ADVICE = "write x=10,y=-5,heading=90,speed=1,depth=2, or these five numbe
 
 
 class ResetPose(Struct, frozen=True):
-    """Where a USM_RESET puts the vehicle: level, and at rest except for the surge.
+    """The pose that a USM_RESET gives the vehicle: level, and at rest except for the surge.
 
     Attributes:
         p_N: position in N, m.

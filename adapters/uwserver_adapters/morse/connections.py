@@ -21,7 +21,7 @@ TELL_S = 1.0
 
 
 class _Client(Connection):
-    """What both kinds of clients share: limits and counters."""
+    """A client of either kind, with its limits and counters."""
 
     def __init__(self, stage: Stage, config: MorseConfig, peers: Peers[Any]) -> None:
         super().__init__(peers)

@@ -1,4 +1,4 @@
-"""What all clients of the adapter share: the components, their streams, and what these say and command."""
+"""The components that all clients of the adapter share, with their streams: samples out, commands in."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ _VELOCITY = struct.Struct(">6dI")
 
 
 class Ask(NamedTuple):
-    """What a message asks of the world: a command of a port, or a call of a service. Neither where it is only to be acknowledged."""
+    """The request of a message to the world: a command of a port, or a call of a service. Neither where the message is only to be acknowledged."""
 
     port: str = ""
     service: str = ""

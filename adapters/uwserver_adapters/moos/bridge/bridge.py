@@ -183,8 +183,7 @@ class Bridge:
             said = answer.result if isinstance(answer, Reply) else None
             if not self.wanted:  # then no sample tells the time
                 self._t_s = seconds(answer.t_ns)
-            pairs = self._pace.observe(said, wall_s, self._context.name) if isinstance(said, dict) else []
-            if pairs:
+            if isinstance(said, dict) and (pairs := self._pace.observe(said, wall_s, self._context.name)):
                 self._post(pairs)
 
         self._context.call(STATUS, {}, self._peer.source, on_status)
@@ -311,18 +310,15 @@ class Bridge:
         quota, obey = self._routes.get(name, (None, self._obey_elsewhere))
         if quota is not None and not quota.take(source):
             if quota.is_first_too_many(source):
-                text = f"more than {quota.most} in a second: what is above is not carried out"
-                self._refuse_flood(name, value, source, Fault("overload", text, name))
+                fault = Fault("overload", f"more than {quota.most} in a second: what is above is not carried out", name)
+                if name == CALL and not isinstance(value, bytes):
+                    self._calls.take(str(value), source, self._reply, fault)
+                else:
+                    self._faults.note(name, value, source, fault)
             return
         if isinstance(value, bytes) and not self._is_packed(name):
             raise Refused("too_large", f"a text of {len(value)} bytes: the longest has {TEXT_LIMIT}", name)
         obey(name, value, source)
-
-    def _refuse_flood(self, name: str, value: float | str | bytes, source: str, fault: Fault) -> None:
-        if name == CALL and not isinstance(value, bytes):
-            self._calls.take(str(value), source, self._reply, fault)
-        else:
-            self._faults.note(name, value, source, fault)
 
     def _obey_modem(self, name: str, value: float | str | bytes, source: str) -> None:
         if (message := self._acomms.hear(name, value)) is not None:

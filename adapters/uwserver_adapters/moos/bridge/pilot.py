@@ -96,7 +96,7 @@ class DepthLoops:
 
 
 class Autopilot:
-    """From heading, speed and depth to rudder, thrust and elevator.
+    """Turns heading, speed and depth into rudder, thrust and elevator.
 
     Args:
         table: gains and limits.

@@ -1,4 +1,4 @@
-"""What people who watch a mission are told: whether the world keeps the warp, and an appcast for uMAC and pMarineViewer."""
+"""Messages for people who watch a mission: a warning when the world is too slow for the warp, and an appcast for uMAC and pMarineViewer."""
 
 from __future__ import annotations
 

@@ -54,8 +54,7 @@ def pose_command(name: str, numbers: Mapping[str, float]) -> dict[str, object]:
     Raises:
         ValueError: there is no position.
     """
-    missing = [key for key in ("X", "Y") if key not in numbers]
-    if missing:
+    if missing := [key for key in ("X", "Y") if key not in numbers]:
         raise ValueError(f"the report of {name} has no {' and no '.join(missing)}")
     value: dict[str, object] = {"p_NB": [numbers["Y"], numbers["X"], numbers.get("DEP", 0.0)]}
     if "HDG" in numbers:

@@ -59,6 +59,7 @@ class Community:
         clock: MOOS time of the community.
         database: its variables.
         peers: its connections.
+        names: names of the database itself and of all clients.
     """
 
     def __init__(self, config: MoosDbConfig, context: AdapterContext, own_name: str) -> None:
@@ -70,23 +71,19 @@ class Community:
         self.database = Database(config.community, self.clock.now, config.max_variables, lambda: steady() * warp)
         self.peers: Peers[Guest] = Peers(config.max_clients, Refusals(context.name, context.stats, steady))
         self._chores = Chores()
-        self._names = {own_name, self.database.name}
+        self.names = {own_name, self.database.name}
         self._with_mail: list[Guest] = []
         self._sending: asyncio.Handle | None = None
 
-    def is_free(self, name: str) -> bool:
-        """Return whether no client, nor the database itself, has this name."""
-        return name not in self._names
-
     def joined(self, guest: Guest) -> None:
         """Add a client that has said its name."""
-        self._names.add(guest.name)
+        self.names.add(guest.name)
         self.context.stats.peers += 1
         self.database.join(guest.name, guest.deliver)
 
     def left(self, guest: Guest) -> None:
         """Remove a client."""
-        self._names.remove(guest.name)
+        self.names.remove(guest.name)
         self._chores.add(self.database.leave(guest.name))
         self.context.stats.peers -= 1
 
@@ -180,7 +177,7 @@ class Guest(Connection):
         if first.type != wire.DATA or not 0 < len(name) <= CLIENT_NAME_LIMIT:
             self._send_away(f"say your name, 1 to {CLIENT_NAME_LIMIT} characters, in the first message")
             return
-        if not community.is_free(name):
+        if name in community.names:
             self._send_away(f'A client of this name ("{name}") already exists')
             return
         if not self.admit():
@@ -209,9 +206,8 @@ class Guest(Connection):
         for number, message in enumerate(messages, 1):
             known = len(community.database.variables)
             yield from community.database.steps(self.name, message)
-            is_new = (
-                len(community.database.variables) != known
-            )  # a new variable is compared with the patterns of all clients
+            # A new variable costs more: it is compared with the patterns of all clients.
+            is_new = len(community.database.variables) != known
             is_much = community.database.spent - start >= SPENT
             if message.type != wire.NOTIFY or is_new or is_much or number % AT_ONCE == 0:
                 yield
@@ -225,17 +221,14 @@ class Guest(Connection):
         """Take mail. All mail of one turn of the loop is sent together."""
         self._mail.append(letter)
         if not self._is_asynchronous:
-            self._hold(letter)
+            # Mail is kept until the client asks for it, within limits.
+            self._held += len(letter.message.data)
+            while len(self._mail) > HELD or self._held > self._community.config.queue_bytes:
+                self._held -= len(self._mail.pop(0).message.data)
+                self._stats.dropped += 1
         elif not self._is_due:
             self._is_due = True
             self._community.has_mail(self)
-
-    def _hold(self, letter: Letter) -> None:
-        """Keep mail until the client asks for it, within limits."""
-        self._held += len(letter.message.data)
-        while len(self._mail) > HELD or self._held > self._community.config.queue_bytes:
-            self._held -= len(self._mail.pop(0).message.data)
-            self._stats.dropped += 1
 
     def send_mail(self, last: Batch) -> Batch:
         """Send all mail.

@@ -17,7 +17,7 @@ from uwserver_adapters.moos.wire import Message
 
 OWN_NAME = "uwserver"
 RIVAL = "a MOOSDB"
-"""What most likely holds a port that is in use."""
+"""The program that most likely holds a port that is in use."""
 TELL_S = 1.0
 """Wall time between two rounds of DB_ variables."""
 AT_ONCE = 256

@@ -1,4 +1,4 @@
-"""What a database keeps: its variables, its clients, and which client gets the writes of which variable."""
+"""The state of a database: variables, clients, and the registrations of clients for variables."""
 
 from __future__ import annotations
 

@@ -67,8 +67,7 @@ class Users:
     def tell_error(self, letter: Letter) -> None:
         """Tell a refusal of the world to the user whose write was refused."""
         said = msgspec.json.decode(letter.message.data)
-        session = self._sessions.get(said["src"])
-        if session is not None:
+        if session := self._sessions.get(said["src"]):
             session.refuse(said["code"], f"{said['variable']}: {said['message']}")
 
 
@@ -178,13 +177,11 @@ class TextSession:
         is_good = True
         start = self._database.spent
         for name, value in event.pairs:
-            if (
-                self._database.spent - start >= SPENT
-            ):  # new variables that match many patterns, or values with many readers
+            # New variables that match many patterns cost much, and values with many readers.
+            if self._database.spent - start >= SPENT:
                 yield
                 start = self._database.spent
-            reason = self._database.write(wire.notify(name, value, now, self.name))
-            if reason:
+            if reason := self._database.write(wire.notify(name, value, now, self.name)):
                 is_good = False
                 self.refuse("bad_argument", f"{name}: {reason}", event.tag)
         if event.tag and is_good:
