@@ -104,7 +104,7 @@ def _yarp_port(name: str) -> Connect:
 _YARP_HELLO = yarp.hello("fast_tcp", "/peer")
 # The devices of `FakeContext`: imu 60:0, then opaque ones, of its three ports and of its services.
 _PLAYER_OPEN = b"".join(
-    player.encode(player.Message(player.PLAYER, 0, player.REQ, player.DEV, player.address(0, 0, *device) + player.u32(player.OPEN, 0, 0)))
+    player.encode(player.Message(player.PLAYER, 0, player.REQ, player.DEV, player.u32(0, 0, *device) + player.u32(player.OPEN, 0, 0)))
     for device in ((player.IMU, 0), (player.OPAQUE, 0), (player.OPAQUE, 1), (player.OPAQUE, 3))
 )  # fmt: skip
 

@@ -140,7 +140,7 @@ def command_of(adapter: str) -> bytes:
         pause = player.octets(b'{"service":"world/pause"}')
         told = b""
         for number in range(64):  # the services are the last of the opaque devices
-            wanted = player.address(0, 0, player.OPAQUE, number) + player.u32(player.OPEN, 0, 0)
+            wanted = player.u32(0, 0, player.OPAQUE, number) + player.u32(player.OPEN, 0, 0)
             told += player.encode(player.Message(player.PLAYER, 0, player.REQ, player.DEV, wanted))
             told += player.encode(player.Message(player.OPAQUE, number, player.REQ, 1, pause))
         return told

@@ -15,7 +15,7 @@ CHECK = 0x4F53
 MARK = CHECK.to_bytes(2, "little")
 PAYLOAD_LIMIT = 4096
 """Longest payload of a command, bytes. That of a fire message has 73."""
-SIMPLE_FIRE, SIMPLE_PING_RESULT, USER_CONFIG, DUMMY = 0x15, 0x23, 0x55, 0xFF
+SIMPLE_FIRE, SIMPLE_PING_RESULT, DUMMY = 0x15, 0x23, 0xFF
 IN_METRES, WITH_16_BITS, WITH_GAINS = 0x01, 0x02, 0x04
 """Bits of `Fire.flags`. The device sends all other bits back as they came."""
 STANDBY = 5

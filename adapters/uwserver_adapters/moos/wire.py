@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Iterator, Sequence
-from typing import Literal
 
 from msgspec import Struct
 
@@ -45,7 +44,6 @@ POISON = "K"
 TIMING = "T"
 SERVER_REQUEST = "Q"
 NULL = "."
-COMMAND = "C"
 
 DOUBLE = "D"
 STRING = "S"
@@ -65,8 +63,6 @@ _HEAD = struct.Struct("<iicc")
 _LENGTH = struct.Struct("<i")
 _NUMBERS = struct.Struct("<ddd")
 _SHORTEST = _HEAD.size + _NUMBERS.size + 5 * _LENGTH.size
-
-Kind = Literal["D", "S", "B"]
 
 
 class Message(Struct, frozen=True, gc=False):

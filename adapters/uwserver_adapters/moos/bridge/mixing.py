@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 from uwserver.adapter import CannotServe, field_of, port_of
 from uwserver.ports import Field, Port
@@ -14,13 +15,13 @@ FULL = 100.0
 """Value of a variable that stands for a target's `full`."""
 
 
+@dataclass
 class _Mixed:
     """One field of an actuator: the sum of the parts of all variables, within its range."""
 
-    def __init__(self, field: Field) -> None:
-        self.field = field
-        self.columns: dict[str, tuple[float, ...]] = {}
-        self.zero: tuple[float, ...] = (0.0,) * field.size
+    field: Field
+    zero: tuple[float, ...]
+    columns: dict[str, tuple[float, ...]]
 
     def value(self, given: Mapping[str, float]) -> float | list[float]:
         """Return the field for the present values of the variables."""
@@ -59,7 +60,7 @@ class Mixer:
         where = f"commands.{name}"
         port = port_of(where, target.port, ports, vehicle, "actuator")
         field = field_of(where, port, target.field)
-        mixed = self._mixed.setdefault(port.path, {}).setdefault(field.name, _Mixed(field))
+        mixed = self._mixed.setdefault(port.path, {}).setdefault(field.name, _Mixed(field, (0.0,) * field.size, {}))
         mixed.columns[name] = _column(where, target, field)
         zero = _components(where, "zero", target.zero, field)
         mixed.zero = tuple(sum_ + part for sum_, part in zip(mixed.zero, zero, strict=True))

@@ -77,44 +77,37 @@ class NodeReports:
 
     def __init__(self, externals: Mapping[str, str]) -> None:
         self._nodes: dict[str, list[str]] = {}
-        self._variables: dict[str, tuple[_Newest, str]] = {}
+        self._variables: dict[str, tuple[str, str]] = {}
+        self._followed = externals
+        self._newest: dict[str, dict[str, float]] = {vehicle: {} for vehicle in externals}
+        self._fresh: dict[str, set[str]] = {vehicle: set() for vehicle in externals}
         for vehicle, followed in externals.items():
             if followed.endswith(VARIABLES):
-                newest = _Newest(vehicle, followed)
-                for word, key in _KEYS.items():
-                    self._variables[followed.removesuffix("*") + word] = newest, key
+                start = followed.removesuffix("*")
+                self._variables.update({start + word: (vehicle, key) for word, key in _KEYS.items()})
             else:
                 self._nodes.setdefault(followed.lower(), []).append(vehicle)
         self.names = (*(NODE_REPORTS if self._nodes else ()), *self._variables)
 
     def commands(self, name: str, value: float | str) -> Told:
-        """Yield the commands that follow from a variable: none for the report of a node that nobody follows, or until X and Y have both come.
+        """Yield the commands that follow from a variable.
+
+        The report of a node that nobody follows causes none. Of single variables, both X and Y must have come since the last command.
 
         Raises:
             ValueError: the report of a followed node has no position, or a text comes instead of a number; the text says what is wrong.
         """
         if name in self._variables:
-            newest, key = self._variables[name]
-            yield from newest.hear(key, value)
+            vehicle, key = self._variables[name]
+            if isinstance(value, str) or not math.isfinite(value):
+                raise ValueError(f'"{str(value)[:40]}" is no number')
+            self._newest[vehicle][key] = value
+            fresh = self._fresh[vehicle]
+            fresh.add(key)
+            if {"X", "Y"} <= fresh:
+                fresh.clear()
+                yield f"{vehicle}/pose", pose_command(self._followed[vehicle], self._newest[vehicle])
             return
         node, numbers = read_report(str(value))
         for vehicle in self._nodes.get(node.lower(), ()):
             yield f"{vehicle}/pose", pose_command(node, numbers)
-
-
-class _Newest:
-    """The newest values of variables that come one by one. Both X and Y must be newer than the last position before there is another."""
-
-    def __init__(self, vehicle: str, followed: str) -> None:
-        self._vehicle, self._followed = vehicle, followed
-        self._numbers: dict[str, float] = {}
-        self._fresh: set[str] = set()
-
-    def hear(self, key: str, value: float | str) -> Told:
-        if isinstance(value, str) or not math.isfinite(value):
-            raise ValueError(f'"{str(value)[:40]}" is no number')
-        self._numbers[key] = value
-        self._fresh.add(key)
-        if {"X", "Y"} <= self._fresh:
-            self._fresh.clear()
-            yield f"{self._vehicle}/pose", pose_command(self._followed, self._numbers)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import logging
 from collections.abc import Callable, Sequence
 from typing import cast
@@ -58,7 +59,7 @@ class Link(asyncio.Protocol):
         self._lost: asyncio.Future[None] = self._loop.create_future()
         self._heard = self._loop.time()
         self._greeted = 0.0
-        self._last_id = 0
+        self._ids = itertools.count(1)
 
     # -- asyncio --------------------------------------------------------------------------------------------------------------------
 
@@ -200,8 +201,7 @@ class Link(asyncio.Protocol):
         return len(data)
 
     def _next_id(self) -> int:
-        self._last_id = (self._last_id + 1) & 0x7FFFFFFF
-        return self._last_id
+        return next(self._ids) & 0x7FFFFFFF  # an id has 32 bits with a sign
 
     def abort(self) -> None:
         """Close at once, if the connection was made."""

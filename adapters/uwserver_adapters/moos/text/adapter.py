@@ -104,7 +104,6 @@ class MoosTextAdapter:
     Config = MoosTextConfig
 
     def __init__(self, config: MoosTextConfig, context: AdapterContext) -> None:
-        self.config = config
         self.context = context
         self._users = Users(config, context)
         self._peers: Peers[TextConnection] = Peers(
@@ -119,7 +118,7 @@ class MoosTextAdapter:
             CannotListen: the address cannot be had.
             CannotServe: the table names what is not there.
         """
-        config, users = self.config, self._users
+        users, config = self._users, self._users.config
         line = SerialLine(config.serial, users) if config.serial else None
         async with serve_tcp(self._connection, self._peers, config.bind, config.port, rival=RIVAL) as server:
             world = LocalClient(config.bridge, self.context, users.database, users.clock)
