@@ -10,7 +10,7 @@ from typing import cast
 from uwserver.adapter import AdapterContext, CannotServe, Refusals, serving
 from uwserver.ports import Event, Json, Sample
 from uwserver_adapters.devices.config import DevicesConfig
-from uwserver_adapters.devices.station import Station
+from uwserver_adapters.devices.device_server import DeviceServer
 
 ATTEND_S = 0.5
 """Wall time between two attempts to open serial lines, and between two counts of peers."""
@@ -25,8 +25,8 @@ class DevicesAdapter:
         self.config = config
         self.context = context
         self._refusals = Refusals(context.name, context.stats, asyncio.get_running_loop().time)
-        self._stations: dict[str, Station] = {}
-        self._readers: dict[str, list[Station]] = {}
+        self._servers: dict[str, DeviceServer] = {}
+        self._readers: dict[str, list[DeviceServer]] = {}
 
     @property
     def wanted(self) -> Collection[str]:
@@ -42,47 +42,47 @@ class DevicesAdapter:
         """
         self._build()
         async with contextlib.AsyncExitStack() as stack:
-            for station in self._stations.values():
-                await station.open(stack)
-            addresses = {name: cast(Json, station.addresses) for name, station in self._stations.items()}
+            for server in self._servers.values():
+                await server.open(stack)
+            addresses = {name: cast(Json, server.addresses) for name, server in self._servers.items()}
             self.context.stats.details["devices"] = addresses
             with serving(self.context, self, self._address(), ready):
                 while True:
-                    for station in self._stations.values():
-                        station.attend()
-                    self.context.stats.peers = sum(station.count for station in self._stations.values())
+                    for server in self._servers.values():
+                        server.attend()
+                    self.context.stats.peers = sum(server.count for server in self._servers.values())
                     await asyncio.sleep(ATTEND_S)
 
     def _build(self) -> None:
-        self._stations.clear()
+        self._servers.clear()
         self._readers.clear()
         for name, table in self.config.device.items():
             try:
                 device = table.build(self.context)
             except CannotServe as error:
                 raise CannotServe(f"device.{name}.{error}") from None
-            station = self._stations[name] = Station(name, table, device, self.context, self._refusals)
+            server = self._servers[name] = DeviceServer(name, table, device, self.context, self._refusals)
             for path in device.wanted:
-                self._readers.setdefault(path, []).append(station)
+                self._readers.setdefault(path, []).append(server)
 
     def _address(self) -> str:
         """Return all addresses. Where there are several, each with the name of its device and its kind."""
         addresses = [
             (f"{name} {way} {text}", text)
-            for name, station in self._stations.items()
-            for way, text in station.addresses.items()
+            for name, server in self._servers.items()
+            for way, text in server.addresses.items()
         ]
         return ", ".join(told for told, _ in addresses) if len(addresses) > 1 else addresses[0][1]
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """Give each sample to the devices that read it, and send their messages."""
         for sample in samples:
-            for station in self._readers.get(sample.port, ()):
-                for message in station.device.see(sample):
-                    station.report(message)
+            for server in self._readers.get(sample.port, ()):
+                for message in server.device.see(sample):
+                    server.report(message)
 
     def put_event(self, event: Event) -> None:
         """After a reset of the world the devices start again."""
         if event.event == "reset":
-            for station in self._stations.values():
-                station.device.reset()
+            for server in self._servers.values():
+                server.device.reset()

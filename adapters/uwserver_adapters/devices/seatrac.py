@@ -65,7 +65,7 @@ class SeaTracTable(DeviceTable, tag="seatrac", kw_only=True, frozen=True):
         return SeaTrac(self, context)
 
 
-class _Senses:
+class _BeaconSensors:
     """Attitude and depth sensors of one beacon, and their last readings."""
 
     def __init__(self, role: str, attitude: str | None, depth: str | None, context: AdapterContext) -> None:
@@ -118,9 +118,9 @@ class SeaTrac:
     def __init__(self, table: SeaTracTable, context: AdapterContext) -> None:
         self._table = table
         self._usbl = Source("usbl", table.usbl, context.ports, _FIX)
-        self._own = _Senses("", table.attitude, table.depth, context)
+        self._own = _BeaconSensors("", table.attitude, table.depth, context)
         self._others = {
-            name: _Senses(f"beacons.{name}.", beacon.attitude, beacon.depth, context)
+            name: _BeaconSensors(f"beacons.{name}.", beacon.attitude, beacon.depth, context)
             for name, beacon in table.beacons.items()
         }
         self._modem = Datagrams(table.id, table.modem, context) if table.modem else None
@@ -152,8 +152,8 @@ class SeaTrac:
         """Start again at another time; the configuration stays."""
         self._fail()
         self._t_ns, self._period = 0, -1
-        for senses in (self._own, *self._others.values()):
-            senses.reset()
+        for sensors in (self._own, *self._others.values()):
+            sensors.reset()
 
     # -- requests -------------------------------------------------------------------------------------------------------------------
 
@@ -199,15 +199,13 @@ class SeaTrac:
         is_ping = command == wire.PING_SEND
         number, second = (*payload, 0, 0)[:2] if is_ping or len(payload) > 1 else (0, 0)
         request, query = (second, None) if is_ping else (wire.REQX, second)
-        reason, code = "", wire.OK
-        if len(payload) < 2:
-            reason, code = "a request: the number of the beacon and the kind are needed", wire.PARAM_MISSING
-        elif not 1 <= number <= 15 or number == self._table.id:
-            reason, code = f"beacon {number}: 1 to 15, and not its own", wire.PARAM_INVALID
-        elif request not in (wire.REQ, wire.REQU, wire.REQX):
-            reason, code = f"message type {request} asks for no answer", wire.PARAM_INVALID
-        elif self._awaited is not None:
-            code = wire.BUSY
+        faults = (
+            (len(payload) < 2, "a request: the number of the beacon and the kind are needed", wire.PARAM_MISSING),
+            (not 1 <= number <= 15 or number == self._table.id, f"beacon {number}: 1 to 15, and not its own", wire.PARAM_INVALID),
+            (request not in (wire.REQ, wire.REQU, wire.REQX), f"message type {request} asks for no answer", wire.PARAM_INVALID),
+            (self._awaited is not None, "", wire.BUSY),
+        )  # fmt: skip
+        reason, code = next(((text, code) for is_wrong, text, code in faults if is_wrong), ("", wire.OK))
         reply(encode(Message(command, bytes((code, number)))))
         if code == wire.OK:
             name = next((name for name, beacon in self._table.beacons.items() if beacon.id == number), "")

@@ -75,17 +75,20 @@ class Datagrams:
         if len(payload) < 3:
             return "a datagram: beacon, kind of message and length are needed", wire.PARAM_MISSING
         destination, kind, length = payload[:3]
-        if length != len(payload) - 3 or length > LONGEST:
-            return f"a datagram of {length} bytes: {len(payload) - 3} are there, at most {LONGEST}", wire.PARAM_INVALID
-        if not length and kind in (wire.ONE_WAY, wire.ONE_WAY_USBL):
-            return "a datagram without data that wants no answer", wire.PARAM_INVALID
-        if destination > 15 or destination == self._own:
-            return f"beacon {destination}: 0 to 15, and not its own", wire.PARAM_INVALID
-        if kind not in (wire.ONE_WAY, wire.ONE_WAY_USBL, wire.REQ, wire.REQU, wire.REQX):
-            return f"message type {kind}", wire.PARAM_INVALID
-        if destination == EVERYBODY and kind not in (wire.ONE_WAY, wire.ONE_WAY_USBL):
-            return "a message to all wants no answer", wire.PARAM_INVALID
-        return "", wire.OK
+        wants_nothing = kind in (wire.ONE_WAY, wire.ONE_WAY_USBL)
+        there = len(payload) - 3
+        faults = (
+            (
+                length != there or length > LONGEST,
+                f"a datagram of {length} bytes: {there} are there, at most {LONGEST}",
+            ),
+            (not length and wants_nothing, "a datagram without data that wants no answer"),
+            (destination > 15 or destination == self._own, f"beacon {destination}: 0 to 15, and not its own"),
+            (not wants_nothing and kind not in (wire.REQ, wire.REQU, wire.REQX), f"message type {kind}"),
+            (destination == EVERYBODY and not wants_nothing, "a message to all wants no answer"),
+        )
+        reason = next((text for is_wrong, text in faults if is_wrong), "")
+        return reason, wire.PARAM_INVALID if reason else wire.OK
 
     def hear(self, sample: Sample, local: Local) -> list[bytes]:
         """Take a sample of the modem: a datagram came, was delivered, or got no answer. Returns its message for the peers."""

@@ -11,7 +11,7 @@ from msgspec import Meta, Struct
 
 from uwserver.adapter import AdapterContext, Undecodable, decode
 from uwserver.frames import Quat, Vec3
-from uwserver.ports import Json, Sample
+from uwserver.ports import Sample
 from uwserver.table import Name, Positive
 from uwserver_adapters.devices.codec import FULL_TURN_DEG, NANOSECONDS, deg, rad
 from uwserver_adapters.devices.dead_reckoning import DeadReckoning
@@ -30,6 +30,7 @@ NO_LOCK = -1.0
 MICROSECOND = 1000
 """A microsecond, ns."""
 FIELDS = ("v_S", "altitude", "figure_of_merit", "covariance_S", "beam_velocities", "beam_ranges", "beam_locks")
+_COMMANDS = ("get_config", "set_config", "reset_dead_reckoning", "calibrate_gyro", "trigger_ping", "get_version_info")
 _MODES = {"auto": -1, **{f"={number}": number for number in range(5)}}
 """Range modes that can be simulated, and the numbers that the sensor has for them."""
 
@@ -81,15 +82,12 @@ class WaterLinkedA50:
         self._reported_ns = -1
         self._position_ns = -POSITION_NS
         self._triggers = 0
-        self._commands: dict[str, Callable[[Any, Reply], None]] = {
-            "get_config": lambda _, reply: reply(
-                response("get_config", result=msgspec.to_builtins(self.configuration))
-            ),
-            "set_config": self._set_config,
-            "reset_dead_reckoning": self._reset_dead_reckoning,
-            "calibrate_gyro": lambda _, reply: reply(response("calibrate_gyro")),
+        self._commands: dict[str, Callable[[], object]] = {
+            "get_config": lambda: msgspec.to_builtins(self.configuration),
+            "reset_dead_reckoning": self.reckoning.reset,
+            "calibrate_gyro": lambda: None,
             "trigger_ping": self._trigger_ping,
-            "get_version_info": self._get_version_info,
+            "get_version_info": self._version_info,
         }
 
     def reader(self) -> LineReader[bytes]:
@@ -114,31 +112,29 @@ class WaterLinkedA50:
         if not isinstance(said, dict) or not isinstance(name, str):
             reply(response("", 'a command has the form {"command": "get_config"}'))
             return "a line holds no command"
-        obey = self._commands.get(name)
-        if obey is None:
-            there = ", ".join(self._commands)
-            reply(response(name[:100], f"this simulated device does not know the command, it knows: {there}"))
+        if name == "set_config":
+            self._set_config(said.get("parameters"), reply)
+            return ""
+        if name not in self._commands:
+            text = f"this simulated device does not know the command, it knows: {', '.join(_COMMANDS)}"
+            reply(response(name[:100], text))
             return "a command is not known"
-        obey(said.get("parameters"), reply)
+        try:
+            reply(response(name, result=self._commands[name]()))
+        except ValueError as error:
+            reply(response(name, str(error)))
         return ""
 
-    def _reset_dead_reckoning(self, _: object, reply: Reply) -> None:
-        self.reckoning.reset()
-        reply(response("reset_dead_reckoning"))
-
-    def _trigger_ping(self, _: object, reply: Reply) -> None:
+    def _trigger_ping(self) -> None:
         if self._triggers >= TRIGGERS:
-            reply(response("trigger_ping", f"{TRIGGERS} pings are asked for already: wait for their reports"))
-            return
+            raise ValueError(f"{TRIGGERS} pings are asked for already: wait for their reports")
         self._triggers += 0 if self.configuration.acoustic_enabled else 1
-        reply(response("trigger_ping"))
 
-    def _get_version_info(self, _: object, reply: Reply) -> None:
-        said: dict[str, Json] = {
+    def _version_info(self) -> Mapping[str, object]:
+        return {
             "chipid": "0x0", "hardware_revision": 4, "product_id": 21035, "product_name": "DVL A50", "variant": "standard",
             "version_short": "2.7.2", "version": f"2.7.2 (simulated by {self._context.world.server})", "is_ready": True,
         }  # fmt: skip
-        reply(response("get_version_info", result=said))
 
     def _set_config(self, parameters: object, reply: Reply) -> None:
         """Change the configuration, as a whole or not at all."""
@@ -261,7 +257,7 @@ def line(value: object) -> bytes:
     return msgspec.json.encode(value) + b"\r\n"
 
 
-def response(command: str, error: str = "", result: Json = None) -> bytes:
+def response(command: str, error: str = "", result: object = None) -> bytes:
     """Return the answer to a command; `error` is "" where it succeeded."""
     return line(
         {

@@ -99,6 +99,9 @@ class Autopilot:
         config: of the adapter.
         context: the world.
 
+    Attributes:
+        wanted: paths of the ports that a line of sensors needs.
+
     Raises:
         CannotServe: the table and the world do not fit.
     """
@@ -118,14 +121,10 @@ class Autopilot:
         self._velocity = readings.want("ardupilot.velocity", table.velocity, [("v_NB_B",)])
         self._imu = readings.want("ardupilot.imu", table.imu, [("w_S", "f_S")])
         self._readings = readings
+        self.wanted: Collection[str] = readings.wanted
         self._outputs = Outputs(table.outputs, ports, self._vehicle)
         self._scale = Scale(table.low_us, table.neutral_us, table.high_us)
         self._listeners: set[_Sensors] = set()
-
-    @property
-    def wanted(self) -> Collection[str]:
-        """Paths of the ports that a line of sensors needs."""
-        return self._readings.wanted
 
     @contextlib.asynccontextmanager
     async def serving(self) -> AsyncIterator[None]:

@@ -33,9 +33,6 @@ class _Client(Connection):
         """Nothing more is read of a client that floods until its second is over."""
         return self._rate.end if self._rate.is_flooded(self.loop.time()) else 0.0
 
-    def _is_slow(self) -> bool:
-        return self.waiting > self._config.queue_bytes
-
 
 class Requests(_Client):
     """A client of the request channel.
@@ -87,7 +84,7 @@ class Requests(_Client):
     def _send(self, line: bytes) -> None:
         if self.is_closing:
             return
-        if self._is_slow():
+        if self.waiting > self._config.queue_bytes:
             self._stats.last_error = "a client of requests did not read its answers and was disconnected"
             self.abort()
             return
@@ -131,7 +128,7 @@ class Stream(_Client):
         """Send samples; they are dropped while the client does not read."""
         if self.is_closing:
             return
-        if self._is_slow():
+        if self.waiting > self._config.queue_bytes:
             self._stats.dropped += 1
             return
         self._stats.samples_sent += 1

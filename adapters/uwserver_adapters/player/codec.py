@@ -16,9 +16,9 @@ from uwserver.ports import Sample, Value
 from uwserver.units import NANOSECONDS, deg
 from uwserver_adapters.player import wire
 
-Told = tuple[int, bytes]
+DataMessage = tuple[int, bytes]
 """Subtype and body of a data message."""
-Tell = Callable[[Sample], Told | None]
+DataMaker = Callable[[Sample], DataMessage | None]
 """Makes the message of a sample; None for no message."""
 
 CALIBRATED = 2
@@ -39,7 +39,7 @@ def is_whole(value: Value) -> bool:
     return isinstance(value, tuple) and None not in value
 
 
-def state(p_N: Any, q_NB: Any, v_B: Any, w_B: Any) -> Told:
+def state(p_N: Any, q_NB: Any, v_B: Any, w_B: Any) -> DataMessage:
     """Return PLAYER_POSITION3D_DATA_STATE: position in the world, velocity in the body."""
     rpy = rpy_from_quat(attitude_enu_flu(q_NB))
     return 1, wire.doubles(*ned_from_enu(p_N), *rpy, *frd_from_flu(v_B), *frd_from_flu(w_B)) + wire.u32(0)
@@ -50,10 +50,10 @@ def heading(yaw: float) -> float:
     return (math.pi / 2 - yaw) % (2 * math.pi) if math.isfinite(yaw) else yaw
 
 
-def imu(force: int, rate: int) -> Tell:
+def imu(force: int, rate: int) -> DataMaker:
     """Return what makes PLAYER_IMU_DATA_CALIB from the fields at these places. The magnetic field is NaN."""
 
-    def tell(sample: Sample) -> Told | None:
+    def tell(sample: Sample) -> DataMessage | None:
         f_S, w_S = sample.value[force], sample.value[rate]
         if not (is_whole(f_S) and is_whole(w_S)):
             return None
@@ -63,10 +63,10 @@ def imu(force: int, rate: int) -> Tell:
     return tell
 
 
-def gps(names: Sequence[str], epoch_ns: int) -> Tell:
+def gps(names: Sequence[str], epoch_ns: int) -> DataMaker:
     """Return what makes PLAYER_GPS_DATA_STATE from a sensor with these fields, without UTM and dilution of precision."""
 
-    def tell(sample: Sample) -> Told:
+    def tell(sample: Sample) -> DataMessage:
         of = dict(zip(names, sample.value, strict=True))
         seconds, rest = divmod(epoch_ns + sample.t_ns, NANOSECONDS)
         time = wire.u32(seconds & 0xFFFFFFFF, rest // 1000)
@@ -86,10 +86,10 @@ def gps(names: Sequence[str], epoch_ns: int) -> Tell:
     return tell
 
 
-def ranger(index: int) -> Tell:
+def ranger(index: int) -> DataMaker:
     """Return what makes PLAYER_RANGER_DATA_RANGE from the field at this place; NaN without an echo."""
 
-    def tell(sample: Sample) -> Told:
+    def tell(sample: Sample) -> DataMessage:
         value = sample.value[index]
         return 1, wire.rows([_or_nan(each) for each in (value if isinstance(value, tuple) else (value,))])
 

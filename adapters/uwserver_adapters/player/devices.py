@@ -12,7 +12,7 @@ from uwserver.adapter import SampleForm, decode
 from uwserver.frames import conjugate, frd_from_flu, ned_from_enu, rotate
 from uwserver.ports import Port, Refused, Sample
 from uwserver_adapters.player import codec, wire
-from uwserver_adapters.player.codec import Tell, Told
+from uwserver_adapters.player.codec import DataMaker, DataMessage
 from uwserver_adapters.player.wire import CMD, GPS, IMU, OPAQUE, POSITION3D, RANGER, REQ, Message
 
 SERVICES = "services"
@@ -51,7 +51,7 @@ class Device(NamedTuple):
     number: int
     name: str
     ports: tuple[str, ...] = ()
-    tell: Tell = lambda _: None
+    tell: DataMaker = lambda _: None
     take: Callable[[Message], Ask] | None = None
 
 
@@ -87,7 +87,7 @@ def devices_of(ports: Mapping[str, Port], epoch_ns: int, pose: str) -> list[Devi
 # -- position3d -----------------------------------------------------------------------------------------------------------------------------
 
 
-def _pose_of(vehicle: str, ports: Mapping[str, Port], pose: str) -> tuple[tuple[str, ...], Tell] | None:
+def _pose_of(vehicle: str, ports: Mapping[str, Port], pose: str) -> tuple[tuple[str, ...], DataMaker] | None:
     """Return the ports that give the pose of a vehicle, and what makes its data; None where there are none."""
     if pose == "truth":
         where, how_fast = f"{vehicle}/truth/pose", f"{vehicle}/truth/velocity"
@@ -95,7 +95,7 @@ def _pose_of(vehicle: str, ports: Mapping[str, Port], pose: str) -> tuple[tuple[
             return None
         newest: dict[str, Sample] = {}
 
-        def truth(sample: Sample) -> Told | None:
+        def truth(sample: Sample) -> DataMessage | None:
             newest[sample.port] = sample
             place, speed = newest.get(where), newest.get(how_fast)
             if place is None or speed is None or place.t_ns != speed.t_ns:
@@ -110,7 +110,7 @@ def _pose_of(vehicle: str, ports: Mapping[str, Port], pose: str) -> tuple[tuple[
     names = [field.name for field in ports[path].fields]
     picked = [names.index(name) for name in ("p_N", "q_NB", "v_N", "w_B")]
 
-    def estimate(sample: Sample) -> Told | None:
+    def estimate(sample: Sample) -> DataMessage | None:
         p_N, q_NB, v_N, w_B = (sample.value[k] for k in picked)
         if not all(map(codec.is_whole, (p_N, q_NB, v_N, w_B))):
             return None
@@ -147,7 +147,7 @@ def _steering(vehicle: str) -> Callable[[Message], Ask]:
 # -- sensors --------------------------------------------------------------------------------------------------------------------------------
 
 
-def _standard(port: Port, epoch_ns: int) -> Iterator[tuple[int, Tell]]:
+def _standard(port: Port, epoch_ns: int) -> Iterator[tuple[int, DataMaker]]:
     names = [field.name for field in port.fields]
     if port.direction != "sensor":
         return
@@ -168,12 +168,12 @@ def _of_imu(message: Message) -> Ask:
 # -- all others -----------------------------------------------------------------------------------------------------------------------------
 
 
-def _opaque(port: Port) -> tuple[tuple[str, ...], Tell, Callable[[Message], Ask] | None]:
+def _opaque(port: Port) -> tuple[tuple[str, ...], DataMaker, Callable[[Message], Ask] | None]:
     """Return ports, `tell` and `take` of a device that stands for a port, with JSON as on every wire of text."""
     if port.direction == "sensor":
         form = SampleForm(port)
 
-        def tell(sample: Sample) -> Told:
+        def tell(sample: Sample) -> DataMessage:
             said = {"t_ns": sample.t_ns, "seq": sample.seq, "valid": sample.valid, "value": form.value(sample)}
             return 1, wire.octets(msgspec.json.encode(said))
 

@@ -21,7 +21,7 @@ from uwserver_adapters.moos.bridge.acomms import Acomms
 from uwserver_adapters.moos.bridge.calls import Answer, Calls
 from uwserver_adapters.moos.bridge.mixing import Mixer
 from uwserver_adapters.moos.bridge.names import Outlet, given, number, variable
-from uwserver_adapters.moos.bridge.navigation import Navigation, Raster
+from uwserver_adapters.moos.bridge.navigation import Decimator, Navigation
 from uwserver_adapters.moos.bridge.pilot import Pilot
 from uwserver_adapters.moos.bridge.quota import Faults, Quota
 from uwserver_adapters.moos.bridge.report import APPCAST, APPCAST_REQUEST, AppCasts, Pace
@@ -93,7 +93,7 @@ class Bridge:
         self._post = post
         self._listen = listen
         self._outlets: dict[str, Outlet] = {}
-        self._raster = Raster(table.rate_hz)
+        self._decimator = Decimator(table.rate_hz)
         self._seen: dict[str, float] = {}
         self._passed_over: dict[str, float | None] = {}
         self._vehicle_name = vehicle = self._vehicle()
@@ -217,7 +217,7 @@ class Bridge:
         self._t_s = seconds(samples[-1].t_sent_ns) if samples else self._t_s
         for sample in samples:
             outlet = self._outlets.get(sample.port)
-            if outlet is not None and self._raster.is_due(sample.port, sample.t_sent_ns):
+            if outlet is not None and self._decimator.is_due(sample.port, sample.t_sent_ns):
                 pairs += outlet.pairs(sample)
             if sample.port == self._acomms.received:
                 pairs += self._acomms.pairs(sample)
@@ -248,7 +248,7 @@ class Bridge:
             if come := [name for name in self._direct if name not in before]:
                 self._listen(come)
         elif event.event == "reset":
-            self._raster.reset()
+            self._decimator.reset()
             if self._nav is not None:
                 self._nav.reset()
             self._usm.forget()

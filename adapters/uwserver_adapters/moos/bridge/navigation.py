@@ -23,7 +23,7 @@ _FIELDS: Mapping[str, tuple[str, tuple[str, ...]]] = {
 """Entry of the table -> the attribute of `Fix` that it fills, and the fields of ports from which it is filled."""
 
 
-class Raster:
+class Decimator:
     """Picks samples so that those of each port keep a rate: on an even raster of simulation time, so that rates do not drift.
 
     Args:
@@ -73,7 +73,7 @@ class Navigation:
     def __init__(self, table: NavTable, ports: Mapping[str, Port], vehicle: str) -> None:
         self.fix = Fix(water_depth=table.water_depth_m)
         self._table = table
-        self._raster = Raster(table.rate_hz)
+        self._decimator = Decimator(table.rate_hz)
         self._sources: dict[str, list[tuple[str, int]]] = {}
         self._ports, self._vehicle = ports, vehicle
         for entry in (*_ENTRIES, "flow"):
@@ -128,7 +128,7 @@ class Navigation:
     def reset(self) -> None:
         """Start again at another time."""
         self.fix.t_ns = -1
-        self._raster.reset()
+        self._decimator.reset()
         if self._truth is not None:
             self._truth.reset()
 
@@ -153,7 +153,7 @@ class Navigation:
                     setattr(self.fix, known, value)
             if sample.port == self._leader:
                 self.fix.t_ns = sample.t_ns
-                is_due |= self._raster.is_due("", sample.t_sent_ns)
+                is_due |= self._decimator.is_due("", sample.t_sent_ns)
         if is_due:
             pairs += self.known()
             if self._is_truth and self.fix.p_N is not None:

@@ -22,7 +22,7 @@ _PAIR = re.compile(r'\s*([A-Za-z_]\w*)\s*=\s*("[^"]*"|\{[^{}]*\}|[^,]*)(?:,|$)')
 _KEYS = {"X": "X", "Y": "Y", "DEPTH": "DEP", "HEADING": "HDG", "SPEED": "SPD"}
 """Last word of a variable -> key of a node report."""
 
-Told = Iterator[tuple[str, Mapping[str, object]]]
+Commands = Iterator[tuple[str, Mapping[str, object]]]
 """Paths of ports, and the fields of their commands."""
 
 
@@ -89,7 +89,7 @@ class NodeReports:
                 self._nodes.setdefault(followed.lower(), []).append(vehicle)
         self.names = (*(NODE_REPORTS if self._nodes else ()), *self._variables)
 
-    def commands(self, name: str, value: float | str) -> Told:
+    def commands(self, name: str, value: float | str) -> Commands:
         """Yield the commands that follow from a variable.
 
         The report of a node that nobody follows causes none. Of single variables, both X and Y must have come since the last command.

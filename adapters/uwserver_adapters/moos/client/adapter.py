@@ -122,7 +122,7 @@ class Community:
         link: Link = Link(table.client, self._clock, lambda messages: self._take(link, messages))
         try:
             await within(CONNECT_S, loop.create_connection(lambda: link, table.host, table.port), "no answer")
-            await within(CONNECT_S, link.join(), "no answer")
+            await within(CONNECT_S, link.joined, "no answer")
             if not self._clock.is_credible:
                 gap = f"{self._clock.skew:g} s, is its MOOSTimeWarp {self._clock.warp:g}?"
                 self._warn(f"the clock of the MOOSDB at {self.address} differs by {gap}")

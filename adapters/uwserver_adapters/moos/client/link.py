@@ -37,6 +37,7 @@ class Link(asyncio.Protocol):
 
     Attributes:
         is_joined: the database has welcomed us.
+        joined: done once the database has welcomed us; raises LinkLost where it does not.
         joined_at: MOOS time of the welcome.
         community: name of the database's community.
         kinds: name -> type of the variables that the database had when we asked.
@@ -55,7 +56,7 @@ class Link(asyncio.Protocol):
         self._has_skipped = False
         self._transport: asyncio.Transport
         self._loop = asyncio.get_running_loop()
-        self._joined: asyncio.Future[None] = self._loop.create_future()
+        self.joined: asyncio.Future[None] = self._loop.create_future()
         self._lost: asyncio.Future[None] = self._loop.create_future()
         self._heard = self._loop.time()
         self._greeted = 0.0
@@ -108,7 +109,7 @@ class Link(asyncio.Protocol):
         if self._turn is not None:
             self._turn.cancel()
             self._turn = None
-        for future in (self._joined, self._lost):
+        for future in (self.joined, self._lost):
             if not future.done():
                 future.set_exception(LinkLost(text))
                 future.exception()  # marks it as retrieved: asyncio would log an exception that nobody awaits
@@ -128,8 +129,8 @@ class Link(asyncio.Protocol):
         self.community = wire.readable(first.community)
         self.joined_at = self._clock.now()
         self.is_joined = True
-        if not self._joined.done():
-            self._joined.set_result(None)
+        if not self.joined.done():
+            self.joined.set_result(None)
 
     def _packet(self, messages: Sequence[Message]) -> None:
         mail = []
@@ -147,10 +148,6 @@ class Link(asyncio.Protocol):
             self._take(mail)
 
     # -- out ------------------------------------------------------------------------------------------------------------------------
-
-    async def join(self) -> None:
-        """Wait for the welcome. Raises LinkLost when there is none."""
-        await self._joined
 
     async def stay(self, timeout_s: float, attend: Callable[[], None]) -> None:
         """Send heartbeats until the connection is over.

@@ -13,7 +13,6 @@ from uwserver_adapters.moos.clock import DatabaseClock
 from uwserver_adapters.moos.config import BridgeTable
 from uwserver_adapters.moos.db.database import Database
 from uwserver_adapters.moos.db.variable import Letter
-from uwserver_adapters.moos.wire import Message
 
 OWN_NAME = "uwserver"
 RIVAL = "a MOOSDB"
@@ -46,9 +45,9 @@ class LocalClient:
         steady = asyncio.get_running_loop().time
         self.bridge = Bridge(table, context, self._post, self._listen, OWN_NAME, steady)
         # The log comes after the bridge: a table that does not fit is tried again and again, and should leave no file each time.
-        self._alog = Alog(table.alog, clock.now, context) if table.alog else None
-        if self._alog is not None:
-            database.log = self._log
+        alog = self._alog = Alog(table.alog, clock.now, context) if table.alog else None
+        if alog is not None:
+            database.log = lambda message: alog.add(message.time, message.key, message.src, message.value)
         database.join(OWN_NAME, self._deliver)
         self._listen(self.bridge.listens_to)
         self.bridge.begin(database.community)
@@ -98,7 +97,3 @@ class LocalClient:
             del self._mail[:AT_ONCE]
             self.bridge.take(mail)
             yield
-
-    def _log(self, message: Message) -> None:
-        if self._alog is not None:
-            self._alog.add(message.time, message.key, message.src, message.value)

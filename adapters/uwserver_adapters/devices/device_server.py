@@ -13,7 +13,7 @@ from uwserver_adapters.devices.wires import Address, SerialPeer, ServedDevice, T
 RIVAL = "another simulator, or the maker's own tool"
 
 
-class Station(ServedDevice):
+class DeviceServer(ServedDevice):
     """A device at its addresses, with its peers.
 
     Attributes:
