@@ -23,27 +23,27 @@ from uwserver_adapters.sil.world import drive, stand_by
 log = logging.getLogger(__name__)
 
 LOOP_HZ = 400
-"""ArduSub's control loop; physics below it would be its clock."""
+"""Control rate of ArduSub. With slower physics the loop would run at the rate of the physics."""
 
 PulseWidth = Annotated[int, Meta(ge=1, le=65535)]
 
 
 class ArduPilotConfig(AdapterTable, tag="ardupilot_json", kw_only=True, frozen=True):
     """Attributes:
-    bind: address to listen at; whoever reaches it moves the vehicle.
+    bind: address to listen at; whoever can reach it moves the vehicle.
     port: UDP port; 0 takes a free one. Instance n of an autopilot sends to 9002 + 10 n.
     client: name in the scenario's `lockstep_clients`; default: the adapter's name.
-    vehicle: whose sensors and actuators; default: the only one there is.
+    vehicle: vehicle with the sensors and actuators; default: the only one there is.
     imu: port with `f_S` and `w_S`, mounted along the vehicle's axes.
     pose: port with `p_NB` and `q_NB`.
     velocity: port with `v_NB_B` and `w_NB_B`.
     rangefinders: up to six ports with `range` or `altitude`, sent as rng_1 to rng_6.
     battery: port with `voltage` and `current`.
-    outputs: what servo channels move; default: the vehicle's `thrusters`, by channels 1 to n.
+    outputs: what the servo channels move; default: the vehicle's `thrusters`, by channels 1 to n.
     low_us, neutral_us, high_us: pulse widths of full deflection and neutral.
-    no_time_sync: tell the autopilot not to hold real time itself; the world does, at `[world.clock] max_speed`, or nobody.
-    silence_s: wall time after which an autopilot that says nothing counts as gone.
-    dvl: send it as MAVLink messages; default: not.
+    no_time_sync: tell the autopilot not to hold real time itself; then only `[world.clock] max_speed` limits the speed.
+    silence_s: wall time after which a silent autopilot counts as gone.
+    dvl: send a DVL as MAVLink messages; default: none is sent.
     """
 
     bind: Name = "127.0.0.1"
@@ -64,12 +64,12 @@ class ArduPilotConfig(AdapterTable, tag="ardupilot_json", kw_only=True, frozen=T
     dvl: DvlTable | None = None
 
     def needs(self) -> Mapping[str, str]:
-        """The dialect, where a DVL is sent."""
+        """Return the module that a DVL needs: the dialect."""
         return {} if self.dvl is None else {"pymavlink.dialects.v20.ardupilotmega": "uwserver"}
 
 
 class ArduPilotAdapter:
-    """Waits for an autopilot, and steps the world with it (docs/how-to/ardusub.md)."""
+    """Waits for an autopilot, and steps the world together with it (docs/how-to/ardusub.md)."""
 
     Config = ArduPilotConfig
 
@@ -78,10 +78,10 @@ class ArduPilotAdapter:
         self.context = context
 
     async def run(self, ready: asyncio.Event) -> None:
-        """Serve until cancelled; autopilots may come and go.
+        """Serve until cancelled. Autopilots may come and go.
 
         Raises:
-            CannotServe: the table and the world do not fit, or the port cannot be bound.
+            CannotServe: the table does not fit the world, or the port cannot be bound.
             RuntimeError: the driver failed.
         """
         config, context = self.config, self.context
@@ -159,5 +159,5 @@ class ArduPilotAdapter:
 
 
 def _soon(loop: asyncio.AbstractEventLoop, send: Callable[[bytes], None], data: bytes) -> None:
-    with contextlib.suppress(RuntimeError):  # the server has ended
+    with contextlib.suppress(RuntimeError):  # the loop is closed, because the server has ended
         loop.call_soon_threadsafe(send, data)

@@ -1,4 +1,4 @@
-"""The lock-step with an autopilot: a new servo frame is a tick, and its answer the state after it. Runs on the simulation thread."""
+"""The lock-step with an autopilot: each new servo frame is a tick, and the answer is the state after it. Runs on the simulation thread."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import logging
 import select
 import socket
 from collections.abc import Callable, Collection, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from uwserver.adapter import AdapterStats, Order, Reading, Refusals, address_text
 from uwserver.frames import Quat, Vec3, rotate
@@ -19,78 +19,76 @@ from uwserver_adapters.sil.world import inertial
 log = logging.getLogger(__name__)
 
 DATAGRAM = 2048
-"""Longest datagram that is read, bytes; longer ones are cut, and so of a wrong length."""
+"""Longest datagram that is read, bytes. A longer one is cut, so its length is wrong."""
 AT_ONCE = 256
-"""Datagrams that are looked at in a row."""
+"""Datagrams that are read in a row."""
 QUIET_S = 0.5
-"""Wall time without a look at the socket after which frames may wait twice: an autopilot repeats one after 1 s."""
+"""After this wall time without reading the socket, repeated frames may be waiting: an autopilot repeats a frame after 1 s."""
 GONE_S = 1.0
-"""Wall time without a frame after which one that begins at 0 from another address is the same autopilot, started again. While it runs and is
-answered it says the next frame within milliseconds; unanswered, the same once a second."""
+"""After this wall time without a frame, one with number 0 from another address is the same autopilot, started again. While an autopilot is
+answered, its next frame comes within milliseconds; unanswered, it repeats its frame once per second."""
 NO_ECHO_M = 1000.0
-"""Distance that stands for a rangefinder without echo: out of any range, where a missing key would leave the last one."""
+"""Distance for a rangefinder without an echo, which is out of any range. If its key were left out, the last distance would remain valid."""
 RATE_FRAMES = 400
-"""Frames in a row that ask for the same other rate than the physics has before it is told: a wish that still walks to its goal,
-1 Hz a frame after a start with `--rate`, is none."""
+"""Frames in a row that request the same wrong rate before it is reported. After a start with `--rate` the requested rate approaches its goal
+by 1 Hz per frame, which is not reported."""
 
 COUNTS = ("frames", "duplicates", "lost", "restarts", "strangers", "bad_magic", "bad_length", "limited")
-"""Keys of the adapter's details that count."""
+"""Keys of the adapter's details that are counters."""
 
 Address = Any
 Datagram = tuple[Frame | Bad, Address]
 
 
-class State:
-    """What a line holds, as the world told it last.
+class State(NamedTuple):
+    """The readings that a line of state holds.
 
-    Args:
-        pose, velocity, imu: p_NB and q_NB; v_NB_B and w_NB_B; w_S and f_S.
-        distances: of rangefinders.
+    Attributes:
+        pose: p_NB and q_NB.
+        velocity: v_NB_B and w_NB_B.
+        imu: w_S and f_S.
+        distances: distances of rangefinders.
         battery: voltage and current.
         no_time_sync: whether the autopilot leaves the pace to us.
     """
 
-    def __init__(
-        self, pose: Reading, velocity: Reading, imu: Reading, distances: Sequence[Reading], battery: Reading | None,
-        no_time_sync: bool,
-    ) -> None:  # fmt: skip
-        self._pose = pose
-        self._velocity = velocity
-        self._imu = imu
-        self._distances = distances
-        self._battery = battery
-        self._no_time_sync = no_time_sync
+    pose: Reading
+    velocity: Reading
+    imu: Reading
+    distances: Sequence[Reading]
+    battery: Reading | None
+    no_time_sync: bool
 
     def line(self, t_ns: int) -> bytes | None:
-        """The line of now; None before the world has said where the vehicle is."""
-        pose: Any = self._pose.values
-        velocity: Any = self._velocity.values
+        """Return the current line; None before the first samples of pose and velocity."""
+        pose: Any = self.pose.values
+        velocity: Any = self.velocity.values
         if pose is None or velocity is None:
             return None
         p_NB: Vec3 = pose[0]
         q_NB: Quat = pose[1]
         v_NB_B, w_NB_B = velocity
-        w_B, f_B = inertial(self._imu.values, q_NB, w_NB_B)
+        w_B, f_B = inertial(self.imu.values, q_NB, w_NB_B)
         far = (NO_ECHO_M,)
-        distances = [float((reading.values or far)[0]) for reading in self._distances]  # type: ignore[arg-type]  # finite
-        battery: Any = None if self._battery is None else self._battery.values
-        rest = wire.extras(distances, battery, self._no_time_sync)
+        distances = [float((reading.values or far)[0]) for reading in self.distances]  # type: ignore[arg-type]  # finite
+        battery: Any = None if self.battery is None else self.battery.values
+        rest = wire.extras(distances, battery, self.no_time_sync)
         return wire.line(t_ns, w_B, f_B, p_NB, q_NB, rotate(q_NB, v_NB_B), rest)
 
 
 class ArduPilotDriver:
-    """The adapter's `Driver`. Simulation thread, but for its construction.
+    """The adapter's `Driver`. Runs on the simulation thread, except for its construction.
 
     Args:
-        endpoint: bound UDP socket that does not block; whoever made it closes it.
-        outputs: what servo channels move.
-        scale: of their pulse widths.
+        endpoint: bound non-blocking UDP socket; the caller closes it.
+        outputs: what the servo channels move.
+        scale: deflections of pulse widths.
         state: what is answered.
         see: takes time and samples of a tick.
-        physics_hz: rate of the ticks.
-        silence_s: wall time after which the autopilot is said to be gone.
-        steady: wall time, s.
-        stats: of the adapter; `COUNTS` and `frame_rate_hz` in its details.
+        physics_hz: tick rate.
+        silence_s: wall time after which a silent autopilot counts as gone.
+        steady: returns wall time, s.
+        stats: the adapter's statistics, with `COUNTS` and `frame_rate_hz` in its details.
         tell_conflict: tells all clients of a second autopilot.
 
     Attributes:
@@ -128,10 +126,10 @@ class ArduPilotDriver:
     # -- uwserver.adapter.Driver ----------------------------------------------------------------------------------------------------
 
     def order(self, wait_s: float) -> Order | None:
-        """The next new frame; older ones are answered or counted on the way."""
+        """Return an order for the next new frame. Older ones are answered or counted on the way."""
         now = self._steady()
         if now - self._looked > QUIET_S:
-            self._heard += now - self._looked  # nobody listened: that is no silence
+            self._heard += now - self._looked  # nobody read the socket, so this was no silence of the autopilot
             self._skip_old()
         end = now + wait_s
         for _ in range(AT_ONCE):
@@ -151,27 +149,23 @@ class ArduPilotDriver:
         return None
 
     def see(self, t_ns: int, samples: Sequence[Sample]) -> None:
-        """Keep what a line will hold."""
+        """Keep the samples for the next line."""
         self._see(t_ns, samples)
 
     def answer(self, t_ns: int) -> None:
         """Send the state after the tick."""
-        if (
-            self._steady() - self._looked > QUIET_S
-        ):  # a pause lay between: what was repeated meanwhile is answered with this
+        # After a pause the frame of this tick may have been repeated. This answer is for the repetitions too.
+        if self._steady() - self._looked > QUIET_S:
             self._skip_old()
-            if (
-                self._waiting is not None
-                and isinstance(self._waiting[0], Frame)
-                and self._waiting[0].number == self._last
-            ):
+            waiting = self._waiting
+            if waiting is not None and isinstance(waiting[0], Frame) and waiting[0].number == self._last:
                 self._counts["duplicates"] += 1
                 self._waiting = None
         self._reply = self._state.line(t_ns)
         self._send()
 
     def refuse(self, fault: Fault) -> None:
-        """Channels are limited to what actuators take, so this is an actuator that is gone or was switched off."""
+        """Note a refused command. Channels are within the actuators' limits, so the actuator has been removed or switched off."""
         self._stats.errors += 1
         self._stats.last_error = fault.text
 
@@ -188,12 +182,12 @@ class ArduPilotDriver:
     def _received(self) -> Datagram | None:
         try:
             data, address = self._endpoint.recvfrom(DATAGRAM)
-        except OSError:  # nothing there, or the network's word on an earlier datagram
+        except OSError:  # nothing is there, or the network reports an error of an earlier datagram
             return None
         return wire.parse(data), address
 
     def _skip_old(self) -> None:
-        """Of all that waits in the socket keep the newest frame: an autopilot that was not answered has sent the same again and again."""
+        """Keep only the newest frame that waits in the socket: an autopilot without an answer repeats the same frame."""
         for _ in range(AT_ONCE):
             datagram = self._received()
             if datagram is None:
@@ -238,7 +232,7 @@ class ArduPilotDriver:
         return True
 
     def _admits(self, frame: Frame, address: Address, now: float) -> bool:
-        """Whether another sender takes the place of the last, which must have been quiet: less long for one that begins."""
+        """Return whether another sender replaces the last one. That one must have been quiet, less long for a sender that begins at 0."""
         quiet_s = min(GONE_S, self._silence_s) if frame.number == 0 else self._silence_s
         if self._peer is not None and now - self._heard < quiet_s:
             self._counts["strangers"] += 1

@@ -1,4 +1,4 @@
-"""The DVL for ArduPilot: its simulator interface has no field for one, so what a companion computer would send goes in over MAVLink."""
+"""The DVL for ArduPilot, sent over MAVLink as a companion computer would, because the simulator interface has no field for it."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ log = logging.getLogger(__name__)
 RETRY_S = 0.5
 """Wall time between two attempts to connect."""
 WAITING = 1 << 16
-"""Bytes that may wait for an autopilot that does not read; messages are dropped above."""
+"""Bytes that may be buffered for an autopilot that does not read. Above, messages are dropped."""
 LONGEST_S = 1.0
-"""Simulation time without a measurement after which the movement since the last says nothing."""
+"""Longest simulation time between two measurements from which a movement is computed."""
 MICROSECOND_NS = 1000
 
 
 class DvlTable(Table, kw_only=True, frozen=True):
-    """The DVL, sent as VISION_POSITION_DELTA.
+    """A DVL, sent as VISION_POSITION_DELTA.
 
     Attributes:
-        port: with `v_S` and `figure_of_merit`, mounted along the vehicle's axes.
+        port: port with `v_S` and `figure_of_merit`, mounted along the vehicle's axes.
         address: MAVLink port of the autopilot: "tcp:<host>:<port>" or "udp:<host>:<port>".
-        worst_mps: figure of merit at which there is no confidence left; at 0 it is 100 %.
-        system, component: who sends it.
+        worst_mps: figure of merit at which the confidence is zero; at a figure of 0 it is 100 %.
+        system, component: sender of the messages.
     """
 
     port: Name = "dvl"
@@ -44,16 +44,16 @@ class DvlTable(Table, kw_only=True, frozen=True):
 
 
 class Movement:
-    """From measurements to messages: turns and shifts between two of the DVL's. Simulation thread.
+    """Turns measurements into messages: rotation and displacement between two measurements of the DVL. Runs on the simulation thread.
 
     Args:
-        table: settings.
+        table: the settings.
         dvl: v_S and figure_of_merit.
-        imu: w_S and f_S, of every tick.
+        imu: w_S and f_S of every tick.
         send: takes the messages; must not block.
 
     Raises:
-        CannotServe: pymavlink is not there.
+        CannotServe: pymavlink is not installed.
     """
 
     def __init__(self, table: DvlTable, dvl: Reading, imu: Reading, send: Callable[[bytes], None]) -> None:
@@ -73,11 +73,11 @@ class Movement:
         self._tick_ns = 0
 
     def see(self, t_ns: int) -> None:
-        """A tick ended, and the readings are of it."""
+        """Take the readings at the end of a tick."""
         imu: Any = self._imu.values
         step = t_ns - self._tick_ns
         self._tick_ns = t_ns
-        if step < 0:  # the world was put to another time
+        if step < 0:  # the world was reset to an earlier time
             self._last_ns = None
         elif imu is not None:
             dt = seconds(step)
@@ -102,41 +102,38 @@ class Movement:
 
 
 class MavlinkOut(asyncio.Protocol, asyncio.DatagramProtocol):
-    """A connection to an autopilot that is made again and again, and on which nothing is heard. Loop thread."""
+    """Connects to an autopilot again and again, and only sends. Runs on the loop thread."""
 
     def __init__(self, address: str) -> None:
         kind, host, port = address.split(":")
         self._kind, self._host, self._port = kind, host, int(port)
         self._transport: Any = None
         self._gone = asyncio.Event()
-        self.sent = 0
         self.dropped = 0
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """It is there."""
+        """Keep the transport."""
         self._transport = transport
 
     def connection_lost(self, error: Exception | None) -> None:
-        """It went."""
+        """Note that the connection has ended."""
         self._transport = None
         self._gone.set()
 
     def error_received(self, error: Exception) -> None:
-        """Nobody listens at that port: the next message may be heard."""
+        """Ignore that nobody listens at the port. The next message may be received."""
 
     def send(self, data: bytes) -> None:
-        """Send, or drop what nobody takes."""
+        """Send a message, or drop it without a connection or when the peer does not read."""
         if self._transport is None or self._transport.get_write_buffer_size() > WAITING:
             self.dropped += 1
         elif self._kind == "udp":
             self._transport.sendto(data)
-            self.sent += 1
         else:
             self._transport.write(data)
-            self.sent += 1
 
     async def run(self) -> None:
-        """Connect, stay, connect again, until cancelled."""
+        """Connect, and connect again after each end, until cancelled."""
         loop = asyncio.get_running_loop()
         try:
             while True:
@@ -152,4 +149,4 @@ class MavlinkOut(asyncio.Protocol, asyncio.DatagramProtocol):
         finally:
             if self._transport is not None:
                 self._transport.abort()
-                await asyncio.sleep(0)  # its socket is closed with the next turn of the loop
+                await asyncio.sleep(0)  # asyncio closes the socket in the next turn of the loop

@@ -1,4 +1,4 @@
-"""ArduPilot's JSON simulator interface: servo packets in, lines out. Sans-IO; docs/how-to/ardusub.md names the source of each rule."""
+"""ArduPilot's JSON simulator interface: servo packets in, lines out. Sans-IO. docs/how-to/ardusub.md names the source of each rule."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class Frame(NamedTuple):
     """A servo packet.
 
     Attributes:
-        rate_hz: physics rate that the autopilot asks for; it may be another in each frame.
+        rate_hz: physics rate that the autopilot requests, which may differ in each frame.
         number: frames answered since the autopilot started.
-        pwm: pulse widths of outputs 1 to 16 or 32, us; 0: the output is not driven.
+        pwm: pulse widths of outputs 1 to 16 or 32, us; 0 for an output that is not driven.
     """
 
     rate_hz: int
@@ -33,7 +33,7 @@ class Frame(NamedTuple):
 
 
 def parse(data: bytes) -> Frame | Bad:
-    """The frame of a datagram, or what is wrong with it."""
+    """Return the frame in a datagram, or what is wrong with it."""
     if len(data) < _MAGIC.size:
         return "bad_length"
     form = _FORMS.get(_MAGIC.unpack_from(data)[0])
@@ -45,7 +45,7 @@ def parse(data: bytes) -> Frame | Bad:
     return Frame(rate_hz, number, tuple(pwm))
 
 
-# The autopilot looks for the first place of a key's name, so that none may be part of an earlier one, and wants no blank behind a colon.
+# The autopilot looks for the first occurrence of a key's name, so no name may be part of an earlier one. It allows no blank after a colon.
 _LINE = (
     '\n{"timestamp":%.9f,"imu":{"gyro":[%.9g,%.9g,%.9g],"accel_body":[%.9g,%.9g,%.9g]},"position":[%.9g,%.9g,%.9g],'
     '"quaternion":[%.9g,%.9g,%.9g,%.9g],"velocity":[%.9g,%.9g,%.9g]%s}\n'
@@ -55,7 +55,7 @@ _BATTERY = ',"battery":{"voltage":%.6g,"current":%.6g}'
 
 
 def extras(distances: Sequence[float], battery: tuple[float, float] | None, no_time_sync: bool) -> str:
-    """The optional rest of a line: distances of rangefinders (m), voltage and current (V, A), and who sets the pace."""
+    """Return the optional rest of a line: distances of rangefinders (m), voltage and current (V, A), and who sets the pace."""
     text = "".join(form % distance for form, distance in zip(_DISTANCES, distances, strict=False))
     if battery is not None:
         text += _BATTERY % battery
@@ -63,5 +63,5 @@ def extras(distances: Sequence[float], battery: tuple[float, float] | None, no_t
 
 
 def line(t_ns: int, w_B: Vec3, f_B: Vec3, p_NB: Vec3, q_NB: Quat, v_NB_N: Vec3, rest: str) -> bytes:
-    """One line of state: time, angular rate (rad/s), specific force (m/s2), position (m), attitude, velocity (m/s). All finite."""
+    """Return a line of state: time, angular rate (rad/s), specific force (m/s2), position (m), attitude, velocity (m/s). All are finite."""
     return (_LINE % (t_ns * 1e-9, *w_B, *f_B, *p_NB, *q_NB, *v_NB_N, rest)).encode()

@@ -1,4 +1,4 @@
-"""The `mavlink` adapter: one vehicle, as ground stations see an ArduSub ROV."""
+"""The `mavlink` adapter: shows one vehicle to ground stations as an ArduSub ROV."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from uwserver_adapters.mavlink.vehicle.config import MavlinkConfig
 from uwserver_adapters.mavlink.wire.dialect import Dialect
 
 TICK_S = 0.05
-"""Wall time between two looks at time-outs and downloads."""
+"""Wall time between two checks of time-outs and downloads."""
 
 
 class MavlinkAdapter:
-    """Speaks MAVLink on all its links (README.md)."""
+    """Speaks MAVLink on all its links (README.md in this folder)."""
 
     Config = MavlinkConfig
 
@@ -31,7 +31,7 @@ class MavlinkAdapter:
 
         Raises:
             CannotSpeak: pymavlink is not installed.
-            CannotServe: no such vehicle, parameter or link can be had.
+            CannotServe: the vehicle or a parameter does not exist, or a link cannot be opened.
         """
         config, context = self.config, self.context
         loop = asyncio.get_running_loop()
@@ -42,7 +42,9 @@ class MavlinkAdapter:
         except ValueError as error:
             raise CannotServe(str(error)) from error
         async with contextlib.AsyncExitStack() as stack:
-            stack.push_async_callback(asyncio.sleep, 0)  # aborted connections are gone with the next turn of the loop
+            stack.push_async_callback(
+                asyncio.sleep, 0
+            )  # asyncio closes aborted connections in the next turn of the loop
             stack.callback(router.end)
             links: list[Link] = []
             for text in config.links:

@@ -27,8 +27,8 @@ class DistanceTable(Table, kw_only=True, frozen=True):
     """A sensor that looks down, sent as DISTANCE_SENSOR.
 
     Attributes:
-        port: with `range` or `altitude`.
-        min_m, max_m: its limits, as the autopilot is told.
+        port: port with `range` or `altitude`.
+        min_m, max_m: its limits, as they are told to the autopilot.
     """
 
     port: Name
@@ -38,21 +38,21 @@ class DistanceTable(Table, kw_only=True, frozen=True):
 
 class Px4Config(AdapterTable, tag="px4_hil", kw_only=True, frozen=True):
     """Attributes:
-    bind: address to listen at; whoever reaches it moves the vehicle.
+    bind: address to listen at; whoever can reach it moves the vehicle.
     port: TCP port; 0 takes a free one. Instance n of an autopilot connects to 4560 + n.
     client: name in the scenario's `lockstep_clients`; default: the adapter's name.
-    vehicle: whose sensors and actuators; default: the only one there is.
-    imu: port with `f_S` and `w_S`, mounted along the vehicle's axes; its rate is that of the lock-step, PX4's is 250 Hz.
+    vehicle: vehicle with the sensors and actuators; default: the only one there is.
+    imu: port with `f_S` and `w_S`, mounted along the vehicle's axes; its rate is the rate of the lock-step, for PX4 250 Hz.
     pose: port with `p_NB` and `q_NB`, for ground truth and odometry.
-    velocity: port with `v_NB_B` and `w_NB_B`, likewise.
+    velocity: port with `v_NB_B` and `w_NB_B`, for ground truth and odometry.
     magnetometer: port with `field_S`, mounted along the vehicle's axes.
-    depth: port with `depth`, sent as the air pressure at that depth below sea level: PX4 knows no water.
+    depth: port with `depth`, sent as the air pressure at that depth below sea level, because PX4 knows no water.
     gps: port of kind gps.
     distances: sensors that look down.
-    odometry_hz: how often the pose is sent as ODOMETRY; 0 for never.
-    odometry_sigma: its standard deviations as the autopilot is told: position (m), attitude (rad), velocity (m/s).
+    odometry_hz: rate at which the pose is sent as ODOMETRY; 0 for never.
+    odometry_sigma: standard deviations of ODOMETRY, as they are told to the autopilot: position (m), attitude (rad), velocity (m/s).
     origin_deg: latitude and longitude of N's origin, for the ground truth in the autopilot's log.
-    outputs: what actuator outputs move; default: the vehicle's `thrusters`, by outputs 1 to n.
+    outputs: what the actuator outputs move; default: the vehicle's `thrusters`, by outputs 1 to n.
     """
 
     bind: Name = "127.0.0.1"
@@ -72,12 +72,12 @@ class Px4Config(AdapterTable, tag="px4_hil", kw_only=True, frozen=True):
     outputs: dict[Name, OutputTable] = field(default_factory=dict)
 
     def needs(self) -> Mapping[str, str]:
-        """The dialect."""
+        """Return the module that is needed: the dialect."""
         return {"pymavlink.dialects.v20.common": "uwserver"}
 
 
 class Px4Adapter:
-    """Waits for an autopilot, and steps the world with it (docs/how-to/px4.md)."""
+    """Waits for an autopilot, and steps the world together with it (docs/how-to/px4.md)."""
 
     Config = Px4Config
 
@@ -86,10 +86,10 @@ class Px4Adapter:
         self.context = context
 
     async def run(self, ready: asyncio.Event) -> None:
-        """Serve until cancelled; autopilots may come and go.
+        """Serve until cancelled. Autopilots may come and go.
 
         Raises:
-            CannotServe: the table and the world do not fit, the port cannot be bound, or pymavlink is not there.
+            CannotServe: the table does not fit the world, the port cannot be bound, or pymavlink is not installed.
             RuntimeError: the driver failed.
         """
         config, context = self.config, self.context

@@ -1,4 +1,4 @@
-"""PX4's simulator interface in MAVLink 2: what the autopilot says, and samples as its messages. Sans-IO; needs pymavlink."""
+"""PX4's simulator interface in MAVLink 2: decodes the autopilot's messages, and encodes samples as messages. Sans-IO; needs pymavlink."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from uwserver.frames import Quat, Vec3, rotate
 from uwserver.units import deg
 
 SYSTEM, COMPONENT = 142, 200
-"""We as a MAVLink node; PX4 looks at neither."""
+"""Our numbers as a MAVLink node. PX4 checks neither."""
 
 CONTROLS = 16
+"""Actuator outputs in a message."""
 _ARMED, _LOCKSTEP = 128, 1
 _IMU = 0b111111
 _MAGNETOMETER = 0b111 << 6
@@ -24,16 +25,16 @@ EARTH_RADIUS_M = 6_378_137.0
 MICROSECOND_NS = 1000
 _UNKNOWN_COURSE = 65535
 
-# Standard atmosphere below 11 km.
 _P0_HPA, _T0_K, _LAPSE_KPM, _EXPONENT = 1013.25, 288.15, 0.0065, 5.2559
+"""Standard atmosphere below 11 km: pressure and temperature at its zero, temperature lapse, and exponent of the pressure."""
 
 
 class Greeting(NamedTuple):
-    """The autopilot is there."""
+    """The autopilot has spoken."""
 
 
 class Interval(NamedTuple):
-    """It asks for a message each `seconds`; negative: not at all; 0: as we like."""
+    """The autopilot requests a message every `seconds`. A negative number stops it, and 0 leaves the rate to us."""
 
     message: int
     seconds: float
@@ -43,11 +44,11 @@ class Controls(NamedTuple):
     """Actuator outputs.
 
     Attributes:
-        t_us: the autopilot's time; in lock-step that of the newest sensor message of which they know.
+        t_us: the autopilot's time. In lock-step this is the time of the newest sensor message on which they are based.
         levels: -1 to 1 by channel; zeros while disarmed.
-        is_armed: whether they mean something.
+        is_armed: whether the autopilot is armed.
         is_lockstep: whether the autopilot's time stands still until the next sensor message.
-        limited: outputs that were outside, or no numbers.
+        limited: number of outputs that were out of range or no number.
     """
 
     t_us: int
@@ -61,10 +62,10 @@ Event = Greeting | Interval | Controls
 
 
 class Codec:
-    """One connection.
+    """The codec of one connection.
 
     Attributes:
-        bad: bytes and messages that were not understood.
+        bad: number of bytes and messages that were not understood.
     """
 
     def __init__(self) -> None:
@@ -75,7 +76,7 @@ class Codec:
     # -- in -------------------------------------------------------------------------------------------------------------------------
 
     def receive(self, data: bytes) -> list[Event]:
-        """What these bytes complete."""
+        """Return what these bytes complete."""
         events: list[Event] = []
         for message in self._mav.parse_buffer(data) or ():
             event = self._event(message)
@@ -88,7 +89,7 @@ class Codec:
         if kind == "HIL_ACTUATOR_CONTROLS":
             return _controls(message)
         if kind == "HEARTBEAT":
-            # A ground station's, which has looked for a vehicle here, is no greeting.
+            # A ground station that looks for a vehicle here also sends a heartbeat, which must not count as an autopilot's.
             return None if message.autopilot == mavlink.MAV_AUTOPILOT_INVALID else Greeting()
         if kind == "COMMAND_LONG" and message.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
             if math.isfinite(message.param1) and math.isfinite(message.param2):
@@ -106,7 +107,7 @@ class Codec:
         return bytes(data)
 
     def heartbeat(self) -> bytes:
-        """We are there."""
+        """Return our heartbeat."""
         return self._pack(
             self._mav.heartbeat_encode(
                 mavlink.MAV_TYPE_GENERIC, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE
@@ -116,9 +117,9 @@ class Codec:
     def sensor(
         self, t_ns: int, f_B: Vec3, w_B: Vec3, field_B: Vec3 | None, depth: float | None, temperature: float
     ) -> bytes:
-        """HIL_SENSOR: specific force (m/s2), angular rate (rad/s), and what is new of magnetic field (T) and depth (m).
+        """Return HIL_SENSOR: specific force (m/s2), angular rate (rad/s), and magnetic field (T) and depth (m) if they are new.
 
-        PX4 knows no pressure of water, so the depth goes in as that of the air at altitude -depth.
+        PX4 does not know the pressure of water, so the depth is sent as the pressure of air at the altitude -depth.
         """
         updated = _IMU
         gauss = (0.0, 0.0, 0.0)
@@ -140,7 +141,7 @@ class Codec:
         self, t_ns: int, latitude: float, longitude: float, height: float, v_NS: Vec3, accuracies: tuple[float, float],
         satellites: int, fix: int,
     ) -> bytes:  # fmt: skip
-        """HIL_GPS: angles in rad, height in m, velocity in N in m/s, horizontal and vertical accuracy in m."""
+        """Return HIL_GPS: angles in rad, height in m, velocity in N in m/s, and horizontal and vertical accuracy in m."""
         speed = math.hypot(v_NS[0], v_NS[1])
         course = round(deg(math.atan2(v_NS[1], v_NS[0]) % math.tau) * 100.0) % 36000 if speed > 0.0 else _UNKNOWN_COURSE
         eph, epv = (min(round(accuracy * 100.0), 65535) for accuracy in accuracies)
@@ -156,7 +157,7 @@ class Codec:
     def state(
         self, t_ns: int, origin: tuple[float, float], p_NB: Vec3, q_NB: Quat, v_NB_B: Vec3, w_NB_B: Vec3, f_B: Vec3
     ) -> bytes:
-        """HIL_STATE_QUATERNION: the truth, for the autopilot's log. `origin`: latitude and longitude of N's origin, rad."""
+        """Return HIL_STATE_QUATERNION, the truth for the autopilot's log. `origin`: latitude and longitude of N's origin, rad."""
         latitude = origin[0] + p_NB[0] / EARTH_RADIUS_M
         longitude = origin[1] + p_NB[1] / (EARTH_RADIUS_M * math.cos(origin[0]))
         velocity = (_int16(v * 100.0) for v in rotate(q_NB, v_NB_B))
@@ -171,7 +172,7 @@ class Codec:
     def odometry(
         self, t_ns: int, p_NB: Vec3, q_NB: Quat, v_NB_B: Vec3, w_NB_B: Vec3, sigma: tuple[float, float, float]
     ) -> bytes:
-        """ODOMETRY: position in N, velocity in B; `sigma`: standard deviations of position (m), attitude (rad) and velocity (m/s)."""
+        """Return ODOMETRY: position in N, velocity in B. `sigma`: standard deviations of position (m), attitude (rad) and velocity (m/s)."""
         position, attitude, velocity = (value * value for value in sigma)
         return self._pack(
             self._mav.odometry_encode(
@@ -182,7 +183,7 @@ class Codec:
         )  # fmt: skip
 
     def distance(self, t_ns: int, number: int, distance: float, limits: tuple[float, float]) -> bytes:
-        """DISTANCE_SENSOR that looks down: m, between its limits."""
+        """Return DISTANCE_SENSOR of a sensor that looks down: its distance and its limits, m."""
         low, high = (min(round(limit * 100.0), 65535) for limit in limits)
         return self._pack(
             self._mav.distance_sensor_encode(
@@ -206,11 +207,11 @@ def _int16(value: float) -> int:
 
 
 def _triangle(linear: float, angular: float) -> list[float]:
-    """Upper right triangle of a diagonal 6 x 6 covariance."""
+    """Return the upper right triangle of a diagonal 6 x 6 covariance matrix."""
     diagonal = [linear] * 3 + [angular] * 3
     return [diagonal[row] if row == column else 0.0 for row in range(6) for column in range(row, 6)]
 
 
 def air_pressure_hPa(altitude: float) -> float:
-    """Of the standard atmosphere, also below its zero: what a barometer would show that knows only air; altitude in m."""
+    """Return the pressure of the standard atmosphere at an altitude (m), also below zero: what a barometer would show that knows only air."""
     return _P0_HPA * math.pow(max(1.0 - _LAPSE_KPM * altitude / _T0_K, 0.0), _EXPONENT)

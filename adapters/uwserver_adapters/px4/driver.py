@@ -1,4 +1,4 @@
-"""The lock-step with PX4: an IMU sample goes out, its actuator outputs come back. Runs on the simulation thread."""
+"""The lock-step with PX4: an IMU sample goes out, and actuator outputs come back. Runs on the simulation thread."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from uwserver_adapters.sil.channels import Outputs
 log = logging.getLogger(__name__)
 
 BAD_IN_A_ROW = 100
-"""Messages and pieces that were not understood, none between them that was, after which the connection is ended."""
+"""Messages and pieces in a row that were not understood, after which the connection is closed."""
 WAITING = 1 << 20
-"""Bytes that may wait for an autopilot that does not read; then the connection is ended."""
+"""Bytes that may be buffered for an autopilot that does not read. Above, the connection is closed."""
 
 COUNTS = ("controls", "late", "missed", "bad", "limited", "connections")
-"""Keys of the adapter's details that count."""
+"""Keys of the adapter's details that are counters."""
 
 
 class Px4Driver:
-    """The adapter's `Driver`. Simulation thread, but for its construction and `close`.
+    """The adapter's `Driver`. Runs on the simulation thread, except for its construction and `close`.
 
     Args:
-        listener: listening TCP socket that does not block; whoever made it closes it.
-        outputs: what actuator outputs move.
-        senses: what is sent.
-        ticks: of the physics from one IMU sample to the next.
-        step_s: the same as time; without lock-step the world goes no faster than real time.
-        steady: wall time, s.
-        stats: of the adapter; `COUNTS` and `is_locked` in its details.
+        listener: non-blocking listening TCP socket; the caller closes it.
+        outputs: what the actuator outputs command.
+        senses: the sensor messages.
+        ticks: physics ticks from one IMU sample to the next.
+        step_s: the same as time, s. Without lock-step the world runs no faster than real time.
+        steady: returns wall time, s.
+        stats: the adapter's statistics, with `COUNTS` and `is_locked` in its details.
         tell_conflict: tells all clients of a second autopilot.
     """
 
@@ -60,7 +60,7 @@ class Px4Driver:
     # -- uwserver.adapter.Driver ----------------------------------------------------------------------------------------------------
 
     def order(self, wait_s: float) -> Order | None:
-        """The next step: at once until the autopilot has spoken of its outputs, then with each of them."""
+        """Return the next step: at once until the autopilot has sent outputs, then with each of its outputs."""
         end = self._steady() + wait_s
         self._wait(0.0)
         while True:
@@ -76,26 +76,26 @@ class Px4Driver:
     @property
     def wanted(self) -> Collection[str]:
         """Ports that are read."""
-        return self._senses.wanted
+        return self._senses.readings.wanted
 
     def see(self, t_ns: int, samples: Sequence[Sample]) -> None:
-        """Keep what will be sent."""
-        self._senses.see(samples)
+        """Keep the samples that will be sent."""
+        self._senses.readings.see(samples)
 
     def answer(self, t_ns: int) -> None:
-        """Send what is new."""
+        """Send what is new after a step."""
         link = self._link
         if link is not None:
             link.told_s = self._steady()
             self._send(link, self._senses.messages(link.codec, t_ns))
 
     def refuse(self, fault: Fault) -> None:
-        """Outputs are limited to what actuators take, so this is an actuator that is gone or was switched off."""
+        """Note a refused command. Outputs are within the actuators' limits, so the actuator has been removed or switched off."""
         self._stats.errors += 1
         self._stats.last_error = fault.text
 
     def close(self) -> None:
-        """End all connections. Loop thread, when the simulation does not call any more."""
+        """Close all connections. Runs on the loop thread when the simulation no longer calls the driver."""
         self._drop("")
         self._door.close()
 
@@ -137,7 +137,7 @@ class Px4Driver:
             self._begin(*found)
 
     def _begin(self, link: Connection, events: Sequence[codec.Event], bad: int) -> None:
-        """Another autopilot has spoken: it is in charge from now on."""
+        """Put another autopilot, which has spoken, in charge."""
         text = "two autopilots connect here: the first is closed, the second flies the vehicle; give each an adapter with a port of its own"
         if self._link is not None and self._refusals.note("second autopilot", text):
             self._tell_conflict(text)
@@ -173,7 +173,7 @@ class Px4Driver:
         for event in events:
             if isinstance(event, codec.Controls):
                 link.controls = event
-                # Without lock-step it names a time of its own clock.
+                # Without lock-step the outputs carry a time of the autopilot's own clock.
                 link.is_fresh = not event.is_lockstep or event.t_us >= self._senses.told_ns // codec.MICROSECOND_NS
                 self._counts["controls"] += 1
                 self._counts["late"] += not link.is_fresh

@@ -1,13 +1,11 @@
-"""Which messages are due after a step."""
+"""The sensor messages that are due after a step."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from uwserver.adapter import Reading, Readings
 from uwserver.frames import Vec3
-from uwserver.ports import Sample
 from uwserver_adapters.sil.codec import nanoseconds, radians
 from uwserver_adapters.sil.world import inertial
 
@@ -16,11 +14,11 @@ if TYPE_CHECKING:
 
 HIL_STATE_QUATERNION = 115
 STATE_S = 0.005
-"""As PX4 asks for, and until it does."""
+"""Interval that PX4 requests, and that is used until it does, s."""
 
 
 class Roles(NamedTuple):
-    """Who measures what; None for what is not sent."""
+    """The reading for each role; None for what is not sent."""
 
     imu: Reading
     pose: Reading
@@ -32,21 +30,26 @@ class Roles(NamedTuple):
 
 
 class Senses:
-    """Newest samples, and what of them the autopilot has not been told.
+    """The newest samples, and which of them the autopilot has already got.
 
     Args:
-        readings: all of `roles`.
-        roles: who measures what.
+        readings: all readings of `roles`.
+        roles: the reading for each role.
         origin_deg: latitude and longitude of N's origin.
         odometry_s: simulation time between two ODOMETRY messages; 0 for none.
-        sigma: its standard deviations.
+        sigma: their standard deviations: position (m), attitude (rad), velocity (m/s).
+
+    Attributes:
+        readings: as given.
+        told_ns: time of the newest messages, by the autopilot's clock.
     """
 
     def __init__(
         self, readings: Readings, roles: Roles, origin_deg: tuple[float, float], odometry_s: float,
         sigma: tuple[float, float, float],
     ) -> None:  # fmt: skip
-        self._readings = readings
+        self.readings = readings
+        self.told_ns = 0
         self._roles = roles
         self._origin = (radians(origin_deg[0]), radians(origin_deg[1]))
         self._odometry_s = odometry_s
@@ -55,34 +58,19 @@ class Senses:
         self._told: dict[str, int] = {}
         self._next: dict[str, int] = {}
         self._shift_ns = 0
-        self._last_ns = 0
-
-    @property
-    def told_ns(self) -> int:
-        """Time of the newest messages, as the autopilot was told."""
-        return self._last_ns
-
-    @property
-    def wanted(self) -> Collection[str]:
-        """Ports that are read."""
-        return self._readings.wanted
-
-    def see(self, samples: Sequence[Sample]) -> None:
-        """The samples of a tick."""
-        self._readings.see(samples)
 
     def restart(self) -> None:
-        """Another autopilot: everything is new to it."""
+        """Send everything again, because another autopilot has connected."""
         self._told.clear()
         self._state_s = STATE_S
 
     def ask(self, interval: Interval) -> None:
-        """Send a message as often as this."""
+        """Set how often a message is sent."""
         if interval.message == HIL_STATE_QUATERNION:
             self._state_s = interval.seconds or STATE_S
 
     def messages(self, codec: Codec, t_ns: int) -> bytes:
-        """All that is due at simulation time t_ns; b"" before the world has said where the vehicle is."""
+        """Return all messages that are due at simulation time t_ns; b"" before the first samples of pose and velocity."""
         roles = self._roles
         pose: Any = roles.pose.values
         velocity: Any = roles.velocity.values
@@ -101,12 +89,12 @@ class Senses:
         return b"".join([*parts, *self._distances(codec, now)])
 
     def _monotonic(self, t_ns: int) -> int:
-        """The autopilot's clock cannot go back: after a reset of the world it goes on from where it was."""
+        """Return the time for the autopilot, whose clock cannot go back. After a reset of the world it continues from where it was."""
         now = t_ns + self._shift_ns
-        if now <= self._last_ns:
-            self._shift_ns += self._last_ns - now + nanoseconds(1e-3)
+        if now <= self.told_ns:
+            self._shift_ns += self.told_ns - now + nanoseconds(1e-3)
             now = t_ns + self._shift_ns
-        self._last_ns = now
+        self.told_ns = now
         return now
 
     def _is_due(self, what: str, now: int, interval_s: float) -> bool:

@@ -1,1 +1,1 @@
-"""What the adapters for autopilots in the loop share: servo channels to actuators, and what an autopilot's simulator interface reads."""
+"""What adapters for autopilots in the loop share: servo channels to actuators, stepping the world, and the IMU's reading."""

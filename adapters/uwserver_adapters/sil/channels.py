@@ -1,4 +1,4 @@
-"""From servo channels to fields of actuators."""
+"""Converts servo channels to fields of actuators."""
 
 from __future__ import annotations
 
@@ -16,14 +16,16 @@ Channel = Annotated[int, Meta(ge=1, le=32)]
 
 
 class Scale(dict[int, float]):
-    """Deflection -1 to 1 of each pulse width (us), limited; 0 for an output that is not driven (0 us).
+    """Limited deflection (-1 to 1) of each pulse width (us), computed once for each width; 0 for an output that is not driven (0 us).
+
+    Args:
+        low, neutral, high: pulse widths of full deflection and neutral, us.
 
     Attributes:
         outside: pulse widths that were limited.
     """
 
     def __init__(self, low: int = 1100, neutral: int = 1500, high: int = 1900) -> None:
-        """From the pulse widths of full deflection and neutral."""
         super().__init__({0: 0.0})
         self._low, self._neutral, self._high = low, neutral, high
         self.outside: set[int] = set()
@@ -41,10 +43,10 @@ class OutputTable(Table, kw_only=True, frozen=True):
     """Servo channels that move one field of an actuator.
 
     Attributes:
-        port: actuator, below the vehicle (`thrusters`), or its whole path.
-        field: its field.
-        channels: one for each component, counted from 1; default: the first ones.
-        full: value of a channel's full deflection, for all components or each; negative turns it round.
+        port: actuator below the vehicle (`thrusters`), or its whole path.
+        field: the actuator's field.
+        channels: one channel for each component, counted from 1; default: the first ones.
+        full: value at a channel's full deflection, for all components or each; a negative value reverses the channel.
         full_deg: the same in degrees, for fields in radians.
     """
 
@@ -56,14 +58,14 @@ class OutputTable(Table, kw_only=True, frozen=True):
 
 
 class Output:
-    """One field of an actuator, found in the world.
+    """One field of an actuator that exists in the world.
 
     Attributes:
-        path, field: of it.
-        channels: one for each component, from 0.
+        path, field: the actuator's path, and the name of the field.
+        channels: one channel for each component, from 0.
 
     Raises:
-        CannotServe: it is not there, or the numbers do not fit it.
+        CannotServe: the actuator or field does not exist, or the numbers of the table do not fit it.
     """
 
     def __init__(self, name: str, table: OutputTable, ports: Mapping[str, Port], vehicle: str) -> None:
@@ -82,7 +84,7 @@ class Output:
         self._parts = list(zip(self.channels, full, strict=True))
 
     def value(self, levels: Sequence[float]) -> float | list[float]:
-        """The field for deflections -1 to 1 by channel; a channel that is not among them is neutral."""
+        """Return the field's value for deflections (-1 to 1) by channel. A channel that is not among them is neutral."""
         n = len(levels)
         value = [levels[channel] * full if channel < n else 0.0 for channel, full in self._parts]
         return value[0] if self._is_scalar else value
@@ -99,7 +101,7 @@ def _full(where: str, table: OutputTable, field: Field) -> tuple[float, ...]:
 
 
 class Outputs:
-    """All actuators that an autopilot moves; without tables the vehicle's `thrusters`, by the first channels.
+    """All actuators that an autopilot moves. Without tables these are the vehicle's `thrusters`, by the first channels.
 
     Raises:
         CannotServe: see `Output`.
@@ -113,11 +115,11 @@ class Outputs:
             self._fields.setdefault(output.path, []).append(output)
 
     def channels(self, n: int) -> list[int]:
-        """Channels that move something, from 0, of the first n."""
+        """Return which of the first n channels move something, from 0."""
         return sorted({c for outputs in self._fields.values() for output in outputs for c in output.channels if c < n})
 
     def commands(self, levels: Sequence[float]) -> list[tuple[str, dict[str, object]]]:
-        """Commands for deflections -1 to 1 by channel."""
+        """Return the commands for deflections (-1 to 1) by channel."""
         return [
             (path, {output.field: output.value(levels) for output in outputs}) for path, outputs in self._fields.items()
         ]

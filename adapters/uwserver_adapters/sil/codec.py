@@ -1,20 +1,18 @@
-"""Degrees of tables and nanoseconds of samples, as the modules beside this one need them."""
+"""Degrees of tables and nanoseconds of samples for the adapters of autopilots: the only modules that convert units are named codec."""
 
 from __future__ import annotations
 
 from uwserver.units import NANOSECONDS, rad
 
-
-def radians(degrees: float) -> float:
-    """Of an angle in a table."""
-    return rad(degrees)
+radians = rad
+"""Degrees of a table to radians."""
 
 
 def seconds(t_ns: int) -> float:
-    """Of a simulation time."""
+    """Convert a simulation time to seconds."""
     return t_ns / NANOSECONDS
 
 
 def nanoseconds(t_s: float) -> int:
-    """Of a simulation time."""
+    """Convert a simulation time to nanoseconds."""
     return round(t_s * NANOSECONDS)

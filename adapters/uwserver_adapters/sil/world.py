@@ -1,4 +1,4 @@
-"""What the adapters for autopilots ask of the server, and what they do not."""
+"""How adapters for autopilots in the loop use the server: they step the world in lockstep, or stand by."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ GRAVITY_MPS2 = 9.80665
 
 
 class Deaf:
-    """A `Subscriber` of an adapter whose driver sees the samples in their tick: the loop has nothing to do with them."""
+    """A `Subscriber` that takes nothing, for an adapter whose driver sees the samples on the simulation thread."""
 
     wanted: Collection[str] = ()
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
-        """Nothing."""
+        """Ignore the samples."""
 
     def put_event(self, event: Event) -> None:
-        """Nothing."""
+        """Ignore the event."""
 
 
 async def stand_by(context: AdapterContext, ready: asyncio.Event) -> None:
-    """Where the world is not in lockstep: say so and serve nobody, until cancelled. Else return at once."""
+    """Return at once if the world is in lockstep. Otherwise report that nothing is served, and wait until cancelled."""
     mode = context.world.mode
     if mode == "lockstep":
         return
@@ -45,17 +45,17 @@ async def stand_by(context: AdapterContext, ready: asyncio.Event) -> None:
 async def drive(
     context: AdapterContext, client: str | None, driver: Driver, endpoint: socket.socket, ready: asyncio.Event
 ) -> None:
-    """Let a driver set the pace of the world, until cancelled. When this returns, the driver is not called any more.
+    """Let a driver step the world until cancelled. After this returns, the driver is no longer called.
 
     Args:
-        context: of the adapter.
+        context: the adapter's context.
         client: name in the scenario's `lockstep_clients`; default: the adapter's name.
-        driver: that is asked.
-        endpoint: where its peer finds it.
-        ready: as `Adapter.run` got it.
+        driver: the driver.
+        endpoint: socket at which its peer finds it.
+        ready: the event that `Adapter.run` got.
 
     Raises:
-        CannotServe: the world does not take the driver.
+        CannotServe: the world does not accept the driver.
         RuntimeError: the driver failed.
     """
     failed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
@@ -76,7 +76,7 @@ async def drive(
 
 
 def inertial(imu: Any, q_NB: Quat, w_NB_B: Vec3) -> tuple[Vec3, Vec3]:
-    """Angular rate and specific force of an IMU's reading (w_S, f_S); before the first, what a vehicle feels that does not accelerate."""
+    """Return angular rate and specific force of an IMU's reading (w_S, f_S). Before the first, return those of a vehicle without acceleration."""
     if imu is None:
         return w_NB_B, rotate(conjugate(q_NB), (0.0, 0.0, -GRAVITY_MPS2))
     return imu[0], imu[1]

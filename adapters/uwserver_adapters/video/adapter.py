@@ -1,4 +1,4 @@
-"""The `video` adapter: streams of ports with pictures, to configured addresses, and to who asks by RTSP."""
+"""The `video` adapter: streams the pictures of ports to configured addresses, and to RTSP clients."""
 
 from __future__ import annotations
 
@@ -23,15 +23,14 @@ from uwserver.ports import Event, Json, Port, Sample
 from uwserver_adapters.video.announcer import Announcer
 from uwserver_adapters.video.config import StreamTable, VideoConfig, host_and_port, port_with_pictures
 from uwserver_adapters.video.connection import RtspConnection
-from uwserver_adapters.video.datagrams import Sender
+from uwserver_adapters.video.datagrams import Sender, Target
 from uwserver_adapters.video.media_ports import MediaPorts
 from uwserver_adapters.video.stream import Stream
-from uwserver_adapters.video.target import Target
 
 SHOW_S = 1.0
-"""Wall time between two looks at counters."""
+"""Wall time between two updates of the counters in the adapter's state."""
 MOST_STREAMS = 64
-"""Of a world, where no table names them."""
+"""Most streams of a world without a table of streams."""
 
 
 class VideoAdapter:
@@ -50,15 +49,15 @@ class VideoAdapter:
 
     @property
     def wanted(self) -> Collection[str]:
-        """Ports whose pictures somebody takes."""
+        """Ports whose pictures are taken."""
         return self._wanted
 
     async def run(self, ready: asyncio.Event) -> None:
         """Serve until cancelled.
 
         Raises:
-            CannotListen: an address cannot be had.
-            CannotServe: a table names what is not there.
+            CannotListen: an address cannot be bound.
+            CannotServe: a table names something that does not exist.
         """
         config = self.config
         self._load()
@@ -81,7 +80,7 @@ class VideoAdapter:
     # -- streams --------------------------------------------------------------------------------------------------------------------
 
     def _load(self) -> None:
-        """The encoders, before the world runs: that takes as long as hundreds of ticks, and cameras may come at any time."""
+        """Load the encoders before the world runs. It takes as long as hundreds of ticks, and cameras may come at any time."""
         codecs = {table.codec for table in self.config.streams.values()} or {self.config.codec}
         if "jpeg" in codecs and not can_encode_jpeg():
             raise CannotServe(f"JPEG needs simplejpeg or Pillow: pip install '{EXTRA}'")
@@ -101,7 +100,7 @@ class VideoAdapter:
             self._follow_ports()
 
     def _follow_ports(self) -> None:
-        """A stream for each port with pictures that there is now."""
+        """Make a stream for each port that has pictures now, and drop the others."""
         ports = self.context.ports
         for path in [path for path in self._streams if path not in ports]:
             self._drop(path)
@@ -160,7 +159,7 @@ class VideoAdapter:
         ports: MediaPorts | None = None
         if config.udp:
             ports = MediaPorts(config.bind, sender)
-            stack.push_async_callback(asyncio.sleep, 0)  # its sockets are closed with the next turn of the loop
+            stack.push_async_callback(asyncio.sleep, 0)  # asyncio closes the sockets in the next turn of the loop
             stack.callback(ports.close)
             await ports.open()
         peers: Peers[RtspConnection] = Peers(

@@ -16,17 +16,17 @@ if TYPE_CHECKING:
     from uwserver_adapters.video.camera import Camera, Facts
 
 COMMANDS_PER_S: Final = 50
-"""Of one ground station."""
+"""Commands of one ground station that are answered per second."""
 
 
 class Announcer:
-    """Tells ground stations of the streams.
+    """Announces the streams to ground stations.
 
     Args:
-        streams: that there are, by name; may change.
-        tables: of those that the scenario names.
-        context: of the adapter.
-        address: of the RTSP server.
+        streams: all streams, by name; may change.
+        tables: tables of the streams that the scenario names.
+        context: the adapter's context.
+        address: address of the RTSP server.
     """
 
     def __init__(
@@ -40,12 +40,12 @@ class Announcer:
 
     @contextlib.asynccontextmanager
     async def speaking(self, target: str) -> AsyncIterator[None]:
-        """Speak to a ground station, whether or not it listens, while the context is open."""
+        """Speak to a ground station while the context is open, whether or not it listens."""
         loop = asyncio.get_running_loop()
         host, port = host_and_port("mavlink", target)
         try:
             _, link = await loop.create_datagram_endpoint(lambda: _Link(self), remote_addr=(host, port))
-        except OSError as error:  # no such host now: the pictures are served all the same
+        except OSError as error:  # the host is not known now; the pictures are served all the same
             self._context.stats.last_error = f"mavlink: {target}: {error}"
             yield
             return
@@ -55,16 +55,16 @@ class Announcer:
         finally:
             self._links.remove(link)
             link.close()
-            await asyncio.sleep(0)  # its socket is closed with the next turn of the loop
+            await asyncio.sleep(0)  # asyncio closes the socket in the next turn of the loop
 
     def heartbeat(self) -> None:
-        """To be called once a second."""
+        """Send a heartbeat of each camera. Called once per second."""
         for link in self._links:
-            for _, camera, _ in self.cameras(link):
+            for camera, _ in self._cameras(link):
                 link.send(camera.heartbeat())
 
-    def cameras(self, link: _Link) -> list[tuple[str, Camera, Facts]]:
-        """Name, component and facts of each stream, as this station is to hear it."""
+    def _cameras(self, link: _Link) -> list[tuple[Camera, Facts]]:
+        """Return the camera of each stream, and what this station is told of it."""
         from uwserver_adapters.video.camera import FIRST_COMPONENT, MOST_CAMERAS, Camera
 
         found = []
@@ -73,25 +73,25 @@ class Announcer:
             table = self._tables.get(name)
             system = 1 if table is None else table.system
             number = numbers[system] = numbers.get(system, 0) + 1
-            if number > MOST_CAMERAS:
-                continue
-            camera = link.known.setdefault(name, Camera(system, FIRST_COMPONENT + number - 1))
-            found.append((name, camera, self._facts(name, stream, table, link)))
+            if number <= MOST_CAMERAS:
+                camera = link.known.setdefault(name, Camera(system, FIRST_COMPONENT + number - 1))
+                found.append((camera, self._facts(name, stream, table, link)))
         return found
 
     def _facts(self, name: str, stream: Stream, table: StreamTable | None, link: _Link) -> Facts:
         from uwserver_adapters.video.camera import Facts
 
         targets = () if table is None else table.targets
-        is_rtp = bool(targets) and stream.payload_type == PAYLOAD_TYPE
+        is_h264 = stream.payload_type == PAYLOAD_TYPE
+        is_rtp = bool(targets) and is_h264
         uri = targets[0].rpartition(":")[2] if is_rtp else f"{self._rtsp(link)}{name}"
         return Facts(
-            name, stream.port.path, uri, is_rtp, stream.payload_type == PAYLOAD_TYPE, stream.is_wanted or not is_rtp,
-            stream.expected_size, stream.rate_hz, stream.bit_rate,
+            name, stream.port.path, uri, is_rtp, is_h264, stream.is_wanted or not is_rtp, stream.expected_size,
+            stream.rate_hz, stream.bit_rate,
         )  # fmt: skip
 
     def _rtsp(self, link: _Link) -> str:
-        """The server as the station reaches it: where it listens at all addresses, at the one by which we speak to the station."""
+        """Return the RTSP server's address for a station. If it listens at all addresses, use ours on the way to the station."""
         for everywhere in ("//0.0.0.0:", "//[::]:"):
             if everywhere in self._address:
                 own = f"[{link.own_host}]" if ":" in link.own_host else link.own_host
@@ -99,17 +99,17 @@ class Announcer:
         return self._address
 
     def take(self, link: _Link, data: bytes) -> None:
-        """A datagram of a station."""
+        """Answer the commands in a station's datagram."""
         time_ms = round(asyncio.get_running_loop().time() * 1e3)
         for command in link.decoder.commands(data):
-            for _, camera, facts in self.cameras(link):
+            for camera, facts in self._cameras(link):
                 for answer in camera.answer(command, facts, time_ms):
                     self._context.stats.commands += 1
                     link.send(answer)
 
 
 class _Link(asyncio.DatagramProtocol):
-    """One station; its socket hears nobody else."""
+    """The socket for one station. It receives from nobody else."""
 
     def __init__(self, announcer: Announcer) -> None:
         from uwserver_adapters.video.camera import Decoder
@@ -122,18 +122,18 @@ class _Link(asyncio.DatagramProtocol):
         self._transport: asyncio.DatagramTransport | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Begin."""
+        """Keep the transport, and our own address."""
         self._transport = cast(asyncio.DatagramTransport, transport)
         own = transport.get_extra_info("sockname")
         if isinstance(own, tuple) and own:
             self.own_host = str(own[0])
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """End."""
+        """Forget the transport."""
         self._transport = None
 
     def error_received(self, exc: Exception) -> None:
-        """Nobody listens there, yet or any more."""
+        """Ignore that nobody listens there yet, or any more."""
 
     def datagram_received(self, data: bytes, addr: tuple[object, ...]) -> None:
         """Take a datagram, unless too many came."""
@@ -141,11 +141,11 @@ class _Link(asyncio.DatagramProtocol):
             self._announcer.take(self, data)
 
     def send(self, data: bytes) -> None:
-        """One frame."""
+        """Send one frame."""
         if self._transport is not None and not self._transport.is_closing():
             self._transport.sendto(data)
 
     def close(self) -> None:
-        """End it."""
+        """Close the socket."""
         if self._transport is not None:
             self._transport.abort()

@@ -1,4 +1,4 @@
-"""A camera as MAVLink knows it (the camera protocol, version 2): heartbeats, and where its video is. Sans-IO; needs pymavlink."""
+"""A camera of MAVLink's camera protocol, version 2: its heartbeats, and the answers that say where its video is. Sans-IO; needs pymavlink."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any, Final, NamedTuple
 from pymavlink.dialects.v20 import common as mavlink
 
 FIRST_COMPONENT: Final = 100
-"""MAV_COMP_ID_CAMERA; the five that follow are cameras too."""
+"""MAV_COMP_ID_CAMERA. The five component numbers after it are cameras too."""
 MOST_CAMERAS: Final = 6
-"""Of a vehicle."""
+"""Cameras of one vehicle."""
 _URI, _NAME, _MODEL = 160, 32, 32
 _FRAMES: Final = 8
-"""Frames of a datagram that are looked at."""
+"""Frames that are decoded from one datagram."""
 _MAGIC_1, _MAGIC_2, _SIGNED = 0xFE, 0xFD, 0x01
-# Commands from before REQUEST_MESSAGE, which say by themselves what is wanted.
+# Commands that are older than REQUEST_MESSAGE. Each requests one message.
 _OLD: Final = {
     mavlink.MAV_CMD_REQUEST_CAMERA_INFORMATION: mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION,
     mavlink.MAV_CMD_REQUEST_VIDEO_STREAM_INFORMATION: mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_INFORMATION,
@@ -26,18 +26,18 @@ _STREAMING: Final = (mavlink.MAV_CMD_VIDEO_START_STREAMING, mavlink.MAV_CMD_VIDE
 
 
 class Facts(NamedTuple):
-    """What a camera tells of itself.
+    """What a camera says of itself.
 
     Attributes:
-        name: of its stream.
-        model: of the camera.
-        uri: port of UDP as text for RTP, or an address of RTSP.
-        is_rtp: which of these.
+        name: name of its stream.
+        model: model of the camera.
+        uri: a UDP port as text for RTP, or an RTSP address.
+        is_rtp: whether `uri` is for RTP.
         is_h264: whether the stream is H.264.
-        is_running: pictures go out.
-        size: pixels, width and height; 0 where not known yet.
-        rate_hz: pictures a second.
-        bit_rate: most bits a second.
+        is_running: whether pictures are sent.
+        size: width and height in pixels; 0 while unknown.
+        rate_hz: pictures per second.
+        bit_rate: most bits per second.
     """
 
     name: str
@@ -52,13 +52,13 @@ class Facts(NamedTuple):
 
 
 class Command(NamedTuple):
-    """A command that came.
+    """A command that was received.
 
     Attributes:
-        system, component: whom it is for, 0 for all.
-        sender: who sent it.
-        number: of the command.
-        first, second: its parameters.
+        system, component: the addressee; 0 for all.
+        sender: system and component that sent it.
+        number: number of the command.
+        first, second: its first two parameters.
     """
 
     system: int
@@ -70,7 +70,7 @@ class Command(NamedTuple):
 
 
 class Decoder:
-    """Datagrams to commands.
+    """Finds commands in datagrams.
 
     Attributes:
         bad: frames that were not understood.
@@ -81,7 +81,7 @@ class Decoder:
         self._mav = mavlink.MAVLink(None, 0, 0)
 
     def commands(self, datagram: bytes) -> Iterator[Command]:
-        """Commands of a datagram, which begins with a frame."""
+        """Yield the commands of a datagram, which begins with a frame."""
         at = 0
         for _ in range(_FRAMES):
             size = _size(datagram, at)
@@ -98,7 +98,7 @@ class Decoder:
     def _command(self, frame: bytes) -> Command | None:
         try:
             message: Any = self._mav.decode(bytearray(frame))
-        except Exception:  # noqa: BLE001  # pymavlink raises what it likes; the frame is dropped and counted
+        except Exception:  # noqa: BLE001  # pymavlink raises many types; the frame is dropped and counted
             self.bad += 1
             return None
         if message.get_type() not in ("COMMAND_LONG", "COMMAND_INT"):
@@ -110,7 +110,7 @@ class Decoder:
 
 
 def _size(datagram: bytes, at: int) -> int:
-    """Bytes of the frame that begins here; 0 where none does."""
+    """Return the length of the frame that begins here, in bytes; 0 where none does."""
     if len(datagram) < at + 8:
         return 0
     if datagram[at] == _MAGIC_1:
@@ -123,11 +123,11 @@ def _size(datagram: bytes, at: int) -> int:
 
 
 class Camera:
-    """One component.
+    """One camera component.
 
     Args:
-        system: number of its vehicle.
-        component: its own.
+        system: system number of its vehicle.
+        component: its component number.
     """
 
     def __init__(self, system: int, component: int) -> None:
@@ -140,7 +140,7 @@ class Camera:
         return bytes(data)
 
     def heartbeat(self) -> bytes:
-        """It is there."""
+        """Return a heartbeat."""
         return self._pack(
             self._mav.heartbeat_encode(
                 mavlink.MAV_TYPE_CAMERA, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE
@@ -148,12 +148,12 @@ class Camera:
         )
 
     def answer(self, command: Command, facts: Facts, time_ms: int) -> list[bytes]:
-        """What is said to a command; nothing to one that is for others.
+        """Return the answers to a command; none to a command for others.
 
         Args:
-            command: as it came.
-            facts: of now.
-            time_ms: since the start.
+            command: the command.
+            facts: the camera's state now.
+            time_ms: time since the start.
         """
         if command.system not in (0, self._id[0]) or command.component not in (0, self._id[1]):
             return []
@@ -165,11 +165,10 @@ class Camera:
             if wanted == mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION:
                 stream = 0.0
         told = self._told(wanted, stream, facts, time_ms)
-        is_taken = (
-            told is not None or command.number in _STREAMING
-        )  # who takes it or not decides; a command changes nothing
+        # Starting and stopping is accepted, but changes nothing: pictures are sent to those who take the stream.
+        is_taken = told is not None or command.number in _STREAMING
         if not is_taken and command.component == 0:
-            return []  # for all: those who know it answer
+            return []  # a command to all components is answered only by those that know it
         result = mavlink.MAV_RESULT_ACCEPTED if is_taken else mavlink.MAV_RESULT_UNSUPPORTED
         if wanted >= 0 and told is None and wanted in _OLD.values():
             result = mavlink.MAV_RESULT_DENIED

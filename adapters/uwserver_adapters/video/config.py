@@ -1,4 +1,4 @@
-"""The adapter's table in a scenario."""
+"""The tables of the adapter `video` in a scenario."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ class StreamTable(Table, kw_only=True, frozen=True):
     """One stream.
 
     Attributes:
-        port: the camera, or another sensor with pictures: "rov/camera".
-        rtp: where it is sent by RTP whether or not somebody listens, one address or several: "127.0.0.1:5600" is where QGroundControl looks.
-        codec: "h264" needs `pip install 'uwserver[video]'`; "jpeg" needs more of the network, and QGroundControl does not know it.
-        bit_rate: most bits a second of H.264.
-        preset: of x264: a slower one needs fewer bits for the same.
-        quality: of JPEG.
-        system: number of the vehicle in MAVLink, for `mavlink`.
+        port: camera, or another sensor with pictures: "rov/camera".
+        rtp: one or several addresses to which RTP is sent whether or not somebody listens; QGroundControl listens at "127.0.0.1:5600".
+        codec: "h264" needs `pip install 'uwserver[video]'`; "jpeg" needs more bandwidth, and QGroundControl does not support it.
+        bit_rate: most bits per second of H.264.
+        preset: preset of x264; a slower one needs fewer bits for the same quality.
+        quality: quality of JPEG.
+        system: system number of the vehicle in MAVLink, for `mavlink`.
     """
 
     port: Name
@@ -38,30 +38,30 @@ class StreamTable(Table, kw_only=True, frozen=True):
     system: SystemNumber = 1
 
     def __post_init__(self) -> None:
-        """ValueError where an address is none."""
+        """Raise ValueError if an address is not valid."""
         for address in self.targets:
             host_and_port("rtp", address)
 
     @property
     def targets(self) -> tuple[str, ...]:
-        """Addresses of `rtp`."""
+        """The addresses of `rtp`."""
         return (self.rtp,) if isinstance(self.rtp, str) else self.rtp
 
 
 class VideoConfig(AdapterTable, tag="video", kw_only=True, frozen=True):
     """Attributes:
-    streams: by names of your own, which are their paths: rtsp://127.0.0.1:8554/NAME. Default: each port with pictures, by its path.
-    rtsp: serve by RTSP.
-    bind: address of the RTSP server. It knows no passwords: whoever reaches another address than loopback sees the pictures.
-    rtsp_port: its port; 0 takes a free one.
-    udp: send by UDP to clients of RTSP that ask for it; else by their connection alone.
-    codec: of the streams that no table names.
-    mavlink: addresses of ground stations to which each stream is announced as a camera of MAVLink: "127.0.0.1:14550".
-    max_clients: of RTSP.
-    max_clients_per_host: of one host, other than this machine.
+    streams: streams by names of your own, which are their paths: rtsp://127.0.0.1:8554/NAME. Default: each port with pictures, by its path.
+    rtsp: serve RTSP.
+    bind: address of the RTSP server. It has no passwords: whoever can reach an address other than loopback sees the pictures.
+    rtsp_port: port of the RTSP server; 0 takes a free one.
+    udp: send by UDP to RTSP clients that request it; else only over their connection.
+    codec: codec of streams without a table.
+    mavlink: addresses of ground stations to which each stream is announced as a MAVLink camera: "127.0.0.1:14550".
+    max_clients: RTSP clients at a time.
+    max_clients_per_host: RTSP clients of one host other than this machine.
     hello_timeout_s: wall time for the first request of a client.
-    keep_alive_s: wall time after which a client that takes pictures and says nothing is gone; by TCP one that does not read them either.
-    queue_bytes: that may wait for a slow client; pictures are left out above.
+    keep_alive_s: wall time after which a client that receives pictures but sends nothing counts as gone; over TCP only if it does not read either.
+    queue_bytes: bytes that may wait for a slow client; above, pictures are left out.
     """
 
     streams: dict[Name, StreamTable] = field(default_factory=dict)
@@ -78,7 +78,7 @@ class VideoConfig(AdapterTable, tag="video", kw_only=True, frozen=True):
     queue_bytes: Annotated[int, Meta(ge=1 << 16)] = 1 << 20
 
     def __post_init__(self) -> None:
-        """ValueError where an address is none, or nobody would be served."""
+        """Raise ValueError if an address is not valid, or nothing would be served."""
         for address in self.mavlink:
             host_and_port("mavlink", address)
         if not self.rtsp and not any(table.targets for table in self.streams.values()):
@@ -87,7 +87,7 @@ class VideoConfig(AdapterTable, tag="video", kw_only=True, frozen=True):
     def faults(
         self, ports: Mapping[str, Port], services: Mapping[str, Service]
     ) -> Iterable[tuple[tuple[str, ...], str]]:
-        """Streams of ports without pictures."""
+        """Yield the streams whose ports have no pictures."""
         for name, table in self.streams.items():
             try:
                 port_with_pictures(table.port, ports)
@@ -95,7 +95,7 @@ class VideoConfig(AdapterTable, tag="video", kw_only=True, frozen=True):
                 yield ("streams", name, "port"), str(error)
 
     def needs(self) -> Mapping[str, str]:
-        """The encoders, and the dialect of MAVLink."""
+        """Return the modules that are needed: encoders, and the dialect of MAVLink."""
         codecs = {table.codec for table in self.streams.values()} or {self.codec}
         needed = {"av": "uwserver[video]"} if "h264" in codecs else {}
         if "jpeg" in codecs and not can_encode_jpeg():
@@ -104,10 +104,10 @@ class VideoConfig(AdapterTable, tag="video", kw_only=True, frozen=True):
 
 
 def port_with_pictures(path: str, ports: Mapping[str, Port]) -> Port:
-    """The port that a stream is of.
+    """Return the port of a stream.
 
     Raises:
-        CannotServe: there is none, or it has no pictures.
+        CannotServe: there is no such port, or it has no pictures.
     """
     port = ports.get(path)
     with_pictures = sorted(known for known, its in ports.items() if picture_place(its) is not None)
@@ -120,7 +120,7 @@ def port_with_pictures(path: str, ports: Mapping[str, Port]) -> Port:
 
 
 def host_and_port(key: str, address: str) -> tuple[str, int]:
-    """``host:port`` in two; ValueError where it is none."""
+    """Split ``host:port``. Raises ValueError if the text is no address."""
     host, colon, port = address.rpartition(":")
     if not (host and colon and port.isascii() and port.isdigit() and 0 < int(port) <= 65535):
         raise ValueError(f'{key}: "{address}" is no address: write host:port, as 127.0.0.1:5600')

@@ -1,4 +1,4 @@
-"""One client of RTSP: requests, answers, and the packets between or beside them."""
+"""One RTSP client: its requests, their answers, and the packets within or beside the connection."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from uwserver_adapters.video.session import Session
 from uwserver_adapters.video.stream import Picture, Stream
 
 REQUESTS_PER_S: Final = 50
-"""Of one client; players send a handful, then one every few seconds."""
+"""Requests that one client may send per second. Players send a few, then one every few seconds."""
 IDLE_S: Final = 60.0
-"""Wall time without a request after which a client is closed that takes no pictures."""
+"""Wall time without a request after which a client without a stream is closed."""
 _FRAME: Final = struct.Struct(">BBH")
 _DOLLAR: Final = 0x24
 
 
 class RtspConnection(Connection):
-    """Made for each client.
+    """The connection of one client.
 
     Args:
-        config: of the adapter.
-        streams: by name.
-        peers, stats: of the adapter.
-        ports: ours of UDP; None where datagrams are not served.
+        config: the adapter's table.
+        streams: all streams, by name.
+        peers, stats: the adapter's connections and statistics.
+        ports: our UDP ports; None where datagrams are not served.
 
     Attributes:
         left_out: pictures that this client was too slow for.
@@ -57,7 +57,7 @@ class RtspConnection(Connection):
         self._address = ""
         self._seq = ""
         self._channel: int | None = None
-        self._to: tuple[Route, Address] | None = None  # by UDP: to its port, and where it hears reports
+        self._to: tuple[Route, Address] | None = None  # over UDP: the route to its port, and the address of its reports
         self._stream: Stream | None = None
         self._waits_for_key = True
         self._heard_at = self.loop.time()
@@ -66,18 +66,18 @@ class RtspConnection(Connection):
     # -- requests -------------------------------------------------------------------------------------------------------------------
 
     def opened(self) -> None:
-        """There is room for it."""
+        """Begin a session: the connection was accepted."""
         self._address = str((self.transport.get_extra_info("peername") or ("",))[0])
         self._session = Session(
             secrets.token_hex(8), self._streams, self, self._address, self._config.keep_alive_s, self._ports is not None
         )
 
     def receive(self, data: bytes) -> None:
-        """Store bytes."""
+        """Store received bytes."""
         self._reader.receive(data)
 
     def step(self) -> bool:
-        """Answer the next request, unless too many came: they wait, and so does their sender."""
+        """Answer the next request. Returns False when there is none, or too many came: then they wait, and the sender too."""
         now = self.loop.time()
         if self._rate.is_full(now):
             return False
@@ -93,7 +93,7 @@ class RtspConnection(Connection):
             )
             return True
         if isinstance(event, Interleaved):
-            self._heard_at = now  # a report of a receiver
+            self._heard_at = now  # this is a receiver's report
             return True
         self._seq = sequence_number(event)
         if self.admit():
@@ -104,7 +104,7 @@ class RtspConnection(Connection):
         return True
 
     def reply(self, data: bytes) -> None:
-        """Send an answer; who reads none is disconnected."""
+        """Send an answer. A client that reads none is disconnected."""
         if self.waiting > 2 * self._config.queue_bytes:
             self.peers.refusals.note("slow", "a client does not read its answers and is disconnected")
             self.abort()
@@ -113,16 +113,16 @@ class RtspConnection(Connection):
         self.write(data)
 
     def quiet_until(self) -> float:
-        """When the next request is taken of a client that sent too many."""
+        """Return when the next request is read from a client that sent too many."""
         return self._rate.end if self._rate.is_full(self.loop.time()) else 0.0
 
     def refused(self, fault: Fault) -> bytes:
-        """What a client gets for which there is no place, or which said nothing in time."""
+        """Return the answer for a client that was not admitted, or that said nothing in time."""
         status = 453 if fault.code == "overload" else 400
         return answer(status, self._seq, {"Content-Type": "text/plain", "Connection": "close"}, f"{fault.text}\r\n")
 
     def half_closed(self) -> None:
-        """A client that asks nothing more takes nothing more."""
+        """Close the connection: a client that has ended its side takes nothing more."""
         self.close()
 
     # -- pictures -------------------------------------------------------------------------------------------------------------------
@@ -156,7 +156,7 @@ class RtspConnection(Connection):
             self._stream = None
 
     def take(self, picture: Picture) -> None:
-        """Send a picture, unless this client is slow: then none until the next that it can begin with."""
+        """Send a picture unless the client is slow. A slow client gets none until the next key picture."""
         if self.is_closing:
             return
         if self._waits_for_key and not picture.is_key:
@@ -176,7 +176,7 @@ class RtspConnection(Connection):
         if self.waiting + picture.size > self._config.queue_bytes:
             return False
         if self.waiting == 0:
-            self._heard()  # it reads, so it is there
+            self._heard()  # the client has read everything, so it is there
         channel = self._channel or 0
         framed = [part for packet in picture.packets for part in (_FRAME.pack(_DOLLAR, channel, len(packet)), packet)]
         if picture.report:
@@ -190,12 +190,12 @@ class RtspConnection(Connection):
         self._heard_at = self.loop.time()
 
     def _attend(self) -> None:
-        """Now and then: whether the client is still there."""
+        """Close a client that has been silent for too long. Called about once per second."""
         if self.is_closing:
             return
         if self._stream is not None and self._to is None and self.waiting == 0:
-            # Players write their sign of life between packets: while the world is paused none comes. What we wrote is read, and the
-            # connection is open, so it is there.
+            # Players send their keep-alive between packets, so none comes while the world is paused. But the client has read what we
+            # sent and the connection is open, so it is there.
             self._heard()
         patience = IDLE_S if self._stream is None else self._config.keep_alive_s
         rest = self._heard_at + patience - self.loop.time()
@@ -212,12 +212,12 @@ class RtspConnection(Connection):
         self._to = None
 
     def stop(self) -> None:
-        """It begins to end."""
+        """End the session: the connection is closing."""
         self._look.cancel()
         if self._session is not None:
             self._session.end()
         self._forget_udp()
 
     def closed(self) -> None:
-        """It has gone."""
+        """End the session: the connection is closed."""
         self.stop()

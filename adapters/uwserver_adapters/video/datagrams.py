@@ -1,4 +1,4 @@
-"""Pictures as datagrams, sent on a thread of their own: a large one is a thousand packets for each who takes it, too many for the loop."""
+"""Pictures as datagrams, sent on a thread of their own: a large picture is a thousand packets for each receiver, too many for the loop."""
 
 from __future__ import annotations
 
@@ -9,30 +9,31 @@ from collections.abc import Callable, Sequence
 from typing import Any, Final, Protocol
 
 from uwserver.adapter import AdapterStats, Worker
+from uwserver_adapters.video.stream import Picture
 
 WAITING: Final = 2
-"""Pictures that may be under way to one address, the one that is being sent among them."""
+"""Pictures that may be on their way to one address, including the one that is being sent."""
 PATIENCE_S: Final = 0.1
-"""Wall time that a picture waits for the system to take its packets; then the rest of it is left out."""
+"""Wall time for which a picture waits until the system accepts its packets. Then the rest of it is dropped."""
 
 Address = tuple[str, int]
 
 
 class Out(Protocol):
-    """A socket for datagrams that does not block."""
+    """A non-blocking socket for datagrams."""
 
     def sendto(self, data: bytes, address: Address, /) -> int:
-        """Send one."""
+        """Send a datagram."""
 
     def fileno(self) -> int:
-        """Its descriptor."""
+        """Return its file descriptor."""
 
 
 class Sender:
-    """The thread, for all addresses of an adapter. Loop thread, but for the sending.
+    """The thread that sends datagrams to all addresses of an adapter. Runs on the loop thread, except for the sending.
 
     Args:
-        stats: counts pictures of which the system did not take all.
+        stats: counts pictures that the system did not accept completely.
     """
 
     def __init__(self, stats: AdapterStats) -> None:
@@ -48,15 +49,15 @@ class Sender:
         return out
 
     def route(self, media: Out, to: Address) -> Route:
-        """Where the pictures of one go who takes them, by this socket."""
+        """Return a route for the pictures of one receiver, sent by this socket."""
         return Route(self, media, to)
 
     def hand_over(self, route: Route, parts: Sequence[tuple[Out, Address, Sequence[bytes]]]) -> bool:
-        """Send packets by their sockets; False when too much waits for the thread."""
+        """Send packets by their sockets. Returns False when too much waits for the thread."""
         return self._worker.send(lambda: self._send(route, parts))
 
     def _send(self, route: Route, parts: Sequence[tuple[Out, Address, Sequence[bytes]]]) -> None:
-        """On the thread."""
+        """Send packets. Runs on the sending thread."""
         end = self._time() + PATIENCE_S
         try:
             for out, to, packets in parts:
@@ -70,23 +71,23 @@ class Sender:
             route.done += 1
 
     async def close(self) -> None:
-        """End it, and close its sockets; what waits is not sent any more."""
+        """End the thread and close its sockets. Pictures that wait are dropped."""
         self._is_over = True
         await self._worker.run(self._close_sockets)
         await self._worker.close(lambda: None)
 
     def _close_sockets(self) -> None:
-        """On the thread, which uses them no more."""
+        """Close the sockets. Runs on the sending thread, which no longer uses them."""
         for out in self._sockets:
             out.close()
 
 
 class Route:
-    """To one who takes pictures. Loop thread, but for `done`.
+    """The way to one receiver. Runs on the loop thread, except for `done`.
 
     Attributes:
-        done: pictures that were sent, wholly or not; of the thread.
-        is_over: nothing more goes there, not even of a picture that is being sent.
+        done: pictures that were sent, complete or not; the sending thread counts them.
+        is_over: nothing more is sent there, not even the rest of a picture.
     """
 
     def __init__(self, sender: Sender, media: Out, to: Address) -> None:
@@ -98,7 +99,7 @@ class Route:
         self._to = to
 
     def send(self, packets: Sequence[bytes], *more: tuple[Out, Address, Sequence[bytes]]) -> bool:
-        """Packets of a picture, then others by sockets of their own; False when the ones before are still under way."""
+        """Send the packets of a picture, then others by sockets of their own. Returns False while earlier ones are still on their way."""
         if self._handed - self.done >= WAITING:
             return False
         self._handed += 1
@@ -108,6 +109,27 @@ class Route:
         return True
 
 
+class Target:
+    """Sends a stream to an address of the table, whether or not somebody listens there.
+
+    Args:
+        route: the route to the address. Reports are not sent, because the port after it may belong to another stream.
+        stats: the adapter's statistics.
+    """
+
+    def __init__(self, route: Route, stats: AdapterStats) -> None:
+        self._route = route
+        self._stats = stats
+
+    def take(self, picture: Picture) -> None:
+        """Send a picture, or drop it while earlier ones are still on their way."""
+        if self._route.send(picture.packets):
+            self._stats.samples_sent += 1
+            self._stats.bytes_sent += picture.size
+        else:
+            self._stats.dropped += 1
+
+
 def _is_sent(out: Out, packet: bytes, to: Address, rest_s: Callable[[], float]) -> bool:
     while True:
         try:
@@ -115,14 +137,14 @@ def _is_sent(out: Out, packet: bytes, to: Address, rest_s: Callable[[], float]) 
         except BlockingIOError:
             if not _is_free(out, rest_s()):
                 return False
-        except OSError:  # no way there, for now
+        except OSError:  # there is no way to the address now
             return False
         else:
             return True
 
 
 def _is_free(out: Any, rest_s: float) -> bool:
-    """Whether the system takes more, which is waited for."""
+    """Wait until the system accepts more, at most `rest_s`. Returns whether it does."""
     if rest_s <= 0.0:
         return False
     with selectors.DefaultSelector() as selector:

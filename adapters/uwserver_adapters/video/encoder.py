@@ -1,4 +1,4 @@
-"""Pixels to the payloads of RTP, by PyAV (libx264) or a library for JPEG. Called on the thread of one stream, never on the loop."""
+"""Encodes pixels to RTP payloads with PyAV (libx264) or a JPEG library. Runs on the thread of one stream, never on the loop."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from uwserver_adapters.video import h264, mjpeg
 from uwserver_adapters.video.rtp import LIMIT
 
 SMALLEST = 16
-"""Pixels of a side that an encoder takes; a smaller picture is filled up."""
+"""Smallest side that an encoder accepts, pixels. A smaller picture is padded."""
 _HD = 720
-"""Height from which players take colours for those of BT.709."""
+"""Height from which players assume the colours of BT.709."""
 
 
 class Coded(NamedTuple):
-    """One picture.
+    """One encoded picture.
 
     Attributes:
-        payloads: of RTP.
+        payloads: payloads for RTP.
         is_key: a receiver can begin with it.
         size: bytes.
-        format: what the description of a session says of the format; "" for nothing.
+        format: format parameters for the session description; "" for none.
     """
 
     payloads: list[bytes]
@@ -35,22 +35,22 @@ class Coded(NamedTuple):
 
 
 class Encoder(Protocol):
-    """Makes a stream of pictures."""
+    """Encodes the pictures of a stream."""
 
     def encode(self, shown: Pixels, wants_key: bool) -> Coded | None:
-        """The next picture; None where the encoder keeps it back.
+        """Return the next encoded picture; None if the encoder holds it back.
 
         Args:
-            shown: any size; a change of it begins anew.
-            wants_key: a receiver must be able to begin with it.
+            shown: pixels of any size; a change of size begins a new sequence.
+            wants_key: a receiver must be able to begin with this picture.
         """
 
     def close(self) -> None:
-        """End it."""
+        """Release the encoder."""
 
 
 class JpegEncoder:
-    """Each picture by itself.
+    """Encodes each picture on its own.
 
     Args:
         quality: 1 to 100.
@@ -60,21 +60,21 @@ class JpegEncoder:
         self._quality = quality
 
     def encode(self, shown: Pixels, wants_key: bool) -> Coded:
-        """See `Encoder`; raises `mjpeg.NotSendable`."""
+        """Encode a picture, see `Encoder`. Raises `mjpeg.NotSendable`."""
         data = jpeg(_filled(_in_colour(shown)), self._quality)
         return Coded(mjpeg.payloads(data, LIMIT), True, len(data), "")
 
     def close(self) -> None:
-        """It keeps nothing."""
+        """Do nothing: the encoder keeps nothing."""
 
 
 class H264Encoder:
-    """libx264 as for a call: no picture waits for later ones, one thread, a key picture each second with all parameters.
+    """Encodes with libx264 for low latency: no picture waits for later ones, one thread, and each second a key picture with all parameters.
 
     Args:
-        rate_hz: pictures a second of simulation time.
-        bit_rate: most bits a second.
-        preset: of x264; slower ones make the same quality with fewer bits.
+        rate_hz: pictures per second of simulation time.
+        bit_rate: most bits per second.
+        preset: preset of x264; slower ones reach the same quality with fewer bits.
     """
 
     def __init__(self, rate_hz: float, bit_rate: int, preset: str) -> None:
@@ -88,7 +88,7 @@ class H264Encoder:
         self._format = h264.format_parameters(None)
 
     def encode(self, shown: Pixels, wants_key: bool) -> Coded | None:
-        """See `Encoder`."""
+        """Encode a picture, see `Encoder`."""
         shown = _even(_filled(_in_colour(shown)))
         height, width = shown.shape[:2]
         if (width, height) != self._size:
@@ -110,7 +110,7 @@ class H264Encoder:
         return Coded(h264.payloads(units, LIMIT), h264.is_key(units), len(data), self._format)
 
     def close(self) -> None:
-        """Give its memory back."""
+        """Release the encoder's memory."""
         self._context = None
         self._size = (0, 0)
 
@@ -133,7 +133,7 @@ class H264Encoder:
 
 
 def _colours(height: int) -> tuple[str, int, int, int]:
-    """Name for the conversion, and matrix, primaries and transfer as H.264 numbers them (table E-3 to E-5)."""
+    """Return the colour space for the conversion, and matrix, primaries and transfer as H.264 numbers them (tables E-3 to E-5)."""
     return ("itu709", 1, 1, 1) if height >= _HD else ("itu601", 6, 6, 6)
 
 
@@ -147,6 +147,6 @@ def _filled(shown: Pixels) -> Pixels:
 
 
 def _even(shown: Pixels) -> Pixels:
-    """Without an odd last row or column: colours have half the resolution."""
+    """Return the picture without an odd last row or column: colours have half the resolution."""
     height, width = shown.shape[:2]
     return shown if not (height % 2 or width % 2) else np.ascontiguousarray(shown[: height & ~1, : width & ~1])

@@ -1,4 +1,4 @@
-"""H.264 in RTP (RFC 6184): what an encoder gives (Annex B) to payloads of single NAL units and fragments (FU-A). Sans-IO."""
+"""H.264 in RTP (RFC 6184): splits an encoder's byte stream (Annex B) into payloads of single NAL units and fragments (FU-A). Sans-IO."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ PAYLOAD_TYPE = 96
 ENCODING = "H264/90000"
 
 _START = b"\x00\x00\x01"
-_TYPE, _IMPORTANCE = 0x1F, 0x60
+_TYPE = 0x1F
 _KEY, _SEQUENCE, _PICTURE = 5, 7, 8
 _FRAGMENT = 28
 _FIRST, _LAST = 0x80, 0x40
 
 
 def nal_units(stream: bytes) -> list[bytes]:
-    """NAL units of a byte stream with start codes (H.264, Annex B). None of them ends with a zero, so those before a start code are its own."""
+    """Return the NAL units of a byte stream with start codes (H.264, Annex B). A unit never ends with zero, so zeros belong to the start code."""
     return [unit for part in stream.split(_START)[1:] if (unit := part.rstrip(b"\x00"))]
 
 
 def is_key(units: Iterable[bytes]) -> bool:
-    """Whether a decoder can begin with this picture."""
+    """Return whether a decoder can begin with this picture."""
     return any(unit[0] & _TYPE == _KEY for unit in units)
 
 
 def payloads(units: Iterable[bytes], limit: int) -> list[bytes]:
-    """Payloads of at most `limit` bytes, in order; a unit that is longer goes in fragments."""
+    """Return payloads of at most `limit` bytes, in order. A longer unit is sent in fragments."""
     found = []
     for unit in units:
         if len(unit) <= limit:
@@ -43,14 +43,14 @@ def payloads(units: Iterable[bytes], limit: int) -> list[bytes]:
 
 
 def parameter_sets(units: Sequence[bytes]) -> tuple[bytes, bytes] | None:
-    """Sequence and picture parameters, where both are among the units."""
+    """Return sequence and picture parameters if both are among the units."""
     found = {unit[0] & _TYPE: unit for unit in units}
     sequence, picture = found.get(_SEQUENCE), found.get(_PICTURE)
     return None if sequence is None or picture is None or len(sequence) < 4 else (sequence, picture)
 
 
 def format_parameters(sets: tuple[bytes, bytes] | None) -> str:
-    """What a description of a session says of the format (RFC 6184, 8.1); the parameters also come with each key picture."""
+    """Return the format parameters of a session description (RFC 6184, 8.1). The parameter sets also come with each key picture."""
     text = "packetization-mode=1"
     if sets is not None:
         given = ",".join(base64.b64encode(entry).decode() for entry in sets)

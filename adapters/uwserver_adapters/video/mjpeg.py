@@ -1,6 +1,6 @@
-"""JPEG in RTP (RFC 2435): each picture by itself, with its tables of quantisation. Sans-IO.
+"""JPEG in RTP (RFC 2435): each picture is complete, with its quantisation tables. Sans-IO.
 
-The Huffman tables are those of the standard's annex K, which the receiver knows and encoders use where nobody asks for better ones.
+The Huffman tables are those of the standard's annex K. The receiver knows them, and encoders use them unless asked for optimised ones.
 """
 
 from __future__ import annotations
@@ -10,25 +10,25 @@ import struct
 PAYLOAD_TYPE = 26
 ENCODING = "JPEG/90000"
 LARGEST = 255 * 8
-"""Pixels of a side: eighths of it are a byte."""
+"""Longest side, pixels: the header holds an eighth of it in a byte."""
 
 _START, _END, _TABLES, _FRAME, _HUFFMAN, _RESTART, _SCAN = 0xD8, 0xD9, 0xDB, 0xC0, 0xC4, 0xDD, 0xDA
 _TYPE_422, _TYPE_420 = 0, 1
 _OWN_TABLES = 255
-"""Quality that says: the tables follow."""
+"""Value of the quality that says that the tables follow."""
 _HEAD = struct.Struct(">I4B")
 _TABLE_HEAD = struct.Struct(">BBH")
 
 
 class NotSendable(Exception):
-    """A JPEG that this form cannot carry; the text says why."""
+    """RTP cannot carry this JPEG. The text says why."""
 
 
 def payloads(jpeg: bytes, limit: int) -> list[bytes]:
-    """Payloads of at most `limit` bytes of a baseline JPEG in colour, 4:2:0 or 4:2:2.
+    """Return payloads of at most `limit` bytes for a baseline JPEG in colour, 4:2:0 or 4:2:2.
 
     Raises:
-        NotSendable: it is another, too large, or none.
+        NotSendable: it is another kind of JPEG, too large, or no JPEG.
     """
     kind, width, height, tables, scan = _parts(jpeg)
     if max(width, height) > LARGEST:
@@ -48,7 +48,7 @@ def payloads(jpeg: bytes, limit: int) -> list[bytes]:
 
 
 def _parts(jpeg: bytes) -> tuple[int, int, int, bytes, bytes]:
-    """Type of RFC 2435, width, height, tables of quantisation, and the coded picture."""
+    """Return the type of RFC 2435, width, height, quantisation tables, and the coded picture."""
     if jpeg[:2] != bytes((0xFF, _START)):
         raise NotSendable("no JPEG")
     tables: dict[int, bytes] = {}

@@ -1,4 +1,4 @@
-"""RTP (RFC 3550): packets of one stream, the same for all who take it, and the sender's report. Sans-IO."""
+"""RTP (RFC 3550): the packets of one stream, the same for all receivers, and the sender reports. Sans-IO."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import struct
 from collections.abc import Sequence
 
 CLOCK_HZ = 90_000
-"""Of the stamps of video (RFC 6184, RFC 2435)."""
+"""Clock of the time stamps of video (RFC 6184, RFC 2435)."""
 LIMIT = 1200
-"""Bytes of a payload: with all heads it passes the 1280 bytes that every network takes."""
+"""Longest payload, bytes. With all headers a packet fits into 1280 bytes, which every network carries."""
 NTP_1970_S = 2_208_988_800
-"""From 1900, where NTP begins, to 1970 (RFC 5905)."""
+"""Seconds from 1900, where NTP begins, to 1970 (RFC 5905)."""
 
 _HEAD = struct.Struct(">BBHII")
 _REPORT = struct.Struct(">BBHIIIIII")
@@ -22,17 +22,17 @@ _NS = 1_000_000_000
 
 
 class Packets:
-    """Packets of one stream.
+    """The packets of one stream.
 
     Args:
-        payload_type: of the payload; below 96 as RFC 3551 has it, from 96 on as the description of the session says.
+        payload_type: type of the payload: below 96 from RFC 3551, from 96 on from the session description.
         source: number of the source (SSRC).
-        seq: of the first packet.
-        offset: of the stamps; both begin anywhere, so that streams are told apart.
-        epoch_unix_ns: time at which the simulation begins.
+        seq: sequence number of the first packet.
+        offset: offset of the time stamps. Both begin at any number, so that streams differ.
+        epoch_unix_ns: UTC of simulation time zero, ns since 1970.
 
     Attributes:
-        seq: of the next packet.
+        seq: sequence number of the next packet.
     """
 
     def __init__(self, payload_type: int, source: int, seq: int, offset: int, epoch_unix_ns: int) -> None:
@@ -45,11 +45,11 @@ class Packets:
         self._octets = 0
 
     def stamp(self, t_ns: int) -> int:
-        """Of a simulation time."""
+        """Return the time stamp of a simulation time."""
         return (self._offset + t_ns * 9 // 100_000) & 0xFFFF_FFFF
 
     def of(self, payloads: Sequence[bytes], t_ns: int) -> list[bytes]:
-        """The packets of one picture, which the last one is marked to end.
+        """Return the packets of one picture. The last one is marked.
 
         Args:
             payloads: at most `LIMIT` bytes each.
@@ -66,7 +66,7 @@ class Packets:
         return packets
 
     def report(self, t_ns: int) -> bytes:
-        """The sender's report, by which a receiver knows the time of each stamp: that of the simulation, not the machine's."""
+        """Return a sender report. It tells receivers which time a stamp means: simulation time, not the machine's."""
         seconds, rest = divmod(self._epoch_ns + t_ns, _NS)
         report = _REPORT.pack(
             _VERSION, _SENDER_REPORT, 6, self._source,

@@ -1,6 +1,6 @@
-"""RTSP 1.0 (RFC 2326) as bytes: requests and interleaved packets of a client, and answers. Sans-IO.
+"""RTSP 1.0 (RFC 2326) as bytes: a client's requests and interleaved packets, and answers. Sans-IO.
 
-Bytes may come in pieces of any size; what is too long, or no request, ends the conversation with an answer that says so.
+Bytes may come in pieces of any size. Something too long, or no request, ends the conversation with an answer that says so.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from typing import Final, NamedTuple
 
 HEAD_LIMIT: Final = 4096
-"""Bytes of a request's head."""
+"""Longest head of a request, bytes."""
 BODY_LIMIT: Final = 4096
-"""Bytes of a request's body: clients send none, or a few names of parameters."""
+"""Longest body of a request, bytes. Clients send none, or a few names of parameters."""
 VERSION: Final = "RTSP/1.0"
 
 _REASONS: Final[Mapping[int, str]] = {
@@ -33,8 +33,8 @@ class Request(NamedTuple):
     """A request.
 
     Attributes:
-        method, uri, version: of its first line.
-        headers: by their names in lower case; of several of a name the first counts.
+        method, uri, version: the first line.
+        headers: values by names in lower case; of several with one name the first counts.
         body: bytes.
     """
 
@@ -46,17 +46,17 @@ class Request(NamedTuple):
 
 
 class Interleaved(NamedTuple):
-    """A packet of RTP or RTCP between the requests."""
+    """A packet of RTP or RTCP between requests."""
 
     channel: int
     data: bytes
 
 
 class Malformed(NamedTuple):
-    """No request: where the next one begins is not known.
+    """Bytes that are no request. It is not known where the next one begins.
 
     Attributes:
-        status: of the answer.
+        status: status of the answer.
         text: what is wrong.
     """
 
@@ -68,28 +68,30 @@ Event = Request | Interleaved | Malformed
 
 
 class Reader:
-    """Bytes of one client. After `Malformed` nothing more is taken."""
+    """Splits the bytes of one client into events. After `Malformed` it takes nothing more."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()
         self._searched = 0
-        self._head: Request | None = None  # of a request whose body is still to come
+        self._head: Request | None = None  # a request whose body is not complete yet
         self._body = 0
         self._is_lost = False
 
     def receive(self, data: bytes) -> None:
-        """Store bytes in pieces of any size."""
+        """Store bytes, in pieces of any size."""
         if not self._is_lost:
             self._buffer += data
 
     def next_event(self) -> Event | None:
-        """What came next; None until more bytes come."""
+        """Return what came next; None until more bytes come."""
         if self._is_lost:
             return None
         if self._head is not None:
             return self._whole(self._head)
         if not self._searched:
-            self._skip_blanks()
+            del self._buffer[
+                : len(self._buffer) - len(self._buffer.lstrip(b"\r\n"))
+            ]  # blank lines between requests are ignored
         if not self._buffer:
             return None
         if self._buffer[0] == _DOLLAR:
@@ -101,14 +103,8 @@ class Reader:
             self._searched = len(self._buffer)
             return None
         at = end.end()
-        del end  # it holds the buffer
+        del end  # the match holds the buffer, which could not be shortened
         return self._request(at)
-
-    def _skip_blanks(self) -> None:
-        """Blank lines between requests count for nothing."""
-        found = len(self._buffer) - len(self._buffer.lstrip(b"\r\n"))
-        if found:
-            del self._buffer[:found]
 
     def _interleaved(self) -> Interleaved | None:
         if len(self._buffer) < 4:
@@ -141,7 +137,7 @@ class Reader:
         return self._whole(self._head)
 
     def _whole(self, head: Request) -> Request | None:
-        """A request with its body, once that is there."""
+        """Return a request with its body; None until the body is complete."""
         if len(self._buffer) < self._body:
             return None
         request = head._replace(body=bytes(self._buffer[: self._body]))
@@ -156,19 +152,19 @@ class Reader:
 
 
 def sequence_number(request: Request) -> str:
-    """The header `CSeq`, which the answer repeats; "" where it is none."""
+    """Return the header `CSeq`, which the answer repeats; "" if it is not valid."""
     seq = request.headers.get("cseq", "")
     return seq if seq.isascii() and seq.isdigit() and len(seq) <= _SEQ_LIMIT else ""
 
 
 def answer(status: int, seq: str, headers: Mapping[str, str] | None = None, body: str = "") -> bytes:
-    """An answer.
+    """Return an answer.
 
     Args:
-        status: code.
+        status: status code.
         seq: the request's `CSeq`; "" for none.
-        headers: further ones; their values hold no line ends.
-        body: its text; `headers` says what it is.
+        headers: further headers, whose values contain no line ends.
+        body: text of the body; `headers` gives its type.
     """
     lines = [f"{VERSION} {status} {_REASONS[status]}"]
     if seq:
@@ -180,12 +176,12 @@ def answer(status: int, seq: str, headers: Mapping[str, str] | None = None, body
 
 
 class Transport(NamedTuple):
-    """One way that a client offers to take packets.
+    """One way in which a client offers to receive packets.
 
     Attributes:
-        is_tcp: between the answers, on this connection.
-        pair: numbers of the channels, which follow each other, or the client's ports, for RTP and RTCP; None where it gives none.
-        destination: whom it names to send to; "" for none.
+        is_tcp: within this connection, between the answers.
+        pair: for RTP and RTCP, two successive channels, or two ports of the client; None if it gives none.
+        destination: receiver that the client names; "" for none.
     """
 
     is_tcp: bool
@@ -194,7 +190,7 @@ class Transport(NamedTuple):
 
 
 def transports(text: str) -> list[Transport]:
-    """The ways of a header `Transport` that can be served, as the client prefers them."""
+    """Return the ways in a header `Transport` that can be served, in the client's order."""
     found = []
     for offer in text.split(","):
         protocol, *options = [part.strip() for part in offer.split(";")]
@@ -213,7 +209,7 @@ def transports(text: str) -> list[Transport]:
 
 
 def _channels(text: str) -> tuple[int, int] | None:
-    """RTCP goes on the channel after that of RTP: both are one byte."""
+    """Return two channels. RTCP uses the channel after that of RTP, and both are one byte."""
     pair = _pair(text, 255)
     return pair if pair is not None and pair[1] == pair[0] + 1 else None
 

@@ -1,6 +1,6 @@
-"""What a client of RTSP asks, and what it gets: one session at most, of one stream, for each connection. Sans-IO.
+"""The RTSP session of a connection, at most one and of one stream: requests in, answers out. Sans-IO.
 
-The session ends with its connection, so media never go to an address that did not answer a handshake of TCP.
+The session ends with its connection, so pictures never go to an address that has not completed a TCP handshake.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from uwserver_adapters.video.rtsp import VERSION, Request, Transport, answer, se
 
 PUBLIC: Final = "OPTIONS, DESCRIBE, SETUP, PLAY, PAUSE, GET_PARAMETER, SET_PARAMETER, TEARDOWN"
 CONTROL: Final = "video"
-"""Name of the one medium of a stream, below the stream's."""
+"""Name of a stream's only medium, below the stream's path."""
 LOWEST_PORT: Final = 1024
-"""Of a client by UDP: those below belong to services of its machine."""
+"""Lowest UDP port of a client. Ports below belong to services of its machine."""
 _SDP: Final = "application/sdp"
 
 
 class Described(Protocol):
-    """A stream that can be asked for.
+    """A stream that can be requested.
 
     Attributes:
         name: its path.
@@ -30,38 +30,38 @@ class Described(Protocol):
     name: str
 
     def description(self) -> list[str]:
-        """Its lines in a description of a session."""
+        """Return its lines in a session description."""
 
 
 class Media(Protocol):
-    """How packets go to the client."""
+    """How packets reach the client."""
 
     def interleave(self, channel: int) -> None:
-        """Between the answers: RTP on this channel, RTCP on the next given."""
+        """Send packets between the answers: RTP on this channel, and RTCP on the next."""
 
     def open_udp(self, pair: tuple[int, int]) -> tuple[int, int] | None:
-        """To these ports of the client's own address; gives ours, None where there are none."""
+        """Send packets to these ports of the client's own address. Returns our ports, or None without any."""
 
     def play(self, stream: str) -> None:
-        """Begin with the next picture."""
+        """Begin with the next key picture."""
 
     def pause(self) -> None:
-        """No more for now; may be called again."""
+        """Send no more pictures for now. May be called again."""
 
 
 class Session:
-    """One client.
+    """The session of one client.
 
     Args:
         serial: number of the session, hexadecimal.
-        streams: that can be asked for, by name; may change.
-        media: of this client.
-        host: of the client, as a destination would name it.
-        keep_alive_s: that the client is told.
-        allows_udp: whether a client may ask for datagrams.
+        streams: streams that can be requested, by name; may change.
+        media: how packets reach the client.
+        host: the client's host, as a destination would name it.
+        keep_alive_s: time-out that is told to the client.
+        allows_udp: whether a client may request datagrams.
 
     Attributes:
-        is_playing: pictures go out.
+        is_playing: pictures are being sent.
         stream: name of the stream that was set up; "" for none.
     """
 
@@ -82,7 +82,7 @@ class Session:
         }  # fmt: skip
 
     def answer(self, request: Request) -> bytes:
-        """The answer to a request, once it has been obeyed."""
+        """Carry out a request, and return the answer."""
         seq = sequence_number(request)
         if not seq:
             return _refused(400, "", "a request has a header CSeq with its number")
@@ -98,7 +98,7 @@ class Session:
         return method(request, seq)
 
     def end(self) -> None:
-        """The client has gone, or is taken for gone."""
+        """End the session: the client has gone, or counts as gone."""
         self.stream = ""
         self._stop()
 
@@ -144,7 +144,7 @@ class Session:
         return _refused(461, seq, f"offer RTP/AVP/TCP;unicast;interleaved=0-1{udp}")
 
     def _agreed(self, offer: Transport) -> str:
-        """The header of an offer that is taken; "" where it is not."""
+        """Return the header `Transport` for an accepted offer, "" for one that is not accepted."""
         if offer.is_tcp:
             first, second = offer.pair or (0, 1)
             self._media.interleave(first)
@@ -175,7 +175,7 @@ class Session:
         return answer(200, seq, {"Session": self._serial})
 
     def _get_parameter(self, request: Request, seq: str) -> bytes:
-        """Without names it only says that the client is there; of no name is anything known."""
+        """Answer a keep-alive, which names no parameters. No parameters are known."""
         if request.body.strip():
             return answer(451, seq)
         return answer(200, seq, {"Session": self._serial} if self.stream else {})
@@ -210,7 +210,7 @@ def _name(uri: str) -> str:
 
 
 def _plain(text: str) -> str:
-    """Of what a peer said or a scenario names, what may stand in a line."""
+    """Return a text of a peer or a scenario with only characters that may stand in a line."""
     return "".join(char if "\x20" <= char <= "\x7e" else "?" for char in text)[:1024]
 
 

@@ -1,4 +1,4 @@
-"""One stream: samples of a port, encoded once on a thread of its own, for all who take it. Nothing is encoded for nobody."""
+"""One stream: the pictures of a port, encoded once for all receivers on a thread of its own, and only while there are receivers."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from uwserver_adapters.video.encoder import Coded, Encoder, H264Encoder, JpegEnc
 from uwserver_adapters.video.rtp import Packets
 
 WAITING = 2
-"""Pictures that may wait for the encoder, the one in work among them: what waits longer is late."""
+"""Pictures that may wait for the encoder, including the one that is being encoded. A picture that waits longer would be late."""
 FORCE_S = 0.5
-"""Wall time between two key pictures for those who came: who comes again and again does not make all others' pictures worse."""
+"""Wall time between two key pictures for new receivers. Without it a receiver that rejoins again and again would lower the quality for all."""
 REPORT_S = 5.0
-"""Wall time between two reports of the sender."""
+"""Wall time between two sender reports."""
 
 
 class Picture(NamedTuple):
-    """What goes to all who take a stream.
+    """An encoded picture for all receivers of a stream.
 
     Attributes:
-        packets: of RTP.
+        packets: RTP packets.
         is_key: a receiver can begin with it.
-        report: the sender's report, where one is due; else b"".
+        report: the sender report if one is due; else b"".
         size: bytes of all packets.
     """
 
@@ -41,29 +41,32 @@ class Picture(NamedTuple):
 
 
 class Taker(Protocol):
-    """Who takes a stream."""
+    """A receiver of a stream."""
 
     def take(self, picture: Picture) -> None:
-        """Send it, or leave it out. On the loop."""
+        """Send a picture, or leave it out. Called on the loop thread."""
 
 
 class Stream:
-    """Loop thread, but for the encoder.
+    """One stream. Runs on the loop thread, except for the encoder.
 
     Args:
-        name: as it is asked for.
+        name: its name in requests.
         table: how it is encoded.
-        port: whose pictures they are.
-        place: of the pictures among its fields.
-        context: of the adapter.
-        refusals: where it is told what could not be encoded.
-        changed: called when the first taker came, or the last has gone.
+        port: the port whose pictures it sends.
+        place: index of the pictures among the port's fields.
+        context: the adapter's context.
+        refusals: logs pictures that could not be encoded.
+        changed: called when the first receiver has joined, or the last one has left.
 
     Attributes:
         name, port: as given.
-        size: pixels of the last picture, width and height; (0, 0) before.
-        dropped: pictures that the encoder had no time for.
-        encoded: pictures.
+        rate_hz: pictures per second of simulation time.
+        bit_rate: most bits per second.
+        payload_type: payload type of RTP.
+        size: width and height of the last picture in pixels; (0, 0) before.
+        dropped: pictures for which the encoder had no time.
+        encoded: pictures that were encoded.
         octets: bytes of these.
     """
 
@@ -73,6 +76,9 @@ class Stream:
     ) -> None:  # fmt: skip
         self.name = name
         self.port = port
+        self.rate_hz = port.rate_hz or 1.0
+        self.bit_rate = table.bit_rate
+        self.payload_type = h264.PAYLOAD_TYPE if table.codec == "h264" else mjpeg.PAYLOAD_TYPE
         self.size = (0, 0)
         self.dropped = self.encoded = self.octets = 0
         self._table = table
@@ -90,45 +96,27 @@ class Stream:
         self._format = ""
         self._t_ns = 0
         self._shift_ns = 0
-        number = zlib.crc32(
-            name.encode()
-        )  # any: of the name, so that a receiver knows the stream again after a restart
+        # Any number will do. Derived from the name, it lets a receiver recognise the stream after a restart.
+        number = zlib.crc32(name.encode())
         epoch = datetime.fromisoformat(context.world.epoch_utc.replace("Z", "+00:00"))
-        self._packets = Packets(
-            h264.PAYLOAD_TYPE if table.codec == "h264" else mjpeg.PAYLOAD_TYPE,
-            number, number >> 16, number, int(epoch.timestamp() * 1e9),
-        )  # fmt: skip
+        epoch_ns = int(epoch.timestamp() * 1e9)
+        self._packets = Packets(self.payload_type, number, number >> 16, number, epoch_ns)
 
     @property
     def is_wanted(self) -> bool:
-        """Whether anybody takes it."""
+        """Whether there are receivers."""
         return bool(self._takers)
 
     @property
-    def rate_hz(self) -> float:
-        """Pictures a second of simulation time."""
-        return self.port.rate_hz or 1.0
-
-    @property
     def expected_size(self) -> tuple[int, int]:
-        """Width and height of the last picture, or as the port tells them; 0 where that is not known yet."""
+        """Width and height of the last picture, or what the port declares; 0 while unknown."""
         layout = self.port.fields[self._place].buffer
         if self.size != (0, 0) or not layout:
             return self.size
         return max(layout.shape[1], 0), max(layout.shape[0], 0)
 
-    @property
-    def bit_rate(self) -> int:
-        """Most bits a second."""
-        return self._table.bit_rate
-
-    @property
-    def payload_type(self) -> int:
-        """Of RTP."""
-        return h264.PAYLOAD_TYPE if self._table.codec == "h264" else mjpeg.PAYLOAD_TYPE
-
     def description(self) -> list[str]:
-        """Its lines in a description of a session (RFC 8866)."""
+        """Return its lines in a session description (RFC 8866)."""
         kind = self.payload_type
         lines = [
             f"m=video 0 RTP/AVP {kind}",
@@ -139,19 +127,19 @@ class Stream:
         return [*lines, f"a=framerate:{self.rate_hz:g}"]
 
     def join(self, taker: Taker) -> None:
-        """Somebody takes it: the next picture is one to begin with, unless one just was."""
+        """Add a receiver. The next picture is a key picture, unless one was forced just before."""
         self._wants_key = True
         self._takers[taker] = None
         if len(self._takers) == 1:
             self._changed()
 
     def leave(self, taker: Taker) -> None:
-        """Somebody takes it no more. May be called again."""
+        """Remove a receiver. May be called again."""
         if self._takers.pop(taker, self) is None and not self._takers:
             self._changed()
 
     def put(self, sample: Sample) -> None:
-        """A sample of the port."""
+        """Take a sample of the port, and encode its picture."""
         if not self._takers or not sample.valid or self._place >= len(sample.value):
             return
         if self._waiting >= WAITING:
@@ -176,20 +164,20 @@ class Stream:
         return True
 
     def _encode(self, value: Value, t_ns: int, wants_key: bool) -> None:
-        """On the stream's thread."""
+        """Encode a picture. Runs on the stream's thread."""
         coded: Coded | None = None
         fault, size = "", (0, 0)
         try:
             shown = pixels(value)
             if shown is not None:
                 size = (shown.shape[1], shown.shape[0])
-                self._encoder = self._encoder or self._made()
+                self._encoder = self._encoder or self._new_encoder()
                 coded = self._encoder.encode(shown, wants_key)
-        except Exception as error:  # noqa: BLE001  # of a library: told, and the world goes on
+        except Exception as error:  # noqa: BLE001  # a library may raise anything; it is reported, and the world goes on
             fault = f"{type(error).__name__}: {error}"
         self._loop.call_soon_threadsafe(self._deliver, coded, size, t_ns, fault)
 
-    def _made(self) -> Encoder:
+    def _new_encoder(self) -> Encoder:
         table = self._table
         if table.codec == "jpeg":
             return JpegEncoder(table.quality)
@@ -214,7 +202,7 @@ class Stream:
         for taker in list(self._takers):
             try:
                 taker.take(picture)
-            except Exception as error:  # noqa: BLE001  # one of many: told, and the others get theirs
+            except Exception as error:  # noqa: BLE001  # the fault of one receiver must not concern the others
                 stats.errors += 1
                 stats.last_error = f"{self.name}: {type(error).__name__}: {error}"[:300]
                 self._refusals.note(
@@ -222,7 +210,7 @@ class Stream:
                 )
 
     def _steady(self, t_ns: int) -> int:
-        """Time of a picture for receivers, who know no reset: it never goes back."""
+        """Return the time of a picture for receivers, which know no reset: it never goes back."""
         if t_ns + self._shift_ns <= self._t_ns and self.encoded > 1:
             self._shift_ns = self._t_ns + round(1e9 / self.rate_hz) - t_ns
         self._t_ns = t_ns + self._shift_ns
@@ -236,14 +224,14 @@ class Stream:
         return self._packets.report(t_ns)
 
     async def close(self) -> None:
-        """End it; pictures that wait for the encoder are waited for."""
+        """End the stream after the pictures that wait for the encoder."""
         self._takers.clear()
         if self._encoder is not None or self._waiting:
             await self._worker.run(self._finish)
         await self._worker.close(lambda: None)
 
     def _finish(self) -> None:
-        """On the stream's thread."""
+        """Release the encoder. Runs on the stream's thread."""
         encoder, self._encoder = self._encoder, None
         if encoder is not None:
             encoder.close()

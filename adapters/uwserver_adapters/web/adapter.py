@@ -1,4 +1,4 @@
-"""The `web` adapter: listens, and ends in order. What pages need is loaded with the first of them."""
+"""The `web` adapter: listens, and stops in order. The parts that pages need are loaded with the first connection."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ log = logging.getLogger(__name__)
 
 
 class WebAdapter:
-    """Serves the web view on one TCP port; it is its own `Subscriber`.
+    """Serves the web view on one TCP port. It is its own `Subscriber`.
 
     Attributes:
         peers: all connections.
@@ -46,7 +46,7 @@ class WebAdapter:
     def __init__(self, config: WebConfig, context: AdapterContext) -> None:
         self.config = config
         self.context = context
-        # A token that only lets watch protects nothing while whoever shows none may do all.
+        # A token for watching protects nothing while a page without any token may do everything.
         self._token = token_for(known_token(config.token), config.needs_token)
         refusals = Refusals(context.name, context.stats, asyncio.get_running_loop().time)
         self.peers: Peers[Peer] = Peers(
@@ -56,12 +56,12 @@ class WebAdapter:
 
     @property
     def token(self) -> str | None:
-        """That pages must show; None where none is needed."""
+        """Token that pages must show; None where none is needed."""
         return self._token.text
 
     @property
     def front(self) -> Front:
-        """All that pages meet."""
+        """Everything that serves pages, made at the first use."""
         if self._front is None:
             from uwserver_adapters.web.front import Front
 
@@ -75,7 +75,7 @@ class WebAdapter:
         """Serve until cancelled.
 
         Raises:
-            CannotListen: see there.
+            CannotListen: the port cannot be bound.
         """
         async with self._listening() as server:
             address = self._address(server.port)
@@ -93,7 +93,7 @@ class WebAdapter:
                     await self._front.close()
 
     def _reason(self) -> str:
-        """Why a token is needed."""
+        """Return why a token is needed."""
         return "has a view_token" if is_loopback(self.config.bind) else "can be reached from elsewhere"
 
     def _address(self, port: int) -> str:
@@ -103,7 +103,7 @@ class WebAdapter:
 
     @contextlib.asynccontextmanager
     async def _listening(self) -> AsyncIterator[Listener]:
-        """The port, or the first free one of several."""
+        """Listen at the port, or at the first free one of several."""
         config = self.config
         tls = tls_context(config.tls_cert, config.tls_key, config.tls_client_ca)
         async with contextlib.AsyncExitStack() as stack:
@@ -132,21 +132,21 @@ class WebAdapter:
         return () if self._front is None else self._front.pages.wanted
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
-        """Samples of one tick."""
+        """Pass the samples of a tick to the pages."""
         if self._front is not None:
             self._front.pages.put_samples(samples)
 
     @property
     def thinned(self) -> Thinned:
-        """Those of which they need not all samples."""
+        """Ports of which pages do not need all samples."""
         return {} if self._front is None else self._front.pages.thinned
 
     def send_samples(self) -> None:
-        """No more samples wait: those of the last ticks leave together."""
+        """Send the samples of the last ticks together."""
         if self._front is not None:
             self._front.pages.send_samples()
 
     def put_event(self, event: Event) -> None:
-        """Every page is told."""
+        """Tell every page of an event."""
         if self._front is not None:
             self._front.pages.put_event(event)

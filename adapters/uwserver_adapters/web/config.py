@@ -1,4 +1,4 @@
-"""The adapter's table in a scenario."""
+"""The table of the adapter `web` in a scenario."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ from uwserver.table import Name, Positive
 
 FIRST_PORT = 7680
 PORTS = 20
-"""Ports that are tried from the first on."""
+"""Number of ports that are tried, from the first on."""
 
 _Count = Annotated[int, Meta(ge=1)]
 
 
 class WebConfig(AdapterTable, tag="web", kw_only=True, frozen=True):
     """Attributes:
-    required: a view that cannot start does not end the server, unless this is true.
+    required: whether the server ends when the view cannot start.
     bind: address to listen at; anything but loopback needs a token.
     port: TCP port; 0 takes a free one; default: 7680, or the next free one.
-    token: pages must show it; default: the environment's UWSERVER_TOKEN; one is made and told where bind is not loopback or there is a view_token.
-    view_token: who shows this one instead may only watch.
+    token: token that pages must show; default: the environment's UWSERVER_TOKEN, or one that is generated and logged if one is needed.
+    view_token: a page that shows this token instead may only watch; a token is needed then.
     read_only: all pages may only watch.
-    exact_poses: pages see where vehicles really are, which is ground truth; default: on loopback.
-    allowed_hosts: names by which this server may be asked, beside its addresses and localhost; "*" for any.
-    allowed_origins: pages of other origins that may connect to the live data, as for `sockets`; by default none may.
-    frame_ancestors: origins of pages that may show the view in a frame; by default none may.
-    tls_cert, tls_key, tls_client_ca: as for `sockets`; the address is https then.
-    frames_hz: pictures of the state a second of wall time, at most.
-    max_pages: at a time.
-    max_strangers: connections besides, for files or not admitted yet; the oldest makes way.
-    max_requests_per_s: of one page; more are refused.
+    exact_poses: show pages the true poses of vehicles, which are ground truth; default: on loopback.
+    allowed_hosts: names by which browsers may address this server, besides its addresses and localhost; "*" for any.
+    allowed_origins: origins of other pages that may connect to the live data, as for `sockets`; default: none.
+    frame_ancestors: origins of pages that may show the view in a frame; default: none.
+    tls_cert, tls_key, tls_client_ca: as for `sockets`; the address is then https.
+    frames_hz: most states that are sent per second of wall time.
+    max_pages: pages at a time.
+    max_strangers: other connections at a time, for files or not admitted yet; a new one closes the oldest.
+    max_requests_per_s: requests of one page per second; more are refused.
     max_unanswered: commands and calls of one page that wait for the world.
-    max_subscriptions: of one page.
-    queue_samples, queue_bytes: that wait for a slow page, as for `sockets`.
+    max_subscriptions: subscriptions of one page.
+    queue_samples, queue_bytes: samples that wait for a slow page, as for `sockets`.
     hello_timeout_s: wall time in which a request must be complete, and a token shown.
     """
 
@@ -71,10 +71,10 @@ class WebConfig(AdapterTable, tag="web", kw_only=True, frozen=True):
 
     @property
     def needs_token(self) -> bool:
-        """Whether a token is made when none is given."""
+        """Whether a token is generated when none is given."""
         return self.view_token is not None or not is_loopback(self.bind)
 
     @property
     def shows_poses(self) -> bool:
-        """`exact_poses`, or its default."""
+        """Whether pages see true poses: `exact_poses`, or its default."""
         return is_loopback(self.bind) if isinstance(self.exact_poses, UnsetType) else self.exact_poses

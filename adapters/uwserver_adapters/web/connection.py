@@ -19,24 +19,24 @@ from uwserver_adapters.web.service import WebService
 from uwserver_adapters.web.site import LIVE, Site
 
 PIECE: Final = 1 << 16
-"""Bytes of an answer that are given to the transport at once."""
+"""Bytes of an answer that are given to the transport at a time."""
 TAKEN_S: Final = 5.0
 """Wall time in which a peer must have taken the last piece."""
 SEND_BUFFER: Final = 1 << 16
-"""Of the kernel, bytes, for live data: what waits there is old when it comes."""
+"""Bytes of live data that the kernel buffers: what waits there is old when it arrives."""
 
 
 class WebConnection(NativeConnection):
-    """Made for each connection.
+    """The connection of one browser.
 
     Args:
-        service: the native protocol of pages.
-        site: what can be asked by HTTP.
-        config: of the adapter.
-        peers: of it.
+        service: the native protocol for pages.
+        site: the answers to HTTP requests.
+        config: the adapter's table.
+        peers: the adapter's connections.
 
     Attributes:
-        serial: of its session; 0 before.
+        serial: serial number of its session; 0 before.
         wants_frames: see `Page`.
     """
 
@@ -56,12 +56,12 @@ class WebConnection(NativeConnection):
     # -- requests -------------------------------------------------------------------------------------------------------------------
 
     def takes_http(self, head: bytes) -> bool:
-        """All of it."""
+        """Take all HTTP requests."""
         self._is_http = True
         return True
 
     def receive(self, data: bytes) -> None:
-        """Store bytes; a request that is complete is answered, or opens a WebSocket."""
+        """Store received bytes. A complete request is answered, or opens a WebSocket."""
         if self._request is not None or not self._is_http:
             if self._is_http and not self._is_asked:
                 super().receive(data)
@@ -100,7 +100,7 @@ class WebConnection(NativeConnection):
         return Handshake(self._site.origins(self._request), self._config.allowed_hosts)
 
     def _answer(self, answer: Answer) -> None:
-        """Send an answer in pieces, as fast as the peer takes them, and end."""
+        """Send an answer in pieces, as fast as the peer takes them, and end the connection."""
         self._is_asked = True
         if self.is_closing:
             return
@@ -120,33 +120,33 @@ class WebConnection(NativeConnection):
                 self.farewell(bytes(piece), TAKEN_S)
 
     def resume_writing(self) -> None:
-        """The peer has read."""
+        """Continue an answer: the peer has read."""
         super().resume_writing()
         self._pump()
 
     def missed(self) -> None:
-        """It was not admitted in time; who takes a long file is none."""
+        """End a connection that was not admitted in time. A peer that still receives a long file is left alone."""
         if self._is_asked:
             if self._rest is None and not self.is_closing:
                 self._answer(text("503 Service Unavailable", "no answer was found in time: ask again"))
         elif self._request is None:
-            self.abort()  # browsers open connections to have them: nothing to warn of, and nobody who reads an answer
+            self.abort()  # browsers open connections in advance, so nothing is wrong, and nobody would read an answer
         else:
             super().missed()
 
     def opened(self) -> None:
-        """There is room for it. Who is locked out is told so by what it asks: the page itself needs no token."""
+        """Accept the connection. A locked-out host is told so only when it asks for data: the page itself needs no token."""
         self._ends_with_peer = self.transport.get_extra_info("sslcontext") is not None
 
     @property
     def is_owed(self) -> bool:
-        """Whether anything may still come for it."""
+        """Whether anything may still be sent."""
         return self._is_asked or super().is_owed
 
     # -- live data ------------------------------------------------------------------------------------------------------------------
 
     def begin(self, codec: Codec) -> Session:
-        """It is a page from now on."""
+        """Begin the session of a page."""
         session = super().begin(codec)
         self.serial = session.serial
         stream = self.transport.get_extra_info("socket")
@@ -156,7 +156,7 @@ class WebConnection(NativeConnection):
         return session
 
     def closed(self) -> None:
-        """It has gone."""
+        """End the session, if there is one."""
         session = self._session
         super().closed()
         if session is not None:
@@ -164,7 +164,7 @@ class WebConnection(NativeConnection):
 
     @property
     def is_clear(self) -> bool:
-        """Whether the transport has taken all that it was given, so that what is sent now is not late."""
+        """Whether the transport has taken everything, so that what is sent now arrives in time."""
         return (
             self._session is not None
             and self._session.admitted
@@ -181,7 +181,7 @@ class WebConnection(NativeConnection):
         self.write(data)
 
     def send_status(self, status: dict[str, Json]) -> None:
-        """Send the status, in the encoding of the session."""
+        """Send the status in the encoding of the session."""
         session = self._session
         if session is not None:
             self._outbox.put_reply(session.codec.frame(session.codec.encoding.notice("status", status)))

@@ -1,4 +1,4 @@
-"""The files of the page: which there are is found out once, at the first request, and nothing else is ever served."""
+"""The files of the page. They are listed once, at the first request, and nothing else is ever served."""
 
 from __future__ import annotations
 
@@ -25,8 +25,9 @@ KINDS: Final[Mapping[str, str]] = {
     ".glb": "model/gltf-binary",
     ".txt": "text/plain; charset=utf-8",
 }
-"""Files of other kinds are not served."""
-_PRESSED: Final = ("text/", "application/json", "image/svg")
+"""Content type by suffix. Files with other suffixes are not served."""
+_COMPRESSED: Final = ("text/", "application/json", "image/svg")
+"""Beginnings of the content types that are compressed."""
 INDEX: Final = "index.html"
 _MOST_FILES = 2000
 _IMPORT_MAP: Final = re.compile(rb'<script\s+type="importmap"\s*>(.*?)</script>', re.DOTALL)
@@ -40,9 +41,9 @@ class StaticFile(NamedTuple):
     """A file as it is sent.
 
     Attributes:
-        data, pressed: as it is, and by gzip; None where that is no use.
-        kind, etag: of HTTP.
-        scripts: hashes of scripts in the text of a page, for its Content-Security-Policy.
+        data, pressed: its content, and the same by gzip; None where that is not smaller.
+        kind, etag: content type and entity tag.
+        scripts: hashes of scripts within a page, for its Content-Security-Policy.
     """
 
     data: bytes
@@ -53,10 +54,10 @@ class StaticFile(NamedTuple):
 
 
 class Files:
-    """Files below a folder, by the path of a URL. Each is read and pressed once, when it is asked for first.
+    """Files below a folder, by the path of a URL. Each is read and compressed once, when it is first requested.
 
     Args:
-        folder: of the page; there need not be one.
+        folder: folder of the page, which need not exist.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -66,16 +67,16 @@ class Files:
         self._lock = threading.Lock()
 
     def has(self, path: str) -> bool:
-        """Whether there is such a file."""
+        """Return whether there is such a file."""
         return path == "/" or path in self._paths()
 
     def read(self, path: str) -> StaticFile:
-        """A file that is there. Takes up to 0.1 s the first time, most of it without the interpreter's lock: for another thread.
+        """Return a file. Must run on a thread: the first time it takes up to 0.1 s, most of it without the interpreter lock.
 
         Raises:
-            OSError: it was there when the first one was asked for, and cannot be read any more.
+            OSError: the file existed at the first request, but can no longer be read.
         """
-        with self._lock:  # who asks for the same meanwhile waits, and does not press it again
+        with self._lock:  # a second request for the same file waits instead of compressing it again
             known = self._known.get(path)
             if known is None:
                 place = self._paths().get(f"/{INDEX}" if path == "/" else path)
@@ -96,9 +97,9 @@ class Files:
 
 
 def made(data: bytes, kind: str) -> StaticFile:
-    """A file of these bytes."""
+    """Return a file with these bytes."""
     pressed = None
-    if kind.startswith(_PRESSED):
+    if kind.startswith(_COMPRESSED):
         packer = zlib.compressobj(9, zlib.DEFLATED, 31)
         pressed = packer.compress(data) + packer.flush()
         if len(pressed) >= len(data):
@@ -111,6 +112,6 @@ def made(data: bytes, kind: str) -> StaticFile:
 
 
 def page_folder() -> Path:
-    """Where the files of the page are: beside this module in an installation, in the folder of the clients in a checkout."""
+    """Return the folder of the page: beside this module in an installation, and in the clients' folder in a checkout."""
     beside = Path(__file__).parent / "page"
     return beside if beside.is_dir() else Path(__file__).parents[3] / "clients" / "web"

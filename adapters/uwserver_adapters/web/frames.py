@@ -1,4 +1,4 @@
-"""States and pictures as bytes: one message for all pages (docs/reference/web.md). Little endian."""
+"""States and pictures as bytes, one message for all pages (docs/reference/web.md). Little endian."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from uwserver.ports import SceneState
 STATE: Final = 1
 PICTURE: Final = 2
 PAUSED: Final = 1
-"""Flag of a state: time stands still."""
+"""Flag of a state: the world is paused."""
 HIDDEN: Final = 2
-"""Flag of a state: this server does not tell where bodies are."""
+"""Flag of a state: this server does not show where bodies are."""
 
 _STATE = struct.Struct("<BBHIq")
 _COUNT = struct.Struct("<H")
@@ -23,13 +23,16 @@ DEPTH: Final = 2
 SONAR: Final = 3
 FAN: Final = 4
 SIDES: Final = 5
-"""How a picture is coded: u8 each, JPEG, u16 each (mm), or f32 bearing (rad) and f32 range (m) before the u8 of a row of sonar; before those of an
-imaging sonar f32 azimuths of the first and the last beam (rad), and f32 ranges where the first row begins and the last one ends (m); of a side-scan
-sonar f32 range (m) before the u8 to port and those to starboard."""
+"""Codings of a picture.
+
+RAW is u8, JPEG a JPEG file, and DEPTH u16 in mm. SONAR is a row of a scanning sonar: f32 bearing (rad), f32 range (m), u8. FAN is a picture of an
+imaging sonar: f32 azimuths of the first and the last beam (rad), f32 ranges at the begin of the first and the end of the last row (m), u8. SIDES is
+a ping of a side-scan sonar: f32 range (m), u8 to port, u8 to starboard.
+"""
 
 
 def state_frame(state: SceneState, flags: int) -> bytes:
-    """`u8 kind, u8 flags, u16 count, u32 revision, i64 t_ns`, f32 x, y, z, w, x, y, z of each body, `u16 count`, i8 of each actuator."""
+    """Return `u8 kind, u8 flags, u16 count, u32 revision, i64 t_ns`, f32 x, y, z, w, x, y, z of each body, `u16 count`, i8 of each actuator."""
     is_shown = not flags & HIDDEN
     bodies = state.poses if is_shown else state.poses[:0]
     achieved = state.achieved if is_shown else state.achieved[:0]
@@ -42,5 +45,5 @@ def state_frame(state: SceneState, flags: int) -> bytes:
 
 
 def picture_frame(codec: int, port: int, width: int, height: int, t_ns: int, data: bytes) -> bytes:
-    """`u8 kind, u8 codec, u16 port, u16 width, u16 height, i64 t_ns`, then the picture."""
+    """Return `u8 kind, u8 codec, u16 port, u16 width, u16 height, i64 t_ns`, then the picture."""
     return _PICTURE.pack(PICTURE, codec, port, width, height, t_ns) + data

@@ -1,4 +1,4 @@
-"""All that pages meet, made when the first of them knocks: until then a web view costs an open port."""
+"""Everything that serves pages. It is made with the first connection, so until then a web view costs only an open port."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ class Front:
     """The parts of a web view.
 
     Args:
-        config, context: of the adapter.
-        token: that pages must show; None where none is needed.
+        config, context: the adapter's table and context.
+        token: token that pages must show; None where none is needed.
         peers: all connections.
 
     Attributes:
-        service: the native protocol of pages.
-        pages: those that are there.
-        site: what can be asked by HTTP.
+        service: the native protocol for pages.
+        pages: the open pages.
+        site: the answers to HTTP requests.
     """
 
     def __init__(self, config: WebConfig, context: AdapterContext, token: str | None, peers: Peers[Peer]) -> None:
@@ -43,11 +43,11 @@ class Front:
         self.site = Site(context, config, Files(page_folder()), self.service, peers.refusals)
 
     def greet(self) -> WebConnection:
-        """A connection for who knocks."""
+        """Return the protocol for a new connection."""
         return WebConnection(self.service, self.site, self._config, self._peers)
 
     async def close(self) -> None:
-        """Nothing is sent any more."""
+        """Send nothing more, and end all threads and tasks."""
         self.pages.close()
         await self.pages.pictures.close()
         await self.service.fanout.close()

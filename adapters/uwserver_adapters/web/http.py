@@ -1,4 +1,4 @@
-"""Requests and answers of HTTP/1.1, without a socket: heads without a body in, one answer a connection out."""
+"""HTTP/1.1 without a socket: reads the heads of requests without a body, and builds answers. One connection gets one answer."""
 
 from __future__ import annotations
 
@@ -11,18 +11,17 @@ HEAD_LIMIT = 16 << 10
 END: Final = b"\r\n\r\n"
 
 _FIRST: Final = re.compile(r"([!#$%&'*+\-.^_`|~0-9A-Za-z]+) ([!-~]+) HTTP/1\.[01]")
-_HEADER: Final = re.compile(
-    r"([!#$%&'*+\-.^_`|~0-9A-Za-z]+):([^\r\n\0]*)"
-)  # nothing that could be read in two ways: no peer buys time
+_HEADER: Final = re.compile(r"([!#$%&'*+\-.^_`|~0-9A-Za-z]+):([^\r\n\0]*)")
+"""No part of it matches in two ways, so no peer can make the match slow."""
 
 
 class Request(NamedTuple):
     """A request.
 
     Attributes:
-        method: as sent.
-        path: without what follows a question mark.
-        headers: all values of each, by its name in small letters.
+        method: as it was sent.
+        path: without a question mark and what follows it.
+        headers: all values of each header, by its name in lower case.
     """
 
     method: str
@@ -30,13 +29,13 @@ class Request(NamedTuple):
     headers: Mapping[str, tuple[str, ...]]
 
     def header(self, name: str) -> str:
-        """The one value of a header; "" for none or several, which is no less wrong."""
+        """Return the only value of a header; "" for none or several, which is just as wrong."""
         values = self.headers.get(name, ())
         return values[0] if len(values) == 1 else ""
 
 
 def parse(head: bytes) -> Request | None:
-    """The head of a request, without its last empty line; None for what is none."""
+    """Return the request of a head, which is given without its last empty line; None if it is not valid."""
     first, *lines = head.decode("latin-1").split("\r\n")
     request = _FIRST.fullmatch(first)
     headers: dict[str, list[str]] = {}
@@ -55,9 +54,9 @@ class Answer(NamedTuple):
 
     Attributes:
         status: code and phrase.
-        body: sent but for HEAD.
-        kind: of the body; "" where there is none.
-        headers: further ones.
+        body: the body, which is not sent for HEAD.
+        kind: content type; "" without a body.
+        headers: further headers.
     """
 
     status: str
@@ -66,7 +65,7 @@ class Answer(NamedTuple):
     headers: tuple[tuple[str, str], ...] = ()
 
     def head(self) -> bytes:
-        """All before the body. No page of another origin can read it, or have it for a script, style or picture of its own."""
+        """Return everything before the body. Pages of other origins can neither read the answer nor use it as a script, style or picture."""
         lines = [
             f"HTTP/1.1 {self.status}",
             f"Content-Length: {len(self.body)}",
@@ -82,12 +81,12 @@ class Answer(NamedTuple):
 
 
 def text(status: str, body: str, *headers: tuple[str, str]) -> Answer:
-    """A short text for people."""
+    """Return an answer with a short text."""
     return Answer(status, body.encode() + b"\n", headers=headers)
 
 
 def takes_gzip(request: Request) -> bool:
-    """Whether the peer understands gzip."""
+    """Return whether the peer accepts gzip."""
     for offer in ",".join(request.headers.get("accept-encoding", ())).split(","):
         name, _, weight = offer.partition(";")
         if name.strip().lower() in ("gzip", "*"):
@@ -96,6 +95,6 @@ def takes_gzip(request: Request) -> bool:
 
 
 def is_same(request: Request, etag: str) -> bool:
-    """Whether the peer has it already."""
+    """Return whether the peer already has this version."""
     known = ",".join(request.headers.get("if-none-match", ()))
     return etag in {each.strip().removeprefix("W/") for each in known.split(",")}

@@ -1,4 +1,4 @@
-"""Who may steer which vehicle: one page at a time, which says again and again that it is there."""
+"""Which page steers which vehicle: one page at a time, which must renew its lease."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from dataclasses import dataclass
 from uwserver.ports import Refused
 
 HELD_S = 2.0
-"""Wall time for which a lease is held without a sign of its page."""
+"""Wall time for which a lease lasts without being renewed."""
 
 
 @dataclass
 class Lease:
-    """A vehicle in the hands of a page.
+    """A vehicle that a page steers.
 
     Attributes:
-        page: its serial.
-        owner: what it calls itself.
-        until: loop time at which it is lost.
+        page: serial number of the page.
+        owner: the name that it gives itself.
+        until: loop time at which the lease ends.
     """
 
     page: int
@@ -30,8 +30,8 @@ class Leases:
     """All leases of an adapter.
 
     Args:
-        steady: a clock that never jumps, s (that of the loop).
-        lost: called with a vehicle and the page that has lost it without giving it back.
+        steady: a clock that never jumps, s (the loop's).
+        lost: called with a vehicle and the page whose lease has ended, in whatever way.
     """
 
     def __init__(self, steady: Callable[[], float], lost: Callable[[str, int], None]) -> None:
@@ -40,7 +40,7 @@ class Leases:
         self._held: dict[str, Lease] = {}
 
     def owner(self, vehicle: str) -> Lease | None:
-        """Who has a vehicle now."""
+        """Return the lease of a vehicle now."""
         lease = self._held.get(vehicle)
         return lease if lease is not None and lease.until > self._steady() else None
 
@@ -59,21 +59,20 @@ class Leases:
             )
 
     def take(self, page: int, owner: str, vehicle: str, force: bool) -> None:
-        """Give a vehicle to a page; from another one only by force, which that page is told by `lost`.
+        """Give a vehicle to a page. It is taken from another page only by force.
 
         Raises:
-            Refused: `denied`; somebody else has it.
+            Refused: `denied`, because another page has it.
         """
-        lease = self.owner(vehicle)
-        if lease is not None and lease.page != page and not force:
+        if not force and self.owner(vehicle) is not None:
             self.check(page, vehicle)
         held = self._held.get(vehicle)
-        if held is not None and held.page != page:  # perhaps run out, and not ended yet
-            self._end(vehicle)
+        if held is not None and held.page != page:  # also if it has run out and was not ended yet
+            self.end(vehicle)
         self._held[vehicle] = Lease(page, owner, self._steady() + HELD_S)
 
     def keep(self, page: int) -> list[str]:
-        """A sign of a page; returns the vehicles that it has."""
+        """Renew the leases of a page, and return its vehicles."""
         now = self._steady()
         mine = [vehicle for vehicle, lease in self._held.items() if lease.page == page and lease.until > now]
         for vehicle in mine:
@@ -81,22 +80,20 @@ class Leases:
         return mine
 
     def give(self, page: int, vehicle: str | None = None) -> list[str]:
-        """A page gives a vehicle back, or all that it has; returns those."""
+        """End the lease of a page for a vehicle, or all its leases. Returns the vehicles."""
         mine = [v for v, lease in self._held.items() if lease.page == page and vehicle in (None, v)]
         for each in mine:
-            self._end(each)
+            self.end(each)
         return mine
 
     def end(self, vehicle: str) -> None:
-        """Nobody steers a vehicle any more."""
-        if vehicle in self._held:
-            self._end(vehicle)
+        """End the lease of a vehicle, if there is one."""
+        lease = self._held.pop(vehicle, None)
+        if lease is not None:
+            self._lost(vehicle, lease.page)
 
     def expire(self) -> None:
-        """End those whose page gave no sign."""
+        """End the leases that were not renewed."""
         now = self._steady()
         for vehicle in [vehicle for vehicle, lease in self._held.items() if lease.until <= now]:
-            self._end(vehicle)
-
-    def _end(self, vehicle: str) -> None:
-        self._lost(vehicle, self._held.pop(vehicle).page)
+            self.end(vehicle)

@@ -1,4 +1,4 @@
-"""All pages that are there: each state is looked up and encoded once for all of them, and who cannot take it now gets a newer one later."""
+"""All open pages. Each state is requested and encoded once for all of them; a page that cannot take it now gets a later one."""
 
 from __future__ import annotations
 
@@ -12,49 +12,40 @@ from uwserver.ports import Event, Json, Progress, Refused, Reply, Sample, SceneS
 from uwserver_adapters.native.fanout import Fanout
 from uwserver_adapters.web.frames import HIDDEN, PAUSED, state_frame
 from uwserver_adapters.web.lease import Leases
-from uwserver_adapters.web.pictures import Pictures
+from uwserver_adapters.web.pictures import Pictures, Viewer
 
 STATUS_S = 0.5
-"""Wall time between two status messages, and between two states when nothing changes."""
+"""Wall time between two status messages, and between two states while nothing changes."""
 
 
-class Page(Protocol):
-    """A page, as the stream knows it.
+class Page(Viewer, Protocol):
+    """An open page.
 
     Attributes:
-        serial: of its session.
-        wants_frames: it draws states.
-        is_clear: all that it was sent has left this process, so that one more message is not one too many.
+        serial: serial number of its session.
+        wants_frames: whether it draws states.
     """
 
     serial: int
     wants_frames: bool
-
-    @property
-    def is_clear(self) -> bool:
-        """See above."""
-
-    def send_frame(self, body: bytes) -> None:
-        """Send a binary message."""
 
     def send_status(self, status: dict[str, Json]) -> None:
         """Send the status."""
 
 
 class Pages:
-    """The adapter's `Subscriber`, and what sends states to pages while there are any.
+    """The adapter's `Subscriber`. Also sends states and status while there are pages.
 
     Args:
-        context: of the adapter.
-        fanout: routes of samples.
-        leases: who steers what.
-        frames_hz: most states a second of wall time.
+        context: the adapter's context.
+        fanout: routes samples to subscribers.
+        leases: which page steers which vehicle.
+        frames_hz: most states per second of wall time.
         shows_poses: whether pages may know where bodies are.
 
     Attributes:
-        all: pages that are there.
-        pictures: what shows pictures and sonar.
-        looks: states that were asked for, in all.
+        all: the open pages.
+        pictures: sends pictures and sonar data to pages.
     """
 
     def __init__(
@@ -62,7 +53,6 @@ class Pages:
     ) -> None:
         self.all: dict[Page, None] = {}
         self.pictures = Pictures(context)
-        self.looks = 0
         self._context = context
         self._fanout = fanout
         self._leases = leases
@@ -80,13 +70,13 @@ class Pages:
     # -- pages ----------------------------------------------------------------------------------------------------------------------
 
     def enter(self, page: Page) -> None:
-        """A page is there."""
+        """Add a page."""
         self.all[page] = None
         if self._status_timer is None:
             self._tell_status()
 
     def leave(self, page: Page) -> None:
-        """A page has gone."""
+        """Remove a page."""
         self.all.pop(page, None)
         self.pictures.leave(page)
         self._context.follow_wants()
@@ -96,7 +86,7 @@ class Pages:
             self._status_timer = None
 
     def follow(self) -> None:
-        """What pages want has changed."""
+        """Start or stop sending states, after pages have changed what they want."""
         wanted = any(page.wants_frames for page in self.all)
         if wanted and self._timer is None:
             self._last = None
@@ -106,7 +96,7 @@ class Pages:
             self._timer = None
 
     def close(self) -> None:
-        """Nothing is sent any more."""
+        """Send nothing more."""
         for timer in (self._timer, self._status_timer):
             if timer is not None:
                 timer.cancel()
@@ -118,13 +108,12 @@ class Pages:
     def _turn(self) -> None:
         self._timer = self._loop.call_later(self._period_s, self._turn)
         if self._is_asked or not any(page.wants_frames and page.is_clear for page in self.all):
-            return  # the last one is still on its way, or nobody could take it
+            return  # a state is still on its way, or no page could take it
         try:
             self._context.look(self._show, "pages")
         except Refused:
             return
         self._is_asked = True
-        self.looks += 1
 
     def _show(self, state: SceneState) -> None:
         self._is_asked = False
@@ -182,26 +171,28 @@ class Pages:
 
     @property
     def wanted(self) -> frozenset[str]:
-        """Ports that anybody subscribes to, or sees pictures of."""
+        """Ports that pages subscribe to, or whose pictures they show."""
         return frozenset(self._fanout.wanted) | self.pictures.wanted
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
-        """Samples to those who have subscribed, pictures to those who see them."""
-        self.pictures.put_samples(samples)  # first: what is queued of the same tick is no reason to leave a picture out
+        """Send samples to subscribed pages, and pictures to the pages that show them."""
+        self.pictures.put_samples(
+            samples
+        )  # before the samples, because a page with samples in its queue gets no picture
         self._fanout.put_samples(samples)
 
     @property
     def thinned(self) -> Thinned:
-        """Ports of which nobody takes all samples; of pictures all are needed, as each may be the one that is shown."""
+        """Ports of which no page needs all samples. All pictures are needed, because each may be the one that is shown."""
         seen = self.pictures.wanted
         return {path: enough for path, enough in self._fanout.thinned.items() if path not in seen}
 
     def send_samples(self) -> None:
-        """Write the samples of some ticks, once a page."""
+        """Write the samples of the last ticks, once for each page."""
         self._fanout.send_samples()
 
     def put_event(self, event: Event) -> None:
-        """Every page is told."""
+        """Tell every page of an event."""
         if event.event in ("reset", "ports_changed"):
             self._last = None
             self.pictures.forget()
@@ -209,7 +200,7 @@ class Pages:
 
 
 def _recording(recorder: Json) -> dict[str, Json]:
-    """What pages are told of the recording that goes on, or was the last."""
+    """Return what pages are told of the recording in progress, or of the last one."""
     if not isinstance(recorder, dict):
         return {"recording": False, "recorder": None}
     path = str(recorder.get("path", ""))

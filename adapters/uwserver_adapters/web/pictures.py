@@ -1,6 +1,7 @@
-"""Pictures and rows of sonar for pages that look at them, encoded once; a slow page lowers its own rate and no one else's.
+"""Pictures and sonar rows for the pages that show them, encoded once. A slow page lowers only its own rate.
 
-Pictures of cameras become JPEG on a thread; without a library for it, and where numbers are meant and no looks, they go as they are.
+Camera pictures are encoded as JPEG on a thread. Without a JPEG library, and where the values are data rather than a picture, they are sent as
+they are.
 """
 
 from __future__ import annotations
@@ -16,27 +17,27 @@ from uwserver.ports import Buffer, Port, Refused, Sample, Value
 from uwserver_adapters.web.frames import DEPTH, FAN, JPEG, RAW, SIDES, SONAR, picture_frame
 
 MOST_PORTS = 32
-"""That one page looks at."""
+"""Ports whose pictures one page may show."""
 _SONAR_HEAD, _FAN_HEAD, _SIDES_HEAD = struct.Struct("<ff"), struct.Struct("<ffff"), struct.Struct("<f")
 _SIDE_LIMIT = 0xFFFF
 
 
 class Viewer(Protocol):
-    """Who looks at pictures."""
+    """A page that shows pictures."""
 
     @property
     def is_clear(self) -> bool:
-        """Whether one more message is not one too many."""
+        """Whether everything sent so far has left this process, so that one more message does not queue up."""
 
     def send_frame(self, body: bytes) -> None:
         """Send a binary message."""
 
 
 class Pictures:
-    """Which viewer looks at which ports, and what it has not said to have seen.
+    """Which viewer shows which ports, and which pictures it has not confirmed yet.
 
     Args:
-        context: of the adapter.
+        context: the adapter's context.
     """
 
     def __init__(self, context: AdapterContext) -> None:
@@ -50,11 +51,14 @@ class Pictures:
 
     @property
     def wanted(self) -> frozenset[str]:
-        """Ports that anybody looks at."""
+        """Ports that somebody shows."""
         return frozenset(self._wanted)
 
     def look(self, viewer: Viewer, ports: Sequence[str]) -> dict[str, int]:
-        """Show a viewer these ports and no others from now on; returns their numbers in the frames.
+        """Send a viewer the pictures of these ports, and of no others, from now on.
+
+        Returns:
+            The numbers of the ports in frames.
 
         Raises:
             Refused: unknown ports, ports without pictures, or too many.
@@ -74,11 +78,11 @@ class Pictures:
         return {path: self._numbers.setdefault(path, len(self._numbers) % _SIDE_LIMIT) for path in ports}
 
     def seen(self, viewer: Viewer, numbers: Sequence[int]) -> None:
-        """A viewer has shown its pictures of these ports, and can take others."""
+        """Note that a viewer has shown its pictures of these ports, and can take the next ones."""
         self._unseen -= {(viewer, number) for number in numbers}
 
     def leave(self, viewer: Viewer) -> None:
-        """A viewer looks at nothing any more."""
+        """Send a viewer no pictures any more."""
         for path in [path for path, viewers in self._wanted.items() if viewer in viewers]:
             del self._wanted[path][viewer]
             if not self._wanted[path]:
@@ -86,11 +90,11 @@ class Pictures:
         self._unseen = {(who, number) for who, number in self._unseen if who is not viewer}
 
     def forget(self) -> None:
-        """The world began anew: whoever waited for a picture need not say so."""
+        """Forget unconfirmed pictures, because the world was reset."""
         self._unseen.clear()
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
-        """Send what is looked at, to those who can take it."""
+        """Send pictures to the viewers that can take them."""
         if not self._wanted:
             return
         for sample in samples:
@@ -100,13 +104,13 @@ class Pictures:
             number, port = self._numbers[sample.port], self._context.ports.get(sample.port)
             if port is None or not self._takers(sample.port) or sample.port in self._in_work:
                 continue
-            if _is_looked_at(port):
+            if _is_photo(port):
                 self._encode(port, sample, number)
             else:
                 self._send(sample.port, number, encoded(port, sample, number))
 
     def _takers(self, path: str) -> list[Viewer]:
-        """Who has seen the picture before, and has room for the next."""
+        """Return the viewers that have confirmed the last picture of a port, and can take the next."""
         number = self._numbers[path]
         return [v for v in self._wanted.get(path, ()) if (v, number) not in self._unseen and v.is_clear]
 
@@ -116,7 +120,7 @@ class Pictures:
             viewer.send_frame(frame or b"")
 
     def _encode(self, port: Port, sample: Sample, number: int) -> None:
-        """One picture of a port at a time; who comes while it is in work is shown later ones."""
+        """Encode a picture on the thread, one of each port at a time. A viewer that joins in the meantime gets later ones."""
         if self._worker is None:
             self._worker = Worker("web pictures", self._context.stats)
 
@@ -143,7 +147,7 @@ class Pictures:
 
 
 def _fan(picture: Buffer, by_name: Mapping[str, Value], number: int, t_ns: int) -> bytes | None:
-    """A picture of ranges and beams; None where it does not hold counts of each azimuth."""
+    """Return a picture of ranges and beams as a frame; None if it does not hold counts for each azimuth."""
     azimuth, near, far = by_name["azimuth"], by_name.get("range_start", 0.0), by_name.get("range")
     fits = (
         isinstance(near, int | float)
@@ -161,7 +165,7 @@ def _fan(picture: Buffer, by_name: Mapping[str, Value], number: int, t_ns: int) 
 
 
 def _sides(by_name: Mapping[str, Value], number: int, t_ns: int) -> bytes | None:
-    """A ping of a side-scan sonar: both sides, nearest first; None where these are no counts of the same number."""
+    """Return a ping of a side-scan sonar as a frame, nearest counts first; None if the sides are not counts of the same length."""
     port, starboard, reach = by_name.get("port"), by_name.get("starboard"), by_name.get("range")
     if not isinstance(port, Buffer) or not isinstance(starboard, Buffer) or not isinstance(reach, int | float):
         return None
@@ -175,18 +179,18 @@ def _sides(by_name: Mapping[str, Value], number: int, t_ns: int) -> bytes | None
 
 
 def has_picture(port: Port) -> bool:
-    """Whether a sensor gives rows or pictures of bytes."""
+    """Return whether a sensor gives pictures or rows of bytes."""
     return port.direction == "sensor" and any(field.type == "buffer" for field in port.fields)
 
 
-def _is_looked_at(port: Port) -> bool:
-    """Whether a port gives pictures whose looks are meant: echoes of a sonar, which have a range, are numbers that the page lays out."""
+def _is_photo(port: Port) -> bool:
+    """Return whether a port gives pictures for people. Sonar echoes, which have a range, are data that the page arranges itself."""
     place = picture_place(port)
     return place is not None and can_encode_jpeg() and all(field.name != "range" for field in port.fields)
 
 
 def jpeg_frame(port: Port, sample: Sample, number: int) -> bytes | None:
-    """A picture as a frame with a JPEG; None where the sample holds none."""
+    """Return a picture as a frame with a JPEG; None if the sample has no picture."""
     place = picture_place(port)
     shown = pixels(sample.value[place]) if place is not None and place < len(sample.value) else None
     if shown is None or max(shown.shape) > _SIDE_LIMIT:
@@ -195,10 +199,10 @@ def jpeg_frame(port: Port, sample: Sample, number: int) -> bytes | None:
 
 
 def encoded(port: Port, sample: Sample, number: int) -> bytes | None:
-    """A sample as a frame; None where it holds no picture that a page can draw.
+    """Return a sample as a frame; None if it has no picture that a page can draw.
 
-    Rows with a `head_angle` and a `range` are those of a scanning sonar; a picture with an `azimuth` of each column is that of an imaging sonar;
-    rows named `port` and `starboard` with a `range` are a ping of a side-scan sonar.
+    A row with `head_angle` and `range` is from a scanning sonar, and a picture with an `azimuth` for each column from an imaging sonar. Rows named
+    `port` and `starboard` with a `range` are a ping of a side-scan sonar.
     """
     names = [field.name for field in port.fields]
     if len(names) != len(sample.value):

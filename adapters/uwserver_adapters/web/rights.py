@@ -1,4 +1,4 @@
-"""What pages may do: a context that asks for the lease before a vehicle is steered, and lets those that only watch read alone."""
+"""What pages may do: a context that wants a lease before a vehicle is steered, and lets pages that may only watch read."""
 
 from __future__ import annotations
 
@@ -43,16 +43,16 @@ SERVICES = {service.path: service for service in (TAKE, KEEP, GIVE, STOP)}
 
 
 class Rights:
-    """The context of all pages. A page is known by the serial with which its source begins.
+    """The context for all pages. A page is identified by the serial number at the beginning of its source.
 
     Args:
-        context: of the adapter.
-        read_only: nobody may do anything.
+        context: the adapter's context.
+        read_only: no page may change anything.
 
     Attributes:
-        name, stats: of the adapter.
-        leases: who steers what.
-        watching: pages that may only watch.
+        name, stats: the adapter's.
+        leases: which page steers which vehicle.
+        watching: serial numbers of pages that may only watch.
     """
 
     def __init__(self, context: AdapterContext, read_only: bool) -> None:
@@ -68,7 +68,7 @@ class Rights:
     def command(
         self, port: str, value: Mapping[str, object], source: str, on_reply: OnReply | None, queue: str = ""
     ) -> None:
-        """See `uwserver.adapter.AdapterContext.command`; `denied` for a page without the lease."""
+        """See `uwserver.adapter.AdapterContext.command`. Refuses with `denied` a page without the lease."""
         page = self._writing(source)
         if port in self._context.ports:
             self.leases.check(page, port.partition("/")[0])
@@ -84,11 +84,11 @@ class Rights:
         client: str = "",
         queue: str = "",
     ) -> Callable[[], bool]:
-        """See `uwserver.adapter.AdapterContext.call`; `denied` for a page that may only watch, or needs the lease."""
+        """See `uwserver.adapter.AdapterContext.call`. Refuses with `denied` a page that may only watch, or needs the lease."""
         if service in SERVICES:
             result = self._own(service, args, source)
             self._context.call("world/status", {}, source, lambda now: on_reply(structs.replace(now, result=result)))
-            return _too_late
+            return _cannot_cancel
         known = self._context.services.get(service)
         if known is not None and not known.reads_only and not _asks(service):
             page = self._writing(source)
@@ -139,11 +139,13 @@ class Rights:
     # -- all stop -------------------------------------------------------------------------------------------------------------------
 
     def stop(self, vehicle: str) -> None:
-        """Disarm a vehicle and put its actuators to neutral; what its pilot has asked for is taken back."""
+        """Disarm a vehicle, put its actuators to neutral, and end its lease."""
         lease = self.leases.owner(vehicle)
         queue = "" if lease is None else str(lease.page)
         if lease is not None:
-            self._commanded_of(lease.page, vehicle)  # all are put to neutral below, once
+            self._commanded_of(
+                lease.page, vehicle
+            )  # forgotten here, because all actuators are put to neutral below anyway
         self.leases.end(vehicle)
         services = self._context.services
         for path in [path for path in services if path.startswith(f"{vehicle}/") and path.endswith("/disarm")]:
@@ -153,43 +155,43 @@ class Rights:
                 self._neutral(path, queue)
 
     def leave(self, page: int) -> None:
-        """A page has gone."""
+        """Forget a page that has gone."""
         self.leases.give(page)
         self._commanded.pop(page, None)
         self.watching.discard(page)
 
     def _lost(self, vehicle: str, page: int) -> None:
-        """A page steers a vehicle no more: what it commanded last must not go on. An autopilot that it has sent somewhere goes on."""
+        """Stop what a page last commanded of a vehicle that it no longer steers. An autopilot continues to where it was sent."""
         for port in self._commanded_of(page, vehicle):
             self._neutral(port, str(page))
 
     def _commanded_of(self, page: int, vehicle: str) -> list[str]:
-        """What a page has commanded of a vehicle; counts as not commanded from now on."""
+        """Return the ports of a vehicle that a page has commanded, and forget them."""
         commanded = self._commanded.get(page, set())
         mine = sorted(port for port in commanded if port.startswith(f"{vehicle}/"))
         commanded.difference_update(mine)
         return mine
 
     def _neutral(self, port: str, queue: str) -> None:
-        """Neutral, and as active as before: who has deactivated it has a reason, and it is neutral already."""
+        """Put an actuator to neutral. One that was deactivated stays so: there is a reason for it, and it is neutral already."""
 
-        def told(answer: Reply | Progress) -> None:
+        def on_state(answer: Reply | Progress) -> None:
             now = answer.result if isinstance(answer, Reply) else None
             if isinstance(now, dict) and now.get("active") is False:
                 return
             for verb in ("deactivate", "activate"):
                 self._ask(f"{port}/{verb}", queue)
 
-        # In a queue of its own: it waits for nothing that the pilot has asked before, and no stop overtakes it.
-        if not self._ask(f"{port}/get", "all stop", told):
-            told(_UNKNOWN)
+        # This has a queue of its own, so it waits for nothing that the pilot has asked before, and no stop overtakes it.
+        if not self._ask(f"{port}/get", "all stop", on_state):
+            on_state(_UNKNOWN)
 
     def _ask(self, service: str, queue: str, on_reply: OnReply | None = None) -> bool:
-        """Whether it was asked."""
+        """Call a service without arguments. Returns whether it was called."""
         if service not in self._context.services:
             return False
         try:
-            self._context.call(service, {}, f"{queue or 'stop'} (all stop)", on_reply or _unheard, "", queue)
+            self._context.call(service, {}, f"{queue or 'stop'} (all stop)", on_reply or _ignore, "", queue)
         except Refused:
             self.stats.errors += 1
             return False
@@ -199,91 +201,79 @@ class Rights:
 
     @property
     def services(self) -> Mapping[str, Service]:
-        """Those of the world, and of pages."""
+        """Services of the world and of pages."""
         return {**self._context.services, **SERVICES}
 
     def describe(self, pattern: str = "**") -> dict[str, Json]:
-        """The world, and the services of pages."""
+        """Describe the world, and the services of pages."""
         described = self._context.describe(pattern)
         own = [msgspec.to_builtins(service) for path, service in SERVICES.items() if matches(pattern, path)]
         there = described["services"]
         assert isinstance(there, list)
         return {**described, "services": [*there, *own]}
 
-    # -- as it is -------------------------------------------------------------------------------------------------------------------
+    # -- unchanged: each member is forwarded by hand, so that pages never get a new one unchecked --------------------------------------
 
     @property
     def world(self) -> WorldFacts:
-        """As it is."""
         return self._context.world
 
     @property
     def ports(self) -> Mapping[str, Port]:
-        """As they are."""
         return self._context.ports
 
     def hello(self) -> dict[str, Json]:
-        """As it is."""
         return self._context.hello()
 
     def last(self, port: str) -> Sample | None:
-        """As it is."""
         return self._context.last(port)
 
     def read(self, ports: Sequence[str], on_samples: Callable[[Sequence[Sample]], None], source: str = "") -> None:
-        """As it is."""
         self._context.read(ports, on_samples, source)
 
     def look(self, on_state: Callable[[SceneState], None], source: str = "") -> None:
-        """As it is."""
         self._context.look(on_state, source)
 
     def scene(self, cast: Cast) -> SceneView:
-        """As it is."""
         return self._context.scene(cast)
 
     def mesh(self, sha256: str) -> bytes | None:
-        """As it is."""
         return self._context.mesh(sha256)
 
     def looks(self, sha256: str) -> bytes | None:
-        """As it is."""
         return self._context.looks(sha256)
 
     def attach(self, subscriber: Subscriber) -> Callable[[], None]:
-        """As it is."""
         return self._context.attach(subscriber)
 
     def follow_wants(self) -> None:
-        """As it is."""
         self._context.follow_wants()
 
     def tell_conflict(self, text: str) -> None:
-        """As it is."""
         self._context.tell_conflict(text)
 
     def join(self, client: str) -> Callable[[], None]:
-        """Pages take part in no lockstep barrier: a closed laptop would hold up the world."""
+        """Do nothing: a page takes part in no lockstep barrier, because a closed laptop would stop the world."""
         return _left
 
     def drive(self, client: str, driver: Driver, on_reply: OnReply) -> Callable[[], None]:
-        """Nor do they drive one."""
+        """Refuse: a page steps no world."""
         raise Refused("denied", "a page grants no ticks", client)
 
 
 def _left() -> None:
-    """Nothing was joined."""
+    """Do nothing: the page has not joined."""
 
 
-def _too_late() -> bool:
+def _cannot_cancel() -> bool:
     return False
 
 
-def _unheard(answer: Reply | Progress) -> None:
-    """Nobody waits for it."""
+def _ignore(answer: Reply | Progress) -> None:
+    """Ignore an answer."""
 
 
 def _asks(service: str) -> bool:
-    """Whether it changes nothing: properties of a part, gains and mission of an autopilot."""
+    """Return whether a service only reads: the state of a part, or gains and mission of an autopilot."""
     name = service.rpartition("/")[2]
     return name == "get" or name.startswith("get_")

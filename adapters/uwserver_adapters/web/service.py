@@ -1,4 +1,4 @@
-"""The native protocol as pages speak it: with a `view` of binary frames, and tokens that only let watch."""
+"""The native protocol for pages: with a `view` of binary frames, and a second token for pages that may only watch."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ class WebService(NativeService):
     """The native protocol, with what pages need besides.
 
     Args:
-        context: of the adapter.
-        tokens: of those who may do all, and of those who may only watch; None where there is none.
-        read_only: nobody may do anything.
-        allowance, requests_per_s: of each page.
-        refusals: counts what was refused.
+        context: the adapter's context.
+        tokens: the token for everything, and the token for watching; None where there is none.
+        read_only: no page may change anything.
+        allowance, requests_per_s: limits of each page.
+        refusals: counts and logs what was refused.
 
     Attributes:
-        rights: who may do what.
-        view_token: of those who may only watch.
-        pages: those that are there; set before the first.
+        rights: what pages may do.
+        view_token: the token for watching.
+        pages: the open pages; set before the first one.
     """
 
     pages: Pages
@@ -49,19 +49,19 @@ class WebService(NativeService):
         self._page_of: dict[Session, Page] = {}
 
     def open(self, session: Session, page: Page) -> None:
-        """A page speaks through a session."""
+        """Begin a page that uses a session."""
         self._page_of[session] = page
         self.pages.enter(page)
 
     def end(self, session: Session) -> None:
-        """Its page has gone."""
+        """End the page of a session."""
         page = self._page_of.pop(session, None)
         if page is not None:
             self.pages.leave(page)
         self.rights.leave(session.serial)
 
     def take(self, session: Session, request: Request, host: str) -> Fault | None:
-        """Carry out a request; gives the fault with which the connection must end, if there is one."""
+        """Carry out a request. Returns the fault that must end the connection, if there is one."""
         if request.method in _VERBS and session.admitted:
             self._carry_out(session, request)
             return None
@@ -78,7 +78,7 @@ class WebService(NativeService):
         return isinstance(given, str) and self.view_token is not None and is_equal(given, self.view_token)
 
     def knows(self, token: str) -> bool:
-        """Whether it is one of the two tokens."""
+        """Return whether a text is one of the two tokens."""
         return any(is_equal(token, known) for known in (self.token, self.view_token) if known is not None)
 
     def _carry_out(self, session: Session, request: Request) -> None:
@@ -88,7 +88,7 @@ class WebService(NativeService):
             session.refuse(request.id, refused.fault)
 
     def view(self, page: Page, request: Request) -> object:
-        """Which binary frames a page wants; all pictures that it was sent count as seen."""
+        """Set which binary frames a page wants. All pictures that it was sent count as shown."""
         params = read.taken(request, ("frames", "pictures"))
         frames, pictures = params.get("frames", page.wants_frames), params.get("pictures")
         if not isinstance(frames, bool):
@@ -103,7 +103,7 @@ class WebService(NativeService):
         return {"frames": frames, "pictures": numbers}
 
     def seen(self, page: Page, request: Request) -> object:
-        """Pictures of these ports were drawn."""
+        """Note that a page has shown its pictures of these ports."""
         params = read.taken(request, ("pictures",))
         numbers = params.get("pictures")
         if not isinstance(numbers, list) or not all(isinstance(n, int) for n in numbers):
@@ -113,7 +113,7 @@ class WebService(NativeService):
 
 
 def is_equal(given: str, known: str) -> bool:
-    """Whether two tokens are the same; takes as long for any that is wrong."""
+    """Return whether two tokens are equal. Takes equally long for all wrong ones."""
     return hmac.compare_digest(given.encode("utf-8", "replace"), known.encode())
 
 

@@ -1,4 +1,4 @@
-"""What can be asked by HTTP: the page, what the world looks like, and whether the server is well."""
+"""The answers to HTTP requests: the page, a description of the scene, and whether the server is healthy."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ import asyncio
 import logging
 import re
 from collections.abc import Callable, Coroutine
-from typing import Final, Protocol
+from typing import Final
 
 import msgspec
 
 from uwserver.adapter import AdapterContext, Refusals, is_host_known
 from uwserver.ports import Progress, Refused, Reply, SceneState
-from uwserver_adapters.native.limits import Lockout
 from uwserver_adapters.web.config import WebConfig
 from uwserver_adapters.web.files import Files, StaticFile, made
 from uwserver_adapters.web.http import Answer, Request, is_same, takes_gzip, text
+from uwserver_adapters.web.service import WebService
 
 log = logging.getLogger(__name__)
 
@@ -30,44 +30,34 @@ _WANTS_TOKEN: Final = text(
 )
 
 
-class Keeper(Protocol):
-    """Who knows the tokens."""
-
-    token: str | None
-    lockout: Lockout
-
-    def knows(self, token: str) -> bool:
-        """Whether it is one of them."""
-
-
 class Site:
     """Answers requests.
 
     Args:
-        context: of the adapter.
-        config: of it.
-        files: of the page.
-        keeper: of tokens.
-        refusals: counts what was refused.
+        context: the adapter's context.
+        config: the adapter's table.
+        files: the files of the page.
+        service: knows the tokens.
+        refusals: counts and logs what was refused.
     """
 
     def __init__(
-        self, context: AdapterContext, config: WebConfig, files: Files, keeper: Keeper, refusals: Refusals
+        self, context: AdapterContext, config: WebConfig, files: Files, service: WebService, refusals: Refusals
     ) -> None:
         self._context = context
         self._config = config
         self._files = files
-        self._keeper = keeper
+        self._service = service
         self._refusals = refusals
         self._scene: tuple[int, asyncio.Future[StaticFile]] | None = None
-        self._has_failed = False
+        self._has_logged_failure = False
         self._reading: set[asyncio.Task[None]] = set()
 
     def objection(self, request: Request) -> Answer | None:
-        """Why a request is not answered, whatever it asks for."""
+        """Return why a request is refused, whatever it asks for; None if it is not."""
         hosts = request.headers.get("host", ())
         if len(hosts) != 1 or not is_host_known(hosts[0], self._config.allowed_hosts):
-            # A page whose name was made to point here (DNS rebinding) is of our origin for its browser.
+            # With DNS rebinding another page's name points here, and its browser takes us for that page's origin.
             name = hosts[0][:200] if hosts else ""
             reason = f'"{name}" is no name of this server that it knows: ask by address, or add it to allowed_hosts'
             self._refusals.note("host", reason)
@@ -78,17 +68,17 @@ class Site:
         return None
 
     def origins(self, request: Request) -> tuple[str, ...]:
-        """Origins of pages that may connect to the live data: that of this page, and configured ones."""
+        """Return the origins of pages that may connect to the live data: that of this page, and configured ones."""
         host = request.header("host")
         scheme = "http" if self._config.tls_cert is None else "https"
         return (f"{scheme}://{host}", *self._config.allowed_origins)
 
     def answer(self, request: Request, host: str, on_answer: OnAnswer) -> None:
-        """Answer a peer at a host now or later, once."""
+        """Answer a request of a host once, now or later."""
         found = self.objection(request)
         path = request.path
         if found is None and self._files.has(path):
-            self._send_file(request, on_answer)
+            self._later(self._file(request, on_answer))
             return
         if found is None:
             found = self._objection_to_data(request, host)
@@ -98,17 +88,17 @@ class Site:
         on_answer(found or self._data(path))
 
     def _objection_to_data(self, request: Request, host: str) -> Answer | None:
-        """Data go to our own page, and to clients that are no browsers."""
+        """Return why a request gets no data. Only our own page gets them, and clients that are not browsers."""
         site = request.header("sec-fetch-site")
         if site not in ("", "same-origin", "none"):
             self._refusals.note("origin", f"a page of another origin ({site}) asked for {request.path[:100]}")
             return text("403 Forbidden", "pages of other origins get no data")
-        if self._keeper.token is not None:
-            now, lockout = asyncio.get_running_loop().time(), self._keeper.lockout
+        if self._service.token is not None:
+            now, lockout = asyncio.get_running_loop().time(), self._service.lockout
             if lockout.is_out(host, now):
                 return text("429 Too Many Requests", lockout.fault.text)
             kind, _, token = request.header("authorization").partition(" ")
-            if kind.lower() != "bearer" or not self._keeper.knows(token.strip()):
+            if kind.lower() != "bearer" or not self._service.knows(token.strip()):
                 self._refusals.note("denied", "data were asked for without the token")
                 if token and lockout.wrong(host, now):
                     self._refusals.note("lockout", lockout.fault.text)
@@ -139,9 +129,6 @@ class Site:
 
     # -- files ----------------------------------------------------------------------------------------------------------------------
 
-    def _send_file(self, request: Request, on_answer: OnAnswer) -> None:
-        self._later(self._file(request, on_answer))
-
     async def _file(self, request: Request, on_answer: OnAnswer) -> None:
         try:
             found = await asyncio.get_running_loop().run_in_executor(None, self._files.read, request.path)
@@ -151,7 +138,7 @@ class Site:
         on_answer(_sent(request, found, (("Content-Security-Policy", self.policy(found)),)))
 
     def policy(self, page: StaticFile) -> str:
-        """What a browser lets the page do: nothing that is not of this server."""
+        """Return what a browser lets the page do: nothing that is not from this server."""
         ancestors = " ".join(self._config.frame_ancestors) or "'none'"
         scripts = " ".join(("'self'", *page.scripts))
         return (
@@ -173,24 +160,24 @@ class Site:
 
     async def _described(self, state: SceneState, request: Request, on_answer: OnAnswer) -> None:
         try:
-            # One for all that ask meanwhile; who goes away takes it from nobody.
+            # All requests in the meantime share one description. The shield keeps it for the others when one of them goes away.
             packed = await asyncio.shield(self._packed_scene(state))
-        except Exception:  # a fault of ours is told to who asks, too
-            if not self._has_failed:
-                self._has_failed = True
+        except Exception:  # a fault of ours; the client is told too
+            if not self._has_logged_failure:
+                self._has_logged_failure = True
                 log.exception("the scene cannot be described")
             on_answer(text("500 Internal Server Error", "the server failed to describe the scene: see its log"))
             return
         on_answer(_sent(request, packed, ()))
 
     def _packed_scene(self, state: SceneState) -> asyncio.Future[StaticFile]:
-        """Made once a revision."""
+        """Return the description of the scene, which is made once for each revision."""
         revision = state.cast.revision
         if self._scene is None or self._scene[0] != revision or _has_failed(self._scene[1]):
             scene = self._context.scene(state.cast)
             extra = {"exact_poses": self._config.shows_poses, "read_only": self._config.read_only}
             data = msgspec.json.encode({**msgspec.structs.asdict(scene), **extra})
-            self._scene = revision, asyncio.get_running_loop().run_in_executor(None, _packed, data)
+            self._scene = revision, asyncio.get_running_loop().run_in_executor(None, made, data, _JSON)
         return self._scene[1]
 
     def _later(self, work: Coroutine[None, None, None]) -> None:
@@ -199,22 +186,18 @@ class Site:
         task.add_done_callback(self._reading.discard)
 
     async def close(self) -> None:
-        """End what is under way."""
+        """Cancel answers in progress."""
         for task in list(self._reading):
             task.cancel()
         await asyncio.gather(*self._reading, return_exceptions=True)
 
 
-def _has_failed(made_once: asyncio.Future[StaticFile]) -> bool:
-    return made_once.done() and (made_once.cancelled() or made_once.exception() is not None)
-
-
-def _packed(data: bytes) -> StaticFile:
-    return made(data, _JSON)
+def _has_failed(work: asyncio.Future[StaticFile]) -> bool:
+    return work.done() and (work.cancelled() or work.exception() is not None)
 
 
 def _sent(request: Request, found: StaticFile, headers: tuple[tuple[str, str], ...]) -> Answer:
-    """A file as this peer takes it."""
+    """Return a file in the form that this peer accepts."""
     headers = (*headers, _ANEW, ("ETag", found.etag), ("Vary", "Accept-Encoding"))
     if is_same(request, found.etag):
         return Answer("304 Not Modified", b"", "", headers)

@@ -1,4 +1,4 @@
-"""What all links share: how they are named, what they are for the adapter, and how much may wait."""
+"""What all links share: their contract, how they are named, and how much may be buffered."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ from uwserver_adapters.mavlink.links.router import Router
 RETRY_S = 1.0
 """Wall time between two attempts to connect."""
 WAITING, READY = 1 << 18, 1 << 14
-"""Bytes that may wait for a peer before frames are dropped, and below which downloads go on."""
+"""Buffered bytes per peer: above the first number frames are dropped, below the second downloads continue."""
 RIVAL, PORT_KEY = "a ground station", "its port in links"
-"""Who most likely holds a port that is in use, and what gives another."""
+"""What most likely holds a port that is in use, and where the user sets another one. For error texts."""
 
 Address = tuple[str, int]
 
 
 class BadLink(CannotServe):
-    """A link of the table cannot be had; the text says why and what to do."""
+    """A link of the table cannot be opened. The text says why and what to do."""
 
 
 class Link:
     """One entry of `links`.
 
     Args:
-        address: as a user would type it.
-        router: of the vehicle.
+        address: the link as a user would type it.
+        router: the router of the vehicle.
 
     Attributes:
-        address: with the port that it has really got, once it is open.
+        address: once the link is open, with the port that it really has.
     """
 
     def __init__(self, address: str, router: Router) -> None:
@@ -36,15 +36,16 @@ class Link:
         self._stats = router.context.stats
 
     async def open(self) -> None:
-        """Make it ready for peers. Raises CannotServe when that is impossible."""
+        """Make the link ready for peers. Raises CannotServe when that is impossible."""
+        await self.attend()
 
     async def attend(self) -> None:
-        """To be called about once a second: connect again, forget the silent."""
+        """Connect again if needed, and forget silent peers. Called about once per second."""
 
     async def close(self) -> None:
-        """Leave nothing behind."""
+        """Close everything that `open` has opened."""
 
 
 def shown(kind: str, address: Address) -> str:
-    """A link as a user would type it."""
+    """Return a link as a user would type it."""
     return f"{kind}:{address_text(*address)}"

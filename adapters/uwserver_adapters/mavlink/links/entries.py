@@ -1,4 +1,4 @@
-"""The links of the table: UDP, TCP, serial lines and zenoh."""
+"""Makes the links that the table names: UDP, TCP, serial lines and zenoh."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _SOCKETS: dict[str, Callable[[Address, Router], Link]] = {
 
 
 def make(text: str, router: Router) -> Link:
-    """A link from its text.
+    """Return the link that a text describes.
 
     Raises:
-        BadLink: the text says what is wrong.
+        BadLink: the text is no link.
     """
     kind, _, rest = text.partition(":")
     if kind == "serial" and rest:

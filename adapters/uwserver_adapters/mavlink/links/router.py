@@ -1,13 +1,12 @@
-"""All channels of one vehicle: bytes in, routing, the vehicle, bytes out. Sans-IO but for the log."""
+"""All channels of one vehicle: decodes and routes what comes in, and encodes what the vehicle says. Sans-IO, except for the log."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 
-from uwserver.adapter import AdapterContext, Refusals, TurnTimes
+from uwserver.adapter import AdapterContext, LogFile, Refusals, TurnTimes
 from uwserver.ports import Event, Json, Sample
 from uwserver_adapters.mavlink.links.routes import Routes
-from uwserver_adapters.mavlink.links.tlog import Tlog
 from uwserver_adapters.mavlink.vehicle.ardusub import ArduSub
 from uwserver_adapters.mavlink.vehicle.bridge import INFO, WARNING
 from uwserver_adapters.mavlink.vehicle.config import MavlinkConfig
@@ -19,36 +18,37 @@ from uwserver_adapters.mavlink.wire.signing import EPOCH_S, KEY_SIZE, STAMPS_PER
 from uwserver_adapters.mavlink.wire.streams import Streams
 
 COMPONENT = 1
-"""The autopilot's; ground stations look at no other."""
+"""Component number of the autopilot; ground stations look at no other."""
 _UNSIGNED = frozenset({"RADIO", "RADIO_STATUS"})
-_AT_ONCE = 1024
-"""Frames, and pieces that are none, which are looked at in one datagram or one piece of a serial line; it has far fewer."""
-_PARTS = 60
-"""Messages of downloads that a channel gets between two ticks: 1200/s at the usual 20 ticks a second."""
+_FRAMES_AT_ONCE = 1024
+"""Frames and malformed pieces that are decoded from one datagram or one read of a serial line. Real ones have far fewer."""
+_PARTS_PER_TICK = 60
+"""Download messages that a channel gets between two ticks: 1200/s at the usual 20 ticks per second."""
 
 
 class Router:
-    """The adapter's `Subscriber`. Loop thread.
+    """The adapter's `Subscriber`. Runs on the loop thread.
 
     Args:
         config: the adapter's table.
         context: the world.
         vehicle: name of the vehicle.
         dialect: the messages.
-        steady: a clock that never jumps, s (that of the loop).
+        steady: a clock that never jumps, s (the loop's).
         unix_s: seconds since 1970 now.
 
     Attributes:
         context: the world.
-        vehicle: its state machine.
-        channels: those that are open, by number.
+        vehicle: the vehicle's state machine.
+        channels: the open channels, by number.
         dialect: the messages.
-        refusals: of links.
-        turns: of peers by UDP.
+        refusals: counts and logs what links refuse.
+        turns: shares the time between UDP peers.
+        counters: counts what was received and not used, by reason.
 
     Raises:
         OSError: the log cannot be written.
-        ValueError: a parameter of the table is none.
+        ValueError: the table has a parameter that does not exist, or a value that it cannot have.
     """
 
     def __init__(
@@ -75,38 +75,43 @@ class Router:
         self._payloads_of = -1
         self._shown_at = 0.0
         self.vehicle = ArduSub(config, context, vehicle, dialect, self.send)
-        self._counters = self.vehicle.bridge.counters
-        self._others = Others(config.externals, context, self.vehicle.bridge.home, self._counters)
-        self._tlog = Tlog(config.tlog, lambda: int((steady() + self._offset) * 1e6), context) if config.tlog else None
+        self.counters = self.vehicle.bridge.counters
+        self._others = Others(config.externals, context, self.vehicle.bridge.home, self.counters)
+        self._tlog = LogFile(config.tlog, context) if config.tlog else None
 
     def _stamp(self) -> int:
         return int((self._steady() + self._offset - EPOCH_S) * STAMPS_PER_S)
+
+    def _log(self, frame: bytes) -> None:
+        """Append a frame to the telemetry log, after its time (8 bytes, us since 1970), as MAVProxy, QGroundControl and mavlogdump.py read it."""
+        if self._tlog is not None:
+            self._tlog.write(int((self._steady() + self._offset) * 1e6).to_bytes(8, "big") + frame)
 
     # -- channels ---------------------------------------------------------------------------------------------------------------------
 
     def open(
         self, name: str, write: Callable[[bytes], bool], is_ready: Callable[[], bool], has_peer: bool = False
     ) -> Channel:
-        """A new channel.
+        """Open a channel.
 
         Args:
-            name: as a user would type it.
-            write: sends bytes, False when they were dropped.
-            is_ready: whether a download may go on.
-            has_peer: somebody is surely there.
+            name: the channel as a user would type it.
+            write: sends bytes; returns False when it dropped them.
+            is_ready: returns whether a download may continue.
+            has_peer: a peer is known to be there.
         """
         self._last_number += 1
         streams = Streams(self.vehicle.default_rates())
         frames_per_s = self._config.frames_per_s
         channel = Channel(self._last_number, name, self.dialect, write, is_ready, streams, frames_per_s)
         channel.has_peer, channel.heard_at = has_peer, self._steady()
-        channel.allowance = _PARTS
+        channel.allowance = _PARTS_PER_TICK
         self.channels[channel.number] = channel
         self.count_peers()
         return channel
 
     def close(self, channel: Channel) -> None:
-        """It is gone."""
+        """Forget a channel that has been closed."""
         if self.channels.pop(channel.number, None) is not None:
             self._routes.forget(channel.number)
             self.vehicle.missions.forget(channel)
@@ -114,54 +119,49 @@ class Router:
             self.count_peers()
 
     def count_peers(self) -> None:
-        """Channels on which somebody is heard."""
+        """Show in the adapter's statistics on how many channels a peer is heard."""
         self.context.stats.peers = sum(channel.has_peer for channel in self.channels.values())
 
     def end(self) -> None:
-        """End the log."""
+        """Close the log."""
         if self._tlog is not None:
             self._tlog.close()
 
     # -- in ---------------------------------------------------------------------------------------------------------------------------
 
     def receive(self, channel: Channel, data: bytes) -> None:
-        """Bytes of a peer, all taken at once; what a flood brings is not even looked at."""
+        """Take bytes of a peer, all at once. While the peer floods, they are dropped without being decoded."""
         for _ in self.frames(channel, data):
             pass
 
     def frames(self, channel: Channel, data: bytes) -> Iterator[None]:
-        """The same, a frame at a time."""
+        """Take bytes of a peer, one frame at each step of the iterator."""
         if channel.meter.is_flooded(self._steady()):
-            self._counters["flood"] += 1
+            self.counters["flood"] += 1
             return
         channel.decoder.receive(data)
-        for _ in range(_AT_ONCE):
+        for _ in range(_FRAMES_AT_ONCE):
             if not self.work(channel):
                 return
             yield
-        self._counters["flood"] += 1
+        self.counters["flood"] += 1
         channel.decoder.clear()
 
-    def count(self, reason: str) -> None:
-        """Something came that could not be taken."""
-        self._counters[reason] += 1
-
     def work(self, channel: Channel) -> bool:
-        """Take the next frame of a channel; False when there is none."""
+        """Take the next frame of a channel. Returns False when there is none."""
         event = channel.decoder.next_event()
         if isinstance(event, Frame):
             self._take(channel, event)
         elif isinstance(event, Malformed):
             channel.meter.take(self._steady())
-            self._counters[f"{event.reason}_bytes" if event.reason == "garbage" else event.reason] += (
-                event.size if event.reason == "garbage" else 1
-            )
+            is_garbage = event.reason == "garbage"
+            self.counters["garbage_bytes" if is_garbage else event.reason] += event.size if is_garbage else 1
         return event is not None
 
     def _take(self, channel: Channel, frame: Frame) -> None:
         now = self._steady()
         if not channel.meter.take(now):
-            self._counters["flood"] += 1
+            self.counters["flood"] += 1
             return
         layout = self.dialect.by_id[frame.id]
         if not self._is_trusted(frame, layout):
@@ -171,18 +171,15 @@ class Router:
         if not channel.has_peer:
             channel.has_peer = True
             self.count_peers()
-        if self._tlog is not None:
-            self._tlog.write(frame.raw)
+        self._log(frame.raw)
         message = layout.decode(frame.payload, frame.system, frame.component)
-        self._others.hear(message, now)
-        way = self._routes.way(
-            channel.number, (frame.system, frame.component), _target(message, layout), layout.name, self.channels
-        )
+        self._others.take(message, now)
+        way = self._routes.way(channel.number, message.sender, _target(message, layout), layout.name, self.channels)
         for number in way.to:
             self.channels[number].write(frame.raw)
-            self._counters["forwarded"] += 1
+            self.counters["forwarded"] += 1
         if not way.is_ours:
-            self._counters["not_for_us"] += not way.to
+            self.counters["not_for_us"] += not way.to
         elif layout.name == "SETUP_SIGNING":
             self._set_up_signing(message)
         else:
@@ -199,25 +196,24 @@ class Router:
             return True
         reason = self._signing.refusal(frame)
         if reason:
-            self._counters[f"signing_{reason}"] += 1
+            self.counters[f"signing_{reason}"] += 1
         return not reason
 
     def _set_up_signing(self, message: Message) -> None:
-        if self.vehicle.bridge.readings.state().armed:
-            self.vehicle.bridge.tell(WARNING, "Won't setup signing when armed")
-            self._counters["refused"] += 1
+        bridge = self.vehicle.bridge
+        if bridge.readings.state().armed:
+            bridge.tell(WARNING, "Won't setup signing when armed")
+            self.counters["refused"] += 1
             return
-        key = bytes(int(entry) for entry in message.row("secret_key"))
-        if len(key) == KEY_SIZE and any(key):
-            self._signing = Signing(key, self._stamp, message.whole("initial_timestamp"))
-        else:
-            self._signing = None
-        self.vehicle.bridge.tell(INFO, "Signing is on" if self._signing is not None else "Signing is off")
+        key = bytes(int(entry) for entry in message.array("secret_key"))
+        is_on = len(key) == KEY_SIZE and any(key)
+        self._signing = Signing(key, self._stamp, message.integer("initial_timestamp")) if is_on else None
+        bridge.tell(INFO, "Signing is on" if is_on else "Signing is off")
 
     # -- out --------------------------------------------------------------------------------------------------------------------------
 
     def send(self, name: str, fields: Fields, channel: Channel | None = None) -> None:
-        """Send a message to one channel, or to all; it is encoded once."""
+        """Send a message to one channel, or to all without a channel. It is encoded once."""
         layout = self.dialect.by_name[name]
         self.context.stats.encoded += 1
         to = self.channels.values() if channel is None else (channel,) if channel.number in self.channels else ()
@@ -225,7 +221,7 @@ class Router:
 
     def _write(self, id: int, payload: bytes, channels: Iterable[Channel]) -> None:
         stats, signing = self.context.stats, self._signing
-        log = self._tlog
+        is_logged = False
         for channel in channels:
             frame = pack(
                 self.dialect, id, payload, channel.next_seq(), self._config.system, COMPONENT, signing is not None
@@ -237,12 +233,12 @@ class Router:
                 continue
             stats.samples_sent += 1
             stats.bytes_sent += len(frame)
-            if log is not None:
-                log.write(frame)
-                log = None  # what goes to many is one message of the log
+            if not is_logged:  # a message to many channels is one message of the log
+                self._log(frame)
+                is_logged = True
 
     def _drain(self, channel: Channel) -> None:
-        """Go on with downloads, as far as the channel takes it."""
+        """Continue downloads as far as the channel takes them."""
         while channel.backlog and channel.allowance > 0 and channel.is_ready():
             part = next(channel.backlog[0], None)
             if part is None:
@@ -253,12 +249,12 @@ class Router:
 
     @property
     def wanted(self) -> Collection[str] | None:
-        """See `Readings.wanted`."""
+        """Ports that are read; None for all, see `Readings.wanted`."""
         wanted = self.vehicle.bridge.readings.wanted
         return None if wanted is None else {*wanted, *self.vehicle.tunnel.wanted}
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
-        """Simulation time went on: whatever is due goes out."""
+        """Take the samples of a tick, and send the messages that are due."""
         if not samples:
             return
         t_ns = max(sample.t_sent_ns for sample in samples)
@@ -270,7 +266,7 @@ class Router:
                     self._write(self.dialect.by_name[name].id, payload, (channel,))
 
     def _built(self, name: str, t_ns: int) -> Sequence[bytes]:
-        """Payloads of a message at this time, made once for all channels."""
+        """Return the payloads of a message at this time, built once for all channels."""
         if self._payloads_of != t_ns:
             self._payloads.clear()
             self._payloads_of = t_ns
@@ -282,33 +278,33 @@ class Router:
         return payloads
 
     def put_event(self, event: Event) -> None:
-        """Tell the pilots."""
+        """Tell the pilots of an event. After a reset all streams begin again."""
         self.vehicle.take_event(event)
         if event.event == "reset":
             for channel in self.channels.values():
                 channel.streams.restart()
 
     def tick(self) -> None:
-        """To be called some twenty times a second."""
+        """Do what depends on wall time. Called about 20 times per second."""
         now = self._steady()
         self.vehicle.tick(now)
         for channel in list(self.channels.values()):
-            channel.allowance = _PARTS
+            channel.allowance = _PARTS_PER_TICK
             self._drain(channel)
         if now - self._shown_at >= 1.0:
             self._shown_at = now
             self.show()
 
     def show(self) -> None:
-        """What came and was not taken, and who is there, in the adapter's state."""
-        details: dict[str, Json] = dict(sorted(self._counters.items()))
+        """Show in the adapter's state who is there, and what was received and not used."""
+        details: dict[str, Json] = dict(sorted(self.counters.items()))
         links: list[Json] = [channel.name for channel in self.channels.values() if channel.has_peer]
         self.context.stats.details.update({"links": links, "signed": self._signing is not None, "counters": details})
         bad = {"checksum", "unknown", "incompatible", "garbage_bytes", "flood", "json"}
-        refused = sum(n for name, n in self._counters.items() if name in bad or name.startswith("signing_"))
+        refused = sum(n for name, n in self.counters.items() if name in bad or name.startswith("signing_"))
         self.context.stats.details["bad_input"] = refused
 
 
 def _target(message: Message, layout: Layout) -> tuple[int, int]:
-    system, component = layout.has_target
-    return (message.whole(system) if system else 0, message.whole(component) if component else 0)
+    system, component = layout.target_fields
+    return (message.integer(system) if system else 0, message.integer(component) if component else 0)

@@ -1,4 +1,4 @@
-"""Who is on which link, and where a message goes: the rules of ArduPilot's MAVLink_routes."""
+"""Which sender is behind which link, and where a message goes: the rules of ArduPilot's MAVLink_routes."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from collections.abc import Iterable
 from msgspec import Struct
 
 ROUTES = 64
-"""Senders remembered; an older one makes room."""
+"""Senders that are remembered; a new one replaces the oldest."""
 NEVER_FORWARDED = frozenset({"RADIO", "RADIO_STATUS", "SETUP_SIGNING"})
-"""They concern the two ends of one link."""
+"""Messages that concern only the two ends of one link."""
 
 
 class Way(Struct, frozen=True):
-    """What becomes of a message: whether we take it, and to which other channels it goes unaltered."""
+    """Where a message goes: whether it is for us, and the other channels to which it is forwarded unchanged."""
 
     is_ours: bool
     to: tuple[int, ...] = ()
 
 
 class Routes:
-    """Learns senders, decides ways.
+    """Learns which senders are behind which channels, and decides where messages go.
 
     Args:
-        system, component: ours.
+        system, component: our own numbers.
     """
 
     def __init__(self, system: int, component: int) -> None:
@@ -33,17 +33,17 @@ class Routes:
     def way(
         self, channel: int, sender: tuple[int, int], target: tuple[int, int], name: str, others: Iterable[int]
     ) -> Way:
-        """Where a message goes.
+        """Return where a message goes.
 
         Args:
-            channel: on which it came.
-            sender: its system and component.
-            target: addressed system and component, 0 for all or where the message has none.
-            name: of the message.
+            channel: the channel on which it came.
+            sender: system and component that sent it.
+            target: addressed system and component; 0 for all, or where the message has none.
+            name: name of the message.
             others: all open channels.
         """
         if sender == self._own:
-            return Way(False)  # our own, back through somebody who forwards
+            return Way(False)  # our own message, which a forwarding peer sent back
         if sender[0]:
             key = (*sender, channel)
             self._seen.pop(key, None)
@@ -62,6 +62,6 @@ class Routes:
         return Way(is_ours, tuple(other for other in others if other in known))
 
     def forget(self, channel: int) -> None:
-        """The channel is closed."""
+        """Forget all senders behind a channel that has been closed."""
         for key in [key for key in self._seen if key[2] == channel]:
             del self._seen[key]

@@ -1,4 +1,4 @@
-"""A serial line or pseudo-terminal."""
+"""A serial line or pseudo-terminal as a link."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from uwserver_adapters.mavlink.wire.channel import Channel
 
 
 class SerialLink(Link):
-    """A device that may come and go; it is opened again and again.
+    """A device that may come and go. Opening it is tried again and again.
 
     Args:
-        path: of the device.
-        router: of the vehicle.
+        path: path of the device.
+        router: the router of the vehicle.
     """
 
     def __init__(self, path: str, router: Router) -> None:
@@ -21,12 +21,8 @@ class SerialLink(Link):
         self._channel: Channel | None = None
         self._port = SerialPort(path, router.context, opened=self._opened, received=self._received, closed=self._closed)
 
-    async def open(self) -> None:
-        """Open the device; it is tried again when that fails."""
-        self._port.attend()
-
     async def attend(self) -> None:
-        """Open the device, if it is not."""
+        """Open the device if it is not open."""
         self._port.attend()
 
     async def close(self) -> None:

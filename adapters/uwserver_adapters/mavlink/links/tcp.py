@@ -1,4 +1,4 @@
-"""TCP: for all who connect, or to one place again and again."""
+"""TCP links: one that listens, and one that connects to a peer again and again."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from uwserver_adapters.mavlink.links.router import Router
 from uwserver_adapters.mavlink.wire.channel import Channel
 
 CONNECT_S = 5.0
-"""Wall time for a connection."""
+"""Wall time that a connection attempt may take."""
 PEERS = 64
-"""Connections at once of which a valid frame came. Those that only listen stay until others need their place."""
+"""Connections at a time that have sent a valid frame. Connections that only listen stay until others need their place."""
 
 
 class TcpPeer(Connection):
     """One TCP connection.
 
     Args:
-        router: of the vehicle.
-        peers: those of the link.
-        name: of the channel; default: the peer's address, which is a stranger's until a valid frame came.
+        router: the router of the vehicle.
+        peers: the connections of the link.
+        name: name of the channel. Default: the peer's address; such a peer counts as a stranger until it has sent a valid frame.
 
     Attributes:
         gone: done when the connection has ended.
@@ -38,34 +38,34 @@ class TcpPeer(Connection):
         self._channel: Channel | None = None
 
     def opened(self) -> None:
-        """A channel begins."""
+        """Open a channel for the connection."""
         name = self._name or shown("tcp", self.transport.get_extra_info("peername")[:2])
         self._channel = self._router.open(name, self._send, lambda: self.waiting < READY, has_peer=True)
 
     def closed(self) -> None:
-        """It is gone."""
+        """Close the channel."""
         if self._channel is not None:
             self._router.close(self._channel)
         self.gone.set_result(None)
 
     def receive(self, data: bytes) -> None:
-        """Store bytes."""
+        """Store received bytes."""
         if self._channel is not None:
             self._channel.decoder.receive(data)
 
     def step(self) -> bool:
-        """Take the next frame."""
+        """Take the next frame. Returns False when there is none, or the peer was not admitted."""
         channel = self._channel
         if channel is None or not self._router.work(channel):
             return False
         return not channel.is_heard or self.admit()
 
     def refused(self, fault: Fault) -> bytes:
-        """Nothing: MAVLink has no words for it."""
+        """Return nothing: MAVLink has no message that refuses a connection."""
         return b""
 
     def quiet_until(self) -> float:
-        """The end of the window, when the peer floods."""
+        """Return when the peer may be read again; it is in the past unless the peer floods."""
         meter = None if self._channel is None else self._channel.meter
         return meter.end if meter is not None and meter.is_flooded(self.loop.time()) else 0.0
 
@@ -77,7 +77,7 @@ class TcpPeer(Connection):
 
 
 class TcpIn(Link):
-    """Listens; each connection is a channel of its own."""
+    """Listens. Each connection is a channel of its own."""
 
     def __init__(self, address: Address, router: Router) -> None:
         super().__init__(shown("tcpin", address), router)
@@ -94,12 +94,12 @@ class TcpIn(Link):
         self.address = shown("tcpin", server.sockets[0].getsockname()[:2])
 
     async def close(self) -> None:
-        """Close all."""
+        """Close all connections and the listener."""
         await self._open.aclose()
 
 
 class TcpOut(Link):
-    """Connects, and connects again."""
+    """Connects to one address, and again when the connection has ended."""
 
     def __init__(self, address: Address, router: Router) -> None:
         super().__init__(shown("tcpout", address), router)
@@ -108,7 +108,7 @@ class TcpOut(Link):
         self._task: asyncio.Task[None] | None = None
 
     async def open(self) -> None:
-        """Begin to connect; the peer may come later."""
+        """Begin to connect. The peer may come later."""
         self._task = asyncio.ensure_future(self._keep())
 
     async def _keep(self) -> None:

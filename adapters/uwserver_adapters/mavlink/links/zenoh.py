@@ -1,4 +1,7 @@
-"""Zenoh as BlueOS has it: vehicles speak on `mavlink_raw/out`, others on `mavlink_raw/in`; the same as JSON below `mavlink/` (`zenoh_json.py`)."""
+"""Zenoh as in BlueOS: vehicles speak on `mavlink_raw/out` and others on `mavlink_raw/in`.
+
+The keys below `mavlink/` carry the same messages as JSON (`zenoh_json.py`).
+"""
 
 from __future__ import annotations
 
@@ -18,16 +21,17 @@ if TYPE_CHECKING:
     import zenoh
 
 OUT, IN = "mavlink_raw/out", "mavlink_raw/in"
-"""Keys, named as seen from the vehicle."""
+"""Keys, named from the vehicle's side."""
 WAITING = 1000
-"""Messages that may wait for the loop; more are dropped and counted."""
+"""Messages that may wait for the loop. More are dropped and counted."""
 
 
 class ZenohLink(Link):
-    """A session with one endpoint: a router, or another peer.
+    """A session with one endpoint, which is a router or another peer.
 
     Args:
-        endpoint: as "tcp/192.168.2.2:7117"; it may come later.
+        endpoint: the endpoint, such as "tcp/192.168.2.2:7117". It may come later.
+        router: the router of the vehicle.
     """
 
     def __init__(self, endpoint: str, router: Router) -> None:
@@ -41,10 +45,10 @@ class ZenohLink(Link):
         self._inbox = Inbox(self._arrived, WAITING, self._too_many)
 
     async def open(self) -> None:
-        """Open the session; what it connects to may come later.
+        """Open the session. The endpoint may come later.
 
         Raises:
-            BadLink: zenoh is not installed, or does not know such an endpoint.
+            BadLink: zenoh is not installed, or the endpoint is not valid.
         """
         try:
             import zenoh
@@ -63,7 +67,7 @@ class ZenohLink(Link):
         try:
             for path, value in settings.items():
                 config.insert_json5(path, json.dumps(value))
-            # It takes half a second, which the loop cannot wait.
+            # This takes half a second, for which the loop must not wait.
             self._session = await self._worker.run(lambda: zenoh.open(config))
         except zenoh.ZError as error:
             raise BadLink(f"link {self.address}: {str(error).split(' at /')[0].strip()}") from None
@@ -76,22 +80,22 @@ class ZenohLink(Link):
         self._channel = self._router.open(self.address, self._write, lambda: True)
 
     async def attend(self) -> None:
-        """Zenoh connects again by itself; look who listens."""
+        """Ask who listens. Zenoh connects again by itself."""
         if self._json is not None:
             self._json.look()
 
     async def close(self) -> None:
-        """Close the session; its threads end with it."""
+        """Close the session, which ends its threads."""
         if self._channel is not None:
             self._router.close(self._channel)
         session, self._session = self._session, None
         await self._worker.close(lambda: None if session is None else session.close())
 
     def _hears(self, take: Callable[[bytes], None]) -> Callable[[zenoh.Sample], None]:
-        """For a thread of zenoh."""
+        """Return a subscriber's callback, which runs on a thread of zenoh."""
 
         def hear(sample: zenoh.Sample) -> None:
-            if len(sample.payload) > LONGEST:  # its copy alone would hold up everybody
+            if len(sample.payload) > LONGEST:  # copying a huge payload would hold up everything else
                 self._too_many(sample)
             else:
                 self._inbox.put((take, sample.payload.to_bytes()))
@@ -114,7 +118,7 @@ class ZenohLink(Link):
         try:
             frame = frame_of(data, self._router.dialect)
         except BadJson as error:
-            self._router.count("json")
+            self._router.counters["json"] += 1
             self._stats.last_error = f"{JSON_IN}: {error}"
             return
         self._take(frame)

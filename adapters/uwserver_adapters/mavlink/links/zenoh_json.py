@@ -1,7 +1,7 @@
-"""Messages as JSON on zenoh's keys, as mavlink-server publishes them: `mavlink/out`, `mavlink/{system}/{component}/{MESSAGE}`, and `/{field}` below.
+"""Messages as JSON on zenoh's keys, in the layout of mavlink-server.
 
-Nothing is encoded for nobody. Who listens does not lose a message, by the priority and congestion control that mavlink-server has; so putting
-one may have to wait, and is done on a thread.
+The keys are `mavlink/out`, `mavlink/{system}/{component}/{MESSAGE}`, and below that `/{field}`. Only what somebody subscribes to is encoded.
+Priority and congestion control are mavlink-server's, with which a subscriber loses no message. A put may therefore block, so it runs on a thread.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     import zenoh
 
 OUT, IN = "mavlink/out", "mavlink/in"
-"""All messages of the vehicle, and those for it."""
+"""Keys of all messages from the vehicle, and of those to it."""
 KEYS = 4096
-"""Keys that are remembered at a time: senders whose messages are forwarded may have any number."""
+"""Keys that are remembered at a time, since forwarded messages may come from any number of senders."""
 
 
 class _Key:
-    """A key, or all below one, and whether somebody listens there."""
+    """A publisher for a key, or for all keys below one, and whether somebody subscribes there."""
 
     def __init__(self, session: zenoh.Session, key: str) -> None:
         import zenoh
@@ -38,7 +38,7 @@ class _Key:
             allowed_destination=zenoh.Locality.REMOTE,
         )
         self.is_heard = False
-        # Zenoh's own thread only sets a flag, for which it needs to start none of Python.
+        # Zenoh calls this on its own thread, which only sets a flag. With `indirect` it would start a Python thread for each key.
         self._listener = self._publisher.declare_matching_listener(
             zenoh.handlers.Callback(self._matches, indirect=False)
         )
@@ -48,22 +48,22 @@ class _Key:
         self.is_heard = status.matching
 
     def look(self) -> None:
-        """Ask, as the listener is told a little later. Never unlearns what it says meanwhile."""
-        status: Any = self._publisher.matching_status  # zenoh's stub says bool, it is a MatchingStatus
+        """Ask zenoh whether somebody subscribes, because the listener hears it a little later. Never clears what the listener has set."""
+        status: Any = self._publisher.matching_status  # zenoh's stub declares a bool, but it is a MatchingStatus
         if status.matching:
             self.is_heard = True
 
     def put(self, text: bytes) -> None:
-        """Publish. May wait for who is slow."""
+        """Publish a text. Blocks while a subscriber is slow."""
         self._publisher.put(text)
 
 
 class JsonKeys:
-    """What one session tells. Loop thread, but for `_tell` and what it calls.
+    """The JSON keys of one session. Runs on the loop thread, except for `_tell` and what it calls.
 
     Args:
-        session: of zenoh.
-        worker: puts messages, in their order.
+        session: the zenoh session.
+        worker: the thread that puts messages, in order.
         dialect: the messages.
     """
 
@@ -73,17 +73,17 @@ class JsonKeys:
         self._dialect = dialect
         self._decoder = Decoder(dialect)
         self._out = _Key(session, OUT)
-        self._below = _Key(session, "mavlink/*/*/**")  # somebody listens to some message, or to fields
+        self._below = _Key(session, "mavlink/*/*/**")  # matches a subscriber to any message or field
         self._keys: dict[str, _Key] = {}
 
     def look(self) -> None:
-        """Find those who listen, of whom zenoh has not said anything yet."""
+        """Look for subscribers that zenoh has not reported yet."""
         for key in (self._out, self._below):
             if not key.is_heard:
                 key.look()
 
     def put(self, frame: bytes) -> None:
-        """Tell a frame to who listens."""
+        """Publish a frame if somebody subscribes."""
         if not (self._out.is_heard or self._below.is_heard):
             return
         self._worker.send(lambda: self._tell(frame))

@@ -1,4 +1,4 @@
-"""The vehicle's side of MAVLink as one state machine: messages and time in, messages out. Knows no socket."""
+"""The vehicle's side of MAVLink as one state machine: takes messages and the time, and sends messages. Knows no socket."""
 
 from __future__ import annotations
 
@@ -13,9 +13,8 @@ from uwserver_adapters.mavlink.vehicle.commands import Commands
 from uwserver_adapters.mavlink.vehicle.config import MavlinkConfig
 from uwserver_adapters.mavlink.vehicle.failsafe import Failsafes
 from uwserver_adapters.mavlink.vehicle.files import SIZE, Files, message, parse
-from uwserver_adapters.mavlink.vehicle.fittings import Fittings
 from uwserver_adapters.mavlink.vehicle.home import Home
-from uwserver_adapters.mavlink.vehicle.identity import Identity
+from uwserver_adapters.mavlink.vehicle.identity import CUSTOM_FRAME, FRAMES, banner
 from uwserver_adapters.mavlink.vehicle.missions import Missions
 from uwserver_adapters.mavlink.vehicle.modes import BY_NAME
 from uwserver_adapters.mavlink.vehicle.outputs import Outputs, wired
@@ -32,29 +31,31 @@ from uwserver_adapters.mavlink.wire.dialect import Dialect, Message
 from uwserver_adapters.mavlink.wire.streams import GROUPS, POSITION
 
 HEARTBEAT_S = 1.0
+"""Wall time between two heartbeats."""
 _SEVERITIES = {
     "watchdog": NOTICE, "fault": WARNING, "conflict": WARNING, "diverged": CRITICAL, "adapter_failed": ERROR, "shutdown": WARNING,
 }  # fmt: skip
 _TOLD = ("mode ", "armed", "disarmed", "fail-safe: ", "mission: item ")
-"""Begins of what the autopilot says that heartbeats and ArduSub's own texts tell too."""
+"""Beginnings of the autopilot's texts that are not passed on, because heartbeats and ArduSub's own texts say the same."""
 _BUTTON_MODES = {
     5: "MANUAL", 6: "STABILIZE", 7: "ALT_HOLD", 8: "POSHOLD", 9: "AUTO", 11: "GUIDED", 12: "ACRO", 13: "SURFTRAK",
 }  # fmt: skip
 
 
 class ArduSub:
-    """One vehicle, as ground stations see it. Loop thread.
+    """One vehicle as ground stations see it. Runs on the loop thread.
 
     Args:
         config: the adapter's table.
         context: the world.
-        name: of the vehicle in the world.
+        name: name of the vehicle in the world.
         dialect: the messages.
-        send: where messages go.
+        send: sends messages.
 
     Attributes:
-        bridge: to ground stations and the world.
-        tunnel: to its modem.
+        bridge: the way to ground stations and the world.
+        tunnel: the way to its modem.
+        parameters, payload, outputs, pilot, arming, failsafes, missions, setpoints, telemetry, commands: its other parts.
     """
 
     def __init__(self, config: MavlinkConfig, context: AdapterContext, name: str, dialect: Dialect, send: Send) -> None:
@@ -64,13 +65,12 @@ class ArduSub:
         self._beat_at = -HEARTBEAT_S
         trial = context.ports.get(f"{name}/autopilot/test")
         motors, patience_s = (trial.fields[0].size, trial.timeout_s or 0.0) if trial is not None else (0, 0.0)
-        identity = Identity(str(context.hello().get("server", "uwserver")), _thrusters(context, name), dialect.numbers)
-        given = {"MAV_SYSID": config.system, "FRAME_CONFIG": identity.frame, **wired(motors), **config.parameters}
+        frame, frame_name = FRAMES.get(_thrusters(context, name), CUSTOM_FRAME)
+        given = {"MAV_SYSID": config.system, "FRAME_CONFIG": frame, **wired(motors), **config.parameters}
         self.parameters = Parameters(given)
         self.bridge = bridge = Bridge(context, name, Home(config.origin_deg), dialect, send)
-        self.payload = Payload()
+        self.payload = Payload(context, name)
         self.tunnel = Tunnel(context, name, bridge)
-        self._fittings = Fittings(context, name, self.payload)
         self.outputs = Outputs(self.parameters, self.payload, motors, patience_s)
         self.pilot = Pilot(self.parameters, self._steer, self._button_actions(), lambda text: bridge.tell(INFO, text))
         self.arming = Arming(bridge, self.pilot, self.outputs)
@@ -80,7 +80,7 @@ class ArduSub:
         self.telemetry = Telemetry(
             bridge,
             context.world.epoch_ns,
-            identity,
+            banner(str(context.hello().get("server", "uwserver")), frame_name),
             self.failsafes,
             self.missions,
             self.pilot,
@@ -94,14 +94,14 @@ class ArduSub:
         self._verbs = self._dispatch()
 
     def _dispatch(self) -> Mapping[str, Callable[[Message, Channel, float], None]]:
-        missions, setpoints = self.missions, self.setpoints
+        config, missions, setpoints = self._config, self.missions, self.setpoints
         return {
             "HEARTBEAT": self._heartbeat,
             "COMMAND_LONG": lambda m, c, _: self.commands.take(m, c),
             "COMMAND_INT": lambda m, c, _: self.commands.take(m, c),
             "SET_MODE": lambda m, c, _: self.commands.mode_message(m, c),
-            "MANUAL_CONTROL": lambda m, _, __: self._manual_control(m),
-            "RC_CHANNELS_OVERRIDE": lambda m, _, __: self._rc_override(m),
+            "MANUAL_CONTROL": lambda m, _, __: self._steered(m, self.pilot.steer, m.integer("target")),
+            "RC_CHANNELS_OVERRIDE": lambda m, _, __: self._steered(m, self.pilot.override, config.system),
             "PARAM_REQUEST_LIST": lambda _, c, __: c.backlog.append(self.parameters.download()),
             "PARAM_REQUEST_READ": lambda m, c, _: self._param_read(m, c),
             "PARAM_SET": lambda m, _, __: self._param_set(m),
@@ -119,7 +119,7 @@ class ArduSub:
             "SET_POSITION_TARGET_GLOBAL_INT": lambda m, _, __: setpoints.geodetic(m),
             "SET_ATTITUDE_TARGET": lambda m, _, __: setpoints.attitude(m),
             "SET_GPS_GLOBAL_ORIGIN": lambda m, _, __: self._set_origin(m),
-            "TUNNEL": lambda m, _, __: self.tunnel.hear(m),
+            "TUNNEL": lambda m, _, __: self.tunnel.take(m),
             "TIMESYNC": lambda m, c, _: self._timesync(m, c),
         }
 
@@ -130,11 +130,11 @@ class ArduSub:
         return seconds(self.bridge.readings.t_ns)
 
     def take(self, message: Message, channel: Channel, now: float) -> None:
-        """A message for us.
+        """Take a message that is addressed to us, or to all.
 
         Args:
-            message: what came.
-            channel: on which.
+            message: the message.
+            channel: the channel on which it came.
             now: wall time, s.
         """
         verb = self._verbs.get(message.name)
@@ -145,29 +145,22 @@ class ArduSub:
         if message.system == self.parameters.gcs_system:
             self.failsafes.heard_gcs(self._now)
 
-    def _manual_control(self, message: Message) -> None:
-        """Steering counts only from the station in charge, to exactly us; it is a heartbeat too."""
-        if message.system != self.parameters.gcs_system or message.whole("target") != self._config.system:
+    def _steered(self, message: Message, use: Callable[[Message, float], None], target: int) -> None:
+        """Use sticks if they come from the station in charge and are for this system. They count as a heartbeat too."""
+        if message.system != self.parameters.gcs_system or target != self._config.system:
             self.bridge.counters["not_in_charge"] += 1
             return
         self.failsafes.heard_gcs(self._now)
-        self.pilot.steer(message, self._now)
-
-    def _rc_override(self, message: Message) -> None:
-        if message.system != self.parameters.gcs_system:
-            self.bridge.counters["not_in_charge"] += 1
-            return
-        self.failsafes.heard_gcs(self._now)
-        self.pilot.override(message, self._now)
+        use(message, self._now)
 
     def _param_read(self, message: Message, channel: Channel) -> None:
-        index = message.whole("param_index")
+        index = message.integer("param_index")
         name = self.parameters.at(index) if index >= 0 else message.text("param_id")
         if name in self.parameters.names:
             self.bridge.send("PARAM_VALUE", self.parameters.message(str(name)), channel)
 
     def _param_set(self, message: Message) -> None:
-        """All are told the value that it has now; an unknown name is met with silence, as ArduPilot does it."""
+        """Set a parameter and send its value to all. An unknown name gets no answer, as in ArduPilot."""
         name = message.text("param_id")
         if name not in self.parameters.names:
             self.bridge.counters["refused"] += 1
@@ -180,44 +173,45 @@ class ArduSub:
         self.bridge.send("PARAM_VALUE", self.parameters.message(name, is_answer_to_set=True))
 
     def _file_transfer(self, message_: Message, channel: Channel) -> None:
-        request = parse(bytes(int(entry) for entry in message_.row("payload")[:SIZE]))
-        system, component = peer = (message_.system, message_.component)
-        channel.backlog.append(message(payload, system, component) for payload in self._files.answer(peer, request))
+        request = parse(bytes(int(entry) for entry in message_.array("payload")[:SIZE]))
+        answer = self._files.answer(message_.sender, request)
+        channel.backlog.append(message(payload, message_.sender) for payload in answer)
 
     def _data_stream(self, message: Message, channel: Channel) -> None:
-        rate = message.whole("req_message_rate") if message.whole("start_stop") else 0
-        group = message.whole("req_stream_id")
+        rate = message.integer("req_message_rate") if message.integer("start_stop") else 0
+        group = message.integer("req_stream_id")
         if not channel.streams.set_group(group, rate):
             self.bridge.counters["refused"] += 1
         elif rate and group in (0, POSITION):
-            # QGroundControl does not ask a submarine for home, and plans no mission before it knows it.
+            # QGroundControl does not request the home of a submarine, but plans no mission before it knows it.
             for fields in self.telemetry.build("HOME_POSITION"):
                 self.bridge.send("HOME_POSITION", fields, channel)
 
     def _mission_current(self, message: Message) -> None:
-        if not self.missions.set_current(message.whole("seq")):
+        if not self.missions.set_current(message.integer("seq")):
             self.bridge.counters["refused"] += 1
 
     def _set_origin(self, message: Message) -> None:
-        if message.whole("target_system") not in (0, self._config.system):
+        if message.integer("target_system") not in (0, self._config.system):
             return
-        if self.bridge.home.set_origin(message.whole("latitude"), message.whole("longitude")):
+        if self.bridge.home.set_origin(message.integer("latitude"), message.integer("longitude")):
             self.telemetry.announce("GPS_GLOBAL_ORIGIN")
             self.bridge.tell_home()
         else:
             self.bridge.counters["refused"] += 1
 
     def _timesync(self, message: Message, channel: Channel) -> None:
-        if message.whole("tc1") == 0:
-            # Zero would read as a question.
-            self.bridge.send(
-                "TIMESYNC", {"tc1": max(1, self.bridge.readings.t_ns), "ts1": message.whole("ts1")}, channel
-            )
+        if message.integer("tc1") == 0:
+            answer = {
+                "tc1": max(1, self.bridge.readings.t_ns),
+                "ts1": message.integer("ts1"),
+            }  # tc1 = 0 would be a question
+            self.bridge.send("TIMESYNC", answer, channel)
 
     # -- out --------------------------------------------------------------------------------------------------------------------------
 
     def tick(self, now: float) -> None:
-        """Heartbeat, fail-safes, uploads; to be called some twenty times a second of wall time.
+        """Do what depends on wall time: heartbeat, uploads, fail-safes. Called about 20 times per second.
 
         Args:
             now: wall time, s.
@@ -228,16 +222,16 @@ class ArduSub:
             self.telemetry.announce("HEARTBEAT")
         self.missions.tick(now)
         self.pilot.tick(self._now)
-        self._fittings.tick()
+        self.payload.tick()
         self.failsafes.tick(self._now)
         self.bridge.readings.count_turns()
 
     def advance(self, t_ns: int) -> None:
-        """Simulation time went on, and samples came."""
+        """Note that simulation time went on, and samples came."""
         self.bridge.readings.t_ns = t_ns
 
     def take_event(self, event: Event) -> None:
-        """Something that the pilot should know."""
+        """Tell the pilot of an event of the world."""
         if event.event == "ports_changed":
             self.bridge.readings.open_ports()
             self.tunnel.open_ports()
@@ -248,20 +242,20 @@ class ArduSub:
             self.pilot.tick(self._now)
         if self._is_told_otherwise(event):
             return
-        # Without our own name most texts fit in one message: Cockpit does not join the pieces of a longer one.
+        # Without our own name most texts fit in one message. Cockpit does not join the pieces of a longer one.
         text = event.text.removeprefix(self._voice) or event.event
         text = in_words_of_mavlink(self._own_ports.sub(r"\1", text))
         self.bridge.tell(_SEVERITIES.get(event.event, INFO), text)
 
     def _is_told_otherwise(self, event: Event) -> bool:
-        """What ground stations see in the heartbeat, or are told as ArduSub tells it; and what the autopilots of other vehicles say."""
+        """Return whether ground stations learn of an event in another way, or it is a text of another vehicle's autopilot."""
         if event.event == "autopilot":
             return not event.text.startswith(self._voice) or event.text.removeprefix(self._voice).startswith(_TOLD)
-        # The port springs back after a second, which is no loss yet: the fail-safe tells of that.
+        # The pilot port returns to neutral after a second, which is not yet a loss. The fail-safe announces a loss.
         return event.event == "watchdog" and self._sticks in event.text
 
     def default_rates(self) -> Mapping[int, float]:
-        """Streams of a new channel: rates (Hz) by group."""
+        """Return the stream rates (Hz) of a new channel, by group."""
         return {group: self.parameters.value(f"MAV1_{suffix}") for group, (suffix, _) in GROUPS.items()}
 
     def _steer(self, deflections: Sequence[float]) -> None:
@@ -269,9 +263,7 @@ class ArduSub:
             self.bridge.autopilot.command("pilot", {"u": list(deflections)})
 
     def _button_actions(self) -> Mapping[int, Callable[[], None]]:
-        def failed(reason: str) -> None:
-            if reason:
-                self.bridge.tell(WARNING, reason)
+        failed = self.bridge.failure_teller()
 
         def enter(name: str) -> Callable[[], None]:
             return lambda: self.bridge.set_mode(BY_NAME[name], failed)
@@ -292,7 +284,7 @@ class ArduSub:
 
 
 def _thrusters(context: AdapterContext, vehicle: str) -> int:
-    """How many thrusters a vehicle has, commanded together."""
+    """Return how many thrusters a vehicle has that are commanded together."""
     ports = (
         port for path, port in context.ports.items() if port.kind == "thrusters" and path.startswith(f"{vehicle}/")
     )

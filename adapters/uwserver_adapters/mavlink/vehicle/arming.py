@@ -1,4 +1,4 @@
-"""Arming and disarming, and what is put right beforehand."""
+"""Arming and disarming, with what must be reset before."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from uwserver_adapters.mavlink.vehicle.pilot import Pilot
 
 
 class Arming:
-    """Arms and disarms, and says so. Loop thread.
+    """Arms and disarms the vehicle, and tells ground stations. Runs on the loop thread.
 
     Args:
-        bridge: to ground stations and autopilot.
-        pilot: whose sticks are let go.
-        outputs: whose test of motors begins anew.
+        bridge: the way to ground stations and autopilot.
+        pilot: its sticks are released.
+        outputs: its motor test starts again.
     """
 
     def __init__(self, bridge: Bridge, pilot: Pilot, outputs: Outputs) -> None:
@@ -23,26 +23,26 @@ class Arming:
         self._outputs = outputs
 
     def arm(self, force: bool, done: Done) -> None:
-        """Arm. What the sticks last said was said to a vehicle at rest: it does not count."""
+        """Arm. The last sticks do not count, because they were moved while the vehicle was disarmed."""
         self._pilot.forget()
         self._pilot.neutral()
         self._outputs.begin_test()
 
-        def told(reason: str) -> None:
+        def on_done(reason: str) -> None:
             if not reason:
                 self._bridge.tell(INFO, "Arming motors")
-                self._bridge.tell_home()  # as ArduPilot; QGroundControl waits for it
+                self._bridge.tell_home()  # as ArduPilot does; QGroundControl waits for it
             done(reason)
 
-        self._bridge.switch("arm", {"force": force}, told, armed=True)
+        self._bridge.switch("arm", {"force": force}, on_done, armed=True)
 
     def disarm(self, done: Done) -> None:
-        """Disarm."""
+        """Disarm, with all sticks released."""
         self._pilot.neutral()
 
-        def told(reason: str) -> None:
+        def on_done(reason: str) -> None:
             if not reason:
                 self._bridge.tell(INFO, "Disarming motors")
             done(reason)
 
-        self._bridge.switch("disarm", {}, told, armed=False)
+        self._bridge.switch("disarm", {}, on_done, armed=False)

@@ -1,4 +1,4 @@
-"""The built-in autopilot of one vehicle, as the world shows it: its ports and services by name."""
+"""The built-in autopilot of one vehicle, reached by the names of its ports and services."""
 
 from __future__ import annotations
 
@@ -9,21 +9,29 @@ from uwserver.ports import Json, Refused, Reply
 from uwserver_adapters.mavlink.vehicle.wording import in_words_of_mavlink
 
 SOURCE = "ground station"
-"""One commander for all ground stations: they take turns by MAVLink's own rules."""
+"""All ground stations are one source of commands: they take turns by MAVLink's own rules."""
 
 Done = Callable[[str], None]
-"""Gets the one outcome: "" when it is done, else why not."""
+"""Takes the outcome once: "" for success, else the reason of the failure."""
+
+
+def command(peer: Conversation, port: str, value: Mapping[str, object], done: Done) -> None:
+    """Command an actuator. `done` gets the outcome, at once if the command is refused."""
+    try:
+        peer.command(port, value, lambda reply: done(_reason(reply)))
+    except Refused as refused:
+        done(refused.fault.text)
 
 
 class Autopilot:
-    """Commands and calls. Loop thread.
+    """Commands and calls the autopilot. Runs on the loop thread.
 
     Args:
         context: the world.
         vehicle: name of the vehicle.
 
     Attributes:
-        asker: number of the channel for which it is asked, which has a queue of its own; 0 for the adapter itself.
+        asker: number of the channel that asks, each of which has a queue of its own; 0 for the adapter itself.
         replied_ns: simulation time at which the last call was carried out.
     """
 
@@ -37,61 +45,58 @@ class Autopilot:
 
     @property
     def is_there(self) -> bool:
-        """Whether the vehicle has one."""
+        """Whether the vehicle has an autopilot."""
         return f"{self._root}/pilot" in self._context.ports
 
     @property
     def absence(self) -> str:
-        """What to do when there is none."""
+        """What to do when there is no autopilot."""
         return f"no autopilot: add [vehicles.{self._vehicle}.autopilot] to the scenario"
 
     @property
     def _peer(self) -> Conversation:
         peer = self._askers.get(self.asker)
         if peer is None:
-            # Who floods keeps itself waiting, and no other station.
+            # A station that floods fills only its own queue.
             peer = self._askers[self.asker] = Conversation(self._context, SOURCE, queue=str(self.asker))
         return peer
 
     def forget(self, asker: int) -> None:
-        """A channel is gone; what was asked for it is carried out."""
+        """Forget a channel that has been closed. What it has asked for is still carried out."""
         self._askers.pop(asker, None)
 
     def command(self, port: str, value: Mapping[str, object], done: Done | None = None) -> None:
-        """Post a set point to one of its ports, as `depth`."""
-        if not self.is_there:
-            self._told(self.absence, done)
-            return
-        try:
-            self._peer.command(f"{self._root}/{port}", value, lambda reply: self._told(_reason(reply), done))
-        except Refused as refused:
-            self._told(refused.fault.text, done)
+        """Send a set point to one of the autopilot's ports, such as `depth`."""
+        if self.is_there:
+            command(self._peer, f"{self._root}/{port}", value, lambda reason: self._finish(reason, done))
+        else:
+            self._finish(self.absence, done)
 
     def call(self, service: str, args: Mapping[str, object], done: Done, result: Callable[[Json], None] | None = None) -> None:  # fmt: skip
-        """Call one of its services, as `arm`.
+        """Call one of the autopilot's services, such as `arm`.
 
         Args:
-            service: its name.
+            service: name of the service.
             args: its arguments.
             done: gets the outcome.
-            result: gets what it gave, before `done`.
+            result: gets the result, before `done`.
         """
         if not self.is_there:
-            self._told(self.absence, done)
+            self._finish(self.absence, done)
             return
 
         def on_answer(reply: Reply) -> None:
             self.replied_ns = reply.t_ns
             if reply.fault is None and result is not None:
                 result(reply.result)
-            self._told(_reason(reply), done)
+            self._finish(_reason(reply), done)
 
         try:
             self._peer.call(f"{self._root}/{service}", args, on_answer)
         except Refused as refused:
-            self._told(refused.fault.text, done)
+            self._finish(refused.fault.text, done)
 
-    def _told(self, reason: str, done: Done | None) -> None:
+    def _finish(self, reason: str, done: Done | None) -> None:
         reason = in_words_of_mavlink(reason)
         stats = self._context.stats
         if reason:

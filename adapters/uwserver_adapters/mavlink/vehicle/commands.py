@@ -1,4 +1,4 @@
-"""COMMAND_LONG and COMMAND_INT. Each is acknowledged: as a real ArduSub does it where it is claimed, else with UNSUPPORTED."""
+"""COMMAND_LONG and COMMAND_INT. Each is acknowledged as a real ArduSub does it, with UNSUPPORTED for commands that are not listed here."""
 
 from __future__ import annotations
 
@@ -19,27 +19,26 @@ from uwserver_adapters.mavlink.vehicle.setpoints import GLOBAL_FRAMES, RELATIVE_
 from uwserver_adapters.mavlink.vehicle.telemetry import Telemetry
 from uwserver_adapters.mavlink.wire.channel import Channel
 from uwserver_adapters.mavlink.wire.codec import from_degrees, pulse, seconds
-from uwserver_adapters.mavlink.wire.dialect import Entry, Fields, Message
+from uwserver_adapters.mavlink.wire.dialect import Entry, Fields, Message, addressed_to
 
 Result = Literal["ACCEPTED", "DENIED", "UNSUPPORTED", "FAILED", "IN_PROGRESS"]
-"""Of MAV_RESULT, without its prefix."""
-"""The dialect has no name that says so."""
+"""A MAV_RESULT without its prefix."""
 FORCE = 21196
-"""Parameter 2 of ARM_DISARM."""
+"""Value of parameter 2 of ARM_DISARM that forces it. The dialect has no name for it."""
 _WAITING = 32
-"""Commands that may wait for the world."""
+"""Commands that may wait for an answer of the world."""
 
 
 class Request(Struct, frozen=True):
     """A command.
 
     Attributes:
-        command: which.
-        p: parameters 1 to 7 at 1 to 7; 5 and 6 are 1e-7 degrees in a COMMAND_INT.
+        command: the command.
+        p: parameters 1 to 7 at indices 1 to 7. In a COMMAND_INT, 5 and 6 are 1e-7 degrees.
         is_int: it came as COMMAND_INT.
         frame: name of the frame of its place.
-        channel: on which it came.
-        peer: who sent it.
+        channel: the channel on which it came.
+        peer: system and component that sent it.
     """
 
     command: Entry
@@ -51,22 +50,22 @@ class Request(Struct, frozen=True):
 
     @property
     def place_e7(self) -> tuple[float, float, float]:
-        """Latitude and longitude in 1e-7 degrees, altitude in m."""
+        """Latitude and longitude in 1e-7 degrees, and altitude in m."""
         scale = 1.0 if self.is_int else 1e7
         return self.p[5] * scale, self.p[6] * scale, self.p[7]
 
-    def whole(self, k: int) -> int:
-        """A parameter as an integer; -1 where it is none."""
+    def integer(self, k: int) -> int:
+        """Return a parameter as an integer, -1 where it is none."""
         value = self.p[k]
         return int(value) if math.isfinite(value) and abs(value) < 1 << 31 else -1
 
 
 class Commands:
-    """Carries them out.
+    """Carries out commands.
 
     Args:
-        bridge: to ground stations and autopilot.
-        arming, telemetry, missions, setpoints, outputs, payload: parts of the vehicle that are commanded.
+        bridge: the way to ground stations and autopilot.
+        arming, telemetry, missions, setpoints, outputs, payload: parts of the vehicle that commands act on.
     """
 
     def __init__(
@@ -106,10 +105,10 @@ class Commands:
             "MAV_CMD_NAV_LAND": lambda request: self._enter(SURFACE, request),
             "MAV_CMD_MISSION_START": self._start_mission,
             "MAV_CMD_DO_SET_MISSION_CURRENT": lambda request: (
-                "ACCEPTED" if missions.set_current(request.whole(1)) else "FAILED"
+                "ACCEPTED" if missions.set_current(request.integer(1)) else "FAILED"
             ),
             "MAV_CMD_DO_FLIGHTTERMINATION": self._terminate,
-            "MAV_CMD_DO_DIGICAM_CONTROL": lambda _: "ACCEPTED",  # a picture; there is no camera
+            "MAV_CMD_DO_DIGICAM_CONTROL": lambda _: "ACCEPTED",  # takes a picture, but there is no camera
             "MAV_CMD_DO_MOUNT_CONTROL": self._point_camera,
             "MAV_CMD_PREFLIGHT_CALIBRATION": self._calibrate,
             "MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN": self._reboot,
@@ -117,7 +116,7 @@ class Commands:
         }
 
     def take(self, message: Message, channel: Channel) -> None:
-        """Carry out a COMMAND_LONG or COMMAND_INT, and acknowledge it to its sender, perhaps later."""
+        """Carry out a COMMAND_LONG or COMMAND_INT. The acknowledgement goes to its sender, now or when the world has answered."""
         is_int = message.name == "COMMAND_INT"
         names = (
             "param1",
@@ -132,14 +131,14 @@ class Commands:
             is_int,
             message.entry("frame").name if is_int else RELATIVE_ALTITUDE,
             channel,
-            (message.system, message.component),
+            message.sender,
         )
         verb = self._verbs.get(request.command.name)
         key = (request.command, request.peer)
         if verb is None:
             result: Result | None = "UNSUPPORTED"
         elif key in self._waiting:
-            result = "IN_PROGRESS"  # asked again before the world has answered
+            result = "IN_PROGRESS"  # the command was repeated before the world has answered
         elif len(self._waiting) >= _WAITING:
             result = "FAILED"
         else:
@@ -150,17 +149,13 @@ class Commands:
     def _acknowledge(self, request: Request, result: Result) -> None:
         if result not in ("ACCEPTED", "IN_PROGRESS"):
             self._bridge.counters["refused"] += 1
-        system, component = request.peer
         fields: Fields = {
-            "command": request.command.number,
-            "result": f"MAV_RESULT_{result}",
-            "target_system": system,
-            "target_component": component,
-        }
+            "command": request.command.number, "result": f"MAV_RESULT_{result}", **addressed_to(request.peer)
+        }  # fmt: skip
         self._bridge.send("COMMAND_ACK", fields, request.channel)
 
-    def _later(self, request: Request, prefix: str) -> Callable[[str], None]:
-        """Acknowledges when the world has answered."""
+    def _acknowledge_later(self, request: Request, prefix: str) -> Callable[[str], None]:
+        """Return a callback that acknowledges the command when the world has answered."""
         key = (request.command, request.peer)
         self._waiting.add(key)
 
@@ -172,56 +167,56 @@ class Commands:
 
         return done
 
+    def _fail(self, text: str) -> Result:
+        """Tell ground stations why a command fails."""
+        self._bridge.tell(WARNING, text)
+        return "FAILED"
+
     # -- state ------------------------------------------------------------------------------------------------------------------------
 
     def _arm(self, request: Request) -> Result | None:
         if request.p[1] == 1.0:
-            self._arming.arm(request.p[2] == FORCE, self._later(request, "Arm"))
+            self._arming.arm(request.p[2] == FORCE, self._acknowledge_later(request, "Arm"))
         elif request.p[1] == 0.0:
-            self._arming.disarm(self._later(request, "Disarm"))
+            self._arming.disarm(self._acknowledge_later(request, "Disarm"))
         else:
             return "UNSUPPORTED"
         return None
 
     def _set_mode(self, request: Request) -> Result | None:
-        if not request.whole(1) & self._numbers["MAV_MODE_FLAG_CUSTOM_MODE_ENABLED"]:
+        if not request.integer(1) & self._numbers["MAV_MODE_FLAG_CUSTOM_MODE_ENABLED"]:
             return "DENIED"
-        mode = BY_ENTRY.get(self._bridge.dialect.name("SUB_MODE", request.whole(2)))
-        if mode is None:
-            self._bridge.tell(WARNING, f"Mode {request.whole(2)} is not supported")
-            return "FAILED"
-        return self._enter(mode, request)
+        mode = BY_ENTRY.get(self._bridge.dialect.name("SUB_MODE", request.integer(2)))
+        return self._fail(f"Mode {request.integer(2)} is not supported") if mode is None else self._enter(mode, request)
 
     def mode_message(self, message: Message, channel: Channel) -> None:
-        """SET_MODE, which is acknowledged by its own number."""
-        peer = (message.system, message.component)
+        """Carry out SET_MODE. It is acknowledged as a command with its own message number."""
         values = (math.nan, message.number("base_mode"), message.number("custom_mode"), *(0.0,) * 5)
         command = Entry(self._bridge.dialect.by_name["SET_MODE"].id, "")
-        request = Request(command, values, False, RELATIVE_ALTITUDE, channel, peer)
+        request = Request(command, values, False, RELATIVE_ALTITUDE, channel, message.sender)
         result = self._set_mode(request)
         if result is not None:
             self._acknowledge(request, result)
 
     def _enter(self, mode: Mode, request: Request) -> Result | None:
-        self._bridge.set_mode(mode, self._later(request, f"Mode change to {mode.name} failed"))
+        self._bridge.set_mode(mode, self._acknowledge_later(request, f"Mode change to {mode.name} failed"))
         return None
 
     def _start_mission(self, request: Request) -> Result | None:
         if not self._bridge.readings.state().armed:
-            self._bridge.tell(WARNING, "Mission: arm first")
-            return "FAILED"
-        self._missions.start(self._later(request, "Mission"))
+            return self._fail("Mission: arm first")
+        self._missions.start(self._acknowledge_later(request, "Mission"))
         return None
 
     def _terminate(self, request: Request) -> Result | None:
         if request.p[1] <= 0.5 or math.isnan(request.p[1]):
             return "FAILED"
-        self._arming.disarm(self._later(request, "Termination"))
+        self._arming.disarm(self._acknowledge_later(request, "Termination"))
         return None
 
     def _reboot(self, request: Request) -> Result:
-        """There is no board to start anew: nothing would change."""
-        if request.whole(1) <= 0:
+        """Refuse a reboot: there is no board to restart, so nothing would change."""
+        if request.integer(1) <= 0:
             return "UNSUPPORTED"
         if self._bridge.readings.state().armed:
             return "FAILED"
@@ -231,7 +226,7 @@ class Commands:
     # -- messages ---------------------------------------------------------------------------------------------------------------------
 
     def _set_interval(self, request: Request) -> Result:
-        name = self._bridge.dialect.message_name(request.whole(1))
+        name = self._bridge.dialect.message_name(request.integer(1))
         if name not in self._telemetry.names:
             return "FAILED"
         interval_us = request.p[2]
@@ -241,37 +236,35 @@ class Commands:
         return "ACCEPTED"
 
     def _get_interval(self, request: Request) -> Result:
-        name = self._bridge.dialect.message_name(request.whole(1))
+        number = request.integer(1)
+        name = self._bridge.dialect.message_name(number)
         interval = 0 if name not in self._telemetry.names else request.channel.streams.interval_ns(name) // 1000 or -1
-        self._bridge.send(
-            "MESSAGE_INTERVAL", {"message_id": request.whole(1), "interval_us": interval}, request.channel
-        )
+        self._bridge.send("MESSAGE_INTERVAL", {"message_id": number, "interval_us": interval}, request.channel)
         return "ACCEPTED" if interval else "FAILED"
 
     def _request_message(self, request: Request) -> Result:
-        number = request.whole(1)
-        name = self._bridge.dialect.message_name(number)
-        if name == "MESSAGE_INTERVAL":  # of the message in parameter 2
+        name = self._bridge.dialect.message_name(request.integer(1))
+        if name == "MESSAGE_INTERVAL":  # of the message whose number is parameter 2
             return self._get_interval(structs.replace(request, p=(math.nan, request.p[2])))
-        # QGroundControl asks for one mode after the other, each when it has the last, and for ever when it is given all.
-        return self._give(name, request, only=request.whole(2) if name == "AVAILABLE_MODES" else 0)
+        # QGroundControl requests one mode after the other, each when it has the one before. If it gets all at once, it never stops.
+        return self._give(name, request, only=request.integer(2) if name == "AVAILABLE_MODES" else 0)
 
     def _give(self, name: str, request: Request, only: int = 0) -> Result:
-        """Send a message; of several that belong together only one, counted from 1, or with 0 all."""
+        """Send a message. Of several that belong together, send all with 0, or only one, counted from 1."""
         if name not in self._telemetry.names:
             return "FAILED"
         messages = self._telemetry.build(name)
         messages = messages[only - 1 : only] if only > 0 else messages
-        # After the acknowledgement, as with ArduPilot: many scripts wait for the one, then for the other.
+        # The message follows the acknowledgement, as with ArduPilot: many scripts wait for the one and then for the other.
         request.channel.backlog.appendleft(iter([(name, fields) for fields in messages]))
         return "ACCEPTED" if messages else "FAILED"
 
     def _banner(self, _: Request) -> Result:
-        for line in self._telemetry.identity.banner:
+        for line in self._telemetry.banner:
             self._bridge.tell(INFO, line)
         return "ACCEPTED"
 
-    # -- places and ways --------------------------------------------------------------------------------------------------------------
+    # -- places and speeds ------------------------------------------------------------------------------------------------------------
 
     def _set_home(self, request: Request) -> Result:
         bridge, state = self._bridge, self._bridge.readings.state()
@@ -289,11 +282,11 @@ class Commands:
         return "ACCEPTED"
 
     def _reposition(self, request: Request) -> Result | None:
-        """Go there, in GUIDED; only as COMMAND_INT, as a float holds latitudes to a metre only."""
+        """Go to a place in GUIDED. Only COMMAND_INT is accepted, because a float resolves latitudes to about a metre."""
         if not request.is_int:
             return "UNSUPPORTED"
         if request.frame not in GLOBAL_FRAMES:
-            return "DENIED"  # as ArduSub; no released dialect has MAV_RESULT_COMMAND_UNSUPPORTED_MAV_FRAME (9) yet
+            return "DENIED"  # as ArduSub does; no released dialect has MAV_RESULT_COMMAND_UNSUPPORTED_MAV_FRAME (9) yet
         bridge = self._bridge
         x, y, z = request.place_e7
         point = bridge.home.point(x, y, z, GLOBAL_FRAMES[request.frame])
@@ -301,11 +294,11 @@ class Commands:
             bridge.tell(WARNING, "Reposition: the origin is not known, or there is no such place")
             return "DENIED"
         if (
-            not request.whole(2) & self._numbers["MAV_DO_REPOSITION_FLAGS_CHANGE_MODE"]
+            not request.integer(2) & self._numbers["MAV_DO_REPOSITION_FLAGS_CHANGE_MODE"]
             and bridge.readings.state().mode != GUIDED.autopilot
         ):
-            return "DENIED"  # the sender does not ask for the change of mode
-        finish = self._later(request, "Reposition")
+            return "DENIED"  # the sender does not allow a change of mode
+        finish = self._acknowledge_later(request, "Reposition")
         value: dict[str, object] = {"p_N": list(point)}
         if math.isfinite(request.p[4]):
             value["heading"] = math.remainder(from_degrees(request.p[4]), 2 * math.pi)
@@ -323,7 +316,8 @@ class Commands:
         speed = request.p[2]
         if not math.isfinite(speed) or not 0.0 < speed <= 20.0:
             return "FAILED"
-        self._bridge.autopilot.call("set_gain", {"name": "cruise_mps", "value": speed}, self._later(request, "Speed"))
+        finish = self._acknowledge_later(request, "Speed")
+        self._bridge.autopilot.call("set_gain", {"name": "cruise_mps", "value": speed}, finish)
         return None
 
     def _turn(self, request: Request) -> Result | None:
@@ -337,36 +331,27 @@ class Commands:
     # -- hardware ---------------------------------------------------------------------------------------------------------------------
 
     def _motor_test(self, request: Request) -> Result:
-        """As ArduSub: one motor more at each command, and without one for half a second the vehicle disarms."""
-        kind, throttle, numbers = request.whole(2), request.p[3], self._numbers
+        """Turn one more motor, as ArduSub does. Without a command for half a second the vehicle disarms."""
+        kind, throttle, numbers = request.integer(2), request.p[3], self._numbers
         percent, pwm = numbers["MOTOR_TEST_THROTTLE_PERCENT"], numbers["MOTOR_TEST_THROTTLE_PWM"]
         if not self._bridge.readings.state().armed:
-            return self._refuse("Arm motors before testing motors.")
+            return self._fail("Arm motors before testing motors.")
         if request.p[6] != numbers["MOTOR_TEST_ORDER_BOARD"]:
-            return self._refuse(f"Motor test: bad test type {request.p[6]:g}")
+            return self._fail(f"Motor test: bad test type {request.p[6]:g}")
         if kind not in (percent, pwm) or not math.isfinite(throttle):
-            return self._refuse(f"Motor test: bad throttle type {kind}")
+            return self._fail(f"Motor test: bad throttle type {kind}")
         if kind == percent:
             throttle = pulse(min(100.0, max(0.0, throttle)) / 50.0 - 1.0)
-        deflections = self._outputs.test(request.whole(1), throttle, seconds(self._bridge.readings.t_ns))
+        deflections = self._outputs.test(request.integer(1), throttle, seconds(self._bridge.readings.t_ns))
         if deflections is None:
             return "FAILED"
-
-        def done(reason: str) -> None:
-            if reason:
-                self._refuse(f"Motor test: {reason}")
-
-        # Acknowledged at once: while one command waited for its answer, that of the next motor would be lost.
-        self._bridge.autopilot.command("test", {"outputs": deflections}, done)
+        # This is acknowledged at once. If it waited for the autopilot, the command for the next motor would get IN_PROGRESS and be lost.
+        self._bridge.autopilot.command("test", {"outputs": deflections}, self._bridge.failure_teller("Motor test: "))
         return "ACCEPTED"
-
-    def _refuse(self, text: str) -> Result:
-        self._bridge.tell(WARNING, text)
-        return "FAILED"
 
     def _set_servo(self, request: Request) -> Result:
         pulse_us = request.p[2]
-        is_set = math.isfinite(pulse_us) and self._outputs.set_servo(request.whole(1), pulse_us)
+        is_set = math.isfinite(pulse_us) and self._outputs.set_servo(request.integer(1), pulse_us)
         return "ACCEPTED" if is_set else "FAILED"
 
     def _point_camera(self, request: Request) -> Result:
@@ -378,7 +363,6 @@ class Commands:
 
     def _calibrate(self, _: Request) -> Result:
         if self._bridge.readings.state().armed:
-            self._bridge.tell(WARNING, "Disarm to allow calibration")
-            return "FAILED"
+            return self._fail("Disarm to allow calibration")
         self._bridge.tell(INFO, "Calibration: the sensors are as the scenario has them")
         return "ACCEPTED"

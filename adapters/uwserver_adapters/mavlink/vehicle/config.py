@@ -15,16 +15,16 @@ SystemNumber = Annotated[int, Meta(ge=1, le=255)]
 
 class MavlinkConfig(AdapterTable, tag="mavlink", kw_only=True, frozen=True):
     """Attributes:
-    vehicle: that is shown; default: the only one there is. Several vehicles: one table each, with their own `system`.
-    links: where to speak: "udpout:host:port" sends there, "udpin:host:port" waits for peers, "tcpin:host:port" listens, "tcpout:host:port"
-        connects, "serial:/dev/ttyS1" is a line or pseudo-terminal, "zenoh:tcp/host:port" speaks raw frames as BlueOS does.
-    system: number of the vehicle in MAVLink.
-    origin_deg: latitude and longitude of the origin of N; without it a ground station may tell it (SET_GPS_GLOBAL_ORIGIN).
-    externals: external vehicles of the world by name, and the systems that they follow: their ODOMETRY in LOCAL_NED, or else GLOBAL_POSITION_INT.
+    vehicle: vehicle that is shown; default: the only one there is. Several vehicles need one table each, with different `system` numbers.
+    links: where to speak. "udpout:host:port" sends there, "udpin:host:port" waits for peers, "tcpin:host:port" listens, "tcpout:host:port"
+        connects, "serial:/dev/ttyS1" is a serial line or pseudo-terminal, and "zenoh:tcp/host:port" carries raw frames as in BlueOS.
+    system: system number of the vehicle in MAVLink.
+    origin_deg: latitude and longitude of N's origin; without it a ground station may set it (SET_GPS_GLOBAL_ORIGIN).
+    externals: external vehicles of the world by name, and the systems that they follow by ODOMETRY in LOCAL_NED, or else GLOBAL_POSITION_INT.
     parameters: values that differ from the defaults, by name.
-    passphrase: signs all messages, and only signed ones are taken; the same is given to the ground station.
-    tlog: file (.tlog) for all messages of all links; an earlier one of this name is kept under a number.
-    frames_per_s: taken from one peer; more are dropped and counted.
+    passphrase: if set, all messages are signed and only signed ones are accepted; the ground station needs the same.
+    tlog: file (.tlog) for all messages of all links; an earlier file of this name is kept under a number.
+    frames_per_s: frames accepted from one peer per second; more are dropped and counted.
     """
 
     vehicle: Name | None = None
@@ -38,6 +38,6 @@ class MavlinkConfig(AdapterTable, tag="mavlink", kw_only=True, frozen=True):
     frames_per_s: Annotated[int, Meta(ge=10)] = 2000
 
     def needs(self) -> Mapping[str, str]:
-        """The dialect, and what its links speak through."""
+        """Return the modules that the links need: the dialect, and zenoh for its links."""
         needed = {"pymavlink.dialects.v20.ardupilotmega": "uwserver"}
         return needed | ({"zenoh": "uwserver"} if any(link.startswith("zenoh:") for link in self.links) else {})

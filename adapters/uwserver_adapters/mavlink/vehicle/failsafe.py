@@ -1,4 +1,4 @@
-"""What happens when the pilot, the ground station or the battery goes: ArduSub's fail-safes, with its parameters and texts."""
+"""ArduSub's fail-safes, with its parameters and texts: what happens when the pilot, the ground station or the battery is lost, or a leak occurs."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from uwserver_adapters.mavlink.vehicle.pilot import Pilot
 
 _DISARM, _HOLD, _SURFACE = 2, 3, 4
 AGAIN_S, GCS_AGAIN_S = 20.0, 30.0
-"""A fail-safe that lasts is told again; that of the ground station after the second."""
+"""Time after which a fail-safe that lasts is announced again, s: the second is for the ground station's."""
 
 
 class Failsafes:
-    """Watches; acts once when something goes, and again when it has come back and gone. Times are simulation time, s.
+    """Watches pilot, ground station, leak and battery. Acts once for each loss. Times are simulation time, s.
 
     Args:
-        bridge: to ground stations and autopilot.
-        parameters: what is to happen when.
-        pilot: who steers.
-        arming: disarms.
+        bridge: the way to ground stations and autopilot.
+        parameters: which fail-safe does what.
+        pilot: the sticks.
+        arming: disarms the vehicle.
     """
 
     def __init__(self, bridge: Bridge, parameters: Parameters, pilot: Pilot, arming: Arming) -> None:
@@ -35,25 +35,25 @@ class Failsafes:
 
     @property
     def is_active(self) -> bool:
-        """Whether pilot, ground station or battery is gone, or a leak is there."""
+        """Whether pilot, ground station or battery is lost, or there is a leak."""
         return self._pilot.is_lost or bool(self._active)
 
     def heard_gcs(self, now: float) -> None:
-        """A heartbeat of the ground station that is in charge, or what counts as one."""
+        """Note a heartbeat of the ground station in charge, or a message that counts as one."""
         self._gcs_at = now
         self._has_acted_on_gcs = False
         if self._active.pop("gcs", None) is not None:
             self._bridge.tell(WARNING, "GCS Failsafe Cleared")
 
     def restart(self) -> None:
-        """The time begins anew."""
+        """Forget everything: simulation time has begun again."""
         self._active.clear()
         self._pilot.forget()
         self._gcs_at = None
         self._has_acted_on_gcs = False
 
     def tick(self, now: float) -> None:
-        """Look."""
+        """Check everything."""
         self._check_pilot(now)
         self._check_gcs(now)
         self._check_leak(now)
@@ -64,7 +64,7 @@ class Failsafes:
         return self._parameters.value(name)
 
     def _begins(self, name: str, now: float, severity: str, text: str, again_s: float = AGAIN_S) -> bool:
-        """Tell what has begun, or lasts; whether it is time to act: it begins, and the vehicle is armed."""
+        """Announce a loss that begins or lasts. Returns whether to act: it begins, and the vehicle is armed."""
         since = self._active.get(name)
         if since is None or now - since >= again_s:
             self._active[name] = now
@@ -90,7 +90,7 @@ class Failsafes:
             return
         self._begins("gcs", now, WARNING, f"MYGCS: {self._parameters.gcs_system}, heartbeat lost", GCS_AGAIN_S)
         if self._has_acted_on_gcs or not self._bridge.readings.state().armed:
-            return  # armed later, it acts then
+            return  # it acts when the vehicle is armed later
         self._has_acted_on_gcs = True
         if action == _DISARM:
             self._disarm()
@@ -121,10 +121,10 @@ class Failsafes:
                 self._enter(SURFACE)
 
     def _tell_autopilot(self) -> None:
-        """The autopilot has fail-safes of its own: those that ArduSub has not."""
+        """Announce a fail-safe of the autopilot itself that ArduSub does not have."""
         reason = self._bridge.readings.state().failsafe
         if reason == "pilot" or (reason == "leak" and self._value("FS_LEAK_ENABLE")):
-            reason = ""  # the checks above tell of it, in ArduSub's words
+            reason = ""  # the checks above announce it in ArduSub's words
         if reason != self._autopilot:
             self._autopilot = reason
             self._bridge.tell(*((CRITICAL, f"Failsafe: {reason}") if reason else (NOTICE, "Failsafe cleared")))
@@ -137,7 +137,7 @@ class Failsafes:
         self._bridge.set_mode(mode, self._tell_failure)
 
     def _or_disarm(self, reason: str) -> None:
-        """What a mode that cannot be had leads to."""
+        """Disarm if the mode could not be entered."""
         if reason:
             self._tell_failure(reason)
             self._disarm()

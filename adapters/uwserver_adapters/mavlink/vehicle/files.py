@@ -1,4 +1,4 @@
-"""The file transfer protocol, as far as ground stations need it to fetch parameters: files that are read; all else is refused at once."""
+"""The file transfer protocol, as far as ground stations need it to read parameters. Files are read-only; everything else is refused at once."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from msgspec import Struct
 
 from uwserver_adapters.mavlink.wire.channel import Out
-from uwserver_adapters.mavlink.wire.dialect import Fields
+from uwserver_adapters.mavlink.wire.dialect import addressed_to
 
 _HEAD = struct.Struct("<HBBBBBxI")
 DATA = 239
@@ -18,20 +18,20 @@ SIZE = 251
 TERMINATE, RESET, LIST, OPEN, READ, CRC, BURST, ACK, NAK = 1, 2, 3, 4, 5, 14, 15, 128, 129
 INVALID_SESSION, NO_SESSIONS, END, UNKNOWN_COMMAND, NOT_FOUND = 4, 5, 6, 7, 10
 SESSIONS = 64
-"""Files that are open at once, of all clients."""
+"""Files that may be open at a time, of all clients."""
 BURST_PARTS = 20
-"""Messages of one burst: 4780 bytes; the peer asks for the next."""
+"""Messages of one burst: 4780 bytes. Then the peer requests the next."""
 
 
 class Request(Struct, frozen=True):
     """The payload of FILE_TRANSFER_PROTOCOL.
 
     Attributes:
-        seq: of the request; its answer has the next.
-        session: of an open file.
+        seq: number of the request; its answer has the next.
+        session: number of an open file.
         opcode: what to do.
-        size: of `data`, or how much is wanted.
-        offset: in the file, bytes; in a listing, entries.
+        size: length of `data`, or how much is wanted.
+        offset: bytes in a file, or entries in a listing.
         data: name or content.
     """
 
@@ -44,7 +44,7 @@ class Request(Struct, frozen=True):
 
 
 def parse(payload: bytes) -> Request:
-    """Read a payload of any length; what is missing is zero."""
+    """Return the request in a payload of any length. Missing bytes are zero."""
     seq, session, opcode, size, _, _, offset = _HEAD.unpack(payload[: _HEAD.size].ljust(_HEAD.size, b"\0"))
     return Request(seq, session, opcode, size, offset, payload[_HEAD.size :].ljust(DATA, b"\0")[: min(size, DATA)])
 
@@ -53,7 +53,7 @@ class Files:
     """Serves files.
 
     Args:
-        sources: content by name, made anew each time that the file is opened; called with the part of the name after its `?`.
+        sources: content by name, built each time that the file is opened. Called with the part of the name after its `?`.
     """
 
     def __init__(self, sources: Mapping[str, Callable[[str], bytes]]) -> None:
@@ -61,11 +61,11 @@ class Files:
         self._open: dict[tuple[int, int, int], bytes] = {}
 
     def answer(self, owner: tuple[int, int], request: Request) -> Iterator[bytes]:
-        """Payloads that answer a request, one or (for a burst) many.
+        """Yield the payloads that answer a request: one, or several for a burst.
 
         Args:
-            owner: system and component that asks; sessions are its own.
-            request: what it asks.
+            owner: system and component that asks; it owns its sessions.
+            request: the request.
         """
         if request.opcode == OPEN:
             yield self._opened(owner, request)
@@ -100,7 +100,7 @@ class Files:
         content = self._content(request)
         if content is None:
             return _refusal(request, NOT_FOUND)
-        # The number is the client's choice, as with ArduPilot: some clients wait for their own, the others take what they are told.
+        # The client chooses the number, as in ArduPilot. Some clients expect their own number, and others use the one in the answer.
         key = (*owner, request.session)
         if key not in self._open and len(self._open) >= SESSIONS:
             return _refusal(request, NO_SESSIONS)
@@ -130,10 +130,9 @@ class Files:
                 return
 
 
-def message(payload: bytes, system: int, component: int) -> Out:
-    """FILE_TRANSFER_PROTOCOL to a peer."""
-    fields: Fields = {"target_system": system, "target_component": component, "payload": tuple(payload)}
-    return "FILE_TRANSFER_PROTOCOL", fields
+def message(payload: bytes, peer: tuple[int, int]) -> Out:
+    """Return FILE_TRANSFER_PROTOCOL for a peer."""
+    return "FILE_TRANSFER_PROTOCOL", {**addressed_to(peer), "payload": tuple(payload)}
 
 
 def _reply(request: Request, opcode: int, data: bytes = b"", is_last: bool = False) -> bytes:

@@ -1,4 +1,4 @@
-"""Where the vehicle is on the Earth: the origin of N, home, and places told by ground stations."""
+"""The vehicle's place on the Earth: the origin of N, home, and places that ground stations send."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from uwserver_adapters.mavlink.wire.dialect import Fields
 
 
 class Place(Struct, frozen=True):
-    """Latitude and longitude in rad, altitude above the sea in m."""
+    """Latitude and longitude (rad), and altitude above the sea (m)."""
 
     latitude: float
     longitude: float
@@ -18,7 +18,7 @@ class Place(Struct, frozen=True):
 
 
 class Home:
-    """Origin of N and home. Both unknown until the scenario or a ground station tells them.
+    """Origin of N and home. Both are unknown until the scenario or a ground station sets them.
 
     Args:
         origin_deg: latitude and longitude of N's origin.
@@ -27,8 +27,8 @@ class Home:
         ValueError: there is no such place.
 
     Attributes:
-        origin: of N, at sea level.
-        home: to which relative altitudes refer; the sea above the origin unless set.
+        origin: origin of N, at sea level.
+        home: what relative altitudes refer to; the sea above the origin unless set.
     """
 
     def __init__(self, origin_deg: tuple[float, float] | None) -> None:
@@ -43,7 +43,7 @@ class Home:
             self.home = Place(self.origin.latitude, self.origin.longitude)
 
     def set_origin(self, latitude_e7: float, longitude_e7: float) -> bool:
-        """The origin, told in 1e-7 degrees; False when it is known already, or no place."""
+        """Set the origin, in 1e-7 degrees. Returns False when it is already known, or there is no such place."""
         if self.origin is not None:
             return False
         self.origin = datum(latitude_e7 / 1e7, longitude_e7 / 1e7)
@@ -51,14 +51,23 @@ class Home:
         return self.origin is not None
 
     def place(self, p_N: Vec3) -> Place | None:
-        """Of a point of N."""
+        """Return the place of a point of N."""
         if self.origin is None:
             return None
         latitude, longitude = self.origin.geodetic(p_N[0], p_N[1])
         return Place(latitude, longitude, -p_N[2])
 
     def point(self, latitude_e7: float, longitude_e7: float, altitude: float, is_relative: bool) -> Vec3 | None:
-        """Of N; latitude and longitude in 1e-7 degrees, altitude above the sea or above home, m. None without an origin, or for no place."""
+        """Return the point of N at a place.
+
+        Args:
+            latitude_e7, longitude_e7: 1e-7 degrees.
+            altitude: m, above the sea or above home.
+            is_relative: whether the altitude is above home.
+
+        Returns:
+            None without an origin, or where there is no such place.
+        """
         there = datum(latitude_e7 / 1e7, longitude_e7 / 1e7)
         if self.origin is None or there is None:
             return None
@@ -66,11 +75,11 @@ class Home:
         return (north, east, -self.sea_altitude(altitude, is_relative))
 
     def sea_altitude(self, altitude: float, is_relative: bool) -> float:
-        """Above the sea, m, of an altitude above the sea or above home."""
+        """Return the altitude above the sea (m) of an altitude above the sea or above home."""
         return altitude + (self.home.altitude if is_relative and self.home is not None else 0.0)
 
     def home_position(self, time_usec: int) -> Fields | None:
-        """Fields of HOME_POSITION."""
+        """Return the fields of HOME_POSITION."""
         if self.home is None or self.origin is None:
             return None
         north, east = self.origin.north_east(self.home.latitude, self.home.longitude)
@@ -86,7 +95,7 @@ class Home:
         }
 
     def global_origin(self, time_usec: int) -> Fields | None:
-        """Fields of GPS_GLOBAL_ORIGIN."""
+        """Return the fields of GPS_GLOBAL_ORIGIN."""
         if self.origin is None:
             return None
         return {
@@ -97,7 +106,7 @@ class Home:
 
 
 def place_of_e7(latitude_e7: float, longitude_e7: float, altitude: float) -> Place | None:
-    """A place told in 1e-7 degrees and m; None when it is none."""
+    """Return a place given in 1e-7 degrees and m, or None where there is no such place."""
     if datum(latitude_e7 / 1e7, longitude_e7 / 1e7) is None:
         return None
     return Place(from_degrees_e7(latitude_e7), from_degrees_e7(longitude_e7), altitude)

@@ -1,4 +1,4 @@
-"""What the instruments tell, as messages: one function each. None: there is nothing to tell."""
+"""Instrument readings as messages, one function for each. A function returns None when there is nothing to send."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ UNKNOWN_16 = 0xFFFF
 
 
 class Instruments:
-    """Builds messages.
+    """Builds the messages of instruments.
 
     Args:
         readings: the newest samples.
 
     Attributes:
-        builders: by name of the message.
+        builders: a function for each message, by its name.
     """
 
     def __init__(self, readings: Readings) -> None:
         self._readings = readings
         self.builders: Mapping[str, Callable[[], Fields | None]] = {
             "RAW_IMU": self._raw_imu,
-            "SCALED_PRESSURE": lambda: self._pressure_message(STANDARD_ATMOSPHERE, self.water_temperature()),
+            "SCALED_PRESSURE": lambda: self._pressure_message(STANDARD_ATMOSPHERE, self._water_temperature()),
             "SCALED_PRESSURE2": self._water_pressure,
             "SCALED_PRESSURE3": self._thermometer,
             "GPS_RAW_INT": self._gps_raw,
@@ -44,11 +44,11 @@ class Instruments:
         }
 
     def _raw_imu(self) -> Fields | None:
-        imu, compass_ = self._readings.last("imu"), self._readings.last("magnetometer")
+        imu, compass = self._readings.last("imu"), self._readings.last("magnetometer")
         f, w = (imu or {}).get("f_S"), (imu or {}).get("w_S")
         if not isinstance(f, tuple) or not isinstance(w, tuple):
             return None
-        field = (compass_ or {}).get("field_S")
+        field = (compass or {}).get("field_S")
         rows = (("acc", f, 1e3 / STANDARD_GRAVITY), ("gyro", w, 1e3), ("mag", field, 1e7))  # mG, mrad/s, mGauss
         fields: dict[str, float] = {"time_usec": microseconds(self._readings.t_ns)}
         for name, row, scale in rows:
@@ -56,8 +56,8 @@ class Instruments:
                 fields |= {f"{axis}{name}": v * scale for axis, v in zip("xyz", row, strict=True) if isinstance(v, int | float)}  # fmt: skip
         return fields
 
-    def water_temperature(self) -> float | None:
-        """degC, of the first instrument that knows it."""
+    def _water_temperature(self) -> float | None:
+        """Return the temperature (degC) of the first instrument that measures it."""
         return next((t for kind in ("pressure", "depth", "imu") if (t := self._readings.number(kind, "temperature")) is not None), None)  # fmt: skip
 
     def _pressure_message(self, pressure: float | None, temperature: float | None) -> Fields | None:
@@ -65,15 +65,15 @@ class Instruments:
             return None
         fields = {"time_boot_ms": milliseconds(self._readings.t_ns), "press_abs": pressure / 1e2}  # hPa
         if temperature is not None:
-            # 0 means that it is not known, so MAVLink wants 1 for a temperature of zero.
+            # 0 stands for an unknown temperature, so MAVLink wants 1 for zero degrees.
             fields["temperature"] = round(temperature * 1e2) or 1
         return fields
 
     def _water_pressure(self) -> Fields | None:
-        return self._pressure_message(self._readings.number("pressure", "pressure"), self.water_temperature())
+        return self._pressure_message(self._readings.number("pressure", "pressure"), self._water_temperature())
 
     def _thermometer(self) -> Fields | None:
-        temperature = self.water_temperature()
+        temperature = self._water_temperature()
         return None if temperature is None else self._pressure_message(0.0, temperature)
 
     def _gps_raw(self) -> Fields:
@@ -87,7 +87,7 @@ class Instruments:
         latitude, longitude = number("gps", "latitude"), number("gps", "longitude")
         satellites = number("gps", "satellites")
         if latitude is None or longitude is None:
-            # ArduPilot has no satellites then, and Cockpit would show those of "not known", 255, as a number.
+            # ArduPilot sends 0 satellites then. Cockpit would show 255, which stands for unknown, as a number.
             return {**fields, "satellites_visible": satellites or 0, "fix_type": 1 if self._readings.has("gps") else 0}
         fields["satellites_visible"] = 0xFF if satellites is None else satellites
         height = number("gps", "height") or 0.0

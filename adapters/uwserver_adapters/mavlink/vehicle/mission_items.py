@@ -1,4 +1,4 @@
-"""Items of a mission: those of MAVLink to those of the autopilot. What the vehicle cannot do is refused, never left out in silence."""
+"""Converts mission items between MAVLink and the autopilot. An item that the vehicle cannot do is refused, never silently left out."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ Result = Literal[
     "ACCEPTED", "ERROR", "DENIED", "UNSUPPORTED", "UNSUPPORTED_FRAME", "NO_SPACE", "OPERATION_CANCELLED", "INVALID", "INVALID_SEQUENCE",
     "INVALID_PARAM1", "INVALID_PARAM2", "INVALID_PARAM5_X", "INVALID_PARAM7",
 ]  # fmt: skip
-"""Of MAV_MISSION_RESULT, without its prefix."""
+"""A MAV_MISSION_RESULT without its prefix."""
 LARGEST = 700
-"""Items that fit."""
+"""Items of the longest mission."""
 WAYPOINT, LAND, NAV_DELAY = "MAV_CMD_NAV_WAYPOINT", "MAV_CMD_NAV_LAND", "MAV_CMD_NAV_DELAY"
 SPEED, YAW = "MAV_CMD_DO_CHANGE_SPEED", "MAV_CMD_CONDITION_YAW"
 _LOITER, _LOITER_TIME = "MAV_CMD_NAV_LOITER_UNLIM", "MAV_CMD_NAV_LOITER_TIME"
 TAKEOFF = "MAV_CMD_NAV_TAKEOFF"
-"""QGroundControl wants it at the begin of each mission; a submarine has nothing to do for it, and ArduSub goes on to the next item."""
+"""QGroundControl begins each mission with a take-off. A submarine has nothing to do for it, and ArduSub goes on to the next item."""
 _NO_HEADING_DEG = (0.0, 999.0)
-"""What ground stations send for "none", beside NaN: zero, and Cockpit 999."""
+"""Headings that ground stations send for "none", besides NaN: zero, and 999 from Cockpit."""
 GLOBAL, NO_PLACE = "MAV_FRAME_GLOBAL", "MAV_FRAME_MISSION"
-"""Frames: with the altitude above the sea, and of items without a place."""
+"""Frames with the altitude above the sea, and of items without a place."""
 TERRAIN = "MAV_FRAME_GLOBAL_TERRAIN_ALT"
 _TERRAIN_FRAMES = (TERRAIN, "MAV_FRAME_GLOBAL_TERRAIN_ALT_INT")
-"""With the altitude above the bottom."""
+"""Frames with the altitude above the bottom."""
 _FOREVER_S = 1e6
-"""The longest hold that the autopilot takes: more than eleven days."""
+"""The longest hold that the autopilot accepts: more than eleven days."""
 
 
 class Item(Struct, frozen=True):
@@ -46,7 +46,7 @@ class Item(Struct, frozen=True):
         frame, command: names and numbers.
         params: the first four parameters.
         x, y: 1e-7 degrees, or 1e-4 m in a local frame.
-        z: m, up positive but in local frames.
+        z: m, up positive except in local frames.
         autocontinue: kept for the download.
     """
 
@@ -60,7 +60,7 @@ class Item(Struct, frozen=True):
     autocontinue: int = 1
 
     def fields(self) -> dict[str, int | float]:
-        """Of MISSION_ITEM_INT, but for the addressee."""
+        """Return the fields of MISSION_ITEM_INT, except the addressee."""
         names = ("param1", "param2", "param3", "param4")
         frame, command = self.frame.number, self.command.number
         base = {"seq": self.seq, "frame": frame, "command": command, "autocontinue": self.autocontinue}
@@ -68,7 +68,7 @@ class Item(Struct, frozen=True):
 
 
 class BadItem(Exception):
-    """An item that cannot be taken: result and a text."""
+    """An item cannot be accepted. Holds the result for the acknowledgement, and a text."""
 
     def __init__(self, result: Result, text: str) -> None:
         super().__init__(text)
@@ -76,7 +76,7 @@ class BadItem(Exception):
 
 
 def item_of(message: Message) -> Item:
-    """An item from MISSION_ITEM_INT, or from the older MISSION_ITEM with degrees as floats.
+    """Return the item of a MISSION_ITEM_INT, or of the older MISSION_ITEM with degrees as floats.
 
     Raises:
         BadItem: a coordinate is not a number.
@@ -84,20 +84,22 @@ def item_of(message: Message) -> Item:
     frame, command = message.entry("frame"), message.entry("command")
     x, y, z = (message.number(axis) for axis in "xyz")
     if not all(map(math.isfinite, (x, y, z))):
-        raise BadItem("INVALID_PARAM5_X", f"item {message.whole('seq')}: its place is not a number")
+        raise BadItem("INVALID_PARAM5_X", f"item {message.integer('seq')}: its place is not a number")
     if message.name == "MISSION_ITEM":
         scale = 1e4 if frame.name == LOCAL_NED else 1e7
         x, y = max(-2e9, min(2e9, x * scale)), max(-2e9, min(2e9, y * scale))
     p1, p2, p3, p4 = (message.number(f"param{k}") for k in range(1, 5))
-    seq, goes_on = message.whole("seq"), message.whole("autocontinue")
-    return Item(seq, frame, command, (p1, p2, p3, p4), round(x), round(y), z, goes_on)
+    seq, autocontinue = message.integer("seq"), message.integer("autocontinue")
+    return Item(seq, frame, command, (p1, p2, p3, p4), round(x), round(y), z, autocontinue)
 
 
 def translate(item: Item, home: Home) -> Json:
-    """An item for the autopilot. Not for take-offs, which are left out, nor for the first uploaded item, which is home, as ArduPilot has it.
+    """Return an item for the autopilot.
+
+    Neither for take-offs, which are left out, nor for the first uploaded item, which is home, as in ArduPilot.
 
     Raises:
-        BadItem: it cannot be taken.
+        BadItem: the item cannot be accepted.
     """
     p1, p2, _, p4 = item.params
     command = item.command.name
@@ -130,7 +132,7 @@ def translate(item: Item, home: Home) -> Json:
 
 
 def _where(item: Item, home: Home) -> dict[str, Json]:
-    """Keys of a waypoint for its place."""
+    """Return the keys of a waypoint that hold its place."""
     if item.frame.name not in _TERRAIN_FRAMES:
         return {"position_ned_m": list(place_of(item, home))}
     if not item.z > 0.0:
@@ -140,7 +142,7 @@ def _where(item: Item, home: Home) -> dict[str, Json]:
 
 
 def place_of(item: Item, home: Home) -> Vec3:
-    """Where an item is, in N, m.
+    """Return the place of an item in N, m.
 
     Raises:
         BadItem: its frame or place cannot be used, or the origin is not known.
@@ -168,11 +170,11 @@ def _positive(item: Item, value: float, result: Result, allow_zero: bool = False
 
 
 def home_item(home: Home, entry: Callable[[str], Entry]) -> Item:
-    """The first item of a mission for the download.
+    """Return the first item of a mission for the download: home.
 
     Args:
-        home: where the origin and home are.
-        entry: names of the dialect to entries.
+        home: the origin and home.
+        entry: returns the entry of a name in the dialect.
     """
     at = home.home
     x, y = (0, 0) if at is None else (round(degrees_e7(at.latitude)), round(degrees_e7(at.longitude)))
@@ -180,13 +182,15 @@ def home_item(home: Home, entry: Callable[[str], Entry]) -> Item:
 
 
 def untranslated(seq: int, item: Mapping[str, Json], home: Home, entry: Callable[[str], Entry]) -> Item:
-    """An item of a mission that came another way (a scenario, another adapter), for the download; in the local frame without an origin.
+    """Return an item for the download from one of the autopilot, which a scenario or another adapter has set.
+
+    Without an origin its place is in the local frame.
 
     Args:
         seq: its number; home is 0.
-        item: of the autopilot.
-        home: where the origin and home are.
-        entry: names of the dialect to entries.
+        item: the autopilot's item.
+        home: the origin and home.
+        entry: returns the entry of a name in the dialect.
     """
 
     def number(key: str, default: float = 0.0) -> float:
@@ -209,7 +213,7 @@ def untranslated(seq: int, item: Mapping[str, Json], home: Home, entry: Callable
     there = home.place((north, east, down))
     over_bottom = "altitude_m" in item
     if there is None:
-        down = math.nan if over_bottom else down  # no local frame has altitudes
+        down = math.nan if over_bottom else down  # no local frame has an altitude above the bottom
         return Item(seq, entry(LOCAL_NED), entry(WAYPOINT), params, round(north * 1e4), round(east * 1e4), down)
     x, y = round(degrees_e7(there.latitude)), round(degrees_e7(there.longitude))
     if over_bottom:

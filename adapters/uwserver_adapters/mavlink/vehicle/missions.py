@@ -1,4 +1,4 @@
-"""The mission protocol: upload, download, progress. Fences and rally points there are none."""
+"""The mission protocol: upload, download and progress. There are no fences and no rally points."""
 
 from __future__ import annotations
 
@@ -26,46 +26,45 @@ from uwserver_adapters.mavlink.vehicle.mission_items import (
 from uwserver_adapters.mavlink.vehicle.modes import GUIDED
 from uwserver_adapters.mavlink.vehicle.setpoints import LOCAL_NED
 from uwserver_adapters.mavlink.wire.channel import Channel
-from uwserver_adapters.mavlink.wire.dialect import Entry, Fields, Message
+from uwserver_adapters.mavlink.wire.dialect import Fields, Message, Value, addressed_to
 
 ASK_AGAIN_S, GIVE_UP_S = 1.0, 8.0
-"""Wall time after which an item that does not come is asked for again, and the upload is given up."""
+"""Wall time after which a missing item is requested again, and after which an upload is given up."""
 MISSION, FENCE, RALLY = "MAV_MISSION_TYPE_MISSION", "MAV_MISSION_TYPE_FENCE", "MAV_MISSION_TYPE_RALLY"
 _ITEM = re.compile(r"^item (\d+)")
-"""How the autopilot begins what is wrong with an item."""
-GO_THERE, GO_TO_HEIGHT = 2, 3
+"""How the autopilot begins a text about a wrong item."""
+GO_TO_PLACE, GO_TO_HEIGHT = 2, 3
 """Values of `current` of items that belong to no mission."""
 
 
 class Upload(Struct):
-    """An upload under way.
+    """An upload in progress.
 
     Attributes:
-        channel, peer: who uploads.
-        count: items that will come.
-        kind: of mission.
-        asked_at, heard_at: wall time of the last request, and of what came last.
-        items: that came.
-        made: what they are for the autopilot; translated as they come, since all at once would take 2.5 ms of the loop.
-        numbers: of those, as uploaded.
+        request: the MISSION_COUNT that began it.
+        channel: the channel on which it came.
+        count: number of items that will come.
+        asked_at, heard_at: wall time of the last request for an item, and of the last item.
+        items: items received so far.
+        translated: the same for the autopilot. They are translated one by one, because all at once would hold up the loop for 2.5 ms.
+        numbers: the uploaded numbers of the translated items.
     """
 
+    request: Message
     channel: Channel
-    peer: tuple[int, int]
     count: int
-    kind: Entry
     asked_at: float
     heard_at: float
     items: list[Item] = []
-    made: list[Json] = []
+    translated: list[Json] = []
     numbers: list[int] = []
 
 
 class Missions:
-    """Loop thread. Times are wall time, s.
+    """The vehicle's mission. Runs on the loop thread. Times are wall time, s.
 
     Args:
-        bridge: to ground stations and autopilot.
+        bridge: the way to ground stations and autopilot.
     """
 
     def __init__(self, bridge: Bridge) -> None:
@@ -80,7 +79,7 @@ class Missions:
     # -- progress ---------------------------------------------------------------------------------------------------------------------
 
     def current(self) -> Fields:
-        """Fields of MISSION_CURRENT."""
+        """Return the fields of MISSION_CURRENT."""
         state = self._bridge.readings.state()
         total = max(0, len(self._items) - 1)
         if not total:
@@ -100,7 +99,7 @@ class Missions:
         return max(0, index + 1) if index >= 0 else self._start_at
 
     def tick(self, now: float) -> None:
-        """Tell what was reached; go on with an upload that has stopped."""
+        """Announce waypoints that were reached, and continue or give up an upload that has stopped."""
         state = self._bridge.readings.state()
         if state.reached < self._reached:
             self._reached = state.reached
@@ -120,45 +119,47 @@ class Missions:
     # -- upload -----------------------------------------------------------------------------------------------------------------------
 
     def begin_upload(self, message: Message, channel: Channel, now: float) -> None:
-        """MISSION_COUNT: somebody wants to upload."""
-        peer, kind, count = (message.system, message.component), message.entry("mission_type"), message.whole("count")
-        if self._upload is not None and self._upload.peer != peer:
-            self._acknowledge(channel, peer, kind, "DENIED")
-        elif kind.name != MISSION:
-            is_none = not count and kind.name in (FENCE, RALLY)
-            self._acknowledge(channel, peer, kind, "ACCEPTED" if is_none else "UNSUPPORTED")
+        """Take MISSION_COUNT: a ground station wants to upload."""
+        kind, count = message.entry("mission_type").name, message.integer("count")
+        if self._upload is not None and self._upload.request.sender != message.sender:
+            self._acknowledge(message, channel, "DENIED")
+        elif kind != MISSION:
+            is_empty = not count and kind in (FENCE, RALLY)
+            self._acknowledge(message, channel, "ACCEPTED" if is_empty else "UNSUPPORTED")
         elif count > LARGEST:
             self._bridge.tell(WARNING, f"Mission of {count} items: at most {LARGEST}")
-            self._acknowledge(channel, peer, kind, "NO_SPACE")
+            self._acknowledge(message, channel, "NO_SPACE")
         elif count == 0:
-            self._clear(channel, peer, kind)
+            self.clear(message, channel)
         else:
-            self._upload = Upload(channel, peer, count, kind, now, now)
+            self._upload = Upload(message, channel, count, now, now)
             self._ask(self._upload, now)
 
     def take(self, message: Message, channel: Channel, now: float) -> None:
-        """MISSION_ITEM_INT or MISSION_ITEM: one item."""
-        if message.whole("current") in (GO_THERE, GO_TO_HEIGHT):
+        """Take one item: MISSION_ITEM_INT or MISSION_ITEM."""
+        if message.integer("current") in (GO_TO_PLACE, GO_TO_HEIGHT):
             self._go(message, channel)
             return
-        upload, peer = self._upload, (message.system, message.component)
-        if upload is None or upload.peer != peer:
-            self._acknowledge(channel, peer, message.entry("mission_type"), "INVALID_SEQUENCE" if upload is None else "DENIED")  # fmt: skip
+        upload = self._upload
+        if upload is None or upload.request.sender != message.sender:
+            self._acknowledge(message, channel, "INVALID_SEQUENCE" if upload is None else "DENIED")
             return
         upload.heard_at = now
-        seq = message.whole("seq")
+        seq = message.integer("seq")
         if seq < len(upload.items):
-            return  # it came twice
+            return  # a repeated item
         if seq > len(upload.items):
             self._ask(upload, now)
             return
         try:
             item = item_of(message)
             if seq and item.command.name != TAKEOFF:
-                upload.made.append(translate(item, self._bridge.home))
+                upload.translated.append(translate(item, self._bridge.home))
                 upload.numbers.append(seq)
         except BadItem as reason:
-            self._refuse(upload, reason)
+            self._bridge.counters["refused"] += 1
+            self._bridge.tell(WARNING, str(reason))
+            self._end(upload, reason.result)
             return
         upload.items.append(item)
         if len(upload.items) < upload.count:
@@ -167,164 +168,155 @@ class Missions:
             self._complete(upload)
 
     def _go(self, message: Message, channel: Channel) -> None:
-        """Go there at once, in GUIDED, or keep the place and go to its height: ArduPilot's way, which QGroundControl takes with submarines."""
-        bridge, peer = self._bridge, (message.system, message.component)
-        state, kind = bridge.readings.state(), bridge.dialect.entry(MISSION)
+        """Go to a place at once, in GUIDED, or stay there and change the height. This is ArduPilot's own way, which QGroundControl uses."""
+        bridge = self._bridge
+        state = bridge.readings.state()
         try:
             item = item_of(message)
             point = place_of(item, bridge.home)
         except BadItem as reason:
             bridge.counters["refused"] += 1
             bridge.tell(WARNING, str(reason))
-            self._acknowledge(channel, peer, kind, reason.result)
+            self._acknowledge(message, channel, reason.result, MISSION)
             return
-        here = point if message.whole("current") == GO_THERE else state.p_ref_N or state.p_N
+        place = point if message.integer("current") == GO_TO_PLACE else state.p_ref_N or state.p_N
 
         def done(reason: str) -> None:
             if reason:
                 bridge.counters["refused"] += 1
                 bridge.tell(WARNING, f"Go there: {reason}")
-            self._acknowledge(channel, peer, kind, "ERROR" if reason else "ACCEPTED")
+            self._acknowledge(message, channel, "ERROR" if reason else "ACCEPTED", MISSION)
 
         if item.command.name != WAYPOINT or state.mode != GUIDED.autopilot:
             done("only in GUIDED, to a waypoint")
-        elif here is None:
+        elif place is None:
             done("the position is not known")
         else:
-            bridge.autopilot.command("position", {"p_N": [here[0], here[1], point[2]]}, done)
+            bridge.autopilot.command("position", {"p_N": [place[0], place[1], point[2]]}, done)
 
     def _complete(self, upload: Upload) -> None:
         def done(reason: str) -> None:
             if reason:
                 self._bridge.tell(WARNING, f"Mission refused: {_numbered(reason, upload.numbers)}")
             else:
-                if len(upload.made) < upload.count - 1:
+                if len(upload.translated) < upload.count - 1:
                     self._bridge.tell(INFO, "Mission: the take-off is left out")
-                self._items, self._numbers, self._known_count = [*upload.items], upload.numbers, len(upload.made)
-                self._reached, self._start_at = 0, 0
+                self._items, self._numbers = [*upload.items], upload.numbers
+                self._known_count, self._reached, self._start_at = len(upload.translated), 0, 0
             self._end(upload, "INVALID" if reason else "ACCEPTED")
 
         if not self._bridge.autopilot.is_there:
             self._bridge.tell(WARNING, self._bridge.autopilot.absence)
             self._end(upload, "ERROR")
             return
-        self._bridge.autopilot.call("set_mission", {"items": upload.made}, done)
-
-    def _refuse(self, upload: Upload, reason: BadItem) -> None:
-        self._bridge.counters["refused"] += 1
-        self._bridge.tell(WARNING, str(reason))
-        self._end(upload, reason.result)
+        self._bridge.autopilot.call("set_mission", {"items": upload.translated}, done)
 
     def _ask(self, upload: Upload, now: float) -> None:
         upload.asked_at = now
-        fields = {**_to(upload.peer), "seq": len(upload.items), "mission_type": upload.kind.number}
+        request = upload.request
+        fields = {
+            **addressed_to(request.sender), "seq": len(upload.items), "mission_type": request.integer("mission_type")
+        }  # fmt: skip
         self._bridge.send("MISSION_REQUEST_INT", fields, upload.channel)
 
     def _end(self, upload: Upload, result: Result) -> None:
         if self._upload is upload:
             self._upload = None
-        self._acknowledge(upload.channel, upload.peer, upload.kind, result)
+        self._acknowledge(upload.request, upload.channel, result)
 
-    def _acknowledge(self, channel: Channel, peer: tuple[int, int], kind: Entry, result: Result) -> None:
-        self._bridge.send(
-            "MISSION_ACK", {**_to(peer), "type": f"MAV_MISSION_{result}", "mission_type": kind.number}, channel
-        )
+    def _acknowledge(self, message: Message, channel: Channel, result: Result, kind: Value | None = None) -> None:
+        """Send MISSION_ACK to the sender of a message, for the mission type of that message unless another is given."""
+        kind = message.integer("mission_type") if kind is None else kind
+        fields: Fields = {**addressed_to(message.sender), "type": f"MAV_MISSION_{result}", "mission_type": kind}
+        self._bridge.send("MISSION_ACK", fields, channel)
 
     # -- download and the rest --------------------------------------------------------------------------------------------------------
 
     def tell_count(self, message: Message, channel: Channel) -> None:
-        """MISSION_REQUEST_LIST: somebody wants to download."""
-        peer, kind = (message.system, message.component), message.entry("mission_type")
-        if kind.name != MISSION:
-            self._bridge.send("MISSION_COUNT", {**_to(peer), "count": 0, "mission_type": kind.number}, channel)
-            return
+        """Answer MISSION_REQUEST_LIST: a ground station wants to download."""
+        is_mission = message.entry("mission_type").name == MISSION
 
         def tell(_: str) -> None:
-            self._bridge.send("MISSION_COUNT", {**_to(peer), "count": len(self._items)}, channel)
+            count, kind = len(self._items) if is_mission else 0, message.integer("mission_type")
+            fields = {**addressed_to(message.sender), "count": count, "mission_type": kind}
+            self._bridge.send("MISSION_COUNT", fields, channel)
 
-        if self._bridge.readings.state().mission_count != self._known_count:
+        if is_mission and self._bridge.readings.state().mission_count != self._known_count:
             self._bridge.autopilot.call("get_mission", {}, tell, self._learn)
         else:
             tell("")
 
     def _learn(self, result: Json) -> None:
-        """The mission has been changed by somebody else."""
+        """Take the autopilot's mission, which somebody else has changed."""
         items = result.get("items") if isinstance(result, dict) else None
         if isinstance(items, list):
-            told = [item if isinstance(item, dict) else {} for item in items]
-            self._items = [home_item(self._bridge.home, self._bridge.dialect.entry), *told] if told else []
+            found = [item if isinstance(item, dict) else {} for item in items]
+            self._items = [home_item(self._bridge.home, self._bridge.dialect.entry), *found] if found else []
             self._numbers = list(range(1, len(self._items)))
-            self._known_count = len(told)
+            self._known_count = len(found)
 
     def _item(self, seq: int) -> Item:
-        """One item; of a mission that came another way it is made when it is asked for."""
+        """Return one item. An item that was not uploaded here is converted when it is first asked for."""
         item = self._items[seq]
-        if isinstance(item, Item):
-            return item
-        self._items[seq] = made = untranslated(seq, item, self._bridge.home, self._bridge.dialect.entry)
-        return made
+        if not isinstance(item, Item):
+            item = self._items[seq] = untranslated(seq, item, self._bridge.home, self._bridge.dialect.entry)
+        return item
 
     def tell_item(self, message: Message, channel: Channel) -> None:
-        """MISSION_REQUEST_INT or MISSION_REQUEST: one item, with a place in integers or, for the older, in floats."""
-        peer, kind, seq = (message.system, message.component), message.entry("mission_type"), message.whole("seq")
-        if kind.name != MISSION or seq >= len(self._items):
-            self._acknowledge(channel, peer, kind, "INVALID_SEQUENCE")
+        """Answer MISSION_REQUEST_INT, or the older MISSION_REQUEST with a place in floats: send one item."""
+        seq = message.integer("seq")
+        if message.entry("mission_type").name != MISSION or seq >= len(self._items):
+            self._acknowledge(message, channel, "INVALID_SEQUENCE")
             return
         item = self._item(seq)
-        fields: dict[str, int | float] = {**_to(peer), **item.fields()}
         is_current = seq == self.current()["seq"] and seq > 0
+        fields: dict[str, int | float] = {
+            **addressed_to(message.sender), **item.fields(), "current": int(is_current)
+        }  # fmt: skip
         if message.name == "MISSION_REQUEST_INT":
-            self._bridge.send("MISSION_ITEM_INT", {**fields, "current": int(is_current)}, channel)
+            self._bridge.send("MISSION_ITEM_INT", fields, channel)
             return
         scale = 1e-4 if item.frame.name == LOCAL_NED else 1e-7
-        fields |= {"x": fields["x"] * scale, "y": fields["y"] * scale, "current": int(is_current)}
+        fields |= {"x": fields["x"] * scale, "y": fields["y"] * scale}
         self._bridge.send("MISSION_ITEM", fields, channel)
 
     def clear(self, message: Message, channel: Channel) -> None:
-        """MISSION_CLEAR_ALL."""
-        peer, kind = (message.system, message.component), message.entry("mission_type")
-        if kind.name in (FENCE, RALLY):
-            self._acknowledge(channel, peer, kind, "ACCEPTED")
-        else:
-            self._clear(channel, peer, kind)
+        """Take MISSION_CLEAR_ALL, or the upload of an empty mission."""
 
-    def _clear(self, channel: Channel, peer: tuple[int, int], kind: Entry) -> None:
         def done(reason: str) -> None:
             if not reason:
                 self._items, self._numbers, self._known_count, self._reached, self._start_at = [], [], 0, 0, 0
-            self._acknowledge(channel, peer, kind, "ERROR" if reason else "ACCEPTED")
+            self._acknowledge(message, channel, "ERROR" if reason else "ACCEPTED")
 
-        if self._bridge.autopilot.is_there:
+        if message.entry("mission_type").name in (FENCE, RALLY):
+            self._acknowledge(message, channel, "ACCEPTED")
+        elif self._bridge.autopilot.is_there:
             self._bridge.autopilot.call("clear_mission", {}, done)
         else:
             done("")
 
     def set_current(self, seq: int) -> bool:
-        """Begin with this item: at once in AUTO, else when the mission is started. False when there is none."""
+        """Begin with this item: at once in AUTO, else when the mission starts. Returns False when there is no such item."""
         if not 0 <= seq < len(self._items):
             return False
         self._start_at = seq
         if self._bridge.readings.state().mode == "mission":
-            self.start(lambda reason: self._bridge.tell(WARNING, reason) if reason else None)
+            self.start(self._bridge.failure_teller())
         self._bridge.send("MISSION_CURRENT", {**self.current(), "seq": seq})
         return True
 
     def start(self, done: Done) -> None:
-        """Fly the mission from the current item on; `done` gets why not, or ""."""
+        """Carry out the mission from the current item on. `done` gets the outcome."""
         index = next((k for k, number in enumerate(self._numbers) if number >= self._start_at), 0)
         self._reached = 0
         self._bridge.autopilot.call("start_mission", {"index": index}, done)
 
     def forget(self, channel: Channel) -> None:
-        """The channel is closed."""
+        """Forget the upload on a channel that has been closed."""
         if self._upload is not None and self._upload.channel is channel:
             self._upload = None
 
 
 def _numbered(reason: str, numbers: Sequence[int]) -> str:
-    """A reason of the autopilot, whose items are those without home and take-offs, with the number that the ground station gave the item."""
+    """Return a text of the autopilot with the ground station's number of the item. The autopilot counts without home and take-offs."""
     return _ITEM.sub(lambda found: f"item {numbers[int(found[1])]}", reason, count=1)
-
-
-def _to(peer: tuple[int, int]) -> dict[str, int]:
-    return {"target_system": peer[0], "target_component": peer[1]}

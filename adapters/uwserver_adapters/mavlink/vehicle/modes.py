@@ -1,4 +1,4 @@
-"""Modes: ArduSub's names, and those of the built-in autopilot. The dialect has their numbers."""
+"""The modes of ArduSub, and the modes of the built-in autopilot that carry them out. The dialect has their numbers."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ class Mode(Struct, frozen=True):
     """One mode of ArduSub.
 
     Attributes:
-        name: as ground stations show it.
-        autopilot: what carries it out.
-        is_guided: set points of a companion computer count.
+        name: its name in ground stations.
+        autopilot: the autopilot's mode that carries it out.
+        is_guided: set points of a companion computer are followed.
     """
 
     name: str
@@ -45,11 +45,11 @@ BY_ENTRY = {mode.entry: mode for mode in MODES}
 BY_NAME = {mode.name: mode for mode in MODES}
 _BY_AUTOPILOT = {mode.autopilot: mode for mode in MODES}
 _BY_AUTOPILOT |= {
-    "velocity": GUIDED,  # entered by a set point of velocity in GUIDED
-    "heading_hold": BY_NAME["STABILIZE"],  # ArduSub's STABILIZE holds the heading too
+    "velocity": GUIDED,  # a set point of velocity in GUIDED enters it
+    "heading_hold": BY_NAME["STABILIZE"],  # ArduSub's STABILIZE also holds the heading
 }
 
 
 def shown(autopilot: str) -> Mode:
-    """The mode of ArduSub that stands for one of the autopilot; MANUAL for one that is not known."""
+    """Return ArduSub's mode for a mode of the autopilot; MANUAL for an unknown one."""
     return _BY_AUTOPILOT.get(autopilot, MANUAL)

@@ -1,4 +1,4 @@
-"""The servo outputs of an ArduSub: motors as the autopilot commands them, lights and camera mount as the payload has them."""
+"""The servo outputs of an ArduSub: motors as the autopilot commands them, and lights and camera mount as the payload has them."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from uwserver_adapters.mavlink.wire.codec import NEUTRAL_US, deflection, pulse
 COUNT = 16
 _MOTOR_1, _MOTORS = 33, 8
 _TILT, _LIGHTS = 7, {59: 0, 60: 1, 181: 0, 182: 1}
-"""Values of SERVOn_FUNCTION; lights hang on RC inputs 9 and 10 where they have no function of their own."""
+"""Values of SERVOn_FUNCTION. Lights without a function of their own follow RC inputs 9 and 10."""
 
 
 def wired(motors: int) -> Mapping[str, float]:
-    """Parameters of a vehicle with so many motors, on its first outputs."""
+    """Return the parameters of a vehicle with this number of motors on its first outputs."""
     return {f"SERVO{k}_FUNCTION": _MOTOR_1 + k - 1.0 for k in range(1, min(motors, _MOTORS) + 1)}
 
 
 class Outputs:
-    """What SERVO_OUTPUT_RAW tells, and the test of motors.
+    """The pulses of SERVO_OUTPUT_RAW, and the motor test.
 
     Args:
-        parameters: which output is what.
+        parameters: functions of the outputs.
         payload: lights and mount.
-        motors: that the autopilot moves: its outputs.
-        patience_s: simulation time without a command after which the autopilot ends a test.
+        motors: number of motors that the autopilot commands.
+        patience_s: simulation time without a command after which the autopilot ends a motor test.
     """
 
     def __init__(self, parameters: Parameters, payload: Payload, motors: int, patience_s: float) -> None:
@@ -39,10 +39,10 @@ class Outputs:
         self._set: dict[int, int] = {}
 
     def pulses(self, motors: Sequence[float]) -> Mapping[int, int]:
-        """Pulses (us) by output, of those that do something.
+        """Return the pulse widths (us) of the outputs that do something, by output.
 
         Args:
-            motors: deflections, -1 to 1; none while disarmed.
+            motors: deflections, -1 to 1; empty while disarmed.
         """
         pulses = {k: self._pulse(k, motors) for k in range(1, COUNT + 1)}
         return {k: width for k, width in pulses.items() if width} | self._set
@@ -65,7 +65,7 @@ class Outputs:
         return pulse(motors[motor]) if motor < len(motors) else NEUTRAL_US
 
     def set_servo(self, output: int, pulse_us: float) -> bool:
-        """Set an output, or the lights on it; False for one that is not there, a motor's or the mount's, or a pulse that no servo understands."""
+        """Set an output, or the lights on it. Returns False if it does not exist, drives a motor or the mount, or the pulse is not valid."""
         if not 1 <= output <= COUNT or not _is_pulse(pulse_us) or self._motor(output) is not None:
             return False
         function = self._function(output)
@@ -76,23 +76,23 @@ class Outputs:
         return function != _TILT
 
     def begin_test(self) -> None:
-        """All motors stand."""
+        """Begin a motor test with all motors at rest."""
         self._tested = [0.0] * len(self._tested)
 
     def test(self, motor: int, pulse_us: float, now: float) -> Sequence[float] | None:
-        """All deflections with that of one more motor.
+        """Add one motor to the motor test, and return the deflections of all.
 
         Args:
-            motor: its number, from 0; the others keep what this test gave them.
-            pulse_us: what it gets.
+            motor: its number, from 0. The other motors keep what this test gave them.
+            pulse_us: its pulse width.
             now: simulation time, s.
 
         Returns:
-            None for a motor that is not there, or a pulse that no servo understands.
+            None if there is no such motor, or the pulse is not valid.
         """
         if not 0 <= motor < len(self._tested) or not _is_pulse(pulse_us):
             return None
-        # A test also ends where we do not see it: by another client, by a change of mode, by a reset of the world.
+        # A test may also end unnoticed: by another client, a change of mode or a reset of the world.
         if not 0.0 <= now - self._tested_at <= self._patience_s:
             self.begin_test()
         self._tested_at = now

@@ -1,6 +1,6 @@
-"""Parameters as ground stations know them: names and values after ArduSub, those that mean something here honoured (docs/reference/mavlink.md).
+"""Parameters with the names and defaults of ArduSub. Those that mean something in the simulation take effect (docs/reference/mavlink.md).
 
-`parameters.json` holds type and default of each: what we honour, and what QGroundControl and Cockpit ask for by name.
+`parameters.json` holds type and default of each: the ones that take effect, and the ones that QGroundControl and Cockpit request by name.
 """
 
 from __future__ import annotations
@@ -15,28 +15,26 @@ import msgspec
 from uwserver_adapters.mavlink.wire.channel import Out
 from uwserver_adapters.mavlink.wire.dialect import Fields
 
-_WIRE_TYPES = {"uint8": 1, "int8": 2, "uint16": 3, "int16": 4, "uint32": 5, "int32": 6, "real32": 9}
-_RANGES = {
-    "uint8": (0, 0xFF),
-    "int8": (-0x80, 0x7F),
-    "uint16": (0, 0xFFFF),
-    "int16": (-0x8000, 0x7FFF),
-    "uint32": (0, 0xFFFF_FFFF),
-    "int32": (-0x8000_0000, 0x7FFF_FFFF),
-}
+_RANGES = {"int8": (-0x80, 0x7F), "int16": (-0x8000, 0x7FFF), "int32": (-0x8000_0000, 0x7FFF_FFFF)}
+_WIRE_TYPES = {"int8": 2, "int16": 4, "int32": 6, "real32": 9}
+"""Numbers of MAV_PARAM_TYPE."""
 PACKED = {"int8": (1, "b"), "int16": (2, "h"), "int32": (3, "i"), "real32": (4, "f")}
 """Number and format of a type in a packed parameter file."""
 READ_ONLY = frozenset({"MAV_SYSID", "FORMAT_VERSION", "STAT_BOOTCNT", "STAT_RUNTIME", "STAT_FLTTIME", "MIS_TOTAL"})
+"""Parameters that only the scenario may set."""
 
 
 class Parameters:
-    """All parameters. Values are kept until the adapter ends.
+    """All parameters. Values last until the adapter ends.
 
     Args:
         given: values that differ from the defaults, by name.
 
+    Attributes:
+        names: all names, in the order of their index.
+
     Raises:
-        ValueError: a given name or value that is none; says which.
+        ValueError: a given name does not exist, or a value is not allowed. The text says which.
     """
 
     def __init__(self, given: Mapping[str, float]) -> None:
@@ -45,45 +43,29 @@ class Parameters:
         self._types = {name: kind for name, (kind, _) in table.items()}
         self._defaults = {name: float(value) for name, (_, value) in table.items()}
         self._values = dict(self._defaults)
-        self._names = tuple(table)
+        self.names = tuple(table)
         self._packed: dict[bool, bytes] = {}
-        self._places = {name: index for index, name in enumerate(self._names)}
+        self._places = {name: index for index, name in enumerate(self.names)}
         for name, value in given.items():
             if not self.set(name, value, is_trusted=True):
                 raise ValueError(
                     f'parameters: "{name}" = {value!r}: there is no such parameter, or it cannot have that value'
                 )
 
-    def __len__(self) -> int:
-        return len(self._names)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """All names, in the order of their index."""
-        return self._names
-
     @property
     def gcs_system(self) -> int:
-        """Number of the ground station that may steer."""
+        """System number of the ground station that may steer."""
         return round(self._values["MAV_GCS_SYSID"])
 
     def value(self, name: str) -> float:
-        """Value of a parameter."""
+        """Return the value of a parameter."""
         return self._values[name]
 
-    def default(self, name: str) -> float:
-        """Its value before anybody set it."""
-        return self._defaults[name]
-
-    def kind(self, name: str) -> str:
-        """Its type: int8, int16, int32 or real32."""
-        return self._types[name]
-
     def set(self, name: str, value: float, is_trusted: bool = False) -> bool:
-        """Set one, rounded as its type has it.
+        """Set a parameter, truncated if its type is an integer. Only a trusted caller sets `READ_ONLY` ones.
 
         Returns:
-            False for an unknown name, NaN or infinity, what the type cannot hold, and for what only the scenario may set.
+            False for an unknown name, a value that is not finite or does not fit the type, and a read-only parameter.
         """
         if name not in self._values or not math.isfinite(value) or (name in READ_ONLY and not is_trusted):
             return False
@@ -95,44 +77,45 @@ class Parameters:
             self._values[name] = struct.unpack("<f", struct.pack("<f", value))[0]
             return True
         low, high = _RANGES[kind]
-        whole = math.trunc(value)  # a cast of C, as ArduPilot does it: 3.7 becomes 3
+        whole = math.trunc(value)  # ArduPilot casts in C: 3.7 becomes 3
         if not low <= whole <= high:
             return False
         self._values[name] = float(whole)
         return True
 
     def at(self, index: int) -> str | None:
-        """Name at an index."""
-        return self._names[index] if 0 <= index < len(self._names) else None
+        """Return the name at an index, None where there is none."""
+        return self.names[index] if 0 <= index < len(self.names) else None
 
     def message(self, name: str, is_answer_to_set: bool = False) -> Fields:
-        """Fields of PARAM_VALUE: the value as a float whatever the type is, as ArduPilot has it."""
+        """Return the fields of PARAM_VALUE. The value is a float for every type, as in ArduPilot."""
         return {
             "param_id": name,
             "param_value": self._values[name],
             "param_type": _WIRE_TYPES[self._types[name]],
-            "param_count": len(self._names),
+            "param_count": len(self.names),
             "param_index": 0xFFFF if is_answer_to_set else self._places[name],
         }
 
     def download(self) -> Iterator[Out]:
-        """All of them, one message each; values as they are when a message goes out."""
-        for name in self._names:
+        """Yield one message for each parameter, with the value at the time when it is sent."""
+        for name in self.names:
             yield "PARAM_VALUE", self.message(name)
 
     def packed(self, with_defaults: bool) -> bytes:
-        """The file `@PARAM/param.pck`: name parts that the parameter before had too are left out. Kept until a parameter is set, as it takes
-        0.8 ms, and a peer may open it 2000 times a second.
+        """Return the file `@PARAM/param.pck`, in which a name leaves out what it shares with the name before.
+
+        The file is kept until a parameter is set: it takes 0.8 ms to build, and a peer may open it 2000 times a second.
 
         Args:
-            with_defaults: also the defaults, where they differ.
+            with_defaults: add the defaults where they differ from the values.
         """
         if with_defaults not in self._packed:
             self._packed[with_defaults] = self._pack(with_defaults)
         return self._packed[with_defaults]
 
     def _pack(self, with_defaults: bool) -> bytes:
-        names = sorted(self._names)
+        names = sorted(self.names)
         out = bytearray(struct.pack("<HHH", 0x671C if with_defaults else 0x671B, len(names), len(names)))
         before = ""
         for name in names:

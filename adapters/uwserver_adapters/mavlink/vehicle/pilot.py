@@ -1,4 +1,4 @@
-"""The pilot's sticks and buttons: MANUAL_CONTROL and RC_CHANNELS_OVERRIDE, as ArduSub maps them, to the autopilot's pilot port."""
+"""The pilot's sticks and buttons: MANUAL_CONTROL and RC_CHANNELS_OVERRIDE go to the autopilot's pilot port, mapped as in ArduSub."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from uwserver_adapters.mavlink.wire.dialect import Message
 
 CHANNELS = 18
 PITCH, ROLL, HEAVE, YAW, SURGE, SWAY = range(6)
-"""Channels of a radio, from 0."""
+"""Channels of the radio, from 0."""
 OVERRIDE_S = 3.0
-"""Sticks and overrides that are not renewed end."""
+"""Sticks and overrides that are not renewed for this time end."""
 REPEAT_S = 0.1
-"""The pilot port wants to hear from us; a ground station need not send as often."""
+"""Interval at which overrides are repeated: the pilot port expects commands more often than a ground station must send them."""
 _BUTTONS = 32
 _SHIFT, _GAIN_TOGGLE, _GAIN_UP, _GAIN_DOWN, _HOLD, _ROLL_PITCH = 1, 41, 42, 43, 48, 49
 _TRIMS = {44: (ROLL, 10), 45: (ROLL, -10), 46: (PITCH, 10), 47: (PITCH, -10)}
@@ -25,18 +25,18 @@ class Pilot:
     """Sticks, gain and buttons. Times are simulation time, s.
 
     Args:
-        parameters: gains and functions of buttons.
-        post: takes the deflections (6,), -1..1, along and about x, y, z of B.
-        actions: what a button may do, by the number of its function; asked for those that are not of the sticks themselves.
-        say: tells the pilot a change.
+        parameters: gains, and functions of buttons.
+        post: takes the deflections (6,), -1 to 1, along and about x, y, z of B.
+        actions: what buttons do, by the number of their function; only functions that do not concern the sticks.
+        say: tells the pilot of a change.
 
     Attributes:
-        gain: part of the full deflection that the full stick gives.
-        is_held: the sticks as they were when a button said so are added.
-        steers_attitude: surge and sway sticks pitch and roll instead.
-        channels: pulses (us) of all channels.
-        heard_at: when somebody last steered; None for not since the vehicle was armed, or since he was lost.
-        is_lost: nobody steers any more, which a fail-safe has told.
+        gain: fraction of the full deflection that a full stick gives.
+        is_held: stick positions that a button has stored are added.
+        steers_attitude: the surge and sway sticks change pitch and roll instead.
+        channels: pulse widths of all channels, us.
+        heard_at: when the pilot last steered; None if not since the vehicle was armed or the pilot was lost.
+        is_lost: the pilot no longer steers, and a fail-safe has announced it.
     """
 
     def __init__(
@@ -65,20 +65,20 @@ class Pilot:
 
     @property
     def deflections(self) -> tuple[float, ...]:
-        """Surge, sway, heave (down +), roll, pitch, yaw: -1..1."""
+        """Surge, sway, heave (down positive), roll, pitch and yaw, -1 to 1."""
         us = [deflection(width) for width in self.channels[:6]]
         return (us[SURGE], us[SWAY], -us[HEAVE] + 0.0, us[ROLL], us[PITCH], us[YAW])
 
     def steer(self, message: Message, now: float) -> None:
-        """Take MANUAL_CONTROL. x, y, r are -1000..1000; z is 0..1000 with 500 for no heave; s pitches and t rolls if they are enabled."""
+        """Take MANUAL_CONTROL: x, y and r are -1000 to 1000; z is 0 to 1000, with 500 for no heave; s and t are pitch and roll if enabled."""
         self._hear(now)
-        sticks = {axis: message.whole(axis) for axis in "xyzr"}
+        sticks = {axis: message.integer(axis) for axis in "xyzr"}
         if any(abs(value) > 1000 for value in sticks.values()):
-            return  # 32767 marks an axis that the joystick has not
-        extensions = message.whole("enabled_extensions")
-        s = message.whole("s") if extensions & 1 else 0
-        t = message.whole("t") if extensions & 2 else 0
-        self._press(message.whole("buttons") | message.whole("buttons2") << 16)
+            return  # 32767 marks an axis that the joystick does not have
+        extensions = message.integer("enabled_extensions")
+        s = message.integer("s") if extensions & 1 else 0
+        t = message.integer("t") if extensions & 2 else 0
+        self._press(message.integer("buttons") | message.integer("buttons2") << 16)
         wide = 0.4 * self.gain
         thrust = 0.8 * self.gain * self._parameters.value("JS_THR_GAIN")
         pushes = [0.0] * 6
@@ -95,10 +95,10 @@ class Pilot:
         self._send(now)
 
     def override(self, message: Message, now: float) -> None:
-        """Take RC_CHANNELS_OVERRIDE: 65535 leaves a channel, 0 (65534 from the ninth on) releases it."""
+        """Take RC_CHANNELS_OVERRIDE: 65535 leaves a channel as it is, and 0 (from the ninth channel on 65534) releases it."""
         self._hear(now)
         for channel in range(CHANNELS):
-            pulse_us = message.whole(f"chan{channel + 1}_raw")
+            pulse_us = message.integer(f"chan{channel + 1}_raw")
             if pulse_us == _UNCHANGED or (pulse_us == 0 and channel >= 8):
                 continue
             if pulse_us in (0, _RELEASED):
@@ -110,12 +110,12 @@ class Pilot:
         self._send(now)
 
     def tick(self, now: float) -> None:
-        """End sticks and overrides that were not renewed; say again what still holds.
+        """End sticks and overrides that were not renewed, and repeat overrides that still hold.
 
-        Sticks are never said again: whoever steers by them sends them ten times a second, and when he is gone the port must notice.
+        Sticks are never repeated: a ground station sends them ten times per second, and the port must notice when it stops.
         """
         if now < self._posted_at:
-            self.neutral()  # the time began anew
+            self.neutral()  # simulation time has begun again
             self._posted_at = now
         for channel, since in list(self._overridden.items()):
             if now - since > OVERRIDE_S:
@@ -129,7 +129,7 @@ class Pilot:
             self._send(now)
 
     def neutral(self) -> None:
-        """Let all sticks go."""
+        """Release all sticks."""
         was_steered = self._sticks_at is not None or bool(self._overridden)
         self.channels[:6] = [NEUTRAL_US] * 6
         self._overridden.clear()
@@ -140,7 +140,7 @@ class Pilot:
             self._post(self.deflections)
 
     def forget(self) -> None:
-        """Who steered until now has not begun to steer."""
+        """Forget that anybody has steered."""
         self.heard_at, self.is_lost = None, False
 
     def _hear(self, now: float) -> None:

@@ -1,4 +1,4 @@
-"""What the instruments of one vehicle and its autopilot last said. Truth is never asked."""
+"""The last readings of one vehicle's instruments and its autopilot. Ground truth is never used."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ Reading = Mapping[str, Value]
 KINDS = frozenset({
     "altimeter", "attitude", "autopilot", "battery", "depth", "dvl", "gps", "imu", "leak", "magnetometer", "pressure",
 })  # fmt: skip
-"""Of which something is told to ground stations."""
+"""Kinds of ports whose readings are sent to ground stations."""
 _ASSUMED_NS = 2_000_000_000
-"""An autopilot that says nothing for so long is not believed to have done anything."""
+"""An assumed change is dropped when the autopilot's last sample is this much older than the change, ns."""
 
 
 class State(Struct, frozen=True):
-    """What is known of the vehicle; None where nothing is.
+    """What is known of the vehicle. None stands for unknown.
 
     Attributes:
-        has_autopilot: there is one, and it has said something.
-        mode, armed, failsafe: of the autopilot.
-        p_N, v_N: estimates in N, m and m/s, when valid.
+        has_autopilot: there is an autopilot, and it has sent a sample.
+        mode, armed, failsafe: state of the autopilot.
+        p_N, v_N: estimated position (m) and velocity (m/s) in N, when valid.
         sink: vertical speed, m/s down, when the depth is known.
-        q_NB, w_B: attitude and rates (rad/s).
-        depth, altitude: below the surface, above the bottom, m.
+        q_NB, w_B: attitude and angular rates (rad/s).
+        depth, altitude: below the surface and above the bottom, m.
         p_ref_N, depth_ref, heading_ref: set points.
-        mission_index, mission_count, reached: of the mission.
-        outputs: commands of the actuators that the autopilot holds, -1 to 1.
+        mission_index, mission_count, reached: state of the mission.
+        outputs: the autopilot's commands to the actuators, -1 to 1.
     """
 
     has_autopilot: bool = False
@@ -56,14 +56,14 @@ class State(Struct, frozen=True):
 
     @property
     def altitude_target(self) -> float:
-        """Above the bottom, m, that SURFTRAK holds; 0 in other modes."""
+        """Altitude above the bottom (m) that SURFTRAK holds; 0 in other modes."""
         if self.mode != "altitude_hold" or self.depth_ref is None or self.depth is None or self.altitude is None:
             return 0.0
         return self.altitude + self.depth - self.depth_ref
 
 
 class Readings:
-    """The newest samples, found by what their ports are. Loop thread.
+    """The newest samples, found by the kinds of their ports. Runs on the loop thread.
 
     Args:
         context: the world.
@@ -71,7 +71,7 @@ class Readings:
 
     Attributes:
         t_ns: simulation time.
-        turns: whole turns of the heading since the start, clockwise positive.
+        turns: full turns of the heading since the start, clockwise positive.
     """
 
     def __init__(self, context: AdapterContext, vehicle: str) -> None:
@@ -87,7 +87,7 @@ class Readings:
         self.open_ports()
 
     def open_ports(self) -> None:
-        """Look again at which ports there are: of each kind the first counts."""
+        """Find the ports again. The first port of each kind counts."""
         self._ports.clear()
         self._known = (-1, State())
         for path, port in self._context.ports.items():
@@ -99,15 +99,15 @@ class Readings:
 
     @property
     def wanted(self) -> Collection[str] | None:
-        """Their ports; None, which is all, where the vehicle has no such instrument: the telemetry needs some that tell the time."""
+        """The ports that are read. None, which means all, without any such instrument: the telemetry needs some samples to follow the time."""
         return frozenset(path for path, _ in self._ports.values()) or None
 
     def has(self, kind: str) -> bool:
-        """Whether the vehicle has such an instrument: a sensor's kind, or `depth` for a pressure sensor that tells it."""
+        """Return whether the vehicle has an instrument of this kind; `depth` is a pressure sensor that gives the depth."""
         return kind in self._ports
 
     def last(self, kind: str) -> Reading | None:
-        """Fields of the newest sample; None when there is none or it is not valid."""
+        """Return the fields of the newest sample; None when there is none or it is not valid."""
         known = self._ports.get(kind)
         sample = self._context.last(known[0]) if known is not None else None
         if known is None or sample is None or not sample.valid:
@@ -115,22 +115,22 @@ class Readings:
         return dict(zip(known[1], sample.value, strict=False))
 
     def number(self, kind: str, field: str) -> float | None:
-        """A finite number of the newest valid sample."""
+        """Return a number of the newest valid sample; None when it is not finite."""
         reading = self.last(kind)
         return None if reading is None else finite(reading.get(field))
 
     def state(self) -> State:
-        """Everything together, at `t_ns`."""
+        """Return everything that is known at `t_ns`."""
         if self._known[0] != self.t_ns:
             self._known = (self.t_ns, self._state())
         return self._known[1]
 
     def forget(self) -> None:
-        """Samples are new although the time is not."""
+        """Read the samples again at the next call, even at the same time."""
         self._known = (-1, State())
 
     def count_turns(self) -> None:
-        """Look at the heading; to be called at least twice a turn."""
+        """Count the turns of the heading. Must be called at least twice per turn."""
         q = self.state().q_NB
         if q is None:
             return
@@ -140,12 +140,13 @@ class Readings:
         self._last_yaw = yaw
 
     def assume(self, t_ns: int, **fields: str | bool) -> None:
-        """The autopilot has done what it was asked, and has not said so yet: it speaks some times a second only, and who was told that the mode
-        is another goes on at once.
+        """Assume that the autopilot has changed as requested, although it has not said so yet.
+
+        It sends its state only a few times per second, and a ground station goes on as soon as it has been told that the mode has changed.
 
         Args:
-            t_ns: simulation time of the change; what it says of later times counts again.
-            fields: `mode`, `armed`.
+            t_ns: simulation time of the change. The autopilot's later samples count again.
+            fields: `mode` or `armed`.
         """
         self._assumed.update(fields)
         self._assumed_ns = t_ns
@@ -181,9 +182,9 @@ class Readings:
             p_ref_N=vec3(said.get("p_ref_N")),
             depth_ref=finite(said.get("depth_ref")),
             heading_ref=finite(said.get("heading_ref")),
-            mission_index=_whole(said.get("mission_index"), -1),
-            mission_count=_whole(said.get("mission_count"), 0),
-            reached=_whole(said.get("reached"), 0),
+            mission_index=_integer(said.get("mission_index"), -1),
+            mission_count=_integer(said.get("mission_count"), 0),
+            reached=_integer(said.get("reached"), 0),
             outputs=_row(said.get("outputs")),
         )
 
@@ -212,6 +213,6 @@ def _row(value: object) -> tuple[float, ...]:
     return (vector(value, len(value)) or ()) if isinstance(value, tuple) else ()
 
 
-def _whole(value: object, default: int) -> int:
+def _integer(value: object, default: int) -> int:
     number = finite(value)
     return default if number is None else int(number)

@@ -1,4 +1,4 @@
-"""What a vehicle tells of itself: one function a message, from what its instruments said. None: there is nothing to tell."""
+"""What a vehicle sends about itself: one function for each message, which returns None when there is nothing to send."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from uwserver.frames import quat_from_rpy, rpy_from_quat
 from uwserver_adapters.mavlink.vehicle.bridge import Bridge
 from uwserver_adapters.mavlink.vehicle.failsafe import Failsafes
-from uwserver_adapters.mavlink.vehicle.identity import Identity
+from uwserver_adapters.mavlink.vehicle.identity import autopilot_version, available_modes
 from uwserver_adapters.mavlink.vehicle.instruments import UNKNOWN_16, Instruments
 from uwserver_adapters.mavlink.vehicle.missions import Missions
 from uwserver_adapters.mavlink.vehicle.modes import shown
@@ -31,41 +31,42 @@ from uwserver_adapters.mavlink.wire.dialect import Fields
 Builder = Callable[[], "Fields | Sequence[Fields] | None"]
 
 ARMED, CUSTOM, STABILIZED, GUIDED, MANUAL = 128, 1, 16, 8, 64
-"""Bits of base_mode."""
+"""Bits of base_mode in HEARTBEAT."""
 GYRO, ACCELEROMETER, MAGNETOMETER, ABSOLUTE_PRESSURE, GPS = 1, 2, 4, 8, 32
 RATE_CONTROL, ATTITUDE_CONTROL, YAW_CONTROL, Z_CONTROL, XY_CONTROL = 1 << 10, 1 << 11, 1 << 12, 1 << 13, 1 << 14
 OUTPUTS, GEOFENCE, AHRS, BATTERY, PREARM = 1 << 15, 1 << 20, 1 << 21, 1 << 25, 1 << 28
-"""Bits of MAV_SYS_STATUS_SENSOR. ArduSub shows its fence as present, healthy and not enabled unless it is switched on; here it never is."""
+"""Bits of MAV_SYS_STATUS_SENSOR. ArduSub shows a fence that is switched off as present, healthy and not enabled; ours is always off."""
 _LEVEL_FROM_BOW = 4 | 8 | 32
-"""Bits of GIMBAL_DEVICE_FLAGS: roll and pitch from the horizon, yaw from the vehicle."""
+"""Bits of GIMBAL_DEVICE_FLAGS: roll and pitch are relative to the horizon, and yaw to the vehicle."""
 _INSTRUMENTS = {"imu": GYRO | ACCELEROMETER, "magnetometer": MAGNETOMETER, "depth": ABSOLUTE_PRESSURE,
                 "pressure": ABSOLUTE_PRESSURE, "gps": GPS, "attitude": AHRS, "battery": BATTERY}  # fmt: skip
 
 
 class Telemetry:
-    """Builds messages. Reads the rest of the vehicle, changes nothing.
+    """Builds messages from the state of the vehicle, which it only reads.
 
     Args:
-        bridge: to readings and home.
+        bridge: readings and home.
         epoch_ns: UTC of simulation time zero, ns since 1970.
-        identity, failsafes, missions, pilot, outputs, payload: parts of the vehicle whose state is told.
+        banner: lines that a ground station is greeted with.
+        failsafes, missions, pilot, outputs, payload: parts of the vehicle whose state is sent.
 
     Attributes:
-        identity: as given.
+        banner: as given.
     """
 
     def __init__(
         self,
         bridge: Bridge,
         epoch_ns: int,
-        identity: Identity,
+        banner: Sequence[str],
         failsafes: Failsafes,
         missions: Missions,
         pilot: Pilot,
         outputs: Outputs,
         payload: Payload,
     ) -> None:
-        self.identity = identity
+        self.banner = banner
         self._bridge = bridge
         self._epoch_ns = epoch_ns
         self._failsafes = failsafes
@@ -98,26 +99,26 @@ class Telemetry:
             "MISSION_CURRENT": missions.current,
             "HOME_POSITION": bridge.home_position,
             "GPS_GLOBAL_ORIGIN": lambda: self._home.global_origin(microseconds(self._readings.t_ns)),
-            "AUTOPILOT_VERSION": identity.autopilot_version,
-            "AVAILABLE_MODES": identity.available_modes,
+            "AUTOPILOT_VERSION": lambda: autopilot_version(self._numbers),
+            "AVAILABLE_MODES": lambda: available_modes(self._numbers),
             "CURRENT_MODE": self._current_mode,
             "NAMED_VALUE_FLOAT": self._named_values,
         }
 
     @property
     def names(self) -> Sequence[str]:
-        """Messages that can be asked for."""
+        """Names of the messages that can be requested."""
         return tuple(self._builders)
 
     def build(self, name: str) -> Sequence[Fields]:
-        """Messages of a name as of now: one, several (NAMED_VALUE_FLOAT), or none where nothing is known."""
+        """Return the current messages of a name: one, several (NAMED_VALUE_FLOAT), or none where nothing is known."""
         fields = self._builders[name]()
         if fields is None:
             return ()
         return (fields,) if isinstance(fields, Mapping) else fields
 
     def announce(self, name: str) -> None:
-        """A message to all, now."""
+        """Send a message to all, now."""
         for fields in self.build(name):
             self._bridge.send(name, fields)
 
@@ -152,12 +153,11 @@ class Telemetry:
 
     def _sys_status(self) -> Fields:
         readings, state = self._readings, self._state
-        present = healthy = RATE_CONTROL | ATTITUDE_CONTROL | YAW_CONTROL | Z_CONTROL | XY_CONTROL | OUTPUTS | PREARM
-        present = healthy = present | GEOFENCE
+        present = RATE_CONTROL | ATTITUDE_CONTROL | YAW_CONTROL | Z_CONTROL | XY_CONTROL | OUTPUTS | PREARM | GEOFENCE
+        healthy = present
         leaks = bool((readings.last("leak") or {}).get("leak"))
-        if not state.has_autopilot or (
-            leaks and not state.armed
-        ):  # who is armed has passed the checks, as with ArduPilot
+        # An armed vehicle has passed the checks, as in ArduPilot.
+        if not state.has_autopilot or (leaks and not state.armed):
             healthy &= ~PREARM
         for kind, bits in _INSTRUMENTS.items():
             if readings.has(kind):
@@ -196,7 +196,7 @@ class Telemetry:
         return {**self._rates(), "q1": q1, "q2": q2, "q3": q3, "q4": q4}
 
     def _rates(self) -> dict[str, float]:
-        """Time and rates of the attitude."""
+        """Return time and angular rates, which both attitude messages have."""
         p, q, r = self._state.w_B or (0.0, 0.0, 0.0)
         return {"time_boot_ms": self._boot_ms, "rollspeed": p, "pitchspeed": q, "yawspeed": r}
 
@@ -205,14 +205,14 @@ class Telemetry:
         return None if q is None else rpy_from_quat(q)[2]
 
     def _altitude(self) -> float:
-        """Above the sea, m."""
+        """Return the altitude above the sea, m."""
         state = self._state
         if state.depth is not None:
             return -state.depth
         return 0.0 if state.p_N is None else -state.p_N[2]
 
     def _lat_lon(self) -> tuple[float, float]:
-        """1e-7 degrees; zeros, as ArduPilot has it, where they are not known."""
+        """Return latitude and longitude in 1e-7 degrees; zeros, as in ArduPilot, where they are not known."""
         state = self._state
         place = None if state.p_N is None else self._home.place(state.p_N)
         return (0.0, 0.0) if place is None else (degrees_e7(place.latitude), degrees_e7(place.longitude))
@@ -291,16 +291,18 @@ class Telemetry:
         return {**base, "lat_int": lat, "lon_int": lon, "alt": place.altitude}
 
     def _ekf_status(self) -> Fields:
-        """Bits: attitude, horizontal and vertical velocity, relative and absolute position, height above the sea and the bottom."""
+        """Return what is estimated: attitude, velocity, relative and absolute position, altitude above sea and bottom; 0x80: no position."""
         state = self._state
-        flags = 0 if state.q_NB is None else 0x1
-        flags |= 0 if state.v_N is None else 0x6
-        flags |= 0 if state.p_N is None else 0x8
-        flags |= 0x10 if state.p_N is not None and self._home.origin is not None else 0
-        flags |= 0 if state.depth is None else 0x20
-        flags |= 0 if state.altitude is None else 0x40
-        flags |= 0x80 if state.q_NB is not None and state.p_N is None else 0
-        return {"flags": flags}
+        known = {
+            0x1: state.q_NB is not None,
+            0x6: state.v_N is not None,
+            0x8: state.p_N is not None,
+            0x10: state.p_N is not None and self._home.origin is not None,
+            0x20: state.depth is not None,
+            0x40: state.altitude is not None,
+            0x80: state.q_NB is not None and state.p_N is None,
+        }
+        return {"flags": sum(bits for bits, is_known in known.items() if is_known)}
 
     # -- control ----------------------------------------------------------------------------------------------------------------------
 
@@ -316,7 +318,7 @@ class Telemetry:
         return fields | {f"servo{number}_raw": width for number, width in servos.items()}
 
     def _gimbal(self) -> Fields:
-        """The camera's mount: level in roll and pitch, its yaw from the bow."""
+        """Return the direction of the camera mount: roll and pitch from the horizon, yaw from the bow."""
         payload = self._payload
         q = quat_from_rpy(0.0, from_degrees(payload.tilt), from_degrees(payload.pan))
         return {"time_boot_ms": self._boot_ms, "flags": _LEVEL_FROM_BOW, "q": q}

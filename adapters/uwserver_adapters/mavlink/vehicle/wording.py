@@ -1,4 +1,4 @@
-"""What the autopilot says, in the words of those who hold a ground station: modes as ArduSub names them, and no services or ports."""
+"""Puts the autopilot's texts into the words of a ground station: modes have ArduSub's names, and services and ports are not mentioned."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _RULES: tuple[tuple[re.Pattern[str], str | Callable[[re.Match[str]], str]], ...]
 
 
 def _modes(names: str) -> str:
-    """Names of ArduSub for some of the autopilot, each once."""
+    """Return ArduSub's names of some of the autopilot's modes, each once."""
     return " or ".join(dict.fromkeys(shown(name).name for name in names.split(" or ")))
 
 
 def in_words_of_mavlink(text: str) -> str:
-    """A text of the autopilot for STATUSTEXT."""
+    """Return a text of the autopilot as it is sent in STATUSTEXT."""
     for pattern, words in _RULES:
         text = pattern.sub(words, text)
     return text

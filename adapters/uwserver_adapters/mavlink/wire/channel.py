@@ -1,4 +1,4 @@
-"""One conversation: a connection, a serial line, or one peer of a UDP socket. Sans-IO: it gets a way to write bytes."""
+"""One conversation: a connection, a serial line, or one peer of a UDP socket. Sans-IO: the owner passes in how to write bytes."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ Out = tuple[str, Fields]
 """A message to send: its name and fields."""
 
 BACKLOG = 16
-"""Downloads (parameters, files) that may be under way on a channel; a new one ends the oldest."""
+"""Downloads (parameters, files) that may be in progress on a channel. A new one ends the oldest."""
 
 
 class Channel:
-    """What belongs to one conversation.
+    """The state of one conversation.
 
     Args:
-        number: of this channel, never used again by another.
-        name: as a user would type it.
-        dialect: for its decoder.
-        write: sends bytes, or says False when the peer does not keep up.
-        is_ready: whether more than what must be may be written now.
-        streams: what it is told how often.
-        frames_per_s: that are taken.
+        number: number of the channel, which no later channel uses again.
+        name: the channel as a user would type it.
+        dialect: the messages, for the decoder.
+        write: sends bytes; returns False when the peer does not keep up.
+        is_ready: returns whether a download may send more now.
+        streams: which telemetry it gets how often.
+        frames_per_s: most frames that are accepted per second.
 
     Attributes:
-        seq: of the next frame.
-        backlog: downloads under way, sent some at a time.
+        seq: sequence number of the next frame.
+        backlog: downloads in progress, of which a few messages are sent at a time.
         heard_at: loop time of the last good frame, s.
-        is_heard: a good frame has come.
-        has_peer: somebody has spoken, or is surely there.
-        allowance: frames of the backlog that may be sent before the next tick.
-        meter: bounds its frames.
+        is_heard: a good frame has been received.
+        has_peer: a peer has spoken, or is known to be there.
+        allowance: download messages that may be sent before the next tick.
+        meter: limits the frames that are accepted.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class Channel:
         self.meter = RateMeter(frames_per_s)
 
     def next_seq(self) -> int:
-        """Number of the frame that is written next."""
+        """Return the sequence number of the frame that is written next."""
         seq = self.seq
         self.seq = (seq + 1) & 0xFF
         return seq

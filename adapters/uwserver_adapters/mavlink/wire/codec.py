@@ -1,4 +1,4 @@
-"""Units of MAVLink from and to SI and N: scaled integers, degrees, pulses, and the ellipsoid. Range is the message's business (`dialect.py`)."""
+"""Units of MAVLink to and from SI and N: scaled integers, degrees, pulses and the ellipsoid. `dialect.py` keeps values within their range."""
 
 from __future__ import annotations
 
@@ -12,24 +12,27 @@ from uwserver.units import NANOSECONDS, STANDARD_ATMOSPHERE_PA, deg, rad
 _TURN = 2 * math.pi
 _SEMI_MAJOR_M = 6_378_137.0
 _ECCENTRICITY_2 = 6.694_379_990_14e-3
-"""Ellipsoid WGS 84."""
+"""Semi-major axis and squared eccentricity of the WGS 84 ellipsoid."""
 _DEG_E7 = 1e7
-_ABSURD = 1e30
+_LARGEST = 1e30
+"""No real quantity is as large as this, and a thousand times as much still fits into a float of 32 bits."""
 NEUTRAL_US, SPAN_US = 1500, 400
-"""Pulse at rest, and its change at full deflection."""
+"""Pulse width at rest, and its change at full deflection, us."""
 STANDARD_GRAVITY = 9.80665
-"""m/s^2 in a g."""
+"""One g, m/s^2."""
 STANDARD_ATMOSPHERE = STANDARD_ATMOSPHERE_PA
-"""Pa."""
+"""Pressure at the sea surface, Pa."""
+from_degrees, degrees = rad, deg
+"""Degrees to radians, and back."""
 
 
 def finite(value: object) -> float | None:
-    """A number that is one, else None; nothing real is as large as 1e30, and its thousandfold must be a number too."""
-    return float(value) if isinstance(value, int | float) and abs(value) < _ABSURD else None
+    """Return a finite number of a size that occurs (below 1e30), or None for anything else."""
+    return float(value) if isinstance(value, int | float) and abs(value) < _LARGEST else None
 
 
 def vector(value: object, size: int) -> tuple[float, ...] | None:
-    """So many finite numbers, else None."""
+    """Return a sequence of `size` finite numbers, or None for anything else."""
     if not isinstance(value, tuple | list) or len(value) != size:
         return None
     numbers = [finite(entry) for entry in value]
@@ -37,83 +40,69 @@ def vector(value: object, size: int) -> tuple[float, ...] | None:
 
 
 def vec3(value: object) -> Vec3 | None:
-    """Three finite numbers, else None."""
+    """Return three finite numbers, or None for anything else."""
     row = vector(value, 3)
     return None if row is None else (row[0], row[1], row[2])
 
 
 def degrees_e7(angle: float) -> float:
-    """Radians to 1e-7 degrees."""
+    """Convert radians to 1e-7 degrees."""
     return deg(angle) * _DEG_E7
 
 
 def from_degrees_e7(scaled: float) -> float:
-    """1e-7 degrees to radians."""
+    """Convert 1e-7 degrees to radians."""
     return rad(scaled / _DEG_E7)
 
 
-def from_degrees(angle: float) -> float:
-    """Degrees to radians."""
-    return rad(angle)
-
-
-def degrees(angle: float) -> float:
-    """Radians to degrees."""
-    return deg(angle)
-
-
-def compass(yaw: float) -> float:
-    """Heading, degrees in [0, 360), of a yaw angle (rad)."""
-    return deg(yaw % _TURN) % deg(_TURN)
-
-
 def compass_centidegrees(yaw: float) -> int:
-    """The same in 0.01 degrees, 0 to 35999."""
-    return round(compass(yaw) * 100) % round(deg(_TURN) * 100)
+    """Convert a yaw angle (rad) to a heading in 0.01 degrees, 0 to 35999."""
+    heading = deg(yaw % _TURN) % deg(_TURN)
+    return round(heading * 100) % round(deg(_TURN) * 100)
 
 
 def wrapped(angle: float) -> float:
-    """An angle (rad) in [-pi, pi]."""
+    """Return an angle (rad) wrapped to [-pi, pi]."""
     return math.remainder(angle, _TURN)
 
 
 def turns(angle: float) -> float:
-    """An angle (rad) in whole turns."""
+    """Convert an angle (rad) to turns."""
     return angle / _TURN
 
 
 def milliseconds(t_ns: int) -> int:
-    """Simulation time as `time_boot_ms`."""
+    """Convert a simulation time to `time_boot_ms`."""
     return t_ns // 1_000_000
 
 
 def microseconds(t_ns: int) -> int:
-    """Simulation time as `time_usec`."""
+    """Convert a simulation time to `time_usec`."""
     return t_ns // 1000
 
 
 def seconds(t_ns: int) -> float:
-    """Nanoseconds to seconds."""
+    """Convert nanoseconds to seconds."""
     return t_ns / NANOSECONDS
 
 
 def nanoseconds(time_s: float) -> int:
-    """Seconds to nanoseconds."""
+    """Convert seconds to nanoseconds."""
     return round(time_s * NANOSECONDS)
 
 
 def pulse(deflection: float) -> int:
-    """Microseconds of a deflection -1..1."""
+    """Convert a deflection (-1 to 1) to a pulse width, us."""
     return round(NEUTRAL_US + SPAN_US * min(1.0, max(-1.0, deflection)))
 
 
 def deflection(pulse_us: float) -> float:
-    """-1..1 of a pulse; what is outside 1100 to 1900 us is as far as it goes."""
+    """Convert a pulse width (us) to a deflection, -1 to 1. Pulses outside 1100 to 1900 us are limited."""
     return min(1.0, max(-1.0, (pulse_us - NEUTRAL_US) / SPAN_US))
 
 
 class Datum(Struct, frozen=True):
-    """Where the origin of N lies.
+    """The place of N's origin on the Earth.
 
     N is the plane that touches the ellipsoid there, as for the world's GPS: z = 0 is the sea.
 
@@ -125,10 +114,10 @@ class Datum(Struct, frozen=True):
     longitude: float
 
     def geodetic(self, north: float, east: float) -> tuple[float, float]:
-        """Latitude and longitude (rad) of a point of the plane (m)."""
+        """Return latitude and longitude (rad) of a point of the plane (m)."""
         s, c = math.sin(self.latitude), math.cos(self.latitude)
         across, flat = self._across(s), 1.0 - _ECCENTRICITY_2
-        # Earth-centred, x through the origin's meridian; from the point down the normal of the plane to the ellipsoid.
+        # Earth-centred axes, with x through the origin's meridian. From the point we go along the plane's normal to the ellipsoid.
         x, z = across * c - s * north, flat * across * s + c * north
         a, b = c * c + s * s / flat, c * x + s * z / flat
         gap = x * x + east * east + z * z / flat - _SEMI_MAJOR_M**2
@@ -137,7 +126,7 @@ class Datum(Struct, frozen=True):
         return math.atan2(z, flat * math.hypot(x, east)), wrapped(self.longitude + math.atan2(east, x))
 
     def north_east(self, latitude: float, longitude: float) -> tuple[float, float]:
-        """The inverse: point of the plane (m) under latitude and longitude (rad)."""
+        """Return the point of the plane (m) below a latitude and longitude (rad): the inverse of `geodetic`."""
         s, c = math.sin(self.latitude), math.cos(self.latitude)
         across, there = self._across(s), self._across(math.sin(latitude))
         turn = wrapped(longitude - self.longitude)
@@ -151,7 +140,7 @@ class Datum(Struct, frozen=True):
 
 
 def datum(latitude_deg: float, longitude_deg: float) -> Datum | None:
-    """A place on the Earth given in degrees; None when it is none."""
+    """Return a place given in degrees, or None where there is no such place."""
     place = vector((latitude_deg, longitude_deg), 2)
     if place is None or abs(rad(place[0])) > math.pi / 2 or abs(rad(place[1])) > _TURN:
         return None
@@ -159,6 +148,6 @@ def datum(latitude_deg: float, longitude_deg: float) -> Datum | None:
 
 
 def turned(v: Vec3, yaw: float) -> Vec3:
-    """A vector with x along the heading, in N."""
+    """Return in N a vector whose x points along the heading."""
     s, c = math.sin(yaw), math.cos(yaw)
     return (c * v[0] - s * v[1], s * v[0] + c * v[1], v[2])

@@ -1,4 +1,7 @@
-"""Messages by name: their fields to payload bytes and back. The definitions are pymavlink's; it is imported when an adapter starts."""
+"""MAVLink messages by name: encodes their fields to payload bytes and decodes them again.
+
+pymavlink defines the messages. It is imported when an adapter starts, not with this module.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +16,10 @@ from msgspec import Struct
 Value = int | float | bytes | str | tuple[int, ...] | tuple[float, ...]
 """One field: a number or its name in the dialect, text, or the components of an array."""
 Fields = Mapping[str, Value]
-"""Those that are left out are zero, as MAVLink 2 has it."""
+"""Values by field name. A field that is left out is zero, as in MAVLink 2."""
 
 _NEWER = ("AVAILABLE_MODES", "CURRENT_MODE", "AVAILABLE_MODES_MONITOR")
-"""Standard since 2024, and not yet in the dialect of the vehicles."""
+"""Messages that have been standard since 2024, but that the vehicles' dialect does not have yet."""
 _F32_MAX = struct.unpack("<f", b"\xff\xff\x7f\x7f")[0]
 _RANGES = {
     "char": (0, 255),
@@ -33,24 +36,24 @@ _RANGES = {
 
 
 class CannotSpeak(Exception):
-    """pymavlink is missing; the text says what to install."""
+    """pymavlink is missing. The text says what to install."""
 
 
 class Entry(Struct, frozen=True):
-    """A number of an enumeration, and its name in the dialect; "" where it has none."""
+    """A number of an enumeration and its name in the dialect. The name is "" where the dialect has none."""
 
     number: int
     name: str
 
 
 class Message(Struct, frozen=True):
-    """A message that came.
+    """A message that was received.
 
     Attributes:
-        name: as in the definition, HEARTBEAT.
-        fields: all fields.
-        system, component: who sent it.
-        names: of the numbers of an enumeration, by field.
+        name: name of the message in its definition, such as HEARTBEAT.
+        fields: all its fields.
+        system, component: its sender.
+        names: for each field with an enumeration, the names of the numbers.
     """
 
     name: str
@@ -59,43 +62,48 @@ class Message(Struct, frozen=True):
     component: int
     names: Mapping[str, Mapping[int, str]]
 
+    @property
+    def sender(self) -> tuple[int, int]:
+        """System and component that sent the message."""
+        return self.system, self.component
+
     def number(self, field: str) -> float:
-        """A number; may be NaN."""
+        """Return a number, which may be NaN."""
         value = self.fields[field]
         return float(value) if isinstance(value, int | float) else math.nan
 
-    def whole(self, field: str) -> int:
-        """An integer."""
+    def integer(self, field: str) -> int:
+        """Return an integer."""
         value = self.fields[field]
         return value if isinstance(value, int) else 0
 
     def entry(self, field: str) -> Entry:
-        """An entry of an enumeration."""
-        number = self.whole(field)
+        """Return an entry of an enumeration."""
+        number = self.integer(field)
         return Entry(number, self.names[field].get(number, ""))
 
     def text(self, field: str) -> str:
-        """A text, up to its first NUL."""
+        """Return a text up to its first NUL."""
         value = self.fields[field]
         return value.decode("latin-1") if isinstance(value, bytes) else ""
 
-    def row(self, field: str) -> tuple[float, ...]:
-        """The components of an array."""
+    def array(self, field: str) -> tuple[float, ...]:
+        """Return the components of an array."""
         value = self.fields[field]
         return value if isinstance(value, tuple) else ()
 
 
-class Part(Struct, frozen=True):
-    """One field.
+class FieldSpec(Struct, frozen=True):
+    """The definition of one field.
 
     Attributes:
-        name: as in the definition.
-        count: of an array, 0 for none.
-        is_text: of characters.
-        low, high: limits of an integer; `low` is None for floats.
-        enum: names of values; None where they have none.
-        numbers: of all names of the dialect.
-        is_bits: a set of flags.
+        name: its name in the definition.
+        count: length of the array; 0 for a single value.
+        is_text: its type is `char`.
+        low, high: limits of an integer; `low` is None for a float.
+        enum: names of the values; None where they have none.
+        numbers: the numbers of all names of the dialect.
+        is_bits: the value is a set of flags.
     """
 
     name: str
@@ -109,14 +117,14 @@ class Part(Struct, frozen=True):
 
 
 class Layout:
-    """How one message is written.
+    """How one message is encoded.
 
     Attributes:
-        name: of the message.
-        id: its number.
-        crc_extra: guards the definition itself.
-        parts: its fields in the order of the wire.
-        has_target: field names of the addressed system and component; "" where there is none.
+        name: name of the message.
+        id: number of the message.
+        crc_extra: the byte that includes the definition itself in the checksum.
+        parts: its fields in the order in which they are sent.
+        target_fields: names of the fields with the addressed system and component; "" where the message has none.
     """
 
     def __init__(self, definition: Any, enums: Mapping[str, Mapping[int, str]], numbers: Mapping[str, int]) -> None:
@@ -131,20 +139,22 @@ class Layout:
             enum = enums.get(definition.fieldenums_by_name.get(name, ""))
             is_bits = enum is not None and definition.fielddisplays_by_name.get(name) == "bitmask"
             parts.append(
-                Part(name, int(definition.array_lengths[wire]), kind == "char", low, high, enum, numbers, is_bits)
+                FieldSpec(name, int(definition.array_lengths[wire]), kind == "char", low, high, enum, numbers, is_bits)
             )
         self.parts = tuple(parts)
         self._enums = {part.name: part.enum for part in parts if part.enum is not None}
         names = self._names = frozenset(part.name for part in parts)
         system = "target_system" if "target_system" in names else "target" if self.name == "MANUAL_CONTROL" else ""
-        self.has_target = (system, "target_component" if "target_component" in names else "")
+        self.target_fields = (system, "target_component" if "target_component" in names else "")
 
     def encode(self, fields: Fields) -> bytes:
-        """Payload without the zeros at its end. Integers are rounded and kept within their range, floats within that of 32 bits; NaN is a
-        float's, and zero as an integer.
+        """Return the payload without its trailing zeros.
+
+        Integers are rounded and limited to the range of their type, and floats to the range of 32 bits. NaN stays NaN in a float and becomes
+        zero in an integer.
 
         Raises:
-            KeyError: a name that the message or the dialect has not.
+            KeyError: the message has no such field, or the dialect no such name.
         """
         if not fields.keys() <= self._names:
             raise KeyError(f"{self.name} has no {', '.join(sorted(fields.keys() - self._names))}")
@@ -155,14 +165,14 @@ class Layout:
                 row.append(value.encode("utf-8", "replace") if isinstance(value, str) else value or b"")
             elif part.count:
                 given = tuple(value) if isinstance(value, tuple | bytes) else ()
-                row += [_kept(item, part) for item in given[: part.count]]
+                row += [_limited(item, part) for item in given[: part.count]]
                 row += [0] * (part.count - len(given))
             else:
-                row.append(_kept(value, part))
+                row.append(_limited(value, part))
         return self._struct.pack(*row).rstrip(b"\0") or b"\0"
 
     def decode(self, payload: bytes, system: int, component: int) -> Message:
-        """Any payload: one that is too short is filled with zeros, what is too long is newer than we."""
+        """Decode a payload of any length. Missing bytes are zero; surplus bytes belong to a newer definition and are ignored."""
         size = self._struct.size
         row = self._struct.unpack(payload[:size].ljust(size, b"\0"))
         fields: dict[str, Value] = {}
@@ -180,25 +190,32 @@ class Layout:
         return Message(self.name, fields, system, component, self._enums)
 
 
-def _kept(value: object, part: Part) -> int | float:
+def addressed_to(peer: tuple[int, int]) -> dict[str, int]:
+    """Return the fields that address a message to a system and component."""
+    return {"target_system": peer[0], "target_component": peer[1]}
+
+
+def _limited(value: object, part: FieldSpec) -> int | float:
     if not isinstance(value, int | float):
         return part.numbers[value] if isinstance(value, str) else 0
     if part.low is None:
         return value if not abs(value) > _F32_MAX else math.copysign(_F32_MAX, value)
     if isinstance(value, float):
-        if value != value:
+        if math.isnan(value):
             return 0
-        value = part.high if value > part.high else part.low if value < part.low else round(value)
+        value = (
+            part.high if value > part.high else part.low if value < part.low else round(value)
+        )  # an infinity cannot be rounded
     return part.low if value < part.low else part.high if value > part.high else value
 
 
 class Dialect:
-    """All messages.
+    """All messages and enumerations that a vehicle speaks.
 
     Attributes:
-        by_name, by_id: their layouts.
-        numbers: of all entries of enumerations, by their names.
-        crc: CRC-16/MCRF4XX of bytes.
+        by_name, by_id: the layouts of the messages.
+        numbers: the numbers of all enumeration entries, by name.
+        crc: computes the CRC-16/MCRF4XX of bytes.
     """
 
     def __init__(self) -> None:
@@ -224,14 +241,14 @@ class Dialect:
         self.crc: Callable[[bytes], int] = fast or (lambda data: int(vehicle.x25crc(data).crc))
 
     def entry(self, name: str) -> Entry:
-        """An entry of an enumeration by its name. Raises KeyError when there is none."""
+        """Return the entry of an enumeration with this name. Raises KeyError when there is none."""
         return Entry(self.numbers[name], name)
 
     def name(self, enum: str, number: int) -> str:
-        """Name of a number of an enumeration; "" where it has none."""
+        """Return the name of a number in an enumeration, "" where it has none."""
         return self._names[enum].get(number, "")
 
     def message_name(self, number: int) -> str:
-        """Name of a message by its number; "" for one that there is not."""
+        """Return the name of the message with this number, "" where there is no such message."""
         layout = self.by_id.get(number)
         return layout.name if layout is not None else ""

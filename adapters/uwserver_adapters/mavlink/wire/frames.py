@@ -1,4 +1,4 @@
-"""Frames of MAVLink 1 and 2, sans-IO: bytes in pieces of any size become frames, and the reverse. Knows no message."""
+"""Frames of MAVLink 1 and 2, sans-IO: splits bytes of any piece size into frames, and packs frames. Knows no messages."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ SIGNATURE = 13
 _HEAD_1, _HEAD_2 = 6, 10
 _CRC = 2
 _TRIES = 64
-"""Places tried for a frame before the caller has its turn."""
+"""Offsets at which a frame is looked for in one call, so that garbage cannot hold up the caller."""
 
 
 class Frame(Struct, frozen=True):
-    """One message as it came, its checksum right.
+    """One received message whose checksum is right.
 
     Attributes:
-        raw: all its bytes; what is forwarded.
+        raw: all its bytes, which are what is forwarded.
         version: 1 or 2.
         seq: counts the frames of its sender on a link, modulo 256.
-        system, component: who sent it.
+        system, component: its sender.
         id: number of the message.
-        payload: without the zeros at its end (version 2).
+        payload: its payload; in version 2 without trailing zeros.
         is_signed: `raw` ends with a signature.
     """
 
@@ -40,17 +40,17 @@ class Frame(Struct, frozen=True):
 
 
 class Malformed(Struct, frozen=True):
-    """Bytes that are no frame: how many were skipped, and why: garbage, checksum, unknown, incompatible."""
+    """Bytes that are no frame: how many were skipped, and the reason: garbage, checksum, unknown or incompatible."""
 
     reason: str
     size: int
 
 
 class Decoder:
-    """Bytes to frames. After something wrong it looks for the next frame within the same bytes, so one lost byte costs one message.
+    """Splits bytes into frames. After an error it looks for the next frame within the same bytes, so one lost byte costs one message.
 
     Args:
-        dialect: knows the checksums.
+        dialect: knows what each message adds to its checksum.
     """
 
     def __init__(self, dialect: Dialect) -> None:
@@ -59,19 +59,19 @@ class Decoder:
         self._start = 0
 
     def receive(self, data: bytes) -> None:
-        """Take bytes."""
+        """Append received bytes."""
         if self._start:
             del self._buffer[: self._start]
             self._start = 0
         self._buffer += data
 
     def clear(self) -> None:
-        """Forget what came and was not taken yet."""
+        """Discard the bytes that have not been decoded yet."""
         self._buffer.clear()
         self._start = 0
 
     def next_event(self) -> Frame | Malformed | None:
-        """The next frame, or what was skipped on the way to it; None until more bytes come."""
+        """Return the next frame, or what was skipped before it; None until more bytes come."""
         buffer, first = self._buffer, self._start
         reason = "garbage"
         for _ in range(_TRIES):
@@ -86,7 +86,8 @@ class Decoder:
             if frame is not None:
                 self._start = at + size
                 return frame
-            if reason == "unknown":  # nothing tells whether it is one; that a frame follows makes it likely
+            # Without the definition no checksum can be tested. If a frame follows, this one was most likely a frame too.
+            if reason == "unknown":
                 after = at + size
                 if after == len(buffer) or buffer[after] in (MAGIC_1, MAGIC_2):
                     self._start = after
@@ -99,7 +100,7 @@ class Decoder:
         return min(places, default=len(self._buffer))
 
     def _size(self, at: int) -> int:
-        """Bytes of the frame that begins here; 0 when that cannot be told yet."""
+        """Return the length of the frame that begins here, in bytes; 0 while too few bytes are there to tell."""
         buffer = self._buffer
         if len(buffer) < at + 3:
             return 0
@@ -128,7 +129,7 @@ class Decoder:
 def pack(
     dialect: Dialect, id: int, payload: bytes, seq: int, system: int, component: int, is_signed: bool = False
 ) -> bytes:
-    """A frame of MAVLink 2; with `is_signed` its signature is still to be added."""
+    """Return a frame of MAVLink 2. With `is_signed` the caller must append the signature."""
     head = bytes((len(payload), SIGNED if is_signed else 0, 0, seq, system, component)) + id.to_bytes(3, "little")
     crc = dialect.crc(head + payload + bytes((dialect.by_id[id].crc_extra,)))
     return b"\xfd" + head + payload + crc.to_bytes(2, "little")

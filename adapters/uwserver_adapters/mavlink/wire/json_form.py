@@ -1,8 +1,8 @@
-"""Frames from and to JSON as mavlink2rest and mavlink-server have it. Sans-IO.
+"""Frames to and from JSON in the schema of mavlink2rest and mavlink-server. Sans-IO.
 
-{"header": {"system_id": 1, "component_id": 1, "sequence": 7}, "message": {"type": "HEARTBEAT", ...}}: an entry of an enumeration is
-{"type": "MAV_STATE_ACTIVE"}, a set of flags {"bits": 81}, text a list of characters filled up with NUL, and what is no number is null. A field
-with the name "type" is called "mavtype".
+The schema is {"header": {"system_id": 1, "component_id": 1, "sequence": 7}, "message": {"type": "HEARTBEAT", ...}}. An enumeration entry is
+{"type": "MAV_STATE_ACTIVE"} and a set of flags {"bits": 81}. Text is a list of characters, padded with NUL. A number that is not finite is null.
+A field with the name "type" is called "mavtype".
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ import msgspec
 from msgspec import Meta, Struct, field
 
 from uwserver.adapter import Undecodable, decode
-from uwserver_adapters.mavlink.wire.dialect import Dialect, Layout, Part, Value
+from uwserver_adapters.mavlink.wire.dialect import Dialect, FieldSpec, Layout, Value
 from uwserver_adapters.mavlink.wire.frames import Frame, pack
 
 LONGEST = 16_384
-"""Bytes of a text that are looked at; the longest message has some 4000."""
+"""Longest accepted text, bytes. The longest message has about 4000."""
 
 Byte = Annotated[int, Meta(ge=0, le=0xFF)]
 
 
 class BadJson(Exception):
-    """It is no message; the text says why."""
+    """The text is no message. The exception says why."""
 
 
 class Header(Struct, frozen=True):
-    """Who says it, and the number of the frame."""
+    """The sender and the sequence number of the frame."""
 
     system_id: Byte
     component_id: Byte
@@ -42,32 +42,34 @@ class _Envelope(Struct, frozen=True):
 
 
 _F32_END = 1 << 128
-"""No number of 32 bits is as large."""
+"""Every number of 32 bits is smaller than this."""
 
 
-def name_of(part: Part) -> str:
-    """A field's name in JSON."""
+def name_of(part: FieldSpec) -> str:
+    """Return a field's name in JSON."""
     return "mavtype" if part.name == "type" else part.name
 
 
 def fields_of(frame: Frame, layout: Layout) -> dict[str, object]:
-    """The fields of a frame by their names in JSON."""
+    """Return the fields of a frame under their names in JSON."""
     fields = layout.decode(frame.payload, frame.system, frame.component).fields
-    return {name_of(part): _shown(part, fields[part.name]) for part in layout.parts}
+    return {name_of(part): _to_json(part, fields[part.name]) for part in layout.parts}
 
 
 def text_of(frame: Frame, name: str, fields: dict[str, object]) -> bytes:
-    """The whole message as JSON."""
+    """Return the whole message as JSON."""
     header = Header(frame.system, frame.component, frame.seq)
     return msgspec.json.encode({"header": header, "message": {"type": name, **fields}})
 
 
 def frame_of(data: bytes, dialect: Dialect) -> bytes:
-    """The frame of a text. Fields that are left out are zero, as MAVLink 2 has it, and those that the message has not are not looked at, as with
-    mavlink2rest: the sender may know a newer definition (Cockpit addresses its TIMESYNC).
+    """Return the frame that a text describes.
+
+    Fields that are left out are zero, as in MAVLink 2. Fields that the message does not have are ignored, as in mavlink2rest: the sender may
+    know a newer definition. Cockpit, for one, addresses its TIMESYNC.
 
     Raises:
-        BadJson: it is no JSON, or no such message, or a field cannot have this value.
+        BadJson: the text is no JSON, there is no such message, or a field cannot have its value.
     """
     if len(data) > LONGEST:
         raise BadJson(f"{len(data)} bytes, at most {LONGEST}")
@@ -80,20 +82,20 @@ def frame_of(data: bytes, dialect: Dialect) -> bytes:
     layout = dialect.by_name.get(name) if isinstance(name, str) else None
     if layout is None:
         raise BadJson(f"message.type: no message {name!r:.60}")
-    fields = {part.name: _meant(part, given[name_of(part)]) for part in layout.parts if name_of(part) in given}
+    fields = {part.name: _from_json(part, given[name_of(part)]) for part in layout.parts if name_of(part) in given}
     header = envelope.header
     return pack(dialect, layout.id, layout.encode(fields), header.sequence, header.system_id, header.component_id)
 
 
-def _shown(part: Part, value: Value) -> object:
+def _to_json(part: FieldSpec, value: Value) -> object:
     if part.is_text and part.count and isinstance(value, bytes):
         return list(value.ljust(part.count, b"\0").decode("latin-1"))
     if isinstance(value, tuple):
-        return [_shown_one(part, entry) for entry in value]
-    return _shown_one(part, value)
+        return [_scalar_to_json(part, entry) for entry in value]
+    return _scalar_to_json(part, value)
 
 
-def _shown_one(part: Part, value: object) -> object:
+def _scalar_to_json(part: FieldSpec, value: object) -> object:
     if part.is_bits:
         return {"bits": value}
     if part.enum is not None and value in part.enum:
@@ -101,7 +103,7 @@ def _shown_one(part: Part, value: object) -> object:
     return value
 
 
-def _meant(part: Part, value: object) -> Value:
+def _from_json(part: FieldSpec, value: object) -> Value:
     if part.is_text and part.count:
         entries = list(value) if isinstance(value, str | list) else [value]
         if len(entries) > part.count or not all(isinstance(entry, str) and len(entry) == 1 for entry in entries):
@@ -110,11 +112,11 @@ def _meant(part: Part, value: object) -> Value:
     if part.count:
         if not isinstance(value, list) or len(value) > part.count:
             raise BadJson(f"{part.name}: at most {part.count} numbers are wanted, not {value!r:.60}")
-        return tuple(_meant_one(part, entry) for entry in value)
-    return _meant_one(part, value)
+        return tuple(_scalar_from_json(part, entry) for entry in value)
+    return _scalar_from_json(part, value)
 
 
-def _meant_one(part: Part, value: object) -> int | float:
+def _scalar_from_json(part: FieldSpec, value: object) -> int | float:
     if part.enum is not None and isinstance(value, dict):
         value = value.get("bits") if part.is_bits else _number_of(part.enum, value.get("type"))
     if part.low is None:

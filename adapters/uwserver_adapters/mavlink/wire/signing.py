@@ -1,4 +1,4 @@
-"""Signatures of MAVLink 2: who has the key may speak. The signed text is the frame; it is not encrypted."""
+"""Signatures of MAVLink 2. Whoever has the key may speak. A frame is signed, but not encrypted."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from uwserver_adapters.mavlink.wire.frames import SIGNATURE, Frame
 
 KEY_SIZE = 32
 EPOCH_S = 1_420_070_400
-"""1 January 2015 UTC, where time stamps begin."""
+"""1 January 2015 UTC, seconds since 1970: time stamps count from here."""
 STAMPS_PER_S = 100_000
 _BEHIND = 60 * STAMPS_PER_S
-"""A sender that is new may be this far behind."""
+"""How far behind a new sender's time stamps may be."""
 _STAMP_MAX = (1 << 48) - 1
 
 
 def key_of(passphrase: str) -> bytes:
-    """The key that MAVProxy and QGroundControl make of a passphrase."""
+    """Return the key that MAVProxy and QGroundControl derive from a passphrase."""
     return hashlib.sha256(passphrase.encode()).digest()
 
 
 class Signing:
-    """Signs what goes out and checks what comes in. One for all links.
+    """Signs outgoing frames and checks incoming ones. All links share one instance.
 
     Args:
         key: 32 bytes.
-        stamp: time in units of 10 us since 2015; it may jump back, our stamps do not.
-        stamp_from: our stamps are later than this one.
+        stamp: returns the time in units of 10 us since 2015. It may jump back; our time stamps do not.
+        stamp_from: our first time stamp is later than this one.
     """
 
     def __init__(self, key: bytes, stamp: Callable[[], int], stamp_from: int = 0) -> None:
@@ -38,13 +38,13 @@ class Signing:
         self._seen: dict[tuple[int, int, int], int] = {}
 
     def sign(self, frame: bytes, link: int) -> bytes:
-        """The frame with its signature."""
+        """Return the frame with its signature appended."""
         self._last = min(max(self._last + 1, self._now()), _STAMP_MAX)
         text = frame + bytes((link & 0xFF,)) + self._last.to_bytes(6, "little")
         return text + self._signature(text)
 
     def refusal(self, frame: Frame) -> str:
-        """Why a frame is not accepted: unsigned, signature, replayed, stale; "" when it is."""
+        """Return why a frame is not accepted: unsigned, signature, replayed or stale; "" when it is accepted."""
         if not frame.is_signed:
             return "unsigned"
         block = frame.raw[-SIGNATURE:]

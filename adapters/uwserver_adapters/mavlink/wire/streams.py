@@ -1,4 +1,4 @@
-"""Which telemetry a channel gets how often: ArduPilot's groups (REQUEST_DATA_STREAM, SRn_ parameters) and intervals of single messages."""
+"""How often a channel gets which telemetry: ArduPilot's groups (REQUEST_DATA_STREAM, SRn_ parameters) and intervals of single messages."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from uwserver_adapters.mavlink.wire.codec import nanoseconds
 
 POSITION = 6
-"""Number of the group that tells places."""
+"""Number of the group with the position messages."""
 GROUPS: Mapping[int, tuple[str, tuple[str, ...]]] = {
     1: ("RAW_SENS", ("RAW_IMU", "SCALED_PRESSURE", "SCALED_PRESSURE2", "SCALED_PRESSURE3")),
     2: (
@@ -21,66 +21,66 @@ GROUPS: Mapping[int, tuple[str, tuple[str, ...]]] = {
     12: ("EXTRA3", ("SYSTEM_TIME", "RANGEFINDER", "DISTANCE_SENSOR", "BATTERY_STATUS", "EKF_STATUS_REPORT", "VIBRATION",
                      "GIMBAL_DEVICE_ATTITUDE_STATUS")),
 }  # fmt: skip
-"""Number of the group -> end of its parameter's name, messages."""
+"""Group number -> suffix of its parameter's name, and its messages."""
 FASTEST_S = 0.01
-"""Shortest interval."""
+"""Shortest interval, s."""
 
 
 class Streams:
     """The schedule of one channel, in simulation time.
 
-    All streams of one rate fall due at the same times, whenever they were asked for, so that each message is built once for all channels.
+    All streams of one rate are due at the same times, no matter when they were requested, so that each message is built once for all channels.
 
     Args:
-        rates_hz: of each group, by its number.
+        rates_hz: rate of each group, by group number.
     """
 
     def __init__(self, rates_hz: Mapping[int, float]) -> None:
         self._groups = dict(rates_hz)
-        self._own: dict[str, int] = {}
+        self._overrides: dict[str, int] = {}
         self._due: dict[str, int] = {}
         self._interval: dict[str, int] = {}
         self._next_ns = 0
-        self._arrange()
+        self._rebuild()
 
-    def _arrange(self) -> None:
+    def _rebuild(self) -> None:
         intervals: dict[str, int] = {}
         for group, (_, names) in GROUPS.items():
             rate = self._groups.get(group, 0.0)
             if rate > 0.0:
                 interval = nanoseconds(max(1.0 / rate, FASTEST_S))
                 intervals.update(dict.fromkeys(names, interval))
-        intervals.update(self._own)
+        intervals.update(self._overrides)
         self._interval = {name: interval for name, interval in intervals.items() if interval > 0}
         self._due = {name: self._due.get(name, 0) for name in self._interval}
         self._next_ns = 0
 
     def set_group(self, group: int, rate_hz: float) -> bool:
-        """Rate of a group, 0 for all groups; intervals of single messages in it end. False when there is no such group."""
+        """Set the rate of a group, or of all groups with 0. Intervals of its single messages end. Returns False when there is no such group."""
         chosen = list(GROUPS) if group == 0 else [group]
         if not all(number in GROUPS for number in chosen):
             return False
         for number in chosen:
             self._groups[number] = rate_hz
             for name in GROUPS[number][1]:
-                self._own.pop(name, None)
-        self._arrange()
+                self._overrides.pop(name, None)
+        self._rebuild()
         return True
 
     def set_interval(self, name: str, interval_s: float | None) -> None:
-        """Interval of one message; zero or less: not at all; None: as its group has it."""
+        """Set the interval of one message: zero or less stops it, None returns to the rate of its group."""
         if interval_s is None:
-            self._own.pop(name, None)
+            self._overrides.pop(name, None)
         else:
-            self._own[name] = nanoseconds(max(interval_s, FASTEST_S)) if interval_s > 0.0 else 0
-        self._arrange()
+            self._overrides[name] = nanoseconds(max(interval_s, FASTEST_S)) if interval_s > 0.0 else 0
+        self._rebuild()
 
     def interval_ns(self, name: str) -> int:
-        """Between two of a message; 0 when it does not come."""
+        """Return the interval of a message; 0 when it is not sent."""
         return self._interval.get(name, 0)
 
     def due(self, t_ns: int) -> Sequence[str]:
-        """Messages that are due at this time, and are not any more once they were told."""
+        """Return the messages that are due at `t_ns`, and schedule them anew."""
         if t_ns < self._next_ns:
             return ()
         names = []
@@ -92,6 +92,6 @@ class Streams:
         return names
 
     def restart(self) -> None:
-        """The time begins anew."""
+        """Make everything due at once: simulation time has begun again."""
         self._due = dict.fromkeys(self._due, 0)
         self._next_ns = 0

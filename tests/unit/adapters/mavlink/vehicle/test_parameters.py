@@ -74,7 +74,7 @@ def test_a_download_waits_for_a_slow_link(bench):
     assert not station.of("PARAM_VALUE")
     station.is_ready = True
     bench.run(1.0)
-    assert len(station.of("PARAM_VALUE")) == len(bench.vehicle.parameters)
+    assert len(station.of("PARAM_VALUE")) == len(bench.vehicle.parameters.names)
 
 
 def test_downloads_of_several_stations(bench):
@@ -83,7 +83,7 @@ def test_downloads_of_several_stations(bench):
         station.send("PARAM_REQUEST_LIST", 1, 1)
     bench.run(1.0)
     for station in stations:
-        assert len(station.of("PARAM_VALUE")) == len(bench.vehicle.parameters)
+        assert len(station.of("PARAM_VALUE")) == len(bench.vehicle.parameters.names)
 
 
 def test_one_by_name_or_index(bench):

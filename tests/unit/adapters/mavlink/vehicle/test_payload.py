@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import pytest
-from uwserver_adapters.mavlink.vehicle.fittings import Fittings
 from uwserver_adapters.mavlink.vehicle.payload import Payload
 
 from uwserver.ports import Field, Port
@@ -22,28 +21,28 @@ OTHER = Port("rov2/lights", "actuator", "lamps", LAMPS.fields, "x")
 
 
 def test_they_are_commanded_when_something_changes_and_not_before() -> None:
-    world, payload = context(LAMPS, TILT, OTHER), Payload()
-    fittings = Fittings(world, "rov", payload)
-    fittings.tick()
+    world = context(LAMPS, TILT, OTHER)
+    payload = Payload(world, "rov")
+    payload.tick()
     assert world.commands == []
     payload.lights[1] = 0.5
     payload.point(20.0, 0.0)
-    fittings.tick()
-    fittings.tick()
+    payload.tick()
+    payload.tick()
     assert [(c.port, c.value) for c in world.commands] == [
         ("rov/lights", ((0.5, 0.5),)),
         ("rov/tilt", ((pytest.approx(math.radians(20.0)),),)),
     ]
     payload.point(-45.0, 0.0)  # farther than it goes
-    fittings.tick()
+    payload.tick()
     assert world.commands[-1].value == ((-0.5,),)
 
 
 def test_a_vehicle_without_any_is_left_alone() -> None:
-    world, payload = context(OTHER), Payload()
-    fittings = Fittings(world, "rov", payload)
+    world = context(OTHER)
+    payload = Payload(world, "rov")
     payload.lights[0] = 1.0
     payload.point(10.0, 0.0)
-    fittings.tick()
+    payload.tick()
     assert world.commands == []
     assert world.stats.errors == 0
