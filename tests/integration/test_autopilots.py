@@ -198,7 +198,7 @@ vehicle = "other"
         *(
             pytest.param(*case, marks=pytest.mark.slow)
             for case in (
-                ("truth = true\nkind", "truth = false\nkind", "say truth = true"),
+                ("truth = true\nkind", "truth = false\nkind", "set truth = true"),
                 ("[vehicles.rov.truth]\nrate_hz = 1200", "[vehicles.rov.truth]\nrate_hz = 100", "rate_hz = 1200"),
             )
         ),

@@ -104,11 +104,9 @@ class ArduPilotAdapter:
     def _driver(self, endpoint: socket.socket, link: MavlinkOut | None) -> ArduPilotDriver:
         config, context = self.config, self.context
         if not config.truth:
-            raise CannotServe(
-                "position, velocity and attitude of this protocol are ground truth, by its nature: say truth = true"
-            )
+            raise CannotServe("position, velocity and attitude in this protocol are ground truth: set truth = true")
         if not config.low_us < config.neutral_us < config.high_us:
-            raise CannotServe("low_us < neutral_us < high_us is needed")
+            raise CannotServe("the pulse widths must be low_us < neutral_us < high_us")
         ports = context.ports
         vehicle = vehicle_of(config.vehicle, ports)
         readings = Readings(ports, vehicle)
@@ -123,11 +121,11 @@ class ArduPilotAdapter:
         rate_hz = context.world.rate_hz
         for reading in (pose, velocity):
             if reading.rate_hz != rate_hz:
-                text = f"{reading.path} must come with every tick: rate_hz = {rate_hz:g}"
+                text = f"{reading.path} must give a sample at every tick: set rate_hz = {rate_hz:g}"
                 raise CannotServe(f"{text} in [vehicles.{vehicle}.truth]")
         if imu.rate_hz != rate_hz:
             log.warning(
-                "%s has %g Hz, the autopilot reads it at %g Hz: it sees each sample several times", imu.path, imu.rate_hz, rate_hz
+                "%s has %g Hz, but the autopilot reads it at %g Hz, so it gets each sample several times", imu.path, imu.rate_hz, rate_hz
             )  # fmt: skip
         if rate_hz < LOOP_HZ:
             log.warning("the physics rate, %g Hz, is below the autopilot's loop rate of %d Hz", rate_hz, LOOP_HZ)

@@ -145,7 +145,7 @@ class ArduPilotDriver:
                 return Order(1, self._commands(frame))
         if self._stats.peers and now - self._heard > self._silence_s:
             self._stats.peers = 0
-            log.warning("the autopilot has said nothing for %g s; the world waits for it", self._silence_s)
+            log.warning("the autopilot has sent nothing for %g s; the world waits for it", self._silence_s)
         return None
 
     def see(self, t_ns: int, samples: Sequence[Sample]) -> None:
@@ -246,7 +246,7 @@ class ArduPilotDriver:
             return False
         if self._peer is not None:
             log.warning(
-                "the autopilot at %s is quiet; the one at %s takes the vehicle over", _text(self._peer), _text(address)
+                "the autopilot at %s is quiet; the one at %s takes over the vehicle", _text(self._peer), _text(address)
             )
         log.info("an autopilot is at %s", _text(address))
         self._counts["restarts"] += self._peer is not None
@@ -259,7 +259,7 @@ class ArduPilotDriver:
         self._counts["frame_rate_hz"] = rate_hz
         self._odd_frames = self._odd_frames + 1 if stays and rate_hz != self._physics_hz else 0
         if self._odd_frames == RATE_FRAMES:
-            text = f"the autopilot asks for {rate_hz} frames/s, the physics has {self._physics_hz:g} ticks/s"
+            text = f"the autopilot requests {rate_hz} frames/s, but the physics has {self._physics_hz:g} ticks/s"
             self._stats.last_error = f"{text}: start it with --rate {self._physics_hz:g}, or set [world] rate_hz"
             log.warning("%s", self._stats.last_error)
 

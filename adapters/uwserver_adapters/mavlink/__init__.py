@@ -1,4 +1,4 @@
-"""MAVLink: a vehicle that ground stations take for an ArduSub ROV (README.md beside this file)."""
+"""MAVLink: shows a vehicle to ground stations as an ArduSub ROV (README.md beside this file)."""
 
 from uwserver_adapters.mavlink.adapter import MavlinkAdapter
 

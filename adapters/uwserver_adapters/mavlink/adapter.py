@@ -42,9 +42,8 @@ class MavlinkAdapter:
         except ValueError as error:
             raise CannotServe(str(error)) from error
         async with contextlib.AsyncExitStack() as stack:
-            stack.push_async_callback(
-                asyncio.sleep, 0
-            )  # asyncio closes aborted connections in the next turn of the loop
+            # asyncio closes aborted connections in the next turn of the loop.
+            stack.push_async_callback(asyncio.sleep, 0)
             stack.callback(router.end)
             links: list[Link] = []
             for text in config.links:

@@ -108,7 +108,7 @@ class Px4Adapter:
             raise CannotServe(f"px4_hil needs pymavlink: pip install uwserver ({error})") from error
         config, context = self.config, self.context
         if not config.truth:
-            raise CannotServe("pose and velocity of this protocol are ground truth, by its nature: say truth = true")
+            raise CannotServe("pose and velocity in this protocol are ground truth: set truth = true")
         ports = context.ports
         vehicle = vehicle_of(config.vehicle, ports)
         readings = Readings(ports, vehicle)

@@ -135,7 +135,7 @@ class Door:
         stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         if len(self._guests) >= GUESTS:
             self._refusals.note(
-                "strangers", "too many connections have not said a message of MAVLink: the oldest is closed"
+                "strangers", "too many connections have not sent a MAVLink message: the oldest one is closed"
             )
             self._end(self._guests[0])
         guest = Connection(stream, now + GREETING_S)
@@ -143,7 +143,7 @@ class Door:
         self._send(guest, guest.codec.heartbeat())
 
     def _heard(self, guest: Connection) -> list[codec.Event]:
-        """Return the messages that a guest's next bytes complete. One that speaks another protocol is told so."""
+        """Return the messages that a guest's next bytes complete. A guest that speaks another protocol gets an answer that says so."""
         try:
             data = guest.stream.recv(READ)
         except BlockingIOError:

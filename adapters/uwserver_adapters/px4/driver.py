@@ -138,10 +138,13 @@ class Px4Driver:
 
     def _begin(self, link: Connection, events: Sequence[codec.Event], bad: int) -> None:
         """Put another autopilot, which has spoken, in charge."""
-        text = "two autopilots connect here: the first is closed, the second flies the vehicle; give each an adapter with a port of its own"
+        text = (
+            "two autopilots connect here: the first connection is closed and the second autopilot flies the vehicle; "
+            "give each an adapter with a port of its own"
+        )
         if self._link is not None and self._refusals.note("second autopilot", text):
             self._tell_conflict(text)
-        self._drop("another has connected")
+        self._drop("another autopilot has connected")
         self._link = link
         self._stats.peers = 1
         self._counts["connections"] += 1
@@ -167,7 +170,7 @@ class Px4Driver:
         self._count_bad(link.codec.bad)
         link.codec.bad = 0
         if link.bad_in_a_row > BAD_IN_A_ROW:
-            self._drop("what it says is no MAVLink")
+            self._drop("what it sends is no MAVLink")
 
     def _take(self, link: Connection, events: Sequence[codec.Event]) -> None:
         for event in events:
@@ -210,4 +213,4 @@ class Px4Driver:
         self._counts["is_locked"] = False
         if reason:
             self._stats.last_error = f"the connection to the autopilot ended: {reason}"
-            log.warning("%s; the world waits for the next", self._stats.last_error)
+            log.warning("%s; the world waits for the next one", self._stats.last_error)

@@ -95,7 +95,9 @@ def _full(where: str, table: OutputTable, field: Field) -> tuple[float, ...]:
         full = 1.0 if table.full is None else table.full
         return (full,) * field.size if isinstance(full, int | float) else full
     if table.full is not None or field.unit != "rad":
-        raise CannotServe(f'{where}: "{field.name}" is in {field.unit}: full_deg is for radians, and not beside full')
+        raise CannotServe(
+            f'{where}: "{field.name}" is in {field.unit}: full_deg is for radians, and not together with full'
+        )
     degrees = table.full_deg
     return (radians(degrees),) * field.size if isinstance(degrees, int | float) else tuple(map(radians, degrees))
 

@@ -1,4 +1,4 @@
-"""Video of cameras: H.264 or JPEG by RTP, an RTSP server, and a camera of MAVLink that announces them (docs/how-to/video.md)."""
+"""Video of cameras: H.264 or JPEG over RTP, an RTSP server, and MAVLink cameras that announce the streams (docs/how-to/video.md)."""
 
 from uwserver_adapters.video.adapter import VideoAdapter
 

@@ -107,7 +107,9 @@ class VideoAdapter:
         for path, port in ports.items():
             if path not in self._streams and picture_place(port) is not None:
                 if len(self._streams) >= MOST_STREAMS:
-                    text = f"more than {MOST_STREAMS} ports have pictures: name those to be served in a table `streams`"
+                    text = (
+                        f"more than {MOST_STREAMS} ports have pictures: list those to be served in the table `streams`"
+                    )
                     self._refusals.note("streams", text)
                     return
                 self._add(path, StreamTable(port=path, codec=self.config.codec), port)

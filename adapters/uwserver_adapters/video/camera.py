@@ -162,15 +162,13 @@ class Camera:
             stream = command.second
         else:
             wanted, stream = _OLD.get(command.number, -1), command.first
-            if wanted == mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION:
-                stream = 0.0
         told = self._told(wanted, stream, facts, time_ms)
         # Starting and stopping is accepted, but changes nothing: pictures are sent to those who take the stream.
         is_taken = told is not None or command.number in _STREAMING
         if not is_taken and command.component == 0:
             return []  # a command to all components is answered only by those that know it
         result = mavlink.MAV_RESULT_ACCEPTED if is_taken else mavlink.MAV_RESULT_UNSUPPORTED
-        if wanted >= 0 and told is None and wanted in _OLD.values():
+        if told is None and wanted in _OLD.values():
             result = mavlink.MAV_RESULT_DENIED
         ack = self._mav.command_ack_encode(command.number, result, 0, 0, *command.sender)
         return [self._pack(ack), *([] if told is None else [self._pack(told)])]

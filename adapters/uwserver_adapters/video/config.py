@@ -82,7 +82,7 @@ class VideoConfig(AdapterTable, tag="video", kw_only=True, frozen=True):
         for address in self.mavlink:
             host_and_port("mavlink", address)
         if not self.rtsp and not any(table.targets for table in self.streams.values()):
-            raise ValueError("nobody is served: give rtp of a stream, or leave rtsp = true")
+            raise ValueError("nothing would be served: set rtp of a stream, or leave rtsp = true")
 
     def faults(
         self, ports: Mapping[str, Port], services: Mapping[str, Service]

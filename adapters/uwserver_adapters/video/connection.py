@@ -32,9 +32,6 @@ class RtspConnection(Connection):
         streams: all streams, by name.
         peers, stats: the adapter's connections and statistics.
         ports: our UDP ports; None where datagrams are not served.
-
-    Attributes:
-        left_out: pictures that this client was too slow for.
     """
 
     def __init__(
@@ -46,7 +43,6 @@ class RtspConnection(Connection):
         ports: MediaPorts | None,
     ) -> None:
         super().__init__(peers, config.hello_timeout_s)
-        self.left_out = 0
         self._config = config
         self._streams = streams
         self._stats = stats
@@ -162,7 +158,6 @@ class RtspConnection(Connection):
         if self._waits_for_key and not picture.is_key:
             return
         if not self._sent(picture):
-            self.left_out += 1
             self._stats.dropped += 1
             self._waits_for_key = True
             return
@@ -202,7 +197,7 @@ class RtspConnection(Connection):
         if rest > 0 or self.is_stranger:
             self._look = self.loop.call_later(max(min(rest, 1.0), 0.05), self._attend)
             return
-        self.peers.refusals.note("silent", f"a client said nothing for {patience:g} s: its pictures end")
+        self.peers.refusals.note("silent", f"a client sent nothing for {patience:g} s and is disconnected")
         self.close()
 
     def _forget_udp(self) -> None:

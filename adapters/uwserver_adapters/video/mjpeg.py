@@ -50,7 +50,7 @@ def payloads(jpeg: bytes, limit: int) -> list[bytes]:
 def _parts(jpeg: bytes) -> tuple[int, int, int, bytes, bytes]:
     """Return the type of RFC 2435, width, height, quantisation tables, and the coded picture."""
     if jpeg[:2] != bytes((0xFF, _START)):
-        raise NotSendable("no JPEG")
+        raise NotSendable("this is no JPEG")
     tables: dict[int, bytes] = {}
     frame = b""
     at = 2
@@ -66,11 +66,11 @@ def _parts(jpeg: bytes) -> tuple[int, int, int, bytes, bytes]:
         elif marker == _FRAME:
             frame = body
         elif marker == _RESTART and any(body):
-            raise NotSendable("JPEG with restart intervals")
+            raise NotSendable("JPEG by RTP has no restart intervals here")
         elif marker == _SCAN:
             end = len(jpeg) - 2 if jpeg.endswith(bytes((0xFF, _END))) else len(jpeg)
             return (*_frame(frame, tables), jpeg[at:end])
-    raise NotSendable("a JPEG without a baseline picture")
+    raise NotSendable("the JPEG has no baseline picture")
 
 
 def _frame(frame: bytes, tables: dict[int, bytes]) -> tuple[int, int, int, bytes]:

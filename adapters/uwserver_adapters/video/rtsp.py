@@ -88,10 +88,8 @@ class Reader:
             return None
         if self._head is not None:
             return self._whole(self._head)
-        if not self._searched:
-            del self._buffer[
-                : len(self._buffer) - len(self._buffer.lstrip(b"\r\n"))
-            ]  # blank lines between requests are ignored
+        if not self._searched:  # blank lines between requests are ignored
+            del self._buffer[: len(self._buffer) - len(self._buffer.lstrip(b"\r\n"))]
         if not self._buffer:
             return None
         if self._buffer[0] == _DOLLAR:
@@ -120,16 +118,16 @@ class Reader:
         lines = re.split("\r?\n", bytes(self._buffer[:at]).decode("latin-1").rstrip("\r\n"))
         first = _LINE.fullmatch(lines[0])
         if first is None:
-            return self._lost(400, f"this is no request of {VERSION}")
+            return self._lost(400, f"this is no {VERSION} request")
         headers: dict[str, str] = {}
         for line in lines[1:]:
             entry = _FIELD.fullmatch(line)
             if entry is None:
-                return self._lost(400, "a header is no line of `name: value`")
+                return self._lost(400, "a header line is not `name: value`")
             headers.setdefault(entry[1].lower(), entry[2].strip())
         length = headers.get("content-length", "0")
         if _DIGITS.fullmatch(length) is None or int(length) > BODY_LIMIT:
-            return self._lost(413, f"Content-Length is a whole number up to {BODY_LIMIT}")
+            return self._lost(413, f"Content-Length must be a whole number up to {BODY_LIMIT}")
         del self._buffer[:at]
         self._searched = 0
         self._body = int(length)

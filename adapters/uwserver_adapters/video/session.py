@@ -78,16 +78,16 @@ class Session:
         self._allows_udp = allows_udp
         self._methods: dict[str, Callable[[Request, str], bytes]] = {
             "OPTIONS": self._options, "DESCRIBE": self._describe, "SETUP": self._set_up, "PLAY": self._play, "PAUSE": self._pause,
-            "GET_PARAMETER": self._get_parameter, "SET_PARAMETER": self._set_parameter, "TEARDOWN": self._tear_down,
+            "GET_PARAMETER": self._get_parameter, "SET_PARAMETER": self._get_parameter, "TEARDOWN": self._tear_down,
         }  # fmt: skip
 
     def answer(self, request: Request) -> bytes:
         """Carry out a request, and return the answer."""
         seq = sequence_number(request)
         if not seq:
-            return _refused(400, "", "a request has a header CSeq with its number")
+            return _refused(400, "", "a request needs a header CSeq with its number")
         if request.version != VERSION:
-            return _refused(505, seq, f"only {VERSION} is spoken here")
+            return _refused(505, seq, f"only {VERSION} is supported here")
         if "require" in request.headers:
             return answer(551, seq, {"Unsupported": _plain(request.headers["require"])})
         method = self._methods.get(request.method)
@@ -133,7 +133,7 @@ class Session:
         if self.is_playing:
             return _refused(455, seq, "PAUSE or TEARDOWN first")
         if self.stream not in ("", stream.name):
-            return _refused(459, seq, "a connection has one stream: open another for the other")
+            return _refused(459, seq, "a connection carries one stream: open another connection for the other stream")
         for offer in transports(request.headers.get("transport", "")):
             agreed = self._agreed(offer)
             if agreed:
@@ -180,8 +180,6 @@ class Session:
             return answer(451, seq)
         return answer(200, seq, {"Session": self._serial} if self.stream else {})
 
-    _set_parameter = _get_parameter
-
     def _tear_down(self, request: Request, seq: str) -> bytes:
         self.end()
         return answer(200, seq)
@@ -199,7 +197,7 @@ class Session:
         known = sorted(self._streams)
         there = ", ".join(known[:16]) or "none: the world has no sensor with pictures"
         name = _name(request.uri)[:200]
-        return _refused(404, seq, f"no stream of this name{did_you_mean(name, known)}; there are: {there}")
+        return _refused(404, seq, f"no stream has this name{did_you_mean(name, known)}; there are: {there}")
 
 
 def _name(uri: str) -> str:

@@ -147,7 +147,7 @@ class Stream:
             self._context.stats.dropped += 1
             self._refusals.note(
                 "slow encoder",
-                f"the encoder of {self.name} has no time for all pictures: fewer, smaller, or a quicker preset",
+                f"the encoder of {self.name} is too slow for all pictures: lower their rate or size, or choose a faster preset",
             )
             return
         value, key = sample.value[self._place], self._takes_key()
@@ -206,7 +206,7 @@ class Stream:
                 stats.errors += 1
                 stats.last_error = f"{self.name}: {type(error).__name__}: {error}"[:300]
                 self._refusals.note(
-                    "not sent", f"a picture of {self.port.path} was not sent to one who takes it: {error}"
+                    "not sent", f"a picture of {self.port.path} could not be sent to a receiver: {error}"
                 )
 
     def _steady(self, t_ns: int) -> int:

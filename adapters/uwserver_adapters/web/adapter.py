@@ -83,7 +83,7 @@ class WebAdapter:
                 with serving(self.context, self, address, ready):
                     if self._token.is_new:
                         log.warning(
-                            "%s %s, and no token was set (token, or %s): one was made for this run. Open\n    %s#token=%s",
+                            "%s %s, and no token was set (token, or %s): one was generated for this run. Open\n    %s#token=%s",
                             self.context.name, self._reason(), TOKEN_VARIABLE, address, self.token,
                         )  # fmt: skip
                     await asyncio.get_running_loop().create_future()  # until cancelled
@@ -124,7 +124,7 @@ class WebAdapter:
                         raise
             yield server
 
-    # -- what the world says --------------------------------------------------------------------------------------------------------
+    # -- samples and events ---------------------------------------------------------------------------------------------------------
 
     @property
     def wanted(self) -> Collection[str]:

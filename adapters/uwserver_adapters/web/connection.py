@@ -62,11 +62,12 @@ class WebConnection(NativeConnection):
 
     def receive(self, data: bytes) -> None:
         """Store received bytes. A complete request is answered, or opens a WebSocket."""
-        if self._request is not None or not self._is_http:
-            if self._is_http and not self._is_asked:
+        if not self._is_http:
+            self.farewell(b"this port only speaks HTTP: open it in a browser\n")
+            return
+        if self._request is not None:
+            if not self._is_asked:
                 super().receive(data)
-            elif not self._is_http:
-                self.farewell(b"this port speaks HTTP alone: open it in a browser\n")
             return
         self._head += data
         end = self._head.find(END, 0, HEAD_LIMIT)
@@ -76,7 +77,7 @@ class WebConnection(NativeConnection):
             return
         request = parse(bytes(self._head[:end]))
         if request is None:
-            self._answer(text("400 Bad Request", "this is no request of HTTP/1.1"))
+            self._answer(text("400 Bad Request", "this is no HTTP/1.1 request"))
             return
         self._request = request
         if request.path == LIVE and "upgrade" in request.headers and request.method == "GET":
@@ -128,7 +129,7 @@ class WebConnection(NativeConnection):
         """End a connection that was not admitted in time. A peer that still receives a long file is left alone."""
         if self._is_asked:
             if self._rest is None and not self.is_closing:
-                self._answer(text("503 Service Unavailable", "no answer was found in time: ask again"))
+                self._answer(text("503 Service Unavailable", "the answer took too long: try again"))
         elif self._request is None:
             self.abort()  # browsers open connections in advance, so nothing is wrong, and nobody would read an answer
         else:

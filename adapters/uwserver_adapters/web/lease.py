@@ -52,7 +52,7 @@ class Leases:
         """
         lease = self.owner(vehicle)
         if lease is None:
-            raise Refused("denied", f'nobody steers "{vehicle}": take it first by web/lease/take', vehicle)
+            raise Refused("denied", f'no page steers "{vehicle}": call web/lease/take first', vehicle)
         if lease.page != page:
             raise Refused(
                 "denied", f'"{vehicle}" is steered by {lease.owner}: ask, or take it with force = true', vehicle

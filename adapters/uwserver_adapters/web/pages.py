@@ -167,7 +167,7 @@ class Pages:
             owners[vehicle.name] = None if lease is None else {"page": lease.page, "owner": lease.owner}
         return owners
 
-    # -- what the world says --------------------------------------------------------------------------------------------------------
+    # -- samples and events ---------------------------------------------------------------------------------------------------------
 
     @property
     def wanted(self) -> frozenset[str]:
@@ -176,9 +176,8 @@ class Pages:
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """Send samples to subscribed pages, and pictures to the pages that show them."""
-        self.pictures.put_samples(
-            samples
-        )  # before the samples, because a page with samples in its queue gets no picture
+        # Pictures come first, because a page with samples in its queue gets no picture.
+        self.pictures.put_samples(samples)
         self._fanout.put_samples(samples)
 
     @property

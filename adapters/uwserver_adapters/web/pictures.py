@@ -46,7 +46,7 @@ class Pictures:
         self._wanted: dict[str, dict[Viewer, None]] = {}
         self._unseen: set[tuple[Viewer, int]] = set()
         self._loop = asyncio.get_running_loop()
-        self._worker: Worker | None = None
+        self._worker = Worker("web pictures", context.stats)
         self._in_work: set[str] = set()
 
     @property
@@ -64,13 +64,15 @@ class Pictures:
             Refused: unknown ports, ports without pictures, or too many.
         """
         if len(ports) > MOST_PORTS:
-            raise Refused("too_large", f"a page looks at {MOST_PORTS} ports at most, not {len(ports)}", "pictures")
+            raise Refused(
+                "too_large", f"a page can show pictures of at most {MOST_PORTS} ports, not {len(ports)}", "pictures"
+            )
         for path in ports:
             port = self._context.ports.get(path)
             if port is None:
                 raise Refused("unknown_port", f'no port "{path[:200]}"', "pictures")
             if not has_picture(port):
-                raise Refused("bad_argument", f'"{path}" has no picture: subscribe to its numbers', "pictures")
+                raise Refused("bad_argument", f'"{path}" has no pictures: subscribe to its samples', "pictures")
         self.leave(viewer)
         for path in ports:
             self._wanted.setdefault(path, {})[viewer] = None
@@ -98,12 +100,10 @@ class Pictures:
         if not self._wanted:
             return
         for sample in samples:
-            viewers = self._wanted.get(sample.port)
-            if viewers is None:
+            port = self._context.ports.get(sample.port)
+            if port is None or sample.port in self._in_work or not self._takers(sample.port):
                 continue
-            number, port = self._numbers[sample.port], self._context.ports.get(sample.port)
-            if port is None or not self._takers(sample.port) or sample.port in self._in_work:
-                continue
+            number = self._numbers[sample.port]
             if _is_photo(port):
                 self._encode(port, sample, number)
             else:
@@ -111,8 +111,8 @@ class Pictures:
 
     def _takers(self, path: str) -> list[Viewer]:
         """Return the viewers that have confirmed the last picture of a port, and can take the next."""
-        number = self._numbers[path]
-        return [v for v in self._wanted.get(path, ()) if (v, number) not in self._unseen and v.is_clear]
+        viewers = self._wanted.get(path, ())
+        return [v for v in viewers if (v, self._numbers[path]) not in self._unseen and v.is_clear]
 
     def _send(self, path: str, number: int, frame: bytes | None) -> None:
         for viewer in self._takers(path) if frame is not None else ():
@@ -121,8 +121,6 @@ class Pictures:
 
     def _encode(self, port: Port, sample: Sample, number: int) -> None:
         """Encode a picture on the thread, one of each port at a time. A viewer that joins in the meantime gets later ones."""
-        if self._worker is None:
-            self._worker = Worker("web pictures", self._context.stats)
 
         def work() -> None:
             frame = None
@@ -140,10 +138,8 @@ class Pictures:
 
     async def close(self) -> None:
         """End the thread."""
-        worker, self._worker = self._worker, None
-        if worker is not None:
-            await worker.run(lambda: None)
-            await worker.close(lambda: None)
+        await self._worker.run(lambda: None)  # the picture in work ends first
+        await self._worker.close(lambda: None)
 
 
 def _fan(picture: Buffer, by_name: Mapping[str, Value], number: int, t_ns: int) -> bytes | None:

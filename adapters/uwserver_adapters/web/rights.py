@@ -27,17 +27,17 @@ from uwserver.ports import (
 )
 from uwserver_adapters.web.lease import Leases
 
-_VEHICLE = Argument("vehicle", "str", "first level of its paths")
-_FORCE = Argument("force", "bool", "take it from who has it", required=False, default=False)
-_ANY = Argument("vehicle", "str", "first level of its paths; default: all", required=False, default="")
+_VEHICLE = Argument("vehicle", "str", "name of the vehicle")
+_FORCE = Argument("force", "bool", "take it from the page that has it", required=False, default=False)
+_ANY = Argument("vehicle", "str", "name of the vehicle; default: all", required=False, default="")
 TAKE = Service(
     "web/lease/take",
-    "Steer a vehicle from this page, until it is given back, or no sign comes for 2 s.",
+    "Steer a vehicle from this page until it is given back, or not renewed for 2 s.",
     (_VEHICLE, _FORCE),
 )
-KEEP = Service("web/lease/keep", "A sign that the page is there; gives the vehicles that it steers.", reads_only=True)
-GIVE = Service("web/lease/give", "Steer a vehicle no more.", (_ANY,))
-STOP = Service("web/stop", "Disarm, put all actuators to neutral, and end the lease; needs none.", (_ANY,))
+KEEP = Service("web/lease/keep", "Renew what the page steers; returns these vehicles.", reads_only=True)
+GIVE = Service("web/lease/give", "Stop steering a vehicle.", (_ANY,))
+STOP = Service("web/stop", "Disarm, put all actuators to neutral, and end the lease; works without a lease.", (_ANY,))
 _UNKNOWN = Reply(0, 0)
 SERVICES = {service.path: service for service in (TAKE, KEEP, GIVE, STOP)}
 
@@ -63,7 +63,7 @@ class Rights:
         self.leases = Leases(asyncio.get_running_loop().time, self._lost)
         self._commanded: dict[int, set[str]] = {}
 
-    # -- what pages ask -------------------------------------------------------------------------------------------------------------
+    # -- commands and calls ----------------------------------------------------------------------------------------------------------
 
     def command(
         self, port: str, value: Mapping[str, object], source: str, on_reply: OnReply | None, queue: str = ""
@@ -116,7 +116,7 @@ class Rights:
         if service == TAKE.path:
             force = args.get("force", False)
             if not isinstance(force, bool):
-                raise Refused("bad_argument", '"force" is true or false', "force")
+                raise Refused("bad_argument", '"force" must be true or false', "force")
             owner = source.partition(" ")[2].strip("()") or f"page {page}"
             self.leases.take(page, owner, vehicle, force)
             return None
@@ -143,9 +143,8 @@ class Rights:
         lease = self.leases.owner(vehicle)
         queue = "" if lease is None else str(lease.page)
         if lease is not None:
-            self._commanded_of(
-                lease.page, vehicle
-            )  # forgotten here, because all actuators are put to neutral below anyway
+            # The commands are forgotten here, so that each actuator is put to neutral only once, below.
+            self._commanded_of(lease.page, vehicle)
         self.leases.end(vehicle)
         services = self._context.services
         for path in [path for path in services if path.startswith(f"{vehicle}/") and path.endswith("/disarm")]:
@@ -197,7 +196,7 @@ class Rights:
             return False
         return True
 
-    # -- what is told ---------------------------------------------------------------------------------------------------------------
+    # -- descriptions ----------------------------------------------------------------------------------------------------------------
 
     @property
     def services(self) -> Mapping[str, Service]:
@@ -258,7 +257,7 @@ class Rights:
 
     def drive(self, client: str, driver: Driver, on_reply: OnReply) -> Callable[[], None]:
         """Refuse: a page steps no world."""
-        raise Refused("denied", "a page grants no ticks", client)
+        raise Refused("denied", "a page cannot step the world", client)
 
 
 def _left() -> None:

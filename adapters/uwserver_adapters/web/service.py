@@ -92,11 +92,11 @@ class WebService(NativeService):
         params = read.taken(request, ("frames", "pictures"))
         frames, pictures = params.get("frames", page.wants_frames), params.get("pictures")
         if not isinstance(frames, bool):
-            raise Refused("bad_argument", '"frames" is true or false', "frames")
+            raise Refused("bad_argument", '"frames" must be true or false', "frames")
         numbers: dict[str, int] = {}
         if pictures is not None:
             if not isinstance(pictures, list) or not all(isinstance(path, str) for path in pictures):
-                raise Refused("bad_argument", '"pictures" is a list of paths of ports', "pictures")
+                raise Refused("bad_argument", '"pictures" must be a list of paths of ports', "pictures")
             numbers = self.pages.pictures.look(page, pictures)
         page.wants_frames = frames
         self.pages.follow()
@@ -107,7 +107,7 @@ class WebService(NativeService):
         params = read.taken(request, ("pictures",))
         numbers = params.get("pictures")
         if not isinstance(numbers, list) or not all(isinstance(n, int) for n in numbers):
-            raise Refused("bad_argument", '"pictures" is a list of numbers of ports', "pictures")
+            raise Refused("bad_argument", '"pictures" must be a list of numbers of ports', "pictures")
         self.pages.pictures.seen(page, numbers)
         return {}
 

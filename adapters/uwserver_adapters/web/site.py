@@ -59,12 +59,12 @@ class Site:
         if len(hosts) != 1 or not is_host_known(hosts[0], self._config.allowed_hosts):
             # With DNS rebinding another page's name points here, and its browser takes us for that page's origin.
             name = hosts[0][:200] if hosts else ""
-            reason = f'"{name}" is no name of this server that it knows: ask by address, or add it to allowed_hosts'
+            reason = f'"{name}" is not a known name of this server: use its address, or add the name to allowed_hosts'
             self._refusals.note("host", reason)
             return text("421 Misdirected Request", reason)
         if request.method not in ("GET", "HEAD"):
             self._refusals.note("method", f"{request.method[:20]} is neither GET nor HEAD")
-            return text("405 Method Not Allowed", "ask with GET or HEAD", ("Allow", "GET, HEAD"))
+            return text("405 Method Not Allowed", "use GET or HEAD", ("Allow", "GET, HEAD"))
         return None
 
     def origins(self, request: Request) -> tuple[str, ...]:
@@ -99,7 +99,7 @@ class Site:
                 return text("429 Too Many Requests", lockout.fault.text)
             kind, _, token = request.header("authorization").partition(" ")
             if kind.lower() != "bearer" or not self._service.knows(token.strip()):
-                self._refusals.note("denied", "data were asked for without the token")
+                self._refusals.note("denied", "data were requested without the token")
                 if token and lockout.wrong(host, now):
                     self._refusals.note("lockout", lockout.fault.text)
                 return _WANTS_TOKEN
@@ -133,7 +133,7 @@ class Site:
         try:
             found = await asyncio.get_running_loop().run_in_executor(None, self._files.read, request.path)
         except OSError as error:
-            on_answer(text("404 Not Found", f"the file cannot be read any more: {error.strerror}"))
+            on_answer(text("404 Not Found", f"the file can no longer be read: {error.strerror}"))
             return
         on_answer(_sent(request, found, (("Content-Security-Policy", self.policy(found)),)))
 

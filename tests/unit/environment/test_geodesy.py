@@ -1,4 +1,4 @@
-"""Places of N on the Earth, and back."""
+"""Places of N on the Earth, and back. Also of uwserver.adapter.earth, by which adapters use this."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Ways on which peers come, and what goes where."""
+"""Links to peers, and the router between them and the vehicle."""

@@ -125,7 +125,7 @@ class UdpIn(_Socket):
         if channel is None:
             if len(self._channels) >= PEERS:
                 self._stats.dropped += 1
-                self._stats.last_error = f"link {self.address}: more than {PEERS} peers"
+                self._stats.last_error = f"link {self.address}: more than {PEERS} peers; others are refused"
                 return
             channel = self._router.open(shown("udp", peer), lambda sent: self._write(sent, full), self._is_ready)
             self._channels[peer] = channel

@@ -1,1 +1,1 @@
-"""The vehicle's side: what ground stations see and want."""
+"""The vehicle as ground stations see and command it."""

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from uwserver.adapter import AdapterContext
 from uwserver.ports import Event
-from uwserver_adapters.mavlink.vehicle.arming import Arming
+from uwserver_adapters.mavlink.vehicle.autopilot import Done
 from uwserver_adapters.mavlink.vehicle.bridge import CRITICAL, ERROR, INFO, NOTICE, WARNING, Bridge, Send
 from uwserver_adapters.mavlink.vehicle.commands import Commands
 from uwserver_adapters.mavlink.vehicle.config import MavlinkConfig
@@ -55,7 +55,7 @@ class ArduSub:
     Attributes:
         bridge: the way to ground stations and the world.
         tunnel: the way to its modem.
-        parameters, payload, outputs, pilot, arming, failsafes, missions, setpoints, telemetry, commands: its other parts.
+        parameters, payload, outputs, pilot, failsafes, missions, setpoints, telemetry, commands: its other parts.
     """
 
     def __init__(self, config: MavlinkConfig, context: AdapterContext, name: str, dialect: Dialect, send: Send) -> None:
@@ -73,8 +73,7 @@ class ArduSub:
         self.tunnel = Tunnel(context, name, bridge)
         self.outputs = Outputs(self.parameters, self.payload, motors, patience_s)
         self.pilot = Pilot(self.parameters, self._steer, self._button_actions(), lambda text: bridge.tell(INFO, text))
-        self.arming = Arming(bridge, self.pilot, self.outputs)
-        self.failsafes = Failsafes(bridge, self.parameters, self.pilot, self.arming)
+        self.failsafes = Failsafes(bridge, self.parameters, self.pilot, self.disarm)
         self.missions = Missions(bridge)
         self.setpoints = SetPoints(bridge)
         self.telemetry = Telemetry(
@@ -88,7 +87,7 @@ class ArduSub:
             self.payload,
         )
         self.commands = Commands(
-            bridge, self.arming, self.telemetry, self.missions, self.setpoints, self.outputs, self.payload
+            bridge, self.arm, self.disarm, self.telemetry, self.missions, self.setpoints, self.outputs, self.payload
         )
         self._files = Files({"@PARAM/param.pck": lambda options: self.parameters.packed("withdefaults=1" in options)})
         self._verbs = self._dispatch()
@@ -202,11 +201,36 @@ class ArduSub:
 
     def _timesync(self, message: Message, channel: Channel) -> None:
         if message.integer("tc1") == 0:
-            answer = {
-                "tc1": max(1, self.bridge.readings.t_ns),
-                "ts1": message.integer("ts1"),
-            }  # tc1 = 0 would be a question
+            # A tc1 of 0 would make the answer another question.
+            answer = {"tc1": max(1, self.bridge.readings.t_ns), "ts1": message.integer("ts1")}
             self.bridge.send("TIMESYNC", answer, channel)
+
+    # -- arming -----------------------------------------------------------------------------------------------------------------------
+
+    def arm(self, force: bool, done: Done) -> None:
+        """Arm. The last sticks do not count, because they were moved while the vehicle was disarmed."""
+        self.pilot.forget()
+        self.pilot.neutral()
+        self.outputs.begin_test()
+
+        def on_done(reason: str) -> None:
+            if not reason:
+                self.bridge.tell(INFO, "Arming motors")
+                self.bridge.tell_home()  # as ArduPilot does; QGroundControl waits for it
+            done(reason)
+
+        self.bridge.switch("arm", {"force": force}, on_done, armed=True)
+
+    def disarm(self, done: Done) -> None:
+        """Disarm, with all sticks released."""
+        self.pilot.neutral()
+
+        def on_done(reason: str) -> None:
+            if not reason:
+                self.bridge.tell(INFO, "Disarming motors")
+            done(reason)
+
+        self.bridge.switch("disarm", {}, on_done, armed=False)
 
     # -- out --------------------------------------------------------------------------------------------------------------------------
 
@@ -270,16 +294,16 @@ class ArduSub:
 
         def toggle() -> None:
             if self.bridge.readings.state().armed:
-                self.arming.disarm(failed)
+                self.disarm(failed)
             else:
-                self.arming.arm(False, failed)
+                self.arm(False, failed)
 
         return {
             **self.payload.actions(lambda: self.parameters.value("JS_LIGHTS_STEPS")),
             **{number: enter(name) for number, name in _BUTTON_MODES.items()},
             2: toggle,
-            3: lambda: self.arming.arm(False, failed),
-            4: lambda: self.arming.disarm(failed),
+            3: lambda: self.arm(False, failed),
+            4: lambda: self.disarm(failed),
         }
 
 

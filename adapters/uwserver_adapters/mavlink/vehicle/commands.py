@@ -8,7 +8,7 @@ from typing import Literal
 
 from msgspec import Struct, structs
 
-from uwserver_adapters.mavlink.vehicle.arming import Arming
+from uwserver_adapters.mavlink.vehicle.autopilot import Done
 from uwserver_adapters.mavlink.vehicle.bridge import INFO, NOTICE, WARNING, Bridge
 from uwserver_adapters.mavlink.vehicle.home import Place, place_of_e7
 from uwserver_adapters.mavlink.vehicle.missions import Missions
@@ -65,13 +65,15 @@ class Commands:
 
     Args:
         bridge: the way to ground stations and autopilot.
-        arming, telemetry, missions, setpoints, outputs, payload: parts of the vehicle that commands act on.
+        arm, disarm: arm, with or without force, and disarm the vehicle.
+        telemetry, missions, setpoints, outputs, payload: parts of the vehicle that commands act on.
     """
 
     def __init__(
         self,
         bridge: Bridge,
-        arming: Arming,
+        arm: Callable[[bool, Done], None],
+        disarm: Callable[[Done], None],
         telemetry: Telemetry,
         missions: Missions,
         setpoints: SetPoints,
@@ -79,7 +81,7 @@ class Commands:
         payload: Payload,
     ) -> None:
         self._bridge = bridge
-        self._arming = arming
+        self._arm_vehicle, self._disarm_vehicle = arm, disarm
         self._telemetry = telemetry
         self._missions = missions
         self._setpoints = setpoints
@@ -176,9 +178,9 @@ class Commands:
 
     def _arm(self, request: Request) -> Result | None:
         if request.p[1] == 1.0:
-            self._arming.arm(request.p[2] == FORCE, self._acknowledge_later(request, "Arm"))
+            self._arm_vehicle(request.p[2] == FORCE, self._acknowledge_later(request, "Arm"))
         elif request.p[1] == 0.0:
-            self._arming.disarm(self._acknowledge_later(request, "Disarm"))
+            self._disarm_vehicle(self._acknowledge_later(request, "Disarm"))
         else:
             return "UNSUPPORTED"
         return None
@@ -211,7 +213,7 @@ class Commands:
     def _terminate(self, request: Request) -> Result | None:
         if request.p[1] <= 0.5 or math.isnan(request.p[1]):
             return "FAILED"
-        self._arming.disarm(self._acknowledge_later(request, "Termination"))
+        self._disarm_vehicle(self._acknowledge_later(request, "Termination"))
         return None
 
     def _reboot(self, request: Request) -> Result:

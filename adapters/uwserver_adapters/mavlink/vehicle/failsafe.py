@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from uwserver_adapters.mavlink.vehicle.arming import Arming
+from collections.abc import Callable
+
+from uwserver_adapters.mavlink.vehicle.autopilot import Done
 from uwserver_adapters.mavlink.vehicle.bridge import CRITICAL, NOTICE, WARNING, Bridge
-from uwserver_adapters.mavlink.vehicle.modes import ALT_HOLD, SURFACE, Mode
+from uwserver_adapters.mavlink.vehicle.modes import ALT_HOLD, SURFACE
 from uwserver_adapters.mavlink.vehicle.parameters import Parameters
 from uwserver_adapters.mavlink.vehicle.pilot import Pilot
 
@@ -20,14 +22,16 @@ class Failsafes:
         bridge: the way to ground stations and autopilot.
         parameters: which fail-safe does what.
         pilot: the sticks.
-        arming: disarms the vehicle.
+        disarm: disarms the vehicle.
     """
 
-    def __init__(self, bridge: Bridge, parameters: Parameters, pilot: Pilot, arming: Arming) -> None:
+    def __init__(self, bridge: Bridge, parameters: Parameters, pilot: Pilot, disarm: Callable[[Done], None]) -> None:
         self._bridge = bridge
+        self._value = parameters.value
         self._parameters = parameters
         self._pilot = pilot
-        self._arming = arming
+        self._disarm_now = disarm
+        self._tell_failure = bridge.failure_teller("Failsafe action failed: ", CRITICAL)
         self._active: dict[str, float] = {}
         self._gcs_at: float | None = None
         self._autopilot = ""
@@ -59,9 +63,6 @@ class Failsafes:
         self._check_leak(now)
         self._check_battery(now)
         self._tell_autopilot()
-
-    def _value(self, name: str) -> float:
-        return self._parameters.value(name)
 
     def _begins(self, name: str, now: float, severity: str, text: str, again_s: float = AGAIN_S) -> bool:
         """Announce a loss that begins or lasts. Returns whether to act: it begins, and the vehicle is armed."""
@@ -104,7 +105,7 @@ class Failsafes:
             self._active.pop("leak", None)
             return
         if self._begins("leak", now, CRITICAL, "Leak Detected") and action == 2:
-            self._enter(SURFACE)
+            self._bridge.set_mode(SURFACE, self._tell_failure)
 
     def _check_battery(self, now: float) -> None:
         voltage = self._bridge.readings.number("battery", "voltage")
@@ -118,7 +119,7 @@ class Failsafes:
             if action == 2:
                 self._disarm()
             elif action == 3:
-                self._enter(SURFACE)
+                self._bridge.set_mode(SURFACE, self._tell_failure)
 
     def _tell_autopilot(self) -> None:
         """Announce a fail-safe of the autopilot itself that ArduSub does not have."""
@@ -131,17 +132,10 @@ class Failsafes:
 
     def _disarm(self) -> None:
         if self._bridge.readings.state().armed:
-            self._arming.disarm(self._tell_failure)
-
-    def _enter(self, mode: Mode) -> None:
-        self._bridge.set_mode(mode, self._tell_failure)
+            self._disarm_now(self._tell_failure)
 
     def _or_disarm(self, reason: str) -> None:
         """Disarm if the mode could not be entered."""
         if reason:
             self._tell_failure(reason)
             self._disarm()
-
-    def _tell_failure(self, reason: str) -> None:
-        if reason:
-            self._bridge.tell(CRITICAL, f"Failsafe action failed: {reason}")

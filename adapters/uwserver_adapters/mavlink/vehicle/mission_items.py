@@ -12,7 +12,7 @@ from uwserver.frames import Vec3
 from uwserver.ports import Json
 from uwserver_adapters.mavlink.vehicle.home import Home
 from uwserver_adapters.mavlink.vehicle.setpoints import GLOBAL_FRAMES, LOCAL_NED
-from uwserver_adapters.mavlink.wire.codec import degrees_e7, vec3
+from uwserver_adapters.mavlink.wire.codec import degrees_e7, finite, vec3
 from uwserver_adapters.mavlink.wire.dialect import Entry, Message
 
 Result = Literal[
@@ -193,19 +193,19 @@ def untranslated(seq: int, item: Mapping[str, Json], home: Home, entry: Callable
         entry: returns the entry of a name in the dialect.
     """
 
-    def number(key: str, default: float = 0.0) -> float:
-        value = item.get(key)
-        return float(value) if isinstance(value, int | float) else default
+    def number(key: str) -> float:
+        return finite(item.get(key)) or 0.0
 
     kind = item.get("kind")
-    if kind == "hold":
-        return Item(seq, entry(NO_PLACE), entry(NAV_DELAY), (number("time_s"), -1.0, -1.0, -1.0), 0, 0, 0.0)
-    if kind == "speed":
-        return Item(seq, entry(NO_PLACE), entry(SPEED), (0.0, number("speed_mps"), -1.0, 0.0), 0, 0, 0.0)
-    if kind == "heading":
-        return Item(seq, entry(NO_PLACE), entry(YAW), (number("heading_deg"), 0.0, 0.0, 0.0), 0, 0, 0.0)
-    if kind == "surface":
-        return Item(seq, entry(GLOBAL), entry(LAND), (0.0,) * 4, 0, 0, 0.0)
+    without_place: dict[str, tuple[str, str, tuple[float, float, float, float]]] = {
+        "hold": (NO_PLACE, NAV_DELAY, (number("time_s"), -1.0, -1.0, -1.0)),
+        "speed": (NO_PLACE, SPEED, (0.0, number("speed_mps"), -1.0, 0.0)),
+        "heading": (NO_PLACE, YAW, (number("heading_deg"), 0.0, 0.0, 0.0)),
+        "surface": (GLOBAL, LAND, (0.0, 0.0, 0.0, 0.0)),
+    }
+    if isinstance(kind, str) and kind in without_place:
+        frame, command, params = without_place[kind]
+        return Item(seq, entry(frame), entry(command), params, 0, 0, 0.0)
     flat = item.get("position_ne_m")
     given = [*flat, number("depth_m")] if isinstance(flat, list) else item.get("position_ned_m")
     north, east, down = vec3(given) or (0.0, 0.0, 0.0)

@@ -10,17 +10,16 @@ from uwserver.adapter import AdapterContext, Conversation
 from uwserver.frames import Quat, Vec3, conjugate, quat_from_rpy, rotate
 from uwserver_adapters.mavlink.vehicle.autopilot import command
 from uwserver_adapters.mavlink.vehicle.home import Home
-from uwserver_adapters.mavlink.wire.codec import vec3, vector
+from uwserver_adapters.mavlink.wire.codec import deflection, vector
 from uwserver_adapters.mavlink.wire.dialect import Message
 
 LOCAL_NED, BODY_FRD = 1, 12
 """The values of MAV_FRAME for world and body that an ODOMETRY may use. Velocities may be in either."""
 FRESH_S = 2.0
 """For this time after an ODOMETRY of a system its GLOBAL_POSITION_INT is ignored, because the two may differ."""
-PULSE_MIDDLE_US, PULSE_HALF_US, NO_PULSE = 1500.0, 400.0, 0xFFFF
-"""Pulses of a SERVO_OUTPUT_RAW, as in a log (`uwserver.world.external.motion`): at rest, from there to full, and the value for no pulse.
-0 means no pulse too."""
 MOST_PULSES = 16
+NO_PULSE = (0.0, 0xFFFF)
+"""Values of SERVO_OUTPUT_RAW for an output that is switched off."""
 
 
 class Others:
@@ -108,9 +107,9 @@ class Others:
 def _odometry(message: Message) -> dict[str, object] | None:
     """Return the pose of an ODOMETRY in LOCAL_NED, or None for another frame, or without position or attitude."""
     p, q, v, w = (
-        _three(message, "x", "y", "z"),
+        message.vec3("x", "y", "z"),
         _quaternion(message.array("q")),
-        _three(message, "vx", "vy", "vz"),
+        message.vec3("vx", "vy", "vz"),
         _rates(message),
     )
     if message.integer("frame_id") != LOCAL_NED or p is None or q is None:
@@ -123,17 +122,15 @@ def _odometry(message: Message) -> dict[str, object] | None:
 
 
 def _output(pulse_us: float) -> float:
-    """Convert a pulse width to an actuator's output, -1 to 1. A pulse of 0 is an output that is switched off."""
-    if not math.isfinite(pulse_us) or pulse_us in (0.0, NO_PULSE):
-        return 0.0
-    return min(1.0, max(-1.0, (pulse_us - PULSE_MIDDLE_US) / PULSE_HALF_US))
+    """Convert a pulse width to an actuator's output, -1 to 1, as logs of such outputs are read (`uwserver.world.external.motion`)."""
+    return deflection(pulse_us) if math.isfinite(pulse_us) and pulse_us not in NO_PULSE else 0.0
 
 
 def _attitude(message: Message) -> Quat | None:
     """Return the attitude of an ATTITUDE or ATTITUDE_QUATERNION."""
     if message.name == "ATTITUDE_QUATERNION":
         return _quaternion(tuple(message.number(name) for name in ("q1", "q2", "q3", "q4")))
-    angles = _three(message, "roll", "pitch", "yaw")
+    angles = message.vec3("roll", "pitch", "yaw")
     return None if angles is None else quat_from_rpy(*angles)
 
 
@@ -148,9 +145,4 @@ def _quaternion(row: tuple[float, ...]) -> Quat | None:
 
 
 def _rates(message: Message) -> Vec3 | None:
-    return _three(message, "rollspeed", "pitchspeed", "yawspeed")
-
-
-def _three(message: Message, *names: str) -> Vec3 | None:
-    """Return three fields if all of them are numbers."""
-    return vec3(tuple(message.number(name) for name in names))
+    return message.vec3("rollspeed", "pitchspeed", "yawspeed")

@@ -43,7 +43,7 @@ class SetPoints:
         if frame != LOCAL_NED and frame not in _FROM_HERE:
             return self._refuse(f"set point in frame {message.integer('coordinate_frame')} is not supported")
         yaw = rpy_from_quat(state.q_NB)[2] if state.q_NB is not None else 0.0
-        p, v = _row(message, "x", "y", "z"), _row(message, "vx", "vy", "vz")
+        p, v = message.vec3("x", "y", "z"), message.vec3("vx", "vy", "vz")
         if frame in _TURNED:
             p, v = (None if p is None else turned(p, yaw)), (None if v is None else turned(v, yaw))
         if frame in _FROM_HERE and p is not None and not mask & NO_POSITION:
@@ -69,7 +69,7 @@ class SetPoints:
             if home.origin is None:
                 return self._refuse("set point: the origin is not known, send SET_GPS_GLOBAL_ORIGIN")
             p = home.point(message.integer("lat_int"), message.integer("lon_int"), altitude, GLOBAL_FRAMES[frame])
-        return self._follow(message, mask, p, _row(message, "vx", "vy", "vz"), 0.0)
+        return self._follow(message, mask, p, message.vec3("vx", "vy", "vz"), 0.0)
 
     def _follow(self, message: Message, mask: int, p: Vec3 | None, v: Vec3 | None, yaw_from: float) -> None:
         if not shown(self._bridge.readings.state().mode).is_guided:
@@ -140,7 +140,3 @@ class SetPoints:
             self._told = reason
             if reason:
                 self._bridge.tell(WARNING, reason)
-
-
-def _row(message: Message, *fields: str) -> Vec3 | None:
-    return vec3([message.number(field) for field in fields])

@@ -43,7 +43,7 @@ class Tunnel:
         return () if self._received is None else (self._received.path,)
 
     def take(self, message: Message) -> None:
-        """Send the payload of a TUNNEL through the water. A refusal is counted, and told as STATUSTEXT."""
+        """Send the payload of a TUNNEL through the water. A refusal is counted, and sent as STATUSTEXT."""
         if self._received is None:
             self._bridge.counters["tunnel_without_modem"] += 1
             return

@@ -1,1 +1,1 @@
-"""Bytes and messages of MAVLink, and one conversation. Knows no vehicle."""
+"""Bytes and messages of MAVLink, and the state of one conversation. Knows no vehicle."""

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from msgspec import Struct
 
+from uwserver.adapter.earth import latitude_longitude, north_east
 from uwserver.frames import Vec3
 from uwserver.units import NANOSECONDS, STANDARD_ATMOSPHERE_PA, deg, rad
 
 _TURN = 2 * math.pi
-_SEMI_MAJOR_M = 6_378_137.0
-_ECCENTRICITY_2 = 6.694_379_990_14e-3
-"""Semi-major axis and squared eccentricity of the WGS 84 ellipsoid."""
 _DEG_E7 = 1e7
 _LARGEST = 1e30
 """No real quantity is as large as this, and a thousand times as much still fits into a float of 32 bits."""
@@ -115,28 +114,12 @@ class Datum(Struct, frozen=True):
 
     def geodetic(self, north: float, east: float) -> tuple[float, float]:
         """Return latitude and longitude (rad) of a point of the plane (m)."""
-        s, c = math.sin(self.latitude), math.cos(self.latitude)
-        across, flat = self._across(s), 1.0 - _ECCENTRICITY_2
-        # Earth-centred axes, with x through the origin's meridian. From the point we go along the plane's normal to the ellipsoid.
-        x, z = across * c - s * north, flat * across * s + c * north
-        a, b = c * c + s * s / flat, c * x + s * z / flat
-        gap = x * x + east * east + z * z / flat - _SEMI_MAJOR_M**2
-        up = -gap / (b + math.sqrt(max(0.0, b * b - a * gap)))
-        x, z = x + c * up, z + s * up
-        return math.atan2(z, flat * math.hypot(x, east)), wrapped(self.longitude + math.atan2(east, x))
+        return latitude_longitude(north, east, self.latitude, self.longitude)
 
     def north_east(self, latitude: float, longitude: float) -> tuple[float, float]:
         """Return the point of the plane (m) below a latitude and longitude (rad): the inverse of `geodetic`."""
-        s, c = math.sin(self.latitude), math.cos(self.latitude)
-        across, there = self._across(s), self._across(math.sin(latitude))
-        turn = wrapped(longitude - self.longitude)
-        x = there * math.cos(latitude) * math.cos(turn) - across * c
-        z = (1.0 - _ECCENTRICITY_2) * (there * math.sin(latitude) - across * s)
-        return c * z - s * x, there * math.cos(latitude) * math.sin(turn)
-
-    @staticmethod
-    def _across(sine: float) -> float:
-        return _SEMI_MAJOR_M / math.sqrt(1.0 - _ECCENTRICITY_2 * sine * sine)
+        north, east = north_east(np.array(latitude), np.array(longitude), self.latitude, self.longitude)
+        return float(north), float(east)
 
 
 def datum(latitude_deg: float, longitude_deg: float) -> Datum | None:

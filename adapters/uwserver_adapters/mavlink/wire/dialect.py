@@ -13,6 +13,9 @@ from typing import Any
 
 from msgspec import Struct
 
+from uwserver.frames import Vec3
+from uwserver_adapters.mavlink.wire.codec import vec3
+
 Value = int | float | bytes | str | tuple[int, ...] | tuple[float, ...]
 """One field: a number or its name in the dialect, text, or the components of an array."""
 Fields = Mapping[str, Value]
@@ -72,6 +75,10 @@ class Message(Struct, frozen=True):
         value = self.fields[field]
         return float(value) if isinstance(value, int | float) else math.nan
 
+    def vec3(self, *fields: str) -> Vec3 | None:
+        """Return three fields as a vector, or None if one of them is not a finite number."""
+        return vec3([self.number(field) for field in fields])
+
     def integer(self, field: str) -> int:
         """Return an integer."""
         value = self.fields[field]
@@ -99,7 +106,7 @@ class FieldSpec(Struct, frozen=True):
     Attributes:
         name: its name in the definition.
         count: length of the array; 0 for a single value.
-        is_text: its type is `char`.
+        is_text: it is an array of characters.
         low, high: limits of an integer; `low` is None for a float.
         enum: names of the values; None where they have none.
         numbers: the numbers of all names of the dialect.
@@ -138,9 +145,9 @@ class Layout:
             low, high = _RANGES.get(kind, (None, 0))
             enum = enums.get(definition.fieldenums_by_name.get(name, ""))
             is_bits = enum is not None and definition.fielddisplays_by_name.get(name) == "bitmask"
-            parts.append(
-                FieldSpec(name, int(definition.array_lengths[wire]), kind == "char", low, high, enum, numbers, is_bits)
-            )
+            count = int(definition.array_lengths[wire])
+            is_text = kind == "char" and count > 0
+            parts.append(FieldSpec(name, count, is_text, low, high, enum, numbers, is_bits))
         self.parts = tuple(parts)
         self._enums = {part.name: part.enum for part in parts if part.enum is not None}
         names = self._names = frozenset(part.name for part in parts)
@@ -161,7 +168,7 @@ class Layout:
         row: list[object] = []
         for part in self.parts:
             value = fields.get(part.name, 0)
-            if part.is_text and part.count:
+            if part.is_text:
                 row.append(value.encode("utf-8", "replace") if isinstance(value, str) else value or b"")
             elif part.count:
                 given = tuple(value) if isinstance(value, tuple | bytes) else ()
@@ -178,15 +185,12 @@ class Layout:
         fields: dict[str, Value] = {}
         at = 0
         for part in self.parts:
-            if part.is_text and part.count:
-                fields[part.name] = row[at].split(b"\0", 1)[0]
-                at += 1
-            elif part.count:
-                fields[part.name] = row[at : at + part.count]
-                at += part.count
+            size = 1 if part.is_text else part.count or 1  # a text is one item of the row
+            items, at = row[at : at + size], at + size
+            if part.is_text:
+                fields[part.name] = items[0].split(b"\0", 1)[0]
             else:
-                fields[part.name] = row[at]
-                at += 1
+                fields[part.name] = items if part.count else items[0]
         return Message(self.name, fields, system, component, self._enums)
 
 
@@ -200,13 +204,9 @@ def _limited(value: object, part: FieldSpec) -> int | float:
         return part.numbers[value] if isinstance(value, str) else 0
     if part.low is None:
         return value if not abs(value) > _F32_MAX else math.copysign(_F32_MAX, value)
-    if isinstance(value, float):
-        if math.isnan(value):
-            return 0
-        value = (
-            part.high if value > part.high else part.low if value < part.low else round(value)
-        )  # an infinity cannot be rounded
-    return part.low if value < part.low else part.high if value > part.high else value
+    if value != value:  # NaN; math.isnan fails for a very large integer
+        return 0
+    return round(min(max(value, part.low), part.high))
 
 
 class Dialect:

@@ -72,7 +72,7 @@ def frame_of(data: bytes, dialect: Dialect) -> bytes:
         BadJson: the text is no JSON, there is no such message, or a field cannot have its value.
     """
     if len(data) > LONGEST:
-        raise BadJson(f"{len(data)} bytes, at most {LONGEST}")
+        raise BadJson(f"the text has {len(data)} bytes, at most {LONGEST} are accepted")
     try:
         envelope = msgspec.convert(decode(data, "json"), _Envelope)
     except (Undecodable, msgspec.ValidationError) as error:
@@ -88,7 +88,7 @@ def frame_of(data: bytes, dialect: Dialect) -> bytes:
 
 
 def _to_json(part: FieldSpec, value: Value) -> object:
-    if part.is_text and part.count and isinstance(value, bytes):
+    if part.is_text and isinstance(value, bytes):
         return list(value.ljust(part.count, b"\0").decode("latin-1"))
     if isinstance(value, tuple):
         return [_scalar_to_json(part, entry) for entry in value]
@@ -104,14 +104,14 @@ def _scalar_to_json(part: FieldSpec, value: object) -> object:
 
 
 def _from_json(part: FieldSpec, value: object) -> Value:
-    if part.is_text and part.count:
+    if part.is_text:
         entries = list(value) if isinstance(value, str | list) else [value]
         if len(entries) > part.count or not all(isinstance(entry, str) and len(entry) == 1 for entry in entries):
-            raise BadJson(f"{part.name}: at most {part.count} characters are wanted, not {value!r:.60}")
+            raise BadJson(f"{part.name}: needs at most {part.count} characters, not {value!r:.60}")
         return "".join(map(str, entries)).encode("latin-1", "replace")
     if part.count:
         if not isinstance(value, list) or len(value) > part.count:
-            raise BadJson(f"{part.name}: at most {part.count} numbers are wanted, not {value!r:.60}")
+            raise BadJson(f"{part.name}: needs at most {part.count} numbers, not {value!r:.60}")
         return tuple(_scalar_from_json(part, entry) for entry in value)
     return _scalar_from_json(part, value)
 
@@ -126,7 +126,7 @@ def _scalar_from_json(part: FieldSpec, value: object) -> int | float:
             return float(value)
     elif isinstance(value, int) and not isinstance(value, bool) and part.low <= value <= part.high:
         return value
-    raise BadJson(f"{part.name}: {value!r:.60} is no value of it")
+    raise BadJson(f"{part.name}: {value!r:.60} is not a value of this field")
 
 
 def _number_of(enum: Mapping[int, str], name: object) -> int | None:

@@ -347,7 +347,7 @@ def test_who_takes_over_is_logged(caplog: pytest.LogCaptureFixture) -> None:
         r.listen(1.2)
         second.send([1500] * 8, 0)
         assert r.order() is not None
-        assert any("takes the vehicle over" in line for line in caplog.messages)
+        assert any("takes over the vehicle" in line for line in caplog.messages)
 
 
 def test_a_simulator_that_restarts_takes_any_number() -> None:
@@ -455,7 +455,7 @@ def test_another_frame_rate_is_told_and_never_followed(caplog: pytest.LogCapture
             r.step([1500] * 8, number)
         assert r.count("frame_rate_hz") == 400
         assert "--rate 1200" in r.stats.last_error
-        assert caplog.text.count("asks for 400") == 1
+        assert caplog.text.count("requests 400") == 1
         assert r.t_ns == (RATE_FRAMES + 5) * 1_000_000
 
 
@@ -508,7 +508,7 @@ def test_outputs_of_any_actuator() -> None:
         (OutputTable(channels=(1, 2)), "channels has 2 numbers"),
         (OutputTable(full=(1.0,)), "full has 1 numbers"),
         (OutputTable(full_deg=10.0), "is in 1: full_deg is for radians"),
-        (OutputTable(port="rudder", field="angle_rad", full=1.0, full_deg=1.0), "not beside full"),
+        (OutputTable(port="rudder", field="angle_rad", full=1.0, full_deg=1.0), "not together with full"),
     ],
 )
 def test_outputs_that_do_not_fit(table: OutputTable, phrase: str) -> None:

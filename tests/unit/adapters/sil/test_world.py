@@ -72,7 +72,7 @@ def test_the_world_is_told_what_the_autopilot_reads(adapter_class) -> None:
 @pytest.mark.parametrize(
     ("table", "phrase"),
     [
-        ({"truth": False}, "say truth = true"),
+        ({"truth": False}, "set truth = true"),
         ({"truth": True}, 'pose: no sensor "rov/truth/pose"'),
         ({"truth": True, "imu": "gyro"}, 'imu: no sensor "rov/gyro"; there are: rov/depth, rov/imu|pose: no sensor'),
         ({"truth": True, "vehicle": "auv"}, 'no vehicle "auv"; there are: rov'),

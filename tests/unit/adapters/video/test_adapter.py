@@ -565,7 +565,7 @@ def test_a_check_tells_the_same():
     ],
 )
 def test_tables_that_serve_nobody_or_name_no_address(given):
-    with pytest.raises(ValueError, match=r"host:port|nobody is served"):
+    with pytest.raises(ValueError, match=r"host:port|nothing would be served"):
         VideoConfig(**given)
     for address in ("5600", "host", "127.0.0.1:0", "127.0.0.1:70000", ":5600", "h:\u0661"):
         with pytest.raises(ValueError, match="host:port"):
