@@ -9,15 +9,15 @@ import socket
 from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated
 
-from msgspec import Meta, field
+from msgspec import Meta
 
-from uwserver.adapter import AdapterContext, AdapterTable, CannotServe, Readings, bound_socket, vehicle_of
+from uwserver.adapter import AdapterContext, CannotServe, bound_socket
 from uwserver.ports import Sample
 from uwserver.table import Name, Positive
 from uwserver_adapters.ardupilot import wire
 from uwserver_adapters.ardupilot.driver import COUNTS, ArduPilotDriver, State
 from uwserver_adapters.ardupilot.dvl import DvlTable, MavlinkOut, Movement
-from uwserver_adapters.sil.channels import Outputs, OutputTable, Scale
+from uwserver_adapters.sil.channels import Outputs, Scale, SilTable, named_readings
 from uwserver_adapters.sil.world import drive, stand_by
 
 log = logging.getLogger(__name__)
@@ -28,34 +28,20 @@ LOOP_HZ = 400
 PulseWidth = Annotated[int, Meta(ge=1, le=65535)]
 
 
-class ArduPilotConfig(AdapterTable, tag="ardupilot_json", kw_only=True, frozen=True):
+class ArduPilotConfig(SilTable, tag="ardupilot_json", kw_only=True, frozen=True):
     """Attributes:
-    bind: address to listen at; whoever can reach it moves the vehicle.
     port: UDP port; 0 takes a free one. Instance n of an autopilot sends to 9002 + 10 n.
-    client: name in the scenario's `lockstep_clients`; default: the adapter's name.
-    vehicle: vehicle with the sensors and actuators; default: the only one there is.
-    imu: port with `f_S` and `w_S`, mounted along the vehicle's axes.
-    pose: port with `p_NB` and `q_NB`.
-    velocity: port with `v_NB_B` and `w_NB_B`.
     rangefinders: up to six ports with `range` or `altitude`, sent as rng_1 to rng_6.
     battery: port with `voltage` and `current`.
-    outputs: what the servo channels move; default: the vehicle's `thrusters`, by channels 1 to n.
     low_us, neutral_us, high_us: pulse widths of full deflection and neutral.
     no_time_sync: tell the autopilot not to hold real time itself; then only `[world.clock] max_speed` limits the speed.
     silence_s: wall time after which a silent autopilot counts as gone.
     dvl: send a DVL as MAVLink messages; default: none is sent.
     """
 
-    bind: Name = "127.0.0.1"
     port: Annotated[int, Meta(ge=0, le=65535)] = 9002
-    client: Name | None = None
-    vehicle: Name | None = None
-    imu: Name = "imu"
-    pose: Name = "truth/pose"
-    velocity: Name = "truth/velocity"
     rangefinders: Annotated[tuple[Name, ...], Meta(max_length=wire.RANGEFINDERS)] = ()
     battery: Name | None = None
-    outputs: dict[Name, OutputTable] = field(default_factory=dict)
     low_us: PulseWidth = 1100
     neutral_us: PulseWidth = 1500
     high_us: PulseWidth = 1900
@@ -103,16 +89,10 @@ class ArduPilotAdapter:
 
     def _driver(self, endpoint: socket.socket, link: MavlinkOut | None) -> ArduPilotDriver:
         config, context = self.config, self.context
-        if not config.truth:
-            raise CannotServe("position, velocity and attitude in this protocol are ground truth: set truth = true")
         if not config.low_us < config.neutral_us < config.high_us:
             raise CannotServe("the pulse widths must be low_us < neutral_us < high_us")
         ports = context.ports
-        vehicle = vehicle_of(config.vehicle, ports)
-        readings = Readings(ports, vehicle)
-        pose = readings.want("pose", config.pose, [("p_NB", "q_NB")])
-        velocity = readings.want("velocity", config.velocity, [("v_NB_B", "w_NB_B")])
-        imu = readings.want("imu", config.imu, [("w_S", "f_S")])
+        vehicle, readings, (pose, velocity, imu) = named_readings(config, ports)
         distances = [
             readings.want("rangefinders", name, [("range",), ("altitude",)], keeps=False)
             for name in config.rangefinders

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 
 from msgspec import Meta, field
 
-from uwserver.adapter import AdapterContext, AdapterTable, CannotServe, Readings, bound_socket, vehicle_of
+from uwserver.adapter import AdapterContext, CannotServe, bound_socket
 from uwserver.table import Name, NonNegative, Positive, Table
 from uwserver_adapters.px4.senses import Roles, Senses
-from uwserver_adapters.sil.channels import Outputs, OutputTable
+from uwserver_adapters.sil.channels import Outputs, SilTable, named_readings
 from uwserver_adapters.sil.world import drive, stand_by
 
 if TYPE_CHECKING:
@@ -36,12 +36,9 @@ class DistanceTable(Table, kw_only=True, frozen=True):
     max_m: Positive = 100.0
 
 
-class Px4Config(AdapterTable, tag="px4_hil", kw_only=True, frozen=True):
+class Px4Config(SilTable, tag="px4_hil", kw_only=True, frozen=True):
     """Attributes:
-    bind: address to listen at; whoever can reach it moves the vehicle.
     port: TCP port; 0 takes a free one. Instance n of an autopilot connects to 4560 + n.
-    client: name in the scenario's `lockstep_clients`; default: the adapter's name.
-    vehicle: vehicle with the sensors and actuators; default: the only one there is.
     imu: port with `f_S` and `w_S`, mounted along the vehicle's axes; its rate is the rate of the lock-step, for PX4 250 Hz.
     pose: port with `p_NB` and `q_NB`, for ground truth and odometry.
     velocity: port with `v_NB_B` and `w_NB_B`, for ground truth and odometry.
@@ -52,16 +49,9 @@ class Px4Config(AdapterTable, tag="px4_hil", kw_only=True, frozen=True):
     odometry_hz: rate at which the pose is sent as ODOMETRY; 0 for never.
     odometry_sigma: standard deviations of ODOMETRY, as they are told to the autopilot: position (m), attitude (rad), velocity (m/s).
     origin_deg: latitude and longitude of N's origin, for the ground truth in the autopilot's log.
-    outputs: what the actuator outputs move; default: the vehicle's `thrusters`, by outputs 1 to n.
     """
 
-    bind: Name = "127.0.0.1"
     port: Annotated[int, Meta(ge=0, le=65535)] = 4560
-    client: Name | None = None
-    vehicle: Name | None = None
-    imu: Name = "imu"
-    pose: Name = "truth/pose"
-    velocity: Name = "truth/velocity"
     magnetometer: Name | None = None
     depth: Name | None = None
     gps: Name | None = None
@@ -69,7 +59,6 @@ class Px4Config(AdapterTable, tag="px4_hil", kw_only=True, frozen=True):
     odometry_hz: NonNegative = 30.0
     odometry_sigma: tuple[Positive, Positive, Positive] = (0.05, 0.02, 0.05)
     origin_deg: tuple[float, float] = (47.397742, 8.545594)
-    outputs: dict[Name, OutputTable] = field(default_factory=dict)
 
     def needs(self) -> Mapping[str, str]:
         """Return the module that is needed: the dialect."""
@@ -107,16 +96,12 @@ class Px4Adapter:
         except ImportError as error:
             raise CannotServe(f"px4_hil needs pymavlink: pip install uwserver ({error})") from error
         config, context = self.config, self.context
-        if not config.truth:
-            raise CannotServe("pose and velocity in this protocol are ground truth: set truth = true")
         ports = context.ports
-        vehicle = vehicle_of(config.vehicle, ports)
-        readings = Readings(ports, vehicle)
-        imu = readings.want("imu", config.imu, [("w_S", "f_S")])
+        vehicle, readings, (pose, velocity, imu) = named_readings(config, ports)
         roles = Roles(
             imu,
-            readings.want("pose", config.pose, [("p_NB", "q_NB")]),
-            readings.want("velocity", config.velocity, [("v_NB_B", "w_NB_B")]),
+            pose,
+            velocity,
             readings.want("magnetometer", config.magnetometer, [("field_S",)]) if config.magnetometer else None,
             readings.want("depth", config.depth, [("depth", "temperature")]) if config.depth else None,
             readings.want("gps", config.gps, [_GPS], keeps=False) if config.gps else None,

@@ -1,13 +1,13 @@
-"""Converts servo channels to fields of actuators."""
+"""The tables of adapters for autopilots in the loop: the readings that an autopilot gets, and the actuators that its channels move."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Annotated
 
-from msgspec import Meta
+from msgspec import Meta, field
 
-from uwserver.adapter import CannotServe, field_of, port_of
+from uwserver.adapter import AdapterTable, CannotServe, Reading, Readings, field_of, port_of, vehicle_of
 from uwserver.ports import Field, Port
 from uwserver.table import Name, Table
 from uwserver_adapters.sil.codec import radians
@@ -55,6 +55,45 @@ class OutputTable(Table, kw_only=True, frozen=True):
     channels: tuple[Channel, ...] = ()
     full: float | tuple[float, ...] | None = None
     full_deg: float | tuple[float, ...] | None = None
+
+
+class SilTable(AdapterTable, kw_only=True, frozen=True):
+    """The keys that all of these adapters have.
+
+    Attributes:
+        bind: address to listen at; whoever can reach it moves the vehicle.
+        client: name in the scenario's `lockstep_clients`; default: the adapter's name.
+        vehicle: vehicle with the sensors and actuators; default: the only one there is.
+        imu: port with `f_S` and `w_S`, mounted along the vehicle's axes.
+        pose: port with `p_NB` and `q_NB`.
+        velocity: port with `v_NB_B` and `w_NB_B`.
+        outputs: what the autopilot's outputs move; default: the vehicle's `thrusters`, by outputs 1 to n.
+    """
+
+    bind: Name = "127.0.0.1"
+    client: Name | None = None
+    vehicle: Name | None = None
+    imu: Name = "imu"
+    pose: Name = "truth/pose"
+    velocity: Name = "truth/velocity"
+    outputs: dict[Name, OutputTable] = field(default_factory=dict)
+
+
+def named_readings(
+    table: SilTable, ports: Mapping[str, Port]
+) -> tuple[str, Readings, tuple[Reading, Reading, Reading]]:
+    """Return the vehicle of a table, all readings of its adapter, and among them those of pose, velocity and IMU.
+
+    Raises:
+        CannotServe: the table does not serve the truth, or a vehicle or port does not exist.
+    """
+    if not table.truth:
+        raise CannotServe("position, velocity and attitude in this protocol are ground truth: set truth = true")
+    vehicle = vehicle_of(table.vehicle, ports)
+    readings = Readings(ports, vehicle)
+    pose = readings.want("pose", table.pose, [("p_NB", "q_NB")])
+    velocity = readings.want("velocity", table.velocity, [("v_NB_B", "w_NB_B")])
+    return vehicle, readings, (pose, velocity, readings.want("imu", table.imu, [("w_S", "f_S")]))
 
 
 class Output:

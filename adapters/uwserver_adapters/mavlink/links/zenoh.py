@@ -5,17 +5,18 @@ The keys below `mavlink/` carry the same messages as JSON (`zenoh_json.py`).
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from uwserver.adapter import Inbox, Worker
+from uwserver.adapter import CannotServe, Inbox, Worker
 from uwserver_adapters.mavlink.links.endpoint import BadLink, Link
 from uwserver_adapters.mavlink.links.router import Router
 from uwserver_adapters.mavlink.links.zenoh_json import IN as JSON_IN
 from uwserver_adapters.mavlink.links.zenoh_json import JsonKeys
 from uwserver_adapters.mavlink.wire.channel import Channel
 from uwserver_adapters.mavlink.wire.json_form import LONGEST, BadJson, frame_of
+from uwserver_adapters.zenoh_session.config import ZenohConfig
+from uwserver_adapters.zenoh_session.session import opened
 
 if TYPE_CHECKING:
     import zenoh
@@ -50,27 +51,14 @@ class ZenohLink(Link):
         Raises:
             BadLink: zenoh is not installed, or the endpoint is not valid.
         """
+        config = ZenohConfig(connect=(self._endpoint,), listen=())
         try:
-            import zenoh
-        except ImportError as error:
-            raise BadLink(f"link {self.address} needs zenoh: pip install uwserver") from error
-        config = zenoh.Config()
-        settings = {
-            "mode": "peer",
-            "connect/endpoints": [self._endpoint],
-            "listen/endpoints": [],
-            "scouting/multicast/enabled": False,
-            "transport/shared_memory/enabled": False,
-            "transport/unicast/accept_timeout": 700,
-            "transport/unicast/open_timeout": 700,
-        }
-        try:
-            for path, value in settings.items():
-                config.insert_json5(path, json.dumps(value))
             # This takes half a second, for which the loop must not wait.
-            self._session = await self._worker.run(lambda: zenoh.open(config))
-        except zenoh.ZError as error:
-            raise BadLink(f"link {self.address}: {str(error).split(' at /')[0].strip()}") from None
+            self._session = await self._worker.run(lambda: opened(config, ()))
+        except CannotServe as error:
+            raise BadLink(f"link {self.address}: {error}") from None
+        import zenoh
+
         self._publisher = self._session.declare_publisher(
             OUT, priority=zenoh.Priority.REAL_TIME, congestion_control=zenoh.CongestionControl.DROP
         )

@@ -14,6 +14,7 @@ from uwserver.adapter import Worker
 from uwserver_adapters.mavlink.wire.dialect import Dialect
 from uwserver_adapters.mavlink.wire.frames import Decoder, Frame
 from uwserver_adapters.mavlink.wire.json_form import fields_of, name_of, text_of
+from uwserver_adapters.zenoh_session.session import direct
 
 if TYPE_CHECKING:
     import zenoh
@@ -38,10 +39,8 @@ class _Key:
             allowed_destination=zenoh.Locality.REMOTE,
         )
         self.is_heard = False
-        # Zenoh calls this on its own thread, which only sets a flag. With `indirect` it would start a Python thread for each key.
-        self._listener = self._publisher.declare_matching_listener(
-            zenoh.handlers.Callback(self._matches, indirect=False)
-        )
+        # The callback only sets a flag, so zenoh may call it on its own thread.
+        self._listener = self._publisher.declare_matching_listener(direct(self._matches))
         self.look()
 
     def _matches(self, status: zenoh.MatchingStatus) -> None:
