@@ -9,7 +9,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 from uwserver_adapters.px4.driver import COUNTS, Px4Driver
-from uwserver_adapters.px4.senses import Roles, Senses
+from uwserver_adapters.px4.sensor_messages import Roles, SensorMessages
 from uwserver_adapters.sil.channels import Outputs
 
 from uwserver.adapter import AdapterStats, Order, Readings
@@ -117,7 +117,7 @@ class Rig:
             readings.want("gps", "gps", [gps], keeps=False) if extras else None,
             ((readings.want("altimeter", "altimeter", [("range",)], keeps=False), (0.3, 50.0)),) if extras else (),
         )
-        senses = Senses(readings, roles, (60.0, 5.0), odometry_s, (0.1, 0.02, 0.05))
+        senses = SensorMessages(readings, roles, (60.0, 5.0), odometry_s, (0.1, 0.02, 0.05))
         outputs = Outputs({}, PORTS, "rov")
         self.driver = Px4Driver(
             listener, outputs, senses, 4, 0.004, lambda: self.now, self.stats, self.conflicts.append

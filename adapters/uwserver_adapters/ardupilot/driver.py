@@ -115,10 +115,10 @@ class ArduPilotDriver:
         self._poll = select.poll()
         self._poll.register(endpoint, select.POLLIN)
         self._waiting: Datagram | None = None
-        self._looked = 0.0
+        self._read_at = 0.0
         self._peer: Address = None
-        self._heard = 0.0
-        self._last = -1
+        self._heard_at = 0.0
+        self._last_number = -1
         self._reply: bytes | None = None
         self._odd_frames = 0
         self.wanted: Collection[str] | None = None
@@ -128,13 +128,13 @@ class ArduPilotDriver:
     def order(self, wait_s: float) -> Order | None:
         """Return an order for the next new frame. Older ones are answered or counted on the way."""
         now = self._steady()
-        if now - self._looked > QUIET_S:
-            self._heard += now - self._looked  # nobody read the socket, so this was no silence of the autopilot
+        if now - self._read_at > QUIET_S:
+            self._heard_at += now - self._read_at  # nobody read the socket, so this was no silence of the autopilot
             self._skip_old()
         end = now + wait_s
         for _ in range(AT_ONCE):
             datagram = self._next(end - now)
-            now = self._looked = self._steady()
+            now = self._read_at = self._steady()
             if datagram is None:
                 break
             frame, address = datagram
@@ -143,7 +143,7 @@ class ArduPilotDriver:
                 self._stats.errors += 1
             elif self._is_new(frame, address, now):
                 return Order(1, self._commands(frame))
-        if self._stats.peers and now - self._heard > self._silence_s:
+        if self._stats.peers and now - self._heard_at > self._silence_s:
             self._stats.peers = 0
             log.warning("the autopilot has sent nothing for %g s; the world waits for it", self._silence_s)
         return None
@@ -155,10 +155,10 @@ class ArduPilotDriver:
     def answer(self, t_ns: int) -> None:
         """Send the state after the tick."""
         # After a pause the frame of this tick may have been repeated. This answer is for the repetitions too.
-        if self._steady() - self._looked > QUIET_S:
+        if self._steady() - self._read_at > QUIET_S:
             self._skip_old()
             waiting = self._waiting
-            if waiting is not None and isinstance(waiting[0], Frame) and waiting[0].number == self._last:
+            if waiting is not None and isinstance(waiting[0], Frame) and waiting[0].number == self._last_number:
                 self._counts["duplicates"] += 1
                 self._waiting = None
         self._reply = self._state.line(t_ns)
@@ -198,6 +198,7 @@ class ArduPilotDriver:
             else:
                 held = self._waiting
                 self._counts["duplicates"] += held is not None
+                # A frame of another sender never replaces one of the autopilot in charge.
                 if held is None or held[1] != self._peer or datagram[1] == self._peer:
                     self._waiting = datagram
 
@@ -215,18 +216,18 @@ class ArduPilotDriver:
     def _is_new(self, frame: Frame, address: Address, now: float) -> bool:
         if address != self._peer and not self._admits(frame, address, now):
             return False
-        self._heard = now
+        self._heard_at = now
         self._stats.peers = 1
-        if frame.number == self._last:
+        if frame.number == self._last_number:
             self._counts["duplicates"] += 1
             self._send()
             return False
-        if frame.number < self._last:
+        if frame.number < self._last_number:
             self._counts["restarts"] += 1
             log.info("the autopilot has restarted; the world goes on")
-        elif self._last >= 0:
-            self._counts["lost"] += frame.number - self._last - 1
-        self._last = frame.number
+        elif self._last_number >= 0:
+            self._counts["lost"] += frame.number - self._last_number - 1
+        self._last_number = frame.number
         self._counts["frames"] += 1
         self._compare(frame.rate_hz)
         return True
@@ -234,7 +235,7 @@ class ArduPilotDriver:
     def _admits(self, frame: Frame, address: Address, now: float) -> bool:
         """Return whether another sender replaces the last one. That one must have been quiet, less long for a sender that begins at 0."""
         quiet_s = min(GONE_S, self._silence_s) if frame.number == 0 else self._silence_s
-        if self._peer is not None and now - self._heard < quiet_s:
+        if self._peer is not None and now - self._heard_at < quiet_s:
             self._counts["strangers"] += 1
             self._stats.errors += 1
             self._stats.last_error = (
@@ -250,7 +251,7 @@ class ArduPilotDriver:
             )
         log.info("an autopilot is at %s", _text(address))
         self._counts["restarts"] += self._peer is not None
-        self._last = -1
+        self._last_number = -1
         self._peer = address
         return True
 

@@ -11,7 +11,7 @@ from msgspec import Meta, field
 
 from uwserver.adapter import AdapterContext, CannotServe, bound_socket
 from uwserver.table import Name, NonNegative, Positive, Table
-from uwserver_adapters.px4.senses import Roles, Senses
+from uwserver_adapters.px4.sensor_messages import Roles, SensorMessages
 from uwserver_adapters.sil.channels import Outputs, SilTable, named_readings
 from uwserver_adapters.sil.world import drive, stand_by
 
@@ -114,9 +114,9 @@ class Px4Adapter:
         context.stats.details.update(dict.fromkeys(driver.COUNTS, 0))
         context.stats.details["is_locked"] = False
         odometry_s = 1.0 / config.odometry_hz if config.odometry_hz else 0.0
-        senses = Senses(readings, roles, config.origin_deg, odometry_s, config.odometry_sigma)
+        sensors = SensorMessages(readings, roles, config.origin_deg, odometry_s, config.odometry_sigma)
         outputs = Outputs(config.outputs, ports, vehicle)
         steady = asyncio.get_running_loop().time
         return driver.Px4Driver(
-            listener, outputs, senses, ticks, 1.0 / imu.rate_hz, steady, context.stats, context.tell_conflict
+            listener, outputs, sensors, ticks, 1.0 / imu.rate_hz, steady, context.stats, context.tell_conflict
         )

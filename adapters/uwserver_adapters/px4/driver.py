@@ -12,7 +12,7 @@ from uwserver.adapter import AdapterStats, Order, Refusals
 from uwserver.ports import Fault, Sample
 from uwserver_adapters.px4 import codec
 from uwserver_adapters.px4.door import READ, Connection, Door
-from uwserver_adapters.px4.senses import Senses
+from uwserver_adapters.px4.sensor_messages import SensorMessages
 from uwserver_adapters.sil.channels import Outputs
 
 log = logging.getLogger(__name__)
@@ -32,7 +32,7 @@ class Px4Driver:
     Args:
         listener: non-blocking listening TCP socket; the caller closes it.
         outputs: what the actuator outputs command.
-        senses: the sensor messages.
+        sensors: the sensor messages.
         ticks: physics ticks from one IMU sample to the next.
         step_s: the same as time, s. Without lock-step the world runs no faster than real time.
         steady: returns wall time, s.
@@ -41,14 +41,14 @@ class Px4Driver:
     """
 
     def __init__(
-        self, listener: socket.socket, outputs: Outputs, senses: Senses, ticks: int, step_s: float,
+        self, listener: socket.socket, outputs: Outputs, sensors: SensorMessages, ticks: int, step_s: float,
         steady: Callable[[], float], stats: AdapterStats, tell_conflict: Callable[[str], None],
     ) -> None:  # fmt: skip
         self._refusals = Refusals("px4_hil", stats, steady)
         self._door = Door(listener, self._refusals, steady)
         self._tell_conflict = tell_conflict
         self._outputs = outputs
-        self._senses = senses
+        self._sensors = sensors
         self._ticks = ticks
         self._step_s = step_s
         self._steady = steady
@@ -68,6 +68,7 @@ class Px4Driver:
             order = None if link is None else self._next(link, now)
             if order is not None or now >= end:
                 return order
+            # While bytes are unsent no step is possible, so only the socket can wake us.
             again = end
             if link is not None and not link.unsent:
                 again = min(end, link.patience_end if link.is_locked else self._due)
@@ -76,18 +77,18 @@ class Px4Driver:
     @property
     def wanted(self) -> Collection[str]:
         """Ports that are read."""
-        return self._senses.readings.wanted
+        return self._sensors.readings.wanted
 
     def see(self, t_ns: int, samples: Sequence[Sample]) -> None:
         """Keep the samples that will be sent."""
-        self._senses.readings.see(samples)
+        self._sensors.readings.see(samples)
 
     def answer(self, t_ns: int) -> None:
         """Send what is new after a step."""
         link = self._link
         if link is not None:
             link.told_s = self._steady()
-            self._send(link, self._senses.messages(link.codec, t_ns))
+            self._send(link, self._sensors.messages(link.codec, t_ns))
 
     def refuse(self, fault: Fault) -> None:
         """Note a refused command. Outputs are within the actuators' limits, so the actuator has been removed or switched off."""
@@ -148,7 +149,7 @@ class Px4Driver:
         self._link = link
         self._stats.peers = 1
         self._counts["connections"] += 1
-        self._senses.restart()
+        self._sensors.restart()
         log.info("an autopilot has connected")
         self._count_bad(bad)
         self._take(link, events)
@@ -177,13 +178,13 @@ class Px4Driver:
             if isinstance(event, codec.Controls):
                 link.controls = event
                 # Without lock-step the outputs carry a time of the autopilot's own clock.
-                link.is_fresh = not event.is_lockstep or event.t_us >= self._senses.told_ns // codec.MICROSECOND_NS
+                link.is_fresh = not event.is_lockstep or event.t_us >= self._sensors.told_ns // codec.MICROSECOND_NS
                 self._counts["controls"] += 1
                 self._counts["late"] += not link.is_fresh
                 self._counts["limited"] += event.limited
                 self._counts["is_locked"] = link.is_locked
             elif isinstance(event, codec.Interval):
-                self._senses.ask(event)
+                self._sensors.ask(event)
 
     def _count_bad(self, bad: int) -> None:
         if bad:

@@ -17,7 +17,7 @@ log = logging.getLogger(__name__)
 GRAVITY_MPS2 = 9.80665
 
 
-class Deaf:
+class NoSamples:
     """A `Subscriber` that takes nothing, for an adapter whose driver sees the samples on the simulation thread."""
 
     wanted: Collection[str] = ()
@@ -69,7 +69,7 @@ async def drive(
     except Refused as refused:
         raise CannotServe(refused.fault.text) from None
     try:
-        with serving(context, Deaf(), address_text(*endpoint.getsockname()[:2]), ready):
+        with serving(context, NoSamples(), address_text(*endpoint.getsockname()[:2]), ready):
             await failed
     finally:
         end()

@@ -53,7 +53,9 @@ class RtspConnection(Connection):
         self._address = ""
         self._seq = ""
         self._channel: int | None = None
-        self._to: tuple[Route, Address] | None = None  # over UDP: the route to its port, and the address of its reports
+        self._udp: tuple[Route, Address] | None = (
+            None  # over UDP: the route to its port, and the address of its reports
+        )
         self._stream: Stream | None = None
         self._waits_for_key = True
         self._heard_at = self.loop.time()
@@ -134,8 +136,8 @@ class RtspConnection(Connection):
             return None
         self._forget_udp()
         self._channel = None
-        self._to = (self._ports.route((self._address, pair[0])), (self._address, pair[1]))
-        self._ports.enter(self._to[1], self._heard)
+        self._udp = (self._ports.route((self._address, pair[0])), (self._address, pair[1]))
+        self._ports.enter(self._udp[1], self._heard)
         return self._ports.numbers
 
     def play(self, stream: str) -> None:
@@ -166,8 +168,8 @@ class RtspConnection(Connection):
         self._stats.bytes_sent += picture.size
 
     def _sent(self, picture: Picture) -> bool:
-        if self._to is not None and self._ports is not None:
-            return self._ports.send(picture.packets, picture.report, *self._to)
+        if self._udp is not None and self._ports is not None:
+            return self._ports.send(picture.packets, picture.report, *self._udp)
         if self.waiting + picture.size > self._config.queue_bytes:
             return False
         if self.waiting == 0:
@@ -188,7 +190,7 @@ class RtspConnection(Connection):
         """Close a client that has been silent for too long. Called about once per second."""
         if self.is_closing:
             return
-        if self._stream is not None and self._to is None and self.waiting == 0:
+        if self._stream is not None and self._udp is None and self.waiting == 0:
             # Players send their keep-alive between packets, so none comes while the world is paused. But the client has read what we
             # sent and the connection is open, so it is there.
             self._heard()
@@ -201,10 +203,10 @@ class RtspConnection(Connection):
         self.close()
 
     def _forget_udp(self) -> None:
-        if self._to is not None and self._ports is not None:
-            self._ports.leave(self._to[1])
-            self._to[0].is_over = True
-        self._to = None
+        if self._udp is not None and self._ports is not None:
+            self._ports.leave(self._udp[1])
+            self._udp[0].is_over = True
+        self._udp = None
 
     def stop(self) -> None:
         """End the session: the connection is closing."""

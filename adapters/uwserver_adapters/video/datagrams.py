@@ -19,7 +19,7 @@ PATIENCE_S: Final = 0.1
 Address = tuple[str, int]
 
 
-class Out(Protocol):
+class DatagramSocket(Protocol):
     """A non-blocking socket for datagrams."""
 
     def sendto(self, data: bytes, address: Address, /) -> int:
@@ -48,15 +48,15 @@ class Sender:
         self._sockets.append(out)
         return out
 
-    def route(self, media: Out, to: Address) -> Route:
+    def route(self, media: DatagramSocket, to: Address) -> Route:
         """Return a route for the pictures of one receiver, sent by this socket."""
         return Route(self, media, to)
 
-    def hand_over(self, route: Route, parts: Sequence[tuple[Out, Address, Sequence[bytes]]]) -> bool:
+    def hand_over(self, route: Route, parts: Sequence[tuple[DatagramSocket, Address, Sequence[bytes]]]) -> bool:
         """Send packets by their sockets. Returns False when too much waits for the thread."""
         return self._worker.send(lambda: self._send(route, parts))
 
-    def _send(self, route: Route, parts: Sequence[tuple[Out, Address, Sequence[bytes]]]) -> None:
+    def _send(self, route: Route, parts: Sequence[tuple[DatagramSocket, Address, Sequence[bytes]]]) -> None:
         """Send packets. Runs on the sending thread."""
         end = self._time() + PATIENCE_S
         try:
@@ -90,7 +90,7 @@ class Route:
         is_over: nothing more is sent there, not even the rest of a picture.
     """
 
-    def __init__(self, sender: Sender, media: Out, to: Address) -> None:
+    def __init__(self, sender: Sender, media: DatagramSocket, to: Address) -> None:
         self.done = 0
         self.is_over = False
         self._handed = 0
@@ -98,7 +98,7 @@ class Route:
         self._media = media
         self._to = to
 
-    def send(self, packets: Sequence[bytes], *more: tuple[Out, Address, Sequence[bytes]]) -> bool:
+    def send(self, packets: Sequence[bytes], *more: tuple[DatagramSocket, Address, Sequence[bytes]]) -> bool:
         """Send the packets of a picture, then others by sockets of their own. Returns False while earlier ones are still on their way."""
         if self._handed - self.done >= WAITING:
             return False
@@ -130,7 +130,7 @@ class Target:
             self._stats.dropped += 1
 
 
-def _is_sent(out: Out, packet: bytes, to: Address, rest_s: Callable[[], float]) -> bool:
+def _is_sent(out: DatagramSocket, packet: bytes, to: Address, rest_s: Callable[[], float]) -> bool:
     while True:
         try:
             out.sendto(packet, to)

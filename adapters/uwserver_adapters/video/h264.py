@@ -33,6 +33,7 @@ def payloads(units: Iterable[bytes], limit: int) -> list[bytes]:
             found.append(unit)
             continue
         head, kind, rest = unit[0], unit[0] & _TYPE, memoryview(unit)[1:]
+        # A fragment carries the importance of its unit in the first byte, and its type, with begin and end flags, in the second.
         indicator = (head & ~_TYPE & 0xFF) | _FRAGMENT
         for start in range(0, len(rest), limit - 2):
             piece = rest[start : start + limit - 2]

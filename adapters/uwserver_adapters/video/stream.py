@@ -40,7 +40,7 @@ class Picture(NamedTuple):
     size: int
 
 
-class Taker(Protocol):
+class Receiver(Protocol):
     """A receiver of a stream."""
 
     def take(self, picture: Picture) -> None:
@@ -86,7 +86,7 @@ class Stream:
         self._context = context
         self._refusals = refusals
         self._changed = changed
-        self._takers: dict[Taker, None] = {}
+        self._receivers: dict[Receiver, None] = {}
         self._loop = asyncio.get_running_loop()
         self._worker = Worker(f"video {name}", context.stats)
         self._encoder: Encoder | None = None
@@ -105,7 +105,7 @@ class Stream:
     @property
     def is_wanted(self) -> bool:
         """Whether there are receivers."""
-        return bool(self._takers)
+        return bool(self._receivers)
 
     @property
     def expected_size(self) -> tuple[int, int]:
@@ -126,21 +126,21 @@ class Stream:
             lines.append(f"a=fmtp:{kind} {self._format or h264.format_parameters(None)}")
         return [*lines, f"a=framerate:{self.rate_hz:g}"]
 
-    def join(self, taker: Taker) -> None:
+    def join(self, receiver: Receiver) -> None:
         """Add a receiver. The next picture is a key picture, unless one was forced just before."""
         self._wants_key = True
-        self._takers[taker] = None
-        if len(self._takers) == 1:
+        self._receivers[receiver] = None
+        if len(self._receivers) == 1:
             self._changed()
 
-    def leave(self, taker: Taker) -> None:
+    def leave(self, receiver: Receiver) -> None:
         """Remove a receiver. May be called again."""
-        if self._takers.pop(taker, self) is None and not self._takers:
+        if self._receivers.pop(receiver, self) is None and not self._receivers:
             self._changed()
 
     def put(self, sample: Sample) -> None:
         """Take a sample of the port, and encode its picture."""
-        if not self._takers or not sample.valid or self._place >= len(sample.value):
+        if not self._receivers or not sample.valid or self._place >= len(sample.value):
             return
         if self._waiting >= WAITING:
             self.dropped += 1
@@ -199,9 +199,9 @@ class Stream:
         t_ns = self._steady(t_ns)
         packets = self._packets.of(coded.payloads, t_ns)
         picture = Picture(packets, coded.is_key, self._report(t_ns), sum(map(len, packets)))
-        for taker in list(self._takers):
+        for receiver in list(self._receivers):
             try:
-                taker.take(picture)
+                receiver.take(picture)
             except Exception as error:  # noqa: BLE001  # the fault of one receiver must not concern the others
                 stats.errors += 1
                 stats.last_error = f"{self.name}: {type(error).__name__}: {error}"[:300]
@@ -225,7 +225,7 @@ class Stream:
 
     async def close(self) -> None:
         """End the stream after the pictures that wait for the encoder."""
-        self._takers.clear()
+        self._receivers.clear()
         if self._encoder is not None or self._waiting:
             await self._worker.run(self._finish)
         await self._worker.close(lambda: None)

@@ -50,7 +50,7 @@ class WebConnection(NativeConnection):
         self._is_http = False
         self._head = bytearray()
         self._request: Request | None = None
-        self._is_asked = False
+        self._is_answering = False
         self._rest: memoryview | None = None
 
     # -- requests -------------------------------------------------------------------------------------------------------------------
@@ -66,7 +66,7 @@ class WebConnection(NativeConnection):
             self.farewell(b"this port only speaks HTTP: open it in a browser\n")
             return
         if self._request is not None:
-            if not self._is_asked:
+            if not self._is_answering:
                 super().receive(data)
             return
         self._head += data
@@ -83,7 +83,7 @@ class WebConnection(NativeConnection):
         if request.path == LIVE and "upgrade" in request.headers and request.method == "GET":
             self._upgrade(request)
         else:
-            self._is_asked = True
+            self._is_answering = True
             self._site.answer(request, self.host, self._answer)
 
     def _upgrade(self, request: Request) -> None:
@@ -102,7 +102,7 @@ class WebConnection(NativeConnection):
 
     def _answer(self, answer: Answer) -> None:
         """Send an answer in pieces, as fast as the peer takes them, and end the connection."""
-        self._is_asked = True
+        self._is_answering = True
         if self.is_closing:
             return
         is_bodiless = self._request is not None and self._request.method == "HEAD"
@@ -127,7 +127,7 @@ class WebConnection(NativeConnection):
 
     def missed(self) -> None:
         """End a connection that was not admitted in time. A peer that still receives a long file is left alone."""
-        if self._is_asked:
+        if self._is_answering:
             if self._rest is None and not self.is_closing:
                 self._answer(text("503 Service Unavailable", "the answer took too long: try again"))
         elif self._request is None:
@@ -142,7 +142,7 @@ class WebConnection(NativeConnection):
     @property
     def is_owed(self) -> bool:
         """Whether anything may still be sent."""
-        return self._is_asked or super().is_owed
+        return self._is_answering or super().is_owed
 
     # -- live data ------------------------------------------------------------------------------------------------------------------
 

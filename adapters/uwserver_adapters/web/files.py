@@ -41,13 +41,13 @@ class StaticFile(NamedTuple):
     """A file as it is sent.
 
     Attributes:
-        data, pressed: its content, and the same by gzip; None where that is not smaller.
+        data, gzipped: its content, and the same by gzip; None where that is not smaller.
         kind, etag: content type and entity tag.
         scripts: hashes of scripts within a page, for its Content-Security-Policy.
     """
 
     data: bytes
-    pressed: bytes | None
+    gzipped: bytes | None
     kind: str
     etag: str
     scripts: tuple[str, ...] = ()
@@ -81,7 +81,7 @@ class Files:
             if known is None:
                 place = self._paths().get(f"/{INDEX}" if path == "/" else path)
                 kind = KINDS[".html"] if place is None else KINDS[place.suffix]
-                known = self._known[path] = made(NO_PAGE if place is None else place.read_bytes(), kind)
+                known = self._known[path] = static_file(NO_PAGE if place is None else place.read_bytes(), kind)
             return known
 
     def _paths(self) -> dict[str, Path]:
@@ -96,19 +96,19 @@ class Files:
         return self._manifest
 
 
-def made(data: bytes, kind: str) -> StaticFile:
+def static_file(data: bytes, kind: str) -> StaticFile:
     """Return a file with these bytes."""
-    pressed = None
+    gzipped = None
     if kind.startswith(_COMPRESSED):
         packer = zlib.compressobj(9, zlib.DEFLATED, 31)
-        pressed = packer.compress(data) + packer.flush()
-        if len(pressed) >= len(data):
-            pressed = None
+        gzipped = packer.compress(data) + packer.flush()
+        if len(gzipped) >= len(data):
+            gzipped = None
     scripts = tuple(
         "'sha256-" + base64.b64encode(hashlib.sha256(script).digest()).decode() + "'"
         for script in _IMPORT_MAP.findall(data if kind == KINDS[".html"] else b"")
     )
-    return StaticFile(data, pressed, kind, f'"{hashlib.sha256(data).hexdigest()[:32]}"', scripts)
+    return StaticFile(data, gzipped, kind, f'"{hashlib.sha256(data).hexdigest()[:32]}"', scripts)
 
 
 def page_folder() -> Path:

@@ -62,7 +62,7 @@ class Pages:
         self._began = self._loop.time()
         self._timer: asyncio.TimerHandle | None = None
         self._status_timer: asyncio.TimerHandle | None = None
-        self._is_asked = False
+        self._is_requested = False
         self._paused = False
         self._last: tuple[int, int, int] | None = None
         self._sent = 0.0
@@ -107,16 +107,16 @@ class Pages:
 
     def _turn(self) -> None:
         self._timer = self._loop.call_later(self._period_s, self._turn)
-        if self._is_asked or not any(page.wants_frames and page.is_clear for page in self.all):
+        if self._is_requested or not any(page.wants_frames and page.is_clear for page in self.all):
             return  # a state is still on its way, or no page could take it
         try:
             self._context.look(self._show, "pages")
         except Refused:
             return
-        self._is_asked = True
+        self._is_requested = True
 
     def _show(self, state: SceneState) -> None:
-        self._is_asked = False
+        self._is_requested = False
         flags = (PAUSED if self._paused else 0) | (0 if self._shows_poses else HIDDEN)
         now, sign = self._loop.time(), (state.t_ns, state.cast.revision, flags)
         if sign == self._last and now - self._sent < STATUS_S:

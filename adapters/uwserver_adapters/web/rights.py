@@ -178,7 +178,7 @@ class Rights:
             now = answer.result if isinstance(answer, Reply) else None
             if isinstance(now, dict) and now.get("active") is False:
                 return
-            for verb in ("deactivate", "activate"):
+            for verb in ("deactivate", "activate"):  # deactivating puts it to neutral
                 self._ask(f"{port}/{verb}", queue)
 
         # This has a queue of its own, so it waits for nothing that the pilot has asked before, and no stop overtakes it.

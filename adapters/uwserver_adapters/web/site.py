@@ -13,7 +13,7 @@ import msgspec
 from uwserver.adapter import AdapterContext, Refusals, is_host_known
 from uwserver.ports import Progress, Refused, Reply, SceneState
 from uwserver_adapters.web.config import WebConfig
-from uwserver_adapters.web.files import Files, StaticFile, made
+from uwserver_adapters.web.files import Files, StaticFile, static_file
 from uwserver_adapters.web.http import Answer, Request, is_same, takes_gzip, text
 from uwserver_adapters.web.service import WebService
 
@@ -177,7 +177,7 @@ class Site:
             scene = self._context.scene(state.cast)
             extra = {"exact_poses": self._config.shows_poses, "read_only": self._config.read_only}
             data = msgspec.json.encode({**msgspec.structs.asdict(scene), **extra})
-            self._scene = revision, asyncio.get_running_loop().run_in_executor(None, made, data, _JSON)
+            self._scene = revision, asyncio.get_running_loop().run_in_executor(None, static_file, data, _JSON)
         return self._scene[1]
 
     def _later(self, work: Coroutine[None, None, None]) -> None:
@@ -201,6 +201,6 @@ def _sent(request: Request, found: StaticFile, headers: tuple[tuple[str, str], .
     headers = (*headers, _ANEW, ("ETag", found.etag), ("Vary", "Accept-Encoding"))
     if is_same(request, found.etag):
         return Answer("304 Not Modified", b"", "", headers)
-    if found.pressed is not None and takes_gzip(request):
-        return Answer("200 OK", found.pressed, found.kind, (*headers, ("Content-Encoding", "gzip")))
+    if found.gzipped is not None and takes_gzip(request):
+        return Answer("200 OK", found.gzipped, found.kind, (*headers, ("Content-Encoding", "gzip")))
     return Answer("200 OK", found.data, found.kind, headers)

@@ -10,7 +10,7 @@ from uwserver_adapters.mavlink.links.routes import Routes
 from uwserver_adapters.mavlink.vehicle.ardusub import ArduSub
 from uwserver_adapters.mavlink.vehicle.bridge import INFO, WARNING
 from uwserver_adapters.mavlink.vehicle.config import MavlinkConfig
-from uwserver_adapters.mavlink.vehicle.others import Others
+from uwserver_adapters.mavlink.vehicle.others import OtherSystems
 from uwserver_adapters.mavlink.wire.channel import Channel
 from uwserver_adapters.mavlink.wire.dialect import Dialect, Fields, Layout, Message
 from uwserver_adapters.mavlink.wire.frames import Frame, Malformed, pack
@@ -76,7 +76,7 @@ class Router:
         self._shown_at = 0.0
         self.vehicle = ArduSub(config, context, vehicle, dialect, self.send)
         self.counters = self.vehicle.bridge.counters
-        self._others = Others(config.externals, context, self.vehicle.bridge.home, self.counters)
+        self._others = OtherSystems(config.externals, context, self.vehicle.bridge.home, self.counters)
         self._tlog = LogFile(config.tlog, context) if config.tlog else None
 
     def _stamp(self) -> int:
@@ -174,12 +174,14 @@ class Router:
         self._log(frame.raw)
         message = layout.decode(frame.payload, frame.system, frame.component)
         self._others.take(message, now)
-        way = self._routes.way(channel.number, message.sender, _target(message, layout), layout.name, self.channels)
-        for number in way.to:
+        destinations = self._routes.destinations(
+            channel.number, message.sender, _target(message, layout), layout.name, self.channels
+        )
+        for number in destinations.to:
             self.channels[number].write(frame.raw)
             self.counters["forwarded"] += 1
-        if not way.is_ours:
-            self.counters["not_for_us"] += not way.to
+        if not destinations.is_ours:
+            self.counters["not_for_us"] += not destinations.to
         elif layout.name == "SETUP_SIGNING":
             self._set_up_signing(message)
         else:

@@ -12,7 +12,7 @@ NEVER_FORWARDED = frozenset({"RADIO", "RADIO_STATUS", "SETUP_SIGNING"})
 """Messages that concern only the two ends of one link."""
 
 
-class Way(Struct, frozen=True):
+class Destinations(Struct, frozen=True):
     """Where a message goes: whether it is for us, and the other channels to which it is forwarded unchanged."""
 
     is_ours: bool
@@ -30,9 +30,9 @@ class Routes:
         self._own = (system, component)
         self._seen: dict[tuple[int, int, int], None] = {}
 
-    def way(
+    def destinations(
         self, channel: int, sender: tuple[int, int], target: tuple[int, int], name: str, others: Iterable[int]
-    ) -> Way:
+    ) -> Destinations:
         """Return where a message goes.
 
         Args:
@@ -43,7 +43,7 @@ class Routes:
             others: all open channels.
         """
         if sender == self._own:
-            return Way(False)  # our own message, which a forwarding peer sent back
+            return Destinations(False)  # our own message, which a forwarding peer sent back
         if sender[0]:
             key = (*sender, channel)
             self._seen.pop(key, None)
@@ -53,13 +53,13 @@ class Routes:
         system, component = target
         is_ours = system == 0 or (system == self._own[0] and component in (0, self._own[1]))
         if name in NEVER_FORWARDED:
-            return Way(is_ours)
+            return Destinations(is_ours)
         if system == 0:
-            return Way(True, tuple(other for other in others if other != channel))
+            return Destinations(True, tuple(other for other in others if other != channel))
         if is_ours and component:
-            return Way(True)
+            return Destinations(True)
         known = {c for s, k, c in self._seen if s == system and component in (0, k) and c != channel}
-        return Way(is_ours, tuple(other for other in others if other in known))
+        return Destinations(is_ours, tuple(other for other in others if other in known))
 
     def forget(self, channel: int) -> None:
         """Forget all senders behind a channel that has been closed."""

@@ -30,7 +30,7 @@ class Failsafes:
         self._value = parameters.value
         self._parameters = parameters
         self._pilot = pilot
-        self._disarm_now = disarm
+        self._disarm_vehicle = disarm
         self._tell_failure = bridge.failure_teller("Failsafe action failed: ", CRITICAL)
         self._active: dict[str, float] = {}
         self._gcs_at: float | None = None
@@ -132,7 +132,7 @@ class Failsafes:
 
     def _disarm(self) -> None:
         if self._bridge.readings.state().armed:
-            self._disarm_now(self._tell_failure)
+            self._disarm_vehicle(self._tell_failure)
 
     def _or_disarm(self, reason: str) -> None:
         """Disarm if the mode could not be entered."""

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 from msgspec import Struct
 
-from uwserver_adapters.mavlink.wire.channel import Out
+from uwserver_adapters.mavlink.wire.channel import Outgoing
 from uwserver_adapters.mavlink.wire.dialect import addressed_to
 
 _HEAD = struct.Struct("<HBBBBBxI")
@@ -130,7 +130,7 @@ class Files:
                 return
 
 
-def message(payload: bytes, peer: tuple[int, int]) -> Out:
+def message(payload: bytes, peer: tuple[int, int]) -> Outgoing:
     """Return FILE_TRANSFER_PROTOCOL for a peer."""
     return "FILE_TRANSFER_PROTOCOL", {**addressed_to(peer), "payload": tuple(payload)}
 

@@ -22,7 +22,7 @@ NO_PULSE = (0.0, 0xFFFF)
 """Values of SERVO_OUTPUT_RAW for an output that is switched off."""
 
 
-class Others:
+class OtherSystems:
     """Reads position, attitude and outputs of other systems. Runs on the loop thread.
 
     Pose and velocity come from ODOMETRY, or else from GLOBAL_POSITION_INT with ATTITUDE or ATTITUDE_QUATERNION. Outputs come from the main

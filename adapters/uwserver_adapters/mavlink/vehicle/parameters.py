@@ -12,7 +12,7 @@ from importlib.resources import files
 
 import msgspec
 
-from uwserver_adapters.mavlink.wire.channel import Out
+from uwserver_adapters.mavlink.wire.channel import Outgoing
 from uwserver_adapters.mavlink.wire.dialect import Fields
 
 _RANGES = {"int8": (-0x80, 0x7F), "int16": (-0x8000, 0x7FFF), "int32": (-0x8000_0000, 0x7FFF_FFFF)}
@@ -97,7 +97,7 @@ class Parameters:
             "param_index": 0xFFFF if is_answer_to_set else self._places[name],
         }
 
-    def download(self) -> Iterator[Out]:
+    def download(self) -> Iterator[Outgoing]:
         """Yield one message for each parameter, with the value at the time when it is sent."""
         for name in self.names:
             yield "PARAM_VALUE", self.message(name)
@@ -126,6 +126,7 @@ class Parameters:
             value, default = self._values[name], self._defaults[name]
             has_default = with_defaults and value != default
             tail = name[common:].encode("ascii")
+            # Type and a flag for a default; then how many characters are shared with the name before, and how many follow, less one.
             out += bytes((number | (0x10 if has_default else 0), common | (len(tail) - 1) << 4)) + tail
             for item in (value, default) if has_default else (value,):
                 out += struct.pack(f"<{form}", item if form == "f" else int(item))

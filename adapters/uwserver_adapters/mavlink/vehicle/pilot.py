@@ -67,6 +67,7 @@ class Pilot:
     def deflections(self) -> tuple[float, ...]:
         """Surge, sway, heave (down positive), roll, pitch and yaw, -1 to 1."""
         us = [deflection(width) for width in self.channels[:6]]
+        # Adding zero turns -0.0 into 0.0.
         return (us[SURGE], us[SWAY], -us[HEAVE] + 0.0, us[ROLL], us[PITCH], us[YAW])
 
     def steer(self, message: Message, now: float) -> None:

@@ -10,7 +10,7 @@ from uwserver_adapters.mavlink.wire.dialect import Dialect, Fields
 from uwserver_adapters.mavlink.wire.frames import Decoder
 from uwserver_adapters.mavlink.wire.streams import Streams
 
-Out = tuple[str, Fields]
+Outgoing = tuple[str, Fields]
 """A message to send: its name and fields."""
 
 BACKLOG = 16
@@ -56,7 +56,7 @@ class Channel:
         self.is_ready = is_ready
         self.streams = streams
         self.seq = 0
-        self.backlog: deque[Iterator[Out]] = deque(maxlen=BACKLOG)
+        self.backlog: deque[Iterator[Outgoing]] = deque(maxlen=BACKLOG)
         self.heard_at = 0.0
         self.is_heard = False
         self.has_peer = False

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 from uwserver_adapters.web import files, front, site
-from uwserver_adapters.web.files import Files, StaticFile, made
+from uwserver_adapters.web.files import Files, StaticFile, static_file
 from web_rig import Stage, play
 
 IMPORT_MAP = b'{"imports":{"three":"./vendor/three.js"}}'
@@ -217,8 +217,8 @@ def test_health_tells_a_failure() -> None:
 
 
 def test_what_does_not_shrink_is_sent_as_it_is() -> None:
-    assert made(b"x", "text/plain").pressed is None
-    assert made(bytes(1000), "model/gltf-binary").pressed is None
+    assert static_file(b"x", "text/plain").gzipped is None
+    assert static_file(bytes(1000), "model/gltf-binary").gzipped is None
 
 
 def test_a_view_without_its_files_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -270,10 +270,10 @@ def test_what_many_ask_for_at_once_is_made_once(folder: Path, monkeypatch: pytes
     def slowly(data: bytes, kind: str) -> StaticFile:
         made_of.append(kind)
         time.sleep(0.05)
-        return made(data, kind)
+        return static_file(data, kind)
 
-    monkeypatch.setattr(files, "made", slowly)
-    monkeypatch.setattr(site, "made", slowly)
+    monkeypatch.setattr(files, "static_file", slowly)
+    monkeypatch.setattr(site, "static_file", slowly)
 
     async def scene(stage: Stage) -> None:
         for path in ("/world.json", "/main.js"):

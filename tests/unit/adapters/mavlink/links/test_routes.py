@@ -55,12 +55,12 @@ def test_radio_status_stays_on_its_link(bench):
 def test_a_closed_channel_is_forgotten_and_the_table_is_bounded():
     routing = Routes(1, 1)
     for system in range(2, 3 * ROUTES):
-        routing.way(system, (system % 256, 1), (0, 0), "HEARTBEAT", ())
+        routing.destinations(system, (system % 256, 1), (0, 0), "HEARTBEAT", ())
     assert len(routing._seen) == ROUTES
-    routing.way(7, (9, 1), (0, 0), "HEARTBEAT", ())
-    assert routing.way(1, (255, 190), (9, 0), "PARAM_SET", (1, 7)).to == (7,)
+    routing.destinations(7, (9, 1), (0, 0), "HEARTBEAT", ())
+    assert routing.destinations(1, (255, 190), (9, 0), "PARAM_SET", (1, 7)).to == (7,)
     routing.forget(7)
-    assert routing.way(1, (255, 190), (9, 0), "PARAM_SET", (1, 7)).to == ()
+    assert routing.destinations(1, (255, 190), (9, 0), "PARAM_SET", (1, 7)).to == ()
 
 
 def test_a_flood_of_one_peer_is_bounded_and_seen(make_bench):

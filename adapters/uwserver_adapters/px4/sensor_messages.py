@@ -29,7 +29,7 @@ class Roles(NamedTuple):
     distances: tuple[tuple[Reading, tuple[float, float]], ...]
 
 
-class Senses:
+class SensorMessages:
     """The newest samples, and which of them the autopilot has already got.
 
     Args:
