@@ -1,1 +1,1 @@
-"""What every ROS dialect shares: the messages, and (each in its own package) the carriers."""
+"""What the adapters of all ROS dialects share: messages, the feed of topics, and parameters. Each dialect is a package of its own."""

@@ -1,4 +1,4 @@
-"""The world as a ROS graph sees it, while it runs: topics that somebody hears get their messages, each made once. Loop thread."""
+"""The running world as a ROS graph sees it: topics with subscribers get their messages, each made once. Loop thread."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import replace
 from functools import cached_property
 from typing import Any, TypeVar
 
-from uwserver.adapter import AdapterContext, Conversation, Refusals
+from uwserver.adapter import AdapterContext, Conversation, Refusals, within
 from uwserver.ports import Buffer, Cast, Event, Present, Refused, Reply, Sample, SceneState
 from uwserver_adapters.ros.messages.catalogue import CLOCK, TF_STATIC, Catalogue
 from uwserver_adapters.ros.messages.commands import Inlet, Value
@@ -24,11 +24,11 @@ log = logging.getLogger(__name__)
 _Form = TypeVar("_Form")
 
 SCENE_S = 5.0
-"""Wall time to wait for where sensors sit; without it their frames are those of the vehicle."""
+"""Wall time to wait for the mounts of sensors; without mounts their frames are those of the vehicle."""
 
 
 def _size(value: object) -> int:
-    """About, bytes of a sample's value."""
+    """Return about how many bytes a sample's value takes."""
     if isinstance(value, tuple):
         return 64 + sum(map(_size, value))
     if isinstance(value, Buffer):
@@ -37,21 +37,21 @@ def _size(value: object) -> int:
 
 
 Failed = Callable[[str, Exception], None]
-"""Told which type could not be made or encoded, and why."""
+"""Gets the type of a message that could not be made or encoded, and the error."""
 
 
 class Told:
-    """One message on its way out: what each dialect needs of it is made when the first asks.
+    """One outgoing message. Each form that a dialect needs is made when it is first asked for, and kept.
 
-    A fault of what makes or encodes it costs this message in that form, and nothing else: it is told once, to `failed`.
+    If a form cannot be made, it is lost: `failed` is called once, and other forms and messages are not affected.
 
     Args:
-        types: of the distribution.
+        types: message types of the distribution.
         type_name: ``package/msg/Name``.
-        failed: see there.
-        sample: of which it is made; None where `made` is given.
-        outlet: that makes it.
-        made: the message.
+        failed: gets errors.
+        sample: the sample that the message is made of; None where `made` is given.
+        outlet: makes the message of the sample.
+        made: the message itself.
     """
 
     def __init__(
@@ -63,14 +63,14 @@ class Told:
         self._encoded: dict[object, bytes | None] = {}
 
     def encoded(self, form: object, make: Callable[[], bytes | None]) -> bytes | None:
-        """A form that a dialect keeps, by a key of its own; None where `make` gives none, or fails."""
+        """Return the bytes that `make` gives, made once for each key `form`; None where it gives none, or fails."""
         if form not in self._encoded:
             self._encoded[form] = self._attempt(make)
         return self._encoded[form]
 
     @cached_property
     def message(self) -> object | None:
-        """The message; None where the sample gives none."""
+        """The message; None where the sample gives none, or it could not be made."""
         outlet, sample = self._outlet, self._sample
         if outlet is None or sample is None:
             return self._made
@@ -78,12 +78,12 @@ class Told:
 
     @property
     def size(self) -> int:
-        """About, bytes that it holds."""
+        """About how many bytes it holds."""
         return 64 if self._sample is None else _size(self._sample.value)
 
     @cached_property
     def raw(self) -> bytes | None:
-        """CDR with its encapsulation, or ROS 1 bytes. None where the sample gives no message, or one with numbers that its type cannot hold."""
+        """CDR with its encapsulation, or ROS 1 bytes; None where the sample gives no message, or one with numbers that its type cannot hold."""
         return self._attempt(self._raw)
 
     def _raw(self) -> bytes | None:
@@ -96,40 +96,41 @@ class Told:
 
     @cached_property
     def plain(self) -> dict[str, Any] | None:
-        """A map, as `uwserver_adapters.ros.messages.plain` makes it."""
+        """The message as a map, see `uwserver_adapters.ros.messages.plain`."""
         return self._attempt(lambda: None if self.message is None else plain(self._types, self.message))
 
     def _attempt(self, make: Callable[[], _Form | None]) -> _Form | None:
         try:
             return make()
-        except Exception as error:  # noqa: BLE001  # one message of one sensor: all others go on
+        except Exception as error:  # noqa: BLE001  # only this message is lost
             self._failed(self.type, error)
             return None
 
 
 _BEFORE = -1
-"""Revision of a scene that no world has."""
+"""A revision that no scene of a running world has."""
 Deliver = Callable[[str, Told], None]
-"""Gets a topic and a message of it, for which somebody asked."""
+"""Gets a topic that has subscribers, and a message of it."""
 
 
 class Feed:
-    """The adapter's `Subscriber`.
+    """Makes the messages of all topics that have subscribers. It is the adapter's `Subscriber`.
 
     Args:
         context: the world.
-        refusals: of the adapter: counts messages that could not be made or encoded.
-        types: of the distribution.
-        facts: what the adapter's table says of frames; mounts are found here.
-        deliver: gets messages.
-        clock_hz: of ``/clock``, in simulated time, at most.
-        changed: told when topics have come or gone.
+        refusals: of the adapter; counts messages that could not be made or encoded.
+        types: message types of the distribution.
+        facts: what the adapter's table says of frames; mounts are added here.
+        deliver: gets the messages.
+        clock_hz: most messages of ``/clock`` in a second of simulated time.
+        changed: called when topics have come or gone.
 
     Attributes:
         types: as given.
-        catalogue: what there is now.
-        topics: all topics that are told -> type.
-        t_ns: newest simulation time that was heard of.
+        catalogue: topics and services that exist now.
+        topics: all topics that are published -> type.
+        t_ns: newest simulation time that is known here, ns.
+        wanted: ports whose samples are needed.
     """
 
     def __init__(
@@ -157,17 +158,19 @@ class Feed:
         return replace(facts, epoch_ns=world.epoch_ns, tick_s=1.0 / world.rate_hz)
 
     def begin(self) -> None:
-        """Make the catalogue of the world before its first tick, when nobody says yet who is in it: those of the scenario, each like itself."""
+        """Make the catalogue before the first tick. The world does not answer yet: its vehicles are those of the scenario."""
         facts = self._with_time(self._facts)
         cast = Cast(_BEFORE, tuple(Present(v.name, v.name) for v in self._context.world.vehicles), ())
         try:
             facts = replace(facts, mounts=mounts_of(self._context.scene(cast)))
-        except KeyError:  # the adapter starts again, and a copy was spawned meanwhile: the world says of what
+        except (
+            KeyError
+        ):  # the adapter was restarted, and a copy was spawned before: only the world knows of which vehicle
             self._renewing = asyncio.get_running_loop().create_task(self.renew())
         self._take(Catalogue.of(self.types, facts, self._context))
 
     async def renew(self) -> None:
-        """Look where sensors sit, and make the catalogue of the world as it is now."""
+        """Ask the world for the mounts of sensors, and make the catalogue of the world as it is now."""
         found: asyncio.Future[SceneState] = asyncio.get_running_loop().create_future()
 
         def seen(state: SceneState) -> None:
@@ -177,17 +180,11 @@ class Feed:
         facts = self._with_time(self._facts)
         try:
             self._context.look(seen)
-            # `wait_for` would lose a cancellation that comes together with the answer.
-            await asyncio.wait({found}, timeout=SCENE_S)
-        except Refused as refused:
-            log.warning("%s asks in vain where sensors sit: %s", self._context.name, refused.fault.text)
-        if found.done():
-            facts = replace(facts, mounts=mounts_of(self._context.scene(found.result().cast)))
-        else:
-            found.cancel()
-            log.warning(
-                "%s does not know where sensors sit: their frames are those of their vehicle", self._context.name
-            )
+            state = await within(SCENE_S, found, "no answer")
+            facts = replace(facts, mounts=mounts_of(self._context.scene(state.cast)))
+        except (Refused, TimeoutError) as error:
+            text = "%s does not know the mounts of sensors (%s): their frames are those of their vehicle"
+            log.warning(text, self._context.name, error)
         self._take(Catalogue.of(self.types, facts, self._context))
 
     def _take(self, catalogue: Catalogue) -> None:
@@ -203,11 +200,11 @@ class Feed:
         self._changed()
 
     def telling(self, type_name: str, made: object) -> Told:
-        """A message that is no sample's."""
+        """Return a message that is not made of a sample."""
         return Told(self.types, type_name, self._failed, made=made)
 
     def _failed(self, type_name: str, error: Exception) -> None:
-        """A message could not be made or encoded: it is lost, and no other."""
+        """Count and log a message that could not be made or encoded."""
         stats = self._context.stats
         stats.errors += 1
         stats.last_error = f"a message of {type_name} could not be made: {type(error).__name__}: {error}"
@@ -215,7 +212,7 @@ class Feed:
         log.debug("%s", stats.last_error, exc_info=error)
 
     def now_ns(self) -> int:
-        """Simulation time since 1970, asked of the world: nobody may hear of a sensor now."""
+        """Return simulation time, ns since 1970. The world is asked, as there may be no samples now that would tell it."""
         told: list[Reply] = []
         self._context.call("world/status", {}, self._context.name, told.append)  # type: ignore[arg-type]  # it only reads
         result = told[0].result if told else None
@@ -224,34 +221,35 @@ class Feed:
             t_ns = told[0].t_ns if told else self.t_ns
         return self.catalogue.facts.epoch_ns + t_ns
 
-    # -- who hears what ---------------------------------------------------------------------------------------------------------------------
+    # -- subscribers ------------------------------------------------------------------------------------------------------------------------
 
     def is_latched(self, topic: str) -> bool:
-        """Whether late comers get the newest message."""
+        """Return whether late subscribers get the newest message."""
         return topic == TF_STATIC or any(o.topic == topic and o.latched for o in self.catalogue.outlets)
 
     def hear(self, topic: str) -> Told | None:
-        """One more listener of a topic. Gives what was said last, where that is for late comers too."""
+        """Count one more listener of a topic; return its newest message if late subscribers get it."""
         self._heard[topic] += 1
         if self._heard[topic] == 1:
             self._follow()
         return self._latched.get(topic)
 
     def leave(self, topic: str) -> None:
-        """One fewer."""
+        """Count one listener fewer."""
         self._heard[topic] -= 1
         if self._heard[topic] <= 0:
             del self._heard[topic]
             self._follow()
 
     def _follow(self) -> None:
-        """Ask for the samples of those ports, and of no others."""
+        """Ask for the samples of the ports that are needed, and of no others."""
         by_port: dict[str, list[Outlet]] = {}
         for outlet in self.catalogue.outlets:
             if self._heard[outlet.topic]:
                 for path in outlet.ports:
                     by_port.setdefault(path, []).append(outlet)
         if self._heard[CLOCK]:
+            # The clock advances with samples: it needs those of the fastest sensor.
             sensors = [port for port in self._context.ports.values() if port.direction == "sensor"]
             if sensors:
                 fastest = max(sensors, key=lambda port: port.rate_hz or 0.0)
@@ -260,13 +258,14 @@ class Feed:
         self.wanted = by_port.keys()
         self._context.follow_wants()
 
-    # -- what the world says ----------------------------------------------------------------------------------------------------------------
+    # -- samples and events -----------------------------------------------------------------------------------------------------------------
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
-        """Samples of one tick."""
+        """Make and deliver the messages of one tick."""
         by_port = self._by_port
         now = max((sample.t_sent_ns for sample in samples), default=self.t_ns)
         self.t_ns = now
+        # Time may also jump back.
         if self._heard[CLOCK] and (now >= self._next_clock or now < self._next_clock - 2 * self._clock_ns):
             self._next_clock = now + self._clock_ns
             clock = self.catalogue.clock(now)
@@ -274,7 +273,7 @@ class Feed:
         for sample in samples:
             for outlet in by_port.get(sample.port, ()):
                 told = Told(self.types, outlet.type, self._failed, sample, outlet)
-                # A message of two ports must see each sample, and once.
+                # A message that combines two ports must see every sample of them, once: so it is made now, heard or not.
                 if len(outlet.ports) > 1 and told.message is None:
                     continue
                 if outlet.latched:
@@ -282,7 +281,7 @@ class Feed:
                 self._deliver(outlet.topic, told)
 
     def put_event(self, event: Event) -> None:
-        """Other ports, or another time."""
+        """Follow a change of ports or of time."""
         if event.event == "ports_changed":
             if self._renewing is not None:
                 self._renewing.cancel()
@@ -300,7 +299,7 @@ class Feed:
                 inlet.held.forget()
 
     async def close(self) -> None:
-        """Nothing is looked for any more."""
+        """End the search for mounts."""
         if self._renewing is not None:
             self._renewing.cancel()
             await asyncio.gather(self._renewing, return_exceptions=True)
@@ -309,44 +308,55 @@ class Feed:
 def command(
     conversation: Conversation, inlet: Inlet, value: Value, answered: Callable[[Reply], None], source: str = ""
 ) -> None:
-    """Command an actuator with what an inlet made of a message; what thrusters hold is what the world accepts.
+    """Send a command that an inlet made of a message, and note in `Inlet.held` what thrusters were told.
+
+    Args:
+        conversation: of the peer.
+        inlet: the topic.
+        value: the command.
+        answered: gets the world's answer.
+        source: who sent the message; default: the conversation's.
 
     Raises:
         Refused: see `Conversation.command`.
     """
     held, told = inlet.held, value.get(inlet.field)
+    if held is None or not isinstance(told, list):
+        conversation.command(inlet.port, value, answered, source=source)
+        return
 
     def judged(reply: Reply) -> None:
-        if held is not None and isinstance(told, list):
-            held.judge(told, reply.fault is None)
+        held.judge(told, reply.fault is None)
         answered(reply)
 
-    if held is not None and isinstance(told, list):
-        held.ask(told)
+    held.ask(told)
     try:
         conversation.command(inlet.port, value, judged, source=source)
     except Refused:
-        if held is not None and isinstance(told, list):
-            held.judge(told, False)
+        held.judge(told, False)
         raise
 
 
 Answered = Callable[[object | None, str], None]
-"""Gets the response, or None and why there is none."""
+"""Gets the response, or None and the reason why there is none."""
 
 
 def call(conversation: Conversation, offer: Offer, request: Any, answered: Answered) -> None:
-    """Carry out a service request; `answered` is called once, now or later. A fault of the world is in the response, as its type has it."""
+    """Carry out a service request.
+
+    Args:
+        conversation: of the client.
+        offer: the service.
+        request: the request message.
+        answered: called once, now or later. A fault of the world stands in the response, in the way of its type.
+    """
     try:
         asked = offer.ask(request)
-    except BadMessage as bad:
-        answered(None, str(bad))
-        return
-    if isinstance(asked, Errand):
-        try:
+        if isinstance(asked, Errand):
             asked.begin(conversation, answered)
-        except (BadMessage, Refused) as wrong:
-            answered(None, wrong.fault.text if isinstance(wrong, Refused) else str(wrong))
+            return
+    except (BadMessage, Refused) as wrong:
+        answered(None, str(wrong))
         return
     if not isinstance(asked, Ask):
         answered(asked, getattr(getattr(asked, "result", None), "error_message", ""))

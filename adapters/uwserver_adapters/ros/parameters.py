@@ -1,4 +1,4 @@
-"""Parameters of a node, while the world runs: several are read or changed by one request, whose answer comes when all are known. Loop thread."""
+"""Reading and changing parameters of a node while the world runs. A request for several is answered when all are known. Loop thread."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from uwserver_adapters.ros.messages.settings import Setting
 from uwserver_adapters.ros.messages.types import BadMessage
 
 AT_ONCE = 512
-"""Parameters of one request."""
+"""Most parameters of one request."""
 Values = Callable[[list[object | None]], None]
-"""Gets the values, in the order of their names; None for each that there is not."""
+"""Gets the values in the order of their names, with None for each that does not exist."""
 Reasons = Callable[[list[str]], None]
-"""Gets why each was not changed; "" for those that were."""
+"""Gets the reason why each was not changed; "" for those that were."""
 
 
 class Parameters:
-    """Of one peer.
+    """The parameters as one peer reads and changes them.
 
     Args:
         conversation: of the peer.
-        settings: all that there are now, by name.
+        settings: returns the parameters that exist now, by name.
     """
 
     def __init__(self, conversation: Conversation, settings: Callable[[], Mapping[str, Setting]]) -> None:
         self._conversation, self._settings = conversation, settings
 
     def get(self, names: Sequence[str], answered: Values) -> None:
-        """Read some."""
+        """Read some parameters."""
         known = self._settings()
         chosen = [known.get(name) for name in names[:AT_ONCE]]
         sources = list(dict.fromkeys(setting.source for setting in chosen if setting is not None))
@@ -51,7 +51,7 @@ class Parameters:
             self._call(Ask(source, {}), partial(came, source))
 
     def set(self, wanted: Sequence[tuple[str, object]], answered: Reasons) -> None:
-        """Change some, each by itself and in their order."""
+        """Change some parameters, one after the other and independently of each other."""
         if not wanted:
             answered([])
         reasons: dict[int, str] = {}
@@ -75,7 +75,7 @@ class Parameters:
             self._call(asked, lambda reply, k=k: came(k, _why(reply)))  # type: ignore[misc]
 
     def set_together(self, wanted: Sequence[tuple[str, object]], answered: Callable[[str], None]) -> None:
-        """Change all or none: those of one component, which the world takes in one call."""
+        """Change all or none. They must belong to one component, so that the world takes them in one call."""
         try:
             known = self._settings()
             asked = [_asked(known, name, value) for name, value in wanted[:AT_ONCE]]
@@ -102,7 +102,11 @@ class Parameters:
 
 
 def _asked(known: Mapping[str, Setting], name: str, value: object, *, suggests: bool = True) -> Ask:
-    """What changes a setting. To look for the name that was meant takes half a millisecond: it is done for the first of a request."""
+    """Return the call that changes a parameter. A similar name is suggested only if `suggests`, as the search takes half a millisecond.
+
+    Raises:
+        BadMessage: there is no such parameter, or it does not take the value.
+    """
     setting = known.get(name)
     if setting is None:
         raise BadMessage(f'no parameter "{name[:100]}"{did_you_mean(name[:200], known) if suggests else ""}')
@@ -114,7 +118,7 @@ def _why(reply: Reply) -> str:
 
 
 def listed(names: Sequence[str], prefixes: Sequence[str], depth: int) -> tuple[list[str], list[str]]:
-    """Names and their prefixes, as rcl_interfaces/ListParameters wants them; a depth of 0 is any."""
+    """Return names and their prefixes as rcl_interfaces/ListParameters defines them; a depth of 0 means any depth."""
 
     def is_wanted(name: str) -> bool:
         if not prefixes:

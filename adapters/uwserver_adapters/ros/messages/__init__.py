@@ -1,7 +1,7 @@
-"""One message table for all ROS dialects: a port is a topic of a standard message, a command is one, a service is one.
+"""One message table for all ROS dialects: ports become topics of standard messages, and so do commands; services become ROS services.
 
-`Types` knows the types of a distribution and their three forms (CDR, ROS 1 bytes, maps). `Catalogue` says which topics and services a world has,
-and makes their messages. Frames are ENU and FLU here (REP-103, REP-105); nothing above or below converts again.
+`Types` knows the message types of a distribution and their three forms (CDR, ROS 1 bytes, maps). `Catalogue` lists the topics and services of a
+world and makes their messages. This room converts frames to ENU and FLU (REP-103, REP-105); no other room does.
 """
 
 from __future__ import annotations

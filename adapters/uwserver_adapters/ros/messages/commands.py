@@ -1,4 +1,4 @@
-"""What ROS sends to actuators and to the autopilot: the standard message of each, and our command of it."""
+"""Commands from ROS to actuators and the autopilot: the standard message of each, and its conversion to our command."""
 
 from __future__ import annotations
 
@@ -15,14 +15,16 @@ from uwserver_adapters.ros.messages.source import ros_name
 from uwserver_adapters.ros.messages.types import BadMessage, Types
 
 Value = Mapping[str, object]
-"""Field -> value of a command, as `AdapterContext.command` takes it, which checks it."""
+"""Field -> value of a command. `AdapterContext.command` checks it."""
 
 
 class Held:
-    """What was last told to all thrusters of a vehicle: a command is of the whole vector, also where it comes for one.
+    """The last command to all thrusters of a vehicle.
+
+    A command always holds the whole vector. One for a single thruster therefore repeats the values of the others from here.
 
     Args:
-        size: of the vector.
+        size: number of thrusters.
     """
 
     def __init__(self, size: int) -> None:
@@ -32,15 +34,18 @@ class Held:
 
     @property
     def newest(self) -> list[float]:
-        """What the world has accepted, or was asked for and has not judged yet."""
+        """The newest command that the world has accepted, or has not answered yet."""
         return self._asked[-1] if self._asked else self._accepted
 
     def ask(self, told: list[float]) -> None:
-        """The world is asked for it."""
+        """Note a command that is sent to the world."""
         self._asked.append(told)
 
     def judge(self, told: list[float], is_accepted: bool) -> None:
-        """The world has answered, as it does in the order of commands: of those before, nothing more comes."""
+        """Note the world's answer to a command.
+
+        The world answers in the order of commands: nothing more comes for earlier ones.
+        """
         if any(one is told for one in self._asked):
             while self._asked.popleft() is not told:
                 pass
@@ -48,7 +53,7 @@ class Held:
             self._accepted = told
 
     def forget(self) -> None:
-        """The actuator went to neutral."""
+        """Note that the actuator went to neutral."""
         self._accepted = self._neutral
         self._asked.clear()
 
@@ -61,9 +66,9 @@ class Inlet:
         topic: its name.
         type: ``package/msg/Name``.
         port: path of the actuator.
-        value: the command that a message is; raises `BadMessage`.
-        held: of thrusters, what they were told.
-        field: of a command, that is held.
+        value: turns a message into a command; raises `BadMessage`.
+        held: for thrusters, their last command.
+        field: the field of the command that `held` keeps.
     """
 
     topic: str
@@ -75,7 +80,7 @@ class Inlet:
 
 
 def inlets(types: Types, port: Port) -> Iterator[Inlet]:
-    """All topics that command one actuator."""
+    """Yield all topics that command one actuator."""
     name, vehicle = "/" + ros_name(port.path), "/" + ros_name(port.path).split("/")[0]
     last = port.path.rsplit("/", 1)[-1]
     known = _AUTOPILOT.get(last) if port.kind == "autopilot" else _KINDS.get(port.kind)
@@ -94,19 +99,18 @@ def _of_vehicle(value: Callable[[Any, str], Value], vehicle: str) -> Callable[[A
 
 
 def _numbers(port: Port, name: str) -> Iterator[Inlet]:
-    """An actuator of one field: a number, or numbers in the order of the port's description; of thrusters also each alone."""
+    """Yield the topics of an actuator with one field: a number, or a list in the order of the port's description; and one for each thruster."""
     field = port.fields[0].name
     if not port.fields[0].shape:
         yield Inlet(name + "/cmd", "std_msgs/msg/Float64", port.path, lambda message: {field: message.data})
         return
     held = Held(port.fields[0].size)
 
-    def all_of(message: Any) -> Value:
-        return {field: message.data.tolist()}
-
-    yield Inlet(name + "/cmd", "std_msgs/msg/Float64MultiArray", port.path, all_of, held, field)
+    yield Inlet(
+        name + "/cmd", "std_msgs/msg/Float64MultiArray", port.path, lambda message: {field: message.data.tolist()}, held, field
+    )  # fmt: skip
     for k, thruster in enumerate(port.propulsors or ()):
-        # The others keep what this adapter last told them: a command is of the whole vector.
+
         def one_of(message: Any, k: int = k) -> Value:
             others = held.newest
             return {field: [*others[:k], message.data, *others[k + 1 :]]}
@@ -115,7 +119,7 @@ def _numbers(port: Port, name: str) -> Iterator[Inlet]:
 
 
 def _generated(types: Types, port: Port, name: str) -> Inlet:
-    """A type of its own; a number that is nan, and an empty list or text, are left out of the command."""
+    """Return a topic with a generated type. A NaN, an empty list and an empty text are left out of the command."""
     type_name = generated_type(types, port, definition(port, is_command=True), "Command")
     names = [(field, field_name(field)) for field in port.fields]
 
@@ -137,14 +141,18 @@ def _generated(types: Types, port: Port, name: str) -> Inlet:
 
 
 def check_frame(message: Any, *allowed: str) -> None:
-    """Raise `BadMessage` unless a message is given in one of these frames, or names none."""
+    """Check that a message is given in one of these frames, or names no frame.
+
+    Raises:
+        BadMessage: it names another frame.
+    """
     frame = message.header.frame_id.strip("/")
     if frame and frame not in allowed:
         raise BadMessage(f'header.frame_id is "{frame[:60]}": give it in {allowed[0]}, or leave it empty')
 
 
 def parts(vector: Any) -> Vec3:
-    """x, y and z of a message."""
+    """Return x, y and z of a message."""
     return (vector.x, vector.y, vector.z)
 
 
@@ -169,7 +177,11 @@ def _twist_stamped(message: Any, vehicle: str) -> Value:
 
 
 def q_NB_of(orientation: Any) -> Quat | None:
-    """q_NB of a unit quaternion of ROS; None where it is all zero, which is how clients say nothing."""
+    """Return q_NB from an orientation of ROS; None where it is all zero, which is how clients leave it out.
+
+    Raises:
+        BadMessage: it is no unit quaternion.
+    """
     q = (orientation.w, orientation.x, orientation.y, orientation.z)
     size = sum(part * part for part in q)
     if size == 0.0:
@@ -180,10 +192,10 @@ def q_NB_of(orientation: Any) -> Quat | None:
 
 
 def pose_in_map(message: Any) -> tuple[Vec3, float | None]:
-    """Place (p_N) and heading (rad) of a PoseStamped; None where its orientation is all zero.
+    """Return position (p_N, m) and heading (rad) of a PoseStamped in map; the heading is None where the orientation is all zero.
 
     Raises:
-        BadMessage: it is given in another frame, or its orientation is none.
+        BadMessage: it is given in another frame, or its orientation is no unit quaternion.
     """
     check_frame(message, "map")
     q = q_NB_of(message.pose.orientation)
@@ -195,37 +207,42 @@ def _pose(message: Any, vehicle: str) -> Value:
     return {"p_N": list(place)} if heading is None else {"p_N": list(place), "heading": heading}
 
 
+def placed(message: Any, pose: Any, *frames: str) -> dict[str, object]:
+    """Return p_NB, and q_NB where it is given, of a pose in a message with a header.
+
+    Raises:
+        BadMessage: the header names none of these frames, or the orientation is no unit quaternion.
+    """
+    check_frame(message, *frames)
+    q = q_NB_of(pose.orientation)
+    p_NB: dict[str, object] = {"p_NB": list(enu(parts(pose.position)))}
+    return p_NB if q is None else {**p_NB, "q_NB": list(q)}
+
+
 def _teleport(message: Any, vehicle: str) -> Value:
-    check_frame(message, "map")
-    q = q_NB_of(message.pose.orientation)
-    told: dict[str, object] = {"p_NB": list(enu(parts(message.pose.position)))}
-    return told if q is None else {**told, "q_NB": list(q)}
+    return placed(message, message.pose, "map")
 
 
 def _seen_at(message: Any) -> dict[str, object]:
-    """The sender's clock, where it tells one."""
+    """Return the time by the sender's clock, s, where the message has one."""
     stamp = message.header.stamp
     return {"stamp": stamp.sec + stamp.nanosec * 1e-9} if stamp.sec or stamp.nanosec else {}
 
 
 def _followed(message: Any, vehicle: str) -> Value:
-    """Where a vehicle is that is somebody else's."""
-    check_frame(message, "map", "world")
-    q = q_NB_of(message.pose.orientation)
-    told: dict[str, object] = {"p_NB": list(enu(parts(message.pose.position))), **_seen_at(message)}
-    return told if q is None else {**told, "q_NB": list(q)}
+    """Return the pose of a vehicle that is simulated elsewhere."""
+    return {**placed(message, message.pose, "map", "world"), **_seen_at(message)}
 
 
 def _odometry(message: Any, vehicle: str) -> Value:
-    """Likewise, and how fast: the twist is in the axes of the body; a covariance that begins with -1 says that it is not known."""
+    """Return pose and velocity of a vehicle that is simulated elsewhere.
+
+    The twist is in the axes of the body. A covariance that begins with -1 says that the twist is unknown.
+    """
     child = message.child_frame_id.strip("/")
     if child not in ("", "base_link", f"{vehicle}/base_link"):
         raise BadMessage(f'child_frame_id is "{child[:60]}": tell the twist in {vehicle}/base_link')
-    check_frame(message, "map", "world")
-    q = q_NB_of(message.pose.pose.orientation)
-    told: dict[str, object] = {"p_NB": list(enu(parts(message.pose.pose.position))), **_seen_at(message)}
-    if q is not None:
-        told["q_NB"] = list(q)
+    told = {**placed(message, message.pose.pose, "map", "world"), **_seen_at(message)}
     if message.twist.covariance[0] != -1.0:
         twist = message.twist.twist
         told |= {"v_NB_B": list(flu(parts(twist.linear))), "w_NB_B": list(flu(parts(twist.angular)))}
@@ -241,7 +258,12 @@ def _joy(message: Any, vehicle: str) -> Value:
 
 @dataclass(frozen=True)
 class _Kind:
-    """fields: that the port must have; topics: name, type and command of each."""
+    """The topics of a kind of actuator.
+
+    Attributes:
+        fields: fields that the port must have.
+        topics: name, type, and conversion to a command, of each topic.
+    """
 
     fields: tuple[str, ...]
     topics: tuple[tuple[str, str, Callable[[Any, str], Value]], ...]

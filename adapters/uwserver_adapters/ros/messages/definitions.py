@@ -1,9 +1,9 @@
-"""Types that the stores of rosbags lack: names, fields and constants, as the packages define them, without their comments.
+"""Message types that the stores of rosbags lack: names, fields and constants as their packages define them, without comments.
 
 marine_acoustic_msgs 2.1 (BSD-3-Clause, github.com/apl-ocean-engineering/marine_msgs), simulation_interfaces 1.x (Apache-2.0,
 github.com/ros-simulation/simulation_interfaces), std_srvs,
-action_msgs, unique_identifier_msgs (Apache-2.0); uwserver_msgs is ours (clients/ros2/uwserver_msgs). Type hashes follow from
-names and types of fields alone; a test holds them to the published ones.
+action_msgs, unique_identifier_msgs (Apache-2.0); uwserver_msgs is ours (clients/ros2/uwserver_msgs). Type hashes depend only on
+names and types of fields; a test compares them with the published ones.
 """
 
 from __future__ import annotations
@@ -187,7 +187,7 @@ string description
 simulation_interfaces/Bounds spawn_bounds
 """,
 }
-"""Type -> text of its .msg file, nested types by their full names."""
+"""Type -> text of its .msg file, with nested types by their full names."""
 
 SERVICES: dict[str, tuple[str, str]] = {
     "std_srvs/srv/Empty": ("", ""),
@@ -317,7 +317,7 @@ string description
 simulation_interfaces/Bounds spawn_bounds
 """,
 }
-"""Of rolling, which has simulation_interfaces 2.1; kilted, jazzy and humble have 1.x."""
+"""Messages that differ in rolling, which has simulation_interfaces 2.1; kilted, jazzy and humble have 1.x."""
 NEWER_REQUESTS: dict[str, str] = {
     "simulation_interfaces/srv/SetEntityState": """
 string entity
@@ -334,4 +334,4 @@ string entity_namespace
 geometry_msgs/PoseStamped initial_pose
 """,
 }
-"""Likewise of services."""
+"""Requests of services that differ in rolling."""

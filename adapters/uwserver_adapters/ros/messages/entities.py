@@ -1,9 +1,10 @@
-"""simulation_interfaces: who is in the world, where, and how one is put elsewhere. Entities are vehicles and objects."""
+"""The services of simulation_interfaces for entities: which vehicles and objects there are, where they are, and how they are moved."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 from uwserver.adapter import AdapterContext, Conversation
@@ -16,9 +17,9 @@ from uwserver_adapters.ros.messages.source import Facts
 from uwserver_adapters.ros.messages.types import BadMessage, Types
 
 UNSUPPORTED, OK, NOT_FOUND, WRONG_STATE, FAILED = range(5)
-"""Of simulation_interfaces/Result."""
+"""Numbers of simulation_interfaces/Result."""
 FRAMES = ("map", "world")
-"""In which poses may be given."""
+"""Frames in which poses may be given."""
 PACKAGE = "simulation_interfaces"
 _CODES = {"unknown_port": NOT_FOUND, "unknown_service": NOT_FOUND, "busy": WRONG_STATE}
 _INVALID_POSE = 101
@@ -26,7 +27,7 @@ _OBJECT, _ROBOT = 0, 1
 
 
 def result_of(types: Types, fault: Fault | None) -> object:
-    """A Result of an answer of the world."""
+    """Return the Result for an answer of the world."""
     if fault is None:
         return types.make(f"{PACKAGE}/msg/Result", result=OK)
     return types.make(
@@ -35,58 +36,81 @@ def result_of(types: Types, fault: Fault | None) -> object:
 
 
 def response(types: Types, short: str, code: int, text: str = "", **fields: object) -> object:
-    """The response of a service, with its Result."""
+    """Return the response of a service, with its Result.
+
+    Args:
+        types: message types of the distribution.
+        short: name of the service type without its package.
+        code: of the Result.
+        text: error message of the Result.
+        fields: further fields of the response.
+    """
     result = types.make(f"{PACKAGE}/msg/Result", result=code, error_message=text)
     return types.make(f"{PACKAGE}/srv/{short}_Response", result=result, **fields)
 
 
 def outcome(types: Types, short: str, fault: Fault | None) -> object:
-    """The response to an answer of the world that holds nothing else."""
+    """Return the response that only holds the Result for an answer of the world."""
     return types.make(f"{PACKAGE}/srv/{short}_Response", result=result_of(types, fault))
 
 
 def reason(fault: Fault | None) -> str:
-    """Why something failed; "" where it did not."""
+    """Return why something failed; "" where nothing failed."""
     return "" if fault is None else fault.text
 
 
 class Entities:
-    """Their services.
+    """Answers requests about entities: with the response, or with an `Errand` where the world must be asked.
 
     Args:
-        types: of the distribution.
-        facts: of the world; states are told where truth may be.
+        types: message types of the distribution.
+        facts: what is the same for all topics; states of entities are given only where `truth` is set.
         context: the world.
     """
 
     def __init__(self, types: Types, facts: Facts, context: AdapterContext) -> None:
         self._types, self._facts, self._context = types, facts, context
 
-    def _looked(self, short: str, told: Callable[[SceneState], object]) -> Errand:
-        """A response made of where everything is."""
+    def _looked(self, make: Callable[[SceneState, Sequence[Sample]], object], moving: Sequence[str] = ()) -> Errand:
+        """Return an errand that looks where everything is.
+
+        Args:
+            make: makes the response from poses and velocities.
+            moving: entities whose velocities are needed, as their truth sensors last gave them.
+        """
+        ports = [f"{entity}/truth/velocity" for entity in moving]
 
         def begin(conversation: Conversation, answered: Answered) -> None:
             def seen(state: SceneState) -> None:
-                response: Any = told(state)
-                answered(response, response.result.error_message)
+                def came(speeds: Sequence[Sample]) -> None:
+                    response: Any = make(state, speeds)
+                    answered(response, response.result.error_message)
 
-            look(conversation, self._context, seen)
+                if ports:
+                    _owed(conversation, partial(self._context.read, ports), came)
+                else:
+                    came(())
+
+            _owed(conversation, self._context.look, seen)
 
         return Errand(begin)
 
-    def _has_filters(self, request: Any) -> bool:
-        filters = request.filters
-        return bool(filters.filter or len(filters.categories) or filters.tags.tags or filters.bounds.type)
+    def _truth(
+        self, short: str, make: Callable[[SceneState, Sequence[Sample]], object], moving: Sequence[str]
+    ) -> object:
+        """Return an errand that looks at ground truth, or the refusal where it may not be given."""
+        if not self._facts.truth:
+            text = "states of entities are ground truth: set truth = true for this adapter"
+            return response(self._types, short, UNSUPPORTED, text)
+        return self._looked(make, moving)
 
     def entities(self, request: Any) -> object:
-        if self._has_filters(request):
+        if _has_filters(request):
             return response(self._types, "GetEntities", UNSUPPORTED, "there are no filters: send none")
-        return self._looked(
-            "GetEntities", lambda state: response(self._types, "GetEntities", OK, entities=sorted(_names(state)))
-        )
+        return self._looked(lambda state, _: response(self._types, "GetEntities", OK, entities=sorted(_names(state))))
 
     def info(self, request: Any) -> object:
-        def told(state: SceneState) -> object:
+        def told(state: SceneState, _: Sequence[Sample]) -> object:
             names = _names(state)
             if request.entity not in names:
                 return response(self._types, "GetEntityInfo", NOT_FOUND, _nobody(request.entity, names))
@@ -96,7 +120,7 @@ class Entities:
             info = self._types.make(f"{PACKAGE}/msg/EntityInfo", category=category, description=model)
             return response(self._types, "GetEntityInfo", OK, info=info)
 
-        return self._looked("GetEntityInfo", told)
+        return self._looked(told)
 
     # -- states of entities -----------------------------------------------------------------------------------------------------------------
 
@@ -108,10 +132,10 @@ class Entities:
             found = self._entity(state, names.index(request.entity), speeds)
             return response(self._types, "GetEntityState", OK, state=found)
 
-        return self._seen("GetEntityState", told, [request.entity])
+        return self._truth("GetEntityState", told, [request.entity])
 
     def states(self, request: Any) -> object:
-        if self._has_filters(request):
+        if _has_filters(request):
             return response(self._types, "GetEntitiesStates", UNSUPPORTED, "there are no filters: send none")
 
         def told(state: SceneState, speeds: Sequence[Sample]) -> object:
@@ -119,30 +143,10 @@ class Entities:
             found = [self._entity(state, k, speeds) for k in range(len(names))]
             return response(self._types, "GetEntitiesStates", OK, entities=names, states=found)
 
-        return self._seen("GetEntitiesStates", told, [vehicle.name for vehicle in self._context.world.vehicles])
-
-    def _seen(
-        self, short: str, told: Callable[[SceneState, Sequence[Sample]], object], entities: Sequence[str]
-    ) -> object:
-        """A response made of ground truth: places, and speeds as the truth sensors last told them."""
-        if not self._facts.truth:
-            text = "states of entities are ground truth: set truth = true for this adapter"
-            return response(self._types, short, UNSUPPORTED, text)
-
-        def begin(conversation: Conversation, answered: Answered) -> None:
-            def seen(state: SceneState) -> None:
-                def came(speeds: Sequence[Sample]) -> None:
-                    response: Any = told(state, speeds)
-                    answered(response, response.result.error_message)
-
-                read(conversation, self._context, [f"{entity}/truth/velocity" for entity in entities], came)
-
-            look(conversation, self._context, seen)
-
-        return Errand(begin)
+        return self._truth("GetEntitiesStates", told, [vehicle.name for vehicle in self._context.world.vehicles])
 
     def _entity(self, state: SceneState, k: int, speeds: Sequence[Sample]) -> object:
-        """EntityState in map; a speed that no truth sensor tells is nan, as accelerations are."""
+        """Return the EntityState of body k in map. Velocities without a truth sensor are NaN, and so are all accelerations."""
         types, pose = self._types, state.poses[k].tolist()
         q = (pose[3], pose[4], pose[5], pose[6])
         unknown: Vec3 = (math.nan,) * 3
@@ -163,14 +167,13 @@ class Entities:
         )  # fmt: skip
 
     def set_state_of(self, request: Any) -> object:
-        """By the vehicle's actuator of kind teleport."""
+        """Move a vehicle by its actuator of kind teleport."""
         short, entity, state = "SetEntityState", request.entity, request.state
         # simulation_interfaces 1 sets all that it can.
         wants_pose, wants_twist = getattr(request, "set_pose", True), getattr(request, "set_twist", True)
-        if entity not in {vehicle.name for vehicle in self._context.world.vehicles}:
-            return response(
-                self._types, short, NOT_FOUND, _nobody(entity, [v.name for v in self._context.world.vehicles])
-            )
+        vehicles = [vehicle.name for vehicle in self._context.world.vehicles]
+        if entity not in vehicles:
+            return response(self._types, short, NOT_FOUND, _nobody(entity, vehicles))
         port = next(
             (p for p in self._context.ports.values() if p.kind == "teleport" and p.path.startswith(f"{entity}/")), None
         )
@@ -209,25 +212,24 @@ class Entities:
                 w, x, y, z = scene.poses[_names(scene).index(entity)].tolist()[3:]
                 move(conversation, answered, (w, x, y, z))
 
-            look(conversation, self._context, seen)
+            _owed(conversation, self._context.look, seen)
 
         return Errand(begin)
 
 
-def look(conversation: Conversation, context: AdapterContext, seen: Callable[[SceneState], None]) -> None:
-    """As `AdapterContext.look`, within what the peer may wait for."""
-    _owed(conversation, lambda told: context.look(told, conversation.source), seen)
-
-
-def read(
-    conversation: Conversation, context: AdapterContext, ports: Sequence[str], came: Callable[[Sequence[Sample]], None]
-) -> None:
-    _owed(conversation, lambda told: context.read(ports, told, conversation.source), came)
+def _has_filters(request: Any) -> bool:
+    filters = request.filters
+    return bool(filters.filter or len(filters.categories) or filters.tags.tags or filters.bounds.type)
 
 
 def _owed(
-    conversation: Conversation, ask: Callable[[Callable[[Any], None]], None], told: Callable[[Any], None]
+    conversation: Conversation, ask: Callable[[Callable[[Any], None], str], None], told: Callable[[Any], None]
 ) -> None:
+    """Ask the world something within what the peer may have unanswered; `ask` gets what takes the answer, and the source.
+
+    Raises:
+        Refused: too much waits already.
+    """
     owed = conversation.owed
     owed.add()
 
@@ -237,7 +239,7 @@ def _owed(
             told(what)
 
     try:
-        ask(answered)
+        ask(answered, conversation.source)
     except Refused:
         owed.count -= 1
         raise

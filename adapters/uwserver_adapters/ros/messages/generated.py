@@ -1,4 +1,4 @@
-"""A message for ports that no standard knows: a type of its own, written from the port's description, with our names, units and frames."""
+"""A message type of its own for each port without a standard message, made from the port's description with our names, units and frames."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ _TYPES = {"float": "float64", "int": "int64", "bool": "bool", "str": "string", "
 
 
 def generated(source: Source) -> Iterator[Outlet]:
-    """Every field as it is: N and FRD axes, SI, ``nan`` for what is missing. ``valid`` says whether the sensor could measure."""
+    """Yield a message with every field as it is: N and FRD axes, SI units, NaN for missing values.
+
+    ``valid`` says whether the sensor could measure.
+    """
     types, port = source.types, source.port
     name = generated_type(types, port, definition(port))
     names = [field_name(field) for field in port.fields]
@@ -29,9 +32,15 @@ def generated(source: Source) -> Iterator[Outlet]:
 
 
 def generated_type(types: Types, port: Port, text: str, suffix: str = "") -> str:
-    """The name of the type of this text, which is registered where it is new.
+    """Return the name of the message type with this text; register the type where it is new.
 
-    Ports of the same kind and fields share a type; a second set of fields of a kind gets a type named after its path.
+    Ports of the same kind and fields share a type. A port of the same kind with other fields gets a type named after its path.
+
+    Args:
+        types: message types of the distribution.
+        port: the port.
+        text: text of the .msg file.
+        suffix: appended to the name.
     """
     for word in (port.kind, port.path):
         name = f"uwserver_msgs/msg/{camel(word)}{suffix}"
@@ -44,7 +53,7 @@ def generated_type(types: Types, port: Port, text: str, suffix: str = "") -> str
 
 
 def definition(port: Port, is_command: bool = False) -> str:
-    """Text of the .msg file; of a command without header, `valid` and `seq`."""
+    """Return the text of the .msg file of a port; that of a command has no header, `valid` and `seq`."""
     lines = [] if is_command else ["std_msgs/Header header", "bool valid", "uint64 seq"]
     for field in port.fields:
         kind = _TYPES.get(field.type) or (field.buffer.dtype if field.buffer else "uint8")
@@ -54,13 +63,13 @@ def definition(port: Port, is_command: bool = False) -> str:
 
 
 def field_name(field: Field) -> str:
-    """The field's name as ROS allows it: lower case."""
+    """Return a field's name as ROS allows it: in lower case."""
     made = re.sub(r"[^a-z0-9]+", "_", field.name.lower()).strip("_")
     return f"f_{made}" if not made[:1].isalpha() or made in ("header", "valid", "seq") else made
 
 
 def camel(path: str) -> str:
-    """A path as the name of a type: words with capitals, no signs."""
+    """Return a path as the name of a type: words with capitals, without other characters."""
     return "".join(word[:1].upper() + word[1:] for word in re.split(r"[^A-Za-z0-9]+", path) if word) or "Port"
 
 
@@ -69,10 +78,9 @@ def _value(field: Field, value: Any) -> Any:
         empty = np.zeros(0, field.buffer.dtype if field.buffer else "uint8")
         return value.array().ravel() if isinstance(value, Buffer) else empty
     if not field.shape:
-        blank = {"str": "", "bool": False, "int": 0}
         if field.type == "float":
             return number(value)
-        return blank[field.type] if value is None else value
+        return {"str": "", "bool": False, "int": 0}[field.type] if value is None else value
     parts = value if isinstance(value, tuple) else (None,) * field.size
     if field.type == "str":
         return [part or "" for part in parts]

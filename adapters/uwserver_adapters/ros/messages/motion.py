@@ -1,9 +1,10 @@
-"""Sensors of motion: imu, magnetometer, motion capture, the autopilot's estimate, and the truth about a body."""
+"""Motion sensors: IMU, magnetometer, motion capture, the autopilot's estimate, and ground truth of a body."""
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 
@@ -13,17 +14,19 @@ from uwserver_adapters.ros.messages.frames import attitude, enu, flu
 from uwserver_adapters.ros.messages.source import Outlet, Source, diagonal, is_whole, unknown
 from uwserver_adapters.ros.messages.types import LAST_NS
 
+_NAN3 = (float("nan"),) * 3
+_EXACT = np.zeros(36)
+NOT_MEASURED = 1e6
+"""Variance of a quantity that a sensor does not measure: so large that no filter takes the value for knowledge."""
+
 
 def imu(source: Source) -> Iterator[Outlet]:
-    """Imu without an orientation; Temperature beside it where the port has one."""
-    types, get = source.types, source.bind("f_S", "w_S")
+    """Yield an Imu without an orientation, and a Temperature where the port has one."""
+    types = source.types
     none, level = unknown(), types.quaternion(IDENTITY)
     acceleration, rate = (diagonal(*source.variances(name)) for name in ("f_S", "w_S"))
 
-    def make(sample: Sample) -> object | None:
-        force, turn = get(sample.value)
-        if not (sample.valid and is_whole(force) and is_whole(turn)):
-            return None
+    def make(sample: Sample, force: Any, turn: Any) -> object:
         return types.make(
             "sensor_msgs/msg/Imu", header=source.header(sample), orientation=level, orientation_covariance=none,
             angular_velocity=types.vector(flu(turn)), angular_velocity_covariance=rate,
@@ -31,7 +34,7 @@ def imu(source: Source) -> Iterator[Outlet]:
         )  # fmt: skip
 
     cdr = None if types.is_ros1 else imu_cdr(source, tuple(rate), tuple(acceleration))
-    yield source.outlet("", "sensor_msgs/msg/Imu", make, cdr=cdr)
+    yield source.outlet("", "sensor_msgs/msg/Imu", source.complete(("f_S", "w_S"), make), cdr=cdr)
     if source.has("temperature"):
         yield temperature(source)
 
@@ -39,10 +42,14 @@ def imu(source: Source) -> Iterator[Outlet]:
 def imu_cdr(
     source: Source, rate: tuple[float, ...], acceleration: tuple[float, ...]
 ) -> Callable[[Sample], bytes | None]:
-    """The same bytes as by way of a message, in a quarter of the time: the layout of Imu is fixed once the name of its frame is."""
+    """Return a maker of an Imu's CDR bytes that skips the message: same bytes, a quarter of the time.
+
+    The layout of an Imu is fixed once the name of its frame is known.
+    """
     get, epoch_ns = source.bind("f_S", "w_S"), source.facts.epoch_ns
     frame = source.frame.encode() + b"\0"
     begin = 12 + len(frame)  # of the body: stamp, length of the text, text
+    # 4 bytes of encapsulation, the header, padding to a multiple of 8, then 37 numbers.
     packer = struct.Struct(f"<4xiiI{len(frame)}s{-begin % 8}x37d")
     none = (0.0, 0.0, 0.0, 1.0, -1.0, *(0.0,) * 8)
 
@@ -55,76 +62,75 @@ def imu_cdr(
             sec, nanosec, len(frame), frame, *none, turn[0], -turn[1], -turn[2], *rate, force[0], -force[1], -force[2],
             *acceleration,
         ))  # fmt: skip
-        made[1] = 1
+        made[1] = 1  # encapsulation: little endian
         return bytes(made)
 
     return cdr
 
 
+def scalar(source: Source, suffix: str, type_name: str, field: str, key: str) -> Outlet:
+    """Return a topic of one field with a header and a variance, such as Temperature.
+
+    Args:
+        source: the port.
+        suffix: appended to the name of the port.
+        type_name: of the message.
+        field: of the port.
+        key: the field of the message that holds the value.
+    """
+    types = source.types
+    (variance,) = source.variances(field, 1)
+
+    def make(sample: Sample, value: Any) -> object:
+        return types.make(type_name, header=source.header(sample), variance=variance, **{key: value})
+
+    return source.outlet(suffix, type_name, source.complete((field,), make))
+
+
 def temperature(source: Source) -> Outlet:
-    """Temperature of the water at a sensor."""
-    types, get = source.types, source.bind("temperature")
-    (variance,) = source.variances("temperature", 1)
-
-    def make(sample: Sample) -> object | None:
-        value = get(sample.value)
-        if not sample.valid or value is None:
-            return None
-        return types.make(
-            "sensor_msgs/msg/Temperature", header=source.header(sample), temperature=value, variance=variance
-        )
-
-    return source.outlet("/temperature", "sensor_msgs/msg/Temperature", make)
+    """Return the topic of the water temperature at a sensor."""
+    return scalar(source, "/temperature", "sensor_msgs/msg/Temperature", "temperature", "temperature")
 
 
 def magnetometer(source: Source) -> Iterator[Outlet]:
-    """MagneticField."""
-    types, get = source.types, source.bind("field_S")
-    spread = diagonal(*source.variances("field_S"))
+    """Yield a MagneticField."""
+    types, spread = source.types, diagonal(*source.variances("field_S"))
 
-    def make(sample: Sample) -> object | None:
-        field = get(sample.value)
-        if not (sample.valid and is_whole(field)):
-            return None
+    def make(sample: Sample, field: Any) -> object:
         return types.make(
             "sensor_msgs/msg/MagneticField", header=source.header(sample), magnetic_field=types.vector(flu(field)),
             magnetic_field_covariance=spread,
         )  # fmt: skip
 
-    yield source.outlet("", "sensor_msgs/msg/MagneticField", make)
+    yield source.outlet("", "sensor_msgs/msg/MagneticField", source.complete(("field_S",), make))
 
 
-NOT_MEASURED = 1e6
-"""Variance of what is no business of a sensor: no filter takes it for knowledge."""
-
-
-def twist_stamped(
-    source: Source, sample: Sample, frame: str, linear: object, angular: object, spread: object
-) -> object:
-    """A TwistWithCovarianceStamped; everything in ROS axes."""
+def twist_stamped(source: Source, sample: Sample, linear: object, spread: object, frame: str | None = None) -> object:
+    """Return a TwistWithCovarianceStamped without a rotation, in ROS axes; its frame is that of the sensor by default."""
     types = source.types
-    twist = types.make("geometry_msgs/msg/Twist", linear=types.vector(linear), angular=types.vector(angular))
+    twist = types.make("geometry_msgs/msg/Twist", linear=types.vector(linear))
     both = types.make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=spread)
     return types.make("geometry_msgs/msg/TwistWithCovarianceStamped", header=source.header(sample, frame), twist=both)
 
 
+def pose_stamped(source: Source, sample: Sample, p: object, q: object, spread: object) -> object:
+    """Return a PoseWithCovarianceStamped in map, in ROS axes; `q` is w x y z."""
+    types = source.types
+    pose = types.make("geometry_msgs/msg/Pose", position=types.point(p), orientation=types.quaternion(q))
+    both = types.make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=spread)
+    return types.make("geometry_msgs/msg/PoseWithCovarianceStamped", header=source.header(sample, "map"), pose=both)
+
+
 def motion_capture(source: Source) -> Iterator[Outlet]:
-    """Pose of the marker frame in map."""
-    types, get = source.types, source.bind("p_NS", "q_NS")
+    """Yield the pose of the marker frame in map."""
     north, east, down = source.variances("p_NS")
     spread = diagonal(east, north, down, *source.variances("q_NS"))
 
-    def make(sample: Sample) -> object | None:
-        p, q = get(sample.value)
-        if not (sample.valid and is_whole(p) and is_whole(q)):
-            return None
-        pose = types.make(
-            "geometry_msgs/msg/Pose", position=types.point(enu(p)), orientation=types.quaternion(attitude(q))
-        )
-        both = types.make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=spread)
-        return types.make("geometry_msgs/msg/PoseWithCovarianceStamped", header=source.header(sample, "map"), pose=both)
+    def make(sample: Sample, p: Any, q: Any) -> object:
+        return pose_stamped(source, sample, enu(p), attitude(q), spread)
 
-    yield source.outlet("", "geometry_msgs/msg/PoseWithCovarianceStamped", make)
+    make_whole = source.complete(("p_NS", "q_NS"), make)
+    yield source.outlet("", "geometry_msgs/msg/PoseWithCovarianceStamped", make_whole)
 
 
 # -- truth --------------------------------------------------------------------------------------------------------------------------------
@@ -132,25 +138,29 @@ def motion_capture(source: Source) -> Iterator[Outlet]:
 
 def odometry(
     source: Source, sample: Sample, frame: str, p: object, q: object, v: object, w: object,
-    spreads: tuple[object, object] | None = None,
+    spreads: tuple[object, object] = (_EXACT, _EXACT),
 ) -> object:  # fmt: skip
-    """An Odometry of the vehicle; everything in ROS axes, the twist in those of base_link."""
+    """Return an Odometry of the vehicle in ROS axes, with the twist in those of base_link.
+
+    Args:
+        source, sample: where it comes from.
+        frame: frame of the pose.
+        p, q: pose; `q` is w x y z.
+        v, w: linear and angular velocity, m/s and rad/s.
+        spreads: covariances of pose and twist.
+    """
     types = source.types
     pose = types.make("geometry_msgs/msg/Pose", position=types.point(p), orientation=types.quaternion(q))
     twist = types.make("geometry_msgs/msg/Twist", linear=types.vector(v), angular=types.vector(w))
-    of_pose, of_twist = spreads or (_EXACT, _EXACT)
     return types.make(
         "nav_msgs/msg/Odometry", header=source.header(sample, frame), child_frame_id=source.base,
-        pose=types.make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=of_pose),
-        twist=types.make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=of_twist),
+        pose=types.make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=spreads[0]),
+        twist=types.make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=spreads[1]),
     )  # fmt: skip
 
 
-_EXACT = np.zeros(36)
-
-
 def transform(source: Source, sample: Sample, parent: str, p: object, q: object) -> object:
-    """A TFMessage with the one transform from `parent` to base_link."""
+    """Return a TFMessage with the transform from `parent` to base_link, in ROS axes."""
     types = source.types
     moved = types.make("geometry_msgs/msg/Transform", translation=types.vector(p), rotation=types.quaternion(q))
     stamped = types.make(
@@ -161,7 +171,10 @@ def transform(source: Source, sample: Sample, parent: str, p: object, q: object)
 
 
 def truth_pose(source: Source) -> Iterator[Outlet]:
-    """Odometry of pose and velocity, which are two ports with the same times; the transform where the truth is asked for."""
+    """Yield an Odometry of pose and velocity, and the transform where ``/tf`` is to hold the truth.
+
+    Pose and velocity are two ports with the same times: the message is made when both samples of a time are here.
+    """
     get = source.bind("p_NB", "q_NB")
     beside = source.port.path.rsplit("/", 1)[0] + "/velocity"
     held: dict[str, Sample] = {}
@@ -176,82 +189,65 @@ def truth_pose(source: Source) -> Iterator[Outlet]:
             return None
         return odometry(source, pose, "map", enu(p), attitude(q), flu(v), flu(w))  # type: ignore[arg-type]
 
-    def tf(sample: Sample) -> object | None:
-        p, q = get(sample.value)
-        whole = sample.valid and is_whole(p) and is_whole(q)
-        return transform(source, sample, "map", enu(p), attitude(q)) if whole else None
+    def tf(sample: Sample, p: Any, q: Any) -> object:
+        return transform(source, sample, "map", enu(p), attitude(q))
 
     topic = source.name.rsplit("/", 1)[0] + "/odom"
     yield Outlet(topic, "nav_msgs/msg/Odometry", (source.port.path, beside), make)
     if source.facts.tf == "truth":
-        yield Outlet("/tf", "tf2_msgs/msg/TFMessage", (source.port.path,), tf)
+        yield Outlet("/tf", "tf2_msgs/msg/TFMessage", (source.port.path,), source.complete(("p_NB", "q_NB"), tf))
 
 
 def truth_velocity(source: Source) -> Iterator[Outlet]:
-    """TwistStamped in base_link; Odometry has it too."""
+    """Yield a TwistStamped in base_link; the Odometry has the velocity too."""
     yield _stamped_pair(source, ("v_NB_B", "w_NB_B"), "Twist", ("linear", "angular"))
 
 
 def truth_acceleration(source: Source) -> Iterator[Outlet]:
-    """AccelStamped in base_link."""
+    """Yield an AccelStamped in base_link."""
     yield _stamped_pair(source, ("v_dot_B", "w_dot_B"), "Accel", ("linear", "angular"))
 
 
 def truth_wrench(source: Source) -> Iterator[Outlet]:
-    """WrenchStamped in base_link."""
+    """Yield a WrenchStamped in base_link."""
     yield _stamped_pair(source, ("force_B", "torque_B"), "Wrench", ("force", "torque"))
 
 
 def _stamped_pair(source: Source, fields: tuple[str, str], kind: str, names: tuple[str, str]) -> Outlet:
-    """Two vectors of the body as the stamped form of a message of geometry_msgs, in base_link."""
-    types, get = source.types, source.bind(*fields)
+    """Return a topic of two vectors of the body: the stamped form of a message of geometry_msgs, in base_link."""
+    types = source.types
     inner, outer = f"geometry_msgs/msg/{kind}", f"geometry_msgs/msg/{kind}Stamped"
 
-    def make(sample: Sample) -> object | None:
-        a, b = get(sample.value)
-        if not (sample.valid and is_whole(a) and is_whole(b)):
-            return None
+    def make(sample: Sample, a: Any, b: Any) -> object:
         pair = types.make(inner, **{names[0]: types.vector(flu(a)), names[1]: types.vector(flu(b))})
         return types.make(outer, header=source.header(sample, source.base), **{kind.lower(): pair})
 
-    return source.outlet("", outer, make)
+    return source.outlet("", outer, source.complete(fields, make))
 
 
 def estimate(source: Source) -> Iterator[Outlet]:
-    """The autopilot's state: Odometry in odom, its transform, its mode, and what it has to say."""
+    """Yield the autopilot's state: Odometry in odom, its transform, its mode, and its diagnostics."""
     types = source.types
-    get = source.bind("p_N", "q_NB", "v_N", "w_B", "position_valid", "velocity_valid")
     status = source.bind("mode", "armed", "failsafe")
     vehicle, odom = "/" + source.vehicle, f"{source.vehicle}/odom"
 
-    def state(sample: Sample) -> tuple[object, ...] | None:
-        p, q, v, w, *_ = get(sample.value)
-        if not (sample.valid and is_whole(p) and is_whole(q)):
-            return None
-        turned = (q[0], -q[1], -q[2], -q[3])
-        v_B = rotate(turned, v) if is_whole(v) else (float("nan"),) * 3
-        return enu(p), attitude(q), flu(v_B), flu(w) if is_whole(w) else (float("nan"),) * 3
-
-    def make(sample: Sample) -> object | None:
-        known = state(sample)
-        if known is None:
-            return None
-        *_, position, velocity = get(sample.value)
+    def make(sample: Sample, p: Any, q: Any, v: Any, w: Any, position: Any, velocity: Any) -> object:
+        back = (q[0], -q[1], -q[2], -q[3])
+        v_B = rotate(back, v) if is_whole(v) else _NAN3
+        w_B = w if is_whole(w) else _NAN3
         spreads = (
             diagonal(*(0.0 if position else NOT_MEASURED,) * 2, 0.0, 0.0, 0.0, 0.0),
             diagonal(*(0.0 if velocity else NOT_MEASURED,) * 3, 0.0, 0.0, 0.0),
         )
-        p, q, v, w = known
-        return odometry(source, sample, odom, p, q, v, w, spreads)
+        return odometry(source, sample, odom, enu(p), attitude(q), flu(v_B), flu(w_B), spreads)
 
-    def tf(sample: Sample) -> object | None:
-        known = state(sample)
-        return None if known is None else transform(source, sample, odom, known[0], known[1])
+    def tf(sample: Sample, p: Any, q: Any) -> object:
+        return transform(source, sample, odom, enu(p), attitude(q))
 
-    def mode(sample: Sample) -> object | None:
+    def mode(sample: Sample) -> object:
         return types.make("std_msgs/msg/String", data=str(status(sample.value)[0] or ""))
 
-    def diagnostics(sample: Sample) -> object | None:
+    def diagnostics(sample: Sample) -> object:
         name, armed, failsafe = status(sample.value)
         told = {"mode": name or "", "armed": str(bool(armed)).lower(), "failsafe": failsafe or ""}
         values = [types.make("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in told.items()]
@@ -261,9 +257,10 @@ def estimate(source: Source) -> Iterator[Outlet]:
         )  # fmt: skip
         return types.make("diagnostic_msgs/msg/DiagnosticArray", header=source.header(sample, ""), status=[one])
 
-    path = (source.port.path,)
-    yield Outlet(vehicle + "/odometry", "nav_msgs/msg/Odometry", path, make)
+    path, where = (source.port.path,), ("p_N", "q_NB")
+    state = source.complete(where, make, ("v_N", "w_B", "position_valid", "velocity_valid"))
+    yield Outlet(vehicle + "/odometry", "nav_msgs/msg/Odometry", path, state)
     yield Outlet(vehicle + "/mode", "std_msgs/msg/String", path, mode, latched=True)
     yield Outlet("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", path, diagnostics)
     if source.facts.tf == "estimate":
-        yield Outlet("/tf", "tf2_msgs/msg/TFMessage", path, tf)
+        yield Outlet("/tf", "tf2_msgs/msg/TFMessage", path, source.complete(where, tf))

@@ -1,4 +1,4 @@
-"""Messages as maps, for text and for CBOR: `plain` of a message, and `built` from what a client sent."""
+"""Messages as maps, for JSON and CBOR: `plain` makes a map of a message, `built` makes a message of a client's map."""
 
 from __future__ import annotations
 
@@ -10,7 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from uwserver_adapters.ros.messages.types import ARRAY, BASE, DTYPES, FILLER, NAME, SEQUENCE, BadMessage, Types
+from uwserver_adapters.ros.messages.types import (
+    ARRAY,
+    BASE,
+    DTYPES,
+    FILLER,
+    NAME,
+    SEQUENCE,
+    BadMessage,
+    Types,
+    numeric_items,
+)
 
 _LIMITS = {
     name: (int(np.iinfo(dtype).min), int(np.iinfo(dtype).max))
@@ -20,12 +30,14 @@ _LIMITS = {
 _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 _OLD_NAMES = {"secs": "sec", "nsecs": "nanosec"}
 LONGEST = 1 << 20
-"""Items of a list of messages or texts that a client may send."""
+"""Most items of a list of messages or texts that a client may send."""
 
 
 def plain(types: Types, message: Any) -> dict[str, Any]:
-    """A map of the message's fields; arrays of numbers stay numpy arrays, which each encoding writes its own way. ROS 1 clients get ``secs``
-    and ``nsecs``."""
+    """Return a map of a message's fields.
+
+    Arrays of numbers stay numpy arrays, which each encoding writes in its own way. Times have ``secs`` and ``nsecs`` in ROS 1.
+    """
     name = message.__msgtype__
     if name in _TIMES and types.is_ros1:
         return {"secs": message.sec, "nsecs": message.nanosec}
@@ -46,10 +58,18 @@ def _plain(types: Types, described: Any, value: Any) -> Any:
 
 
 def built(types: Types, name: str, given: object, where: str = "") -> Any:
-    """A message from a map. What is missing is zero or empty; a number may come for a float, null for one that is nan, base64 for bytes.
+    """Return a message made from a map.
+
+    Missing fields are zero or empty. A whole number may come for a float, null for NaN, and base64 for bytes.
+
+    Args:
+        types: message types of the distribution.
+        name: of the message type.
+        given: the map.
+        where: path of this message in the outer one, for errors.
 
     Raises:
-        BadMessage: an unknown field, or a value that its field does not take; the text names it.
+        BadMessage: a field is unknown or has a wrong value; the text names the field.
     """
     if not isinstance(given, Mapping):
         raise BadMessage(f"{where or name} must be a map, not {_word(given)}")
@@ -72,8 +92,9 @@ def _built(types: Types, described: Any, value: Any, where: str) -> Any:
     if kind == BASE:
         return _scalar(what[0], value, where)
     item, length = what
-    if item[0] == BASE and item[1][0] in DTYPES:
-        made = _array(item[1][0], value, where)
+    dtype = numeric_items(described)
+    if dtype is not None:
+        made = _array(dtype, value, where)
     else:
         if not isinstance(value, list | tuple):
             raise BadMessage(f"{where} must be a list, not {_word(value)}")
@@ -102,12 +123,9 @@ def _scalar(kind: str, value: Any, where: str) -> Any:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise BadMessage(f"{where} must be a number, not {_word(value)}")
         return _float(value, kind, where)
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, int | float)
-        or value != value
-        or value in (math.inf, -math.inf)
-    ):
+    # `math.isfinite` fails on whole numbers that no float can hold.
+    is_endless = isinstance(value, float) and not math.isfinite(value)
+    if isinstance(value, bool) or not isinstance(value, int | float) or is_endless:
         raise BadMessage(f"{where} must be a whole number, not {_word(value)}")
     low, high = _LIMITS[kind]
     if value != int(value) or not low <= value <= high:
@@ -126,8 +144,7 @@ def _float(value: float, kind: str, where: str) -> float:
     return number
 
 
-def _array(kind: str, value: Any, where: str) -> Any:
-    dtype = DTYPES[kind]
+def _array(dtype: str, value: Any, where: str) -> Any:
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if isinstance(value, bytes) and dtype == "uint8":
@@ -139,9 +156,9 @@ def _array(kind: str, value: Any, where: str) -> Any:
             raise BadMessage(f"{where} is no base64") from None
     if not isinstance(value, list | tuple):
         raise BadMessage(f"{where} must be a list, not {_word(value)}")
-    if dtype == "float64" and all(type(part) is float for part in value):
+    if dtype == "float64" and all(type(part) is float for part in value):  # the usual case, without a check of each
         return np.array(value, np.float64)
-    return np.array([_scalar(kind, part, f"{where}[{k}]") for k, part in enumerate(value)], dtype)
+    return np.array([_scalar(dtype, part, f"{where}[{k}]") for k, part in enumerate(value)], dtype)
 
 
 def _word(value: object) -> str:

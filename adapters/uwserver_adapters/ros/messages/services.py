@@ -1,4 +1,4 @@
-"""Services in ROS' words: std_srvs where they say it, a generated type for all others."""
+"""Services in ROS terms: std_srvs where they fit, and generated types for all others."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from uwserver_adapters.ros.messages.source import ros_name
 from uwserver_adapters.ros.messages.types import BadMessage, Types
 
 TRIGGER, SET_BOOL, CALL = "std_srvs/srv/Trigger", "std_srvs/srv/SetBool", "uwserver_msgs/srv/Call"
+_BASES = {"float": "float64", "int": "int64", "bool": "bool", "str": "string", "json": "string"}
 
 
 @dataclass(frozen=True)
@@ -25,12 +26,16 @@ class Ask:
 
 
 Answered = Callable[[object, str], None]
-"""Gets the response, and why it says that something failed; "" where nothing did."""
+"""Gets the response and the reason why something failed; the reason is "" where nothing failed."""
 
 
 @dataclass(frozen=True)
 class Errand:
-    """What takes other than one call: `begin` does it, and tells the response once. Raises `Refused` or `BadMessage` where it cannot."""
+    """A request that is not exactly one call.
+
+    Attributes:
+        begin: starts it and passes on the response once. Raises `Refused` or `BadMessage` where it cannot start.
+    """
 
     begin: Callable[[Conversation, Answered], None]
 
@@ -42,8 +47,8 @@ class Offer:
     Attributes:
         name: of the service.
         type: ``package/srv/Name``.
-        ask: what a request asks for, an `Ask` or an `Errand`; or the response, where it is known at once. Raises `BadMessage`.
-        answer: the response to a result or a fault.
+        ask: turns a request into an `Ask` or an `Errand`, or into the response where it is known at once. Raises `BadMessage`.
+        answer: makes the response from a result or a fault.
     """
 
     name: str
@@ -53,23 +58,23 @@ class Offer:
 
 
 def offers(types: Types, services: Iterable[Service]) -> Iterator[Offer]:
-    """All services of a world, but for those of simulation_interfaces.
+    """Yield all services of a world except those of simulation_interfaces.
 
     Args:
-        types: of the distribution.
-        services: ours.
+        types: message types of the distribution.
+        services: our services.
     """
     known = {service.path: service for service in services}
     for service in known.values():
         yield _generic(types, service)
-        yield from _spellings(types, service)
-    yield Offer("/uwserver/call", CALL, _any_call, _json_answer(types, CALL))
+        yield from _short_names(types, service)
+    yield Offer("/uwserver/call", CALL, _any_call, _answer(types, CALL))
 
 
 def _generic(types: Types, service: Service) -> Offer:
     name = "/" + ros_name(service.path)
     if not service.arguments:
-        return Offer(name, TRIGGER, lambda _: Ask(service.path, {}), _plain_answer(types, TRIGGER))
+        return Offer(name, TRIGGER, lambda _: Ask(service.path, {}), _answer(types, TRIGGER))
     type_name = f"uwserver_msgs/srv/{camel(service.path.split('/', 1)[-1])}"
     request = "\n".join(_field(argument) for argument in service.arguments)
     if types.has_service(type_name) and types.generated.get(type_name) != request:
@@ -81,14 +86,11 @@ def _generic(types: Types, service: Service) -> Offer:
     def ask(message: Any) -> Ask:
         return Ask(service.path, dict(_given(service.arguments, message)))
 
-    return Offer(name, type_name, ask, _json_answer(types, type_name))
-
-
-_BASES = {"float": "float64", "int": "int64", "bool": "bool", "str": "string", "json": "string"}
+    return Offer(name, type_name, ask, _answer(types, type_name))
 
 
 def _field(argument: Argument) -> str:
-    """What may be left out is a list of at most one."""
+    """Return the line of an argument in a .srv file. An optional argument is a list of at most one item."""
     many = "[]" if argument.shape else ("" if argument.required else "[<=1]")
     return f"{_BASES[argument.type]}{many} {argument.name.lower()}"
 
@@ -98,21 +100,18 @@ def _given(arguments: Iterable[Argument], message: Any) -> Iterator[tuple[str, o
         value = getattr(message, argument.name.lower())
         if hasattr(value, "tolist"):
             value = value.tolist()
-        if argument.shape:
-            if not value and not argument.required:
-                continue
-        elif not argument.required:
+        if not argument.required:
             if not value:
                 continue
-            value = value[0]
+            value = value if argument.shape else value[0]
         yield argument.name, json_value(value, argument.name) if argument.type == "json" else value
 
 
 def json_value(text: str, where: str) -> object:
-    """A value that a field holds as JSON.
+    """Return the value of a field that holds JSON.
 
     Raises:
-        BadMessage: it is none.
+        BadMessage: it is no JSON, or would cost too much to read; the text begins with `where`.
     """
     try:
         return decode(text.encode(), "json")
@@ -129,38 +128,33 @@ def _any_call(message: Any) -> Ask:
     return Ask(message.service.strip("/"), args)
 
 
-def _plain_answer(types: Types, type_name: str) -> Callable[[Json, Fault | None], object]:
-    """success and message, in which a result is JSON."""
+def _answer(types: Types, type_name: str) -> Callable[[Json, Fault | None], object]:
+    """Return what makes a response. The result is JSON in the field `result`, or in `message` where the type has no such field."""
+    has_result = "result" in dict(types.fields(f"{type_name}_Response"))
 
     def answer(result: Json, fault: Fault | None) -> object:
-        text = fault.text if fault is not None else ("" if result is None else json.dumps(result))
-        return types.make(f"{type_name}_Response", success=fault is None, message=text)
+        made = {"success": fault is None, "message": "" if fault is None else fault.text}
+        if has_result:
+            made["result"] = json.dumps(result) if fault is None else ""
+        elif fault is None and result is not None:
+            made["message"] = json.dumps(result)
+        return types.make(f"{type_name}_Response", **made)
 
     return answer
 
 
-def _json_answer(types: Types, type_name: str) -> Callable[[Json, Fault | None], object]:
-    def answer(result: Json, fault: Fault | None) -> object:
-        return types.make(
-            f"{type_name}_Response", success=fault is None, message="" if fault is None else fault.text,
-            result="" if fault is not None else json.dumps(result),
-        )  # fmt: skip
-
-    return answer
-
-
-def _spellings(types: Types, service: Service) -> Iterator[Offer]:
-    """The short names that ROS users expect of an autopilot."""
+def _short_names(types: Types, service: Service) -> Iterator[Offer]:
+    """Yield the services under the short names that ROS users expect of an autopilot."""
     levels = service.path.split("/")
     vehicle = "/" + ros_name(levels[0])
     if levels[1:] == ["autopilot", "arm"]:
         disarm = "/".join((*levels[:2], "disarm"))
         yield Offer(
-            f"{vehicle}/arm", SET_BOOL, lambda m: Ask(service.path if m.data else disarm, {}), _plain_answer(types, SET_BOOL)
-        )  # fmt: skip
+            f"{vehicle}/arm", SET_BOOL, lambda m: Ask(service.path if m.data else disarm, {}), _answer(types, SET_BOOL)
+        )
     elif levels[1:] == ["autopilot", "set_mode"]:
         for mode in service.arguments[0].choices:
             yield Offer(
                 f"{vehicle}/mode/{ros_name(mode)}", TRIGGER, lambda _, mode=mode: Ask(service.path, {"mode": mode}),  # type: ignore[misc]
-                _plain_answer(types, TRIGGER),
+                _answer(types, TRIGGER),
             )  # fmt: skip

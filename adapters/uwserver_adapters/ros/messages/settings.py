@@ -1,4 +1,4 @@
-"""Parameters in ROS' words: what of sensors, actuators and autopilots can be read and changed while the world runs."""
+"""Parameters in ROS terms: settings of sensors, actuators and autopilots that can be read and changed while the world runs."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from uwserver_adapters.ros.messages.types import BadMessage
 
 NOT_SET, BOOL, INTEGER, DOUBLE, STRING = range(5)
 BOOL_ARRAY, INTEGER_ARRAY, DOUBLE_ARRAY, STRING_ARRAY = range(6, 10)
-"""Of rcl_interfaces/ParameterType."""
+"""Numbers of rcl_interfaces/ParameterType."""
 _TYPES = {"bool": BOOL, "int": INTEGER, "float": DOUBLE, "str": STRING}
 _ARRAY = 5
-"""Between the type of a value and that of a list of such."""
+"""Difference between the number of a list type and that of its items' type."""
 _WORDS = {BOOL: "a boolean", INTEGER: "an integer", DOUBLE: "a number", STRING: "a text"}
 
 
@@ -26,12 +26,12 @@ class Setting:
 
     Attributes:
         name: levels with dots between them.
-        type: of rcl_interfaces/ParameterType.
-        doc: what it is, with its unit.
-        source: service that tells it.
-        key: under which its result has it.
-        change: what a new value asks for.
-        argument: of the service that changes it; None for a switch.
+        type: number of rcl_interfaces/ParameterType.
+        doc: description, with the unit.
+        source: service that reads it.
+        key: its key in the result of that service.
+        change: turns a new value into the call that sets it.
+        argument: the argument of the service that sets it; None for a switch.
     """
 
     name: str
@@ -43,17 +43,16 @@ class Setting:
     argument: Argument | None = None
 
     def checked(self, value: object) -> object:
-        """A value that it may be given; a whole number may come for a float.
+        """Return a value that this parameter may have; a whole number may come for a float.
 
         Raises:
             BadMessage: it is of another type, or no finite number.
         """
-        kind = self.type - _ARRAY if self.type > _ARRAY else self.type
-        if self.type > _ARRAY:
-            if not isinstance(value, list | tuple):
-                raise BadMessage(f"{self.name} must be a list")
-            return [self._one(part, kind) for part in value]
-        return self._one(value, kind)
+        if self.type < _ARRAY:
+            return self._one(value, self.type)
+        if not isinstance(value, list | tuple):
+            raise BadMessage(f"{self.name} must be a list")
+        return [self._one(part, self.type - _ARRAY) for part in value]
 
     def _one(self, value: object, kind: int) -> object:
         if kind == DOUBLE and isinstance(value, int | float) and not isinstance(value, bool):
@@ -65,7 +64,7 @@ class Setting:
         return value
 
     def told(self, result: object) -> object | None:
-        """Its value in a result of its source; None where it has none."""
+        """Return its value from a result of `source`; None where there is none."""
         value = result.get(self.key) if isinstance(result, Mapping) else None
         try:
             return None if value is None else self.checked(value)
@@ -74,7 +73,7 @@ class Setting:
 
 
 def settings(services: Iterable[Service]) -> Iterator[Setting]:
-    """All parameters of a world."""
+    """Yield all parameters of a world."""
     known = {service.path: service for service in services}
     for path, service in known.items():
         above, _, verb = path.rpartition("/")
@@ -112,9 +111,7 @@ def _gain(service: str, gain: str) -> Callable[[object], Ask]:
 
 
 def bounds(setting: Setting) -> tuple[float, float]:
-    """What a number must lie between."""
+    """Return the least and the greatest value of a number; infinite where there is no bound."""
     argument = setting.argument
-    if argument is None:
-        return -math.inf, math.inf
-    low, high = argument.minimum, argument.maximum
+    low, high = (None, None) if argument is None else (argument.minimum, argument.maximum)
     return -math.inf if low is None else low, math.inf if high is None else high

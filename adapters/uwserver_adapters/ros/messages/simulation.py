@@ -1,4 +1,4 @@
-"""simulation_interfaces: the standard services of ROS simulators, on our world. What the scenario has can be spawned again."""
+"""The standard services of ROS simulators (simulation_interfaces) on our world. Vehicles and objects of the scenario can be spawned again."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 from uwserver.adapter import AdapterContext, Conversation
 from uwserver.ports import Fault, Json, Reply, Service
-from uwserver_adapters.ros.messages.commands import check_frame, parts, q_NB_of
+from uwserver_adapters.ros.messages.commands import placed
 from uwserver_adapters.ros.messages.entities import (
     FAILED,
     FRAMES,
@@ -22,7 +22,6 @@ from uwserver_adapters.ros.messages.entities import (
     response,
     result_of,
 )
-from uwserver_adapters.ros.messages.frames import enu
 from uwserver_adapters.ros.messages.services import Answered, Ask, Errand, Offer
 from uwserver_adapters.ros.messages.source import Facts
 from uwserver_adapters.ros.messages.types import BadMessage, Types
@@ -33,11 +32,11 @@ _NOT_UNIQUE, _NAME_INVALID, _FORMAT, _NO_RESOURCE, _NAMESPACE, _INVALID_POSE = 1
 
 
 def simulation(types: Types, facts: Facts, context: AdapterContext) -> Iterator[Offer]:
-    """All of them that the world can do.
+    """Yield those of the standard services that the world can carry out.
 
     Args:
-        types: of the distribution.
-        facts: of the world; states of entities are told where truth may be.
+        types: message types of the distribution.
+        facts: what is the same for all topics; states of entities are given only where `truth` is set.
         context: the world.
     """
     made, known = _Simulation(types, facts, context), context.services
@@ -47,7 +46,7 @@ def simulation(types: Types, facts: Facts, context: AdapterContext) -> Iterator[
 
 
 class _Simulation:
-    """What the services share."""
+    """Turns requests of the standard services into calls of ours, and answers into responses."""
 
     def __init__(self, types: Types, facts: Facts, context: AdapterContext) -> None:
         self._types, self._facts, self._context = types, facts, context
@@ -55,7 +54,7 @@ class _Simulation:
     def table(
         self,
     ) -> tuple[tuple[str, str, str, Callable[[Any], object], Callable[[Json, Fault | None], object]], ...]:
-        """The service of ours that is needed, name, type, what a request asks for, and the response."""
+        """Return a row for each service: the service of ours that it needs, its name, its type, and the `ask` and `answer` of its `Offer`."""
 
         def no(*_: object) -> object:
             return None
@@ -105,8 +104,9 @@ class _Simulation:
         return self._types.make(f"{PACKAGE}/srv/GetSimulationState_Response", result=result, state=state)
 
     def _set_state(self, request: Any) -> object:
-        """Paused and playing; stopped is paused at the start; quitting ends the server."""
+        """Set a state: "stopped" means paused at the start, "quitting" ends the server."""
         wanted, known = request.state.state, self._context.services
+        # An unknown state needs a service "?", which no world has.
         calls = {
             _PLAYING: ["world/resume"], _PAUSED: ["world/pause"], _STOPPED: ["world/pause", "world/reset"], _QUITTING: ["world/shutdown"],
         }.get(wanted, ["?"])  # fmt: skip
@@ -181,18 +181,10 @@ class _Simulation:
                 self._types, short, _NAMESPACE, f"the namespace of an entity is its name: leave it empty, or say {name}"
             )
         try:
-            check_frame(request.initial_pose, *FRAMES)
-            q = q_NB_of(request.initial_pose.pose.orientation)
+            pose = placed(request.initial_pose, request.initial_pose.pose, *FRAMES)
         except BadMessage as bad:
             return response(self._types, short, _INVALID_POSE, str(bad))
-        args: dict[str, object] = {
-            "name": name,
-            "like": like,
-            "p_NB": list(enu(parts(request.initial_pose.pose.position))),
-        }
-        if q is not None:
-            args["q_NB"] = list(q)
-        return Errand(partial(self._spawn_now, args))
+        return Errand(partial(self._spawn_now, {"name": name, "like": like, **pose}))
 
     def _spawn_now(self, args: dict[str, object], conversation: Conversation, answered: Answered) -> None:
         def came(reply: Reply) -> None:

@@ -1,4 +1,4 @@
-"""Where sensors sit, as ``/tf_static`` tells it: one transform for each frame that a message may name."""
+"""The mounts of sensors as ``/tf_static`` publishes them: one transform for each frame that a message may name."""
 
 from __future__ import annotations
 
@@ -19,28 +19,27 @@ _FRAMES: dict[str, tuple[tuple[str, Quat], ...]] = {
     "bathymetry": _FSD,
     "profiler": _FSD,
 }
-"""Kind -> suffixes of the frames that its messages name besides its own, and their attitude in S."""
+"""Kind of a sensor -> further frames that its messages name: suffix, and attitude in S."""
 
 
 def static_transforms(types: Types, facts: Facts, kinds: Iterable[tuple[str, str]], vehicles: Iterable[str]) -> object:
-    """A TFMessage.
+    """Return a TFMessage with the frames of all sensors whose mount is known.
 
     Args:
-        types: of the distribution.
-        facts: of the world; those with a mount are told.
+        types: message types of the distribution.
+        facts: what is the same for all topics, with the mounts.
         kinds: path and kind of each sensor.
-        vehicles: names of those that have an autopilot: their odom begins at map, as the estimate does.
+        vehicles: names of the vehicles that have an autopilot: their frame odom equals map, as their estimate starts there.
     """
     made = []
     for path, kind in kinds:
         mount = facts.mounts.get(path)
-        if mount is None:
-            continue
-        frame = ros_name(path)
-        base, place = f"{frame.split('/')[0]}/base_link", flu(mount.p)
-        made.append(_transform(types, facts, base, frame, place, mounted(mount.q)))
-        for suffix, q in _FRAMES.get(kind, ()):
-            made.append(_transform(types, facts, base, frame + suffix, place, mounted_unflipped(mount.q, q)))
+        if mount is not None:
+            frame = ros_name(path)
+            base, place = f"{frame.split('/')[0]}/base_link", flu(mount.p)
+            made.append(_transform(types, facts, base, frame, place, mounted(mount.q)))
+            for suffix, q in _FRAMES.get(kind, ()):
+                made.append(_transform(types, facts, base, frame + suffix, place, mounted_unflipped(mount.q, q)))
     for vehicle in vehicles:
         made.append(_transform(types, facts, "map", f"{ros_name(vehicle)}/odom", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)))
     return types.make("tf2_msgs/msg/TFMessage", transforms=made)

@@ -1,9 +1,9 @@
-"""The types of a ROS distribution: how a message is made, its CDR and ROS 1 bytes, its hash, its text."""
+"""The message types of a ROS distribution: making messages, their CDR and ROS 1 bytes, and the hash and text of a type."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cache, cached_property
+from functools import cache
 from hashlib import md5
 from typing import Any
 
@@ -19,42 +19,47 @@ DISTROS: dict[str, str] = {
     "kilted": "ROS2_KILTED",
     "rolling": "ROS2_LYRICAL",
 }
-"""Distributions, and the store of rosbags that has their types; rolling means the newest that rosbags knows."""
+"""Distribution -> the store of rosbags with its types; rolling means the newest that rosbags knows."""
 
 BASE, NAME, ARRAY, SEQUENCE = 1, 2, 3, 4
-"""What a field is: a number or text, a message, an array of fixed length, a sequence."""
+"""Kinds of fields: a number or text, a message, an array of fixed length, a sequence."""
 
 DTYPES = {
     "bool": "bool", "byte": "uint8", "octet": "uint8", "char": "uint8", "int8": "int8", "uint8": "uint8", "int16": "int16", "uint16": "uint16",
     "int32": "int32", "uint32": "uint32", "int64": "int64", "uint64": "uint64", "float32": "float32", "float64": "float64",
 }  # fmt: skip
-"""Base types that are numbers, and numpy's word for them."""
+"""Base types that are numbers -> their numpy types."""
 
 LAST_NS = (1 << 31) * 1_000_000_000 - 1
-"""Latest time of a stamp, in the year 2038."""
+"""Latest time that a stamp can hold, ns since 1970: in the year 2038."""
+
+_GEOMETRY = ("Vector3", "Point", "Quaternion")
 
 FILLER = "structure_needs_at_least_one_member"
-"""The field of messages without fields, in CDR; ROS 1 has none."""
+"""The field that messages without fields have in CDR; in ROS 1 they have none."""
 
 MOST_BYTES = 1 << 24
-"""Longest message that is decoded, of whomever."""
+"""Longest message that is decoded, bytes, whoever sent it."""
 
 ARRAY_LIMIT = 1 << 20
-"""Longest message of a peer whose only parts without bounds are arrays of numbers, which cost no more than their copy."""
+"""Longest message of a peer, bytes, if only arrays of numbers in it have no fixed length: these cost no more than their copy."""
 
 
 class BadMessage(ValueError):
-    """What a peer sent is not of the type that it says; the text tells where."""
+    """A message of a peer is not of its type; the text says where it is wrong."""
 
 
 class Types:
-    """Args:
+    """The message, service and action types of one distribution.
+
+    Args:
         distro: one of `DISTROS`.
 
     Attributes:
         distro: as given.
-        is_ros1: of a ROS 1 distribution.
+        is_ros1: whether it is a ROS 1 distribution.
         generated: types made from ports or services -> their text.
+        store: the store of rosbags.
 
     Raises:
         CannotServe: rosbags is not installed, or there is no such distribution.
@@ -77,6 +82,10 @@ class Types:
         self._most_bytes: dict[str, int] = {}
         self._services = set(services)
         self.generated: dict[str, str] = {}
+        self._time, self._vector, self._point, self._quaternion = (
+            self.store.types[name]
+            for name in ("builtin_interfaces/msg/Time", *(f"geometry_msgs/msg/{short}" for short in _GEOMETRY))
+        )
 
     # -- which types there are ---------------------------------------------------------------------------------------------------------
 
@@ -85,7 +94,7 @@ class Types:
 
         Args:
             name: ``package/msg/Name``.
-            text: of its .msg file; nested types by their full names.
+            text: text of its .msg file, with nested types by their full names.
         """
         _register(self.store, {name: text})
         self.generated[name] = text
@@ -96,46 +105,42 @@ class Types:
         self._services.add(name)
 
     def register_action(self, name: str, goal: str, result: str, feedback: str) -> None:
-        """Add an action type ``package/action/Name``: the messages and services that it is made of."""
+        """Add an action type ``package/action/Name``: its messages and services."""
         messages, services = _action(name, goal, result, feedback)
         _register(self.store, messages)
         for service, parts in services.items():
             self.register_service(service, *parts)
 
     def __contains__(self, name: str) -> bool:
-        """Whether a message type is known, by its full name."""
+        """Return whether a message type is known, by its full name."""
         return name in self.store.fielddefs
 
     def has_service(self, name: str) -> bool:
-        """Whether a service type is known, by its full name."""
+        """Return whether a service type is known, by its full name."""
         return name in self._services
 
     def fields(self, name: str) -> list[tuple[str, Any]]:
-        """Name and description (kind, and what of) of each field of a message type."""
+        """Return name and description of each field of a message type. A description is a kind and its details, as rosbags has them."""
         return list(self.store.fielddefs[name][1])
 
     # -- making ------------------------------------------------------------------------------------------------------------------------
 
     def make(self, name: str, /, **given: object) -> object:
-        """A message; fields that are not given are zero, empty, or what their type defines. Fields that this distribution's type does not
-        have are left out (``variance`` of Range in humble)."""
-        fields = self._blank(name)
+        """Return a message. Fields that are not given are zero or empty.
+
+        Given fields that the type does not have in this distribution are left out (``variance`` of Range in humble).
+        """
+        fields = self._defaults.get(name)
+        if fields is None:
+            fields = self._defaults[name] = {field: self._zero(described) for field, described in self.fields(name)}
         if given.keys() <= fields.keys():
             return self.store.types[name](**{**fields, **given})
         return self.store.types[name](**{key: given.get(key, value) for key, value in fields.items()})
 
     def filled(self, name: str, field: str, value: Any) -> Any:
-        """A value as a field of a message holds it: a list of numbers is an array there."""
-        kind, what = dict(self.fields(name))[field]
-        if kind in (ARRAY, SEQUENCE) and what[0][0] == BASE and what[0][1][0] in DTYPES:
-            return np.array(value, DTYPES[what[0][1][0]])
-        return value
-
-    def _blank(self, name: str) -> dict[str, Any]:
-        blank = self._defaults.get(name)
-        if blank is None:
-            blank = self._defaults[name] = {field: self._zero(described) for field, described in self.fields(name)}
-        return blank
+        """Return a value as a field of a message holds it: a list of numbers becomes an array."""
+        dtype = numeric_items(dict(self.fields(name))[field])
+        return value if dtype is None else np.array(value, dtype)
 
     def _zero(self, described: Any) -> Any:
         kind, what = described
@@ -145,97 +150,87 @@ class Types:
             return {"string": "", "bool": False}.get(what[0], 0.0 if what[0].startswith("float") else 0)
         item, length = what
         length = length if kind == ARRAY else 0
-        if item[0] == BASE and item[1][0] in DTYPES:
-            return np.zeros(length, DTYPES[item[1][0]])
-        return [self._zero(item) for _ in range(length)]
+        dtype = numeric_items(described)
+        return [self._zero(item) for _ in range(length)] if dtype is None else np.zeros(length, dtype)
 
     def stamp(self, t_ns: int) -> object:
-        """A time of a header or Clock from nanoseconds since 1970; what its 31 bits of seconds cannot hold becomes the nearest that they can."""
+        """Return a time, as headers and Clock hold it, from ns since 1970; a time beyond their 31 bits of seconds becomes the nearest in them."""
         t_ns = min(max(t_ns, 0), LAST_NS)
         return self._time(sec=t_ns // 1_000_000_000, nanosec=t_ns % 1_000_000_000)
 
-    @cached_property
-    def _time(self) -> Any:
-        return self.store.types["builtin_interfaces/msg/Time"]
-
     def header(self, t_ns: int, frame: str) -> object:
-        """A Header."""
+        """Return a Header; `t_ns` is ns since 1970."""
         return self.make("std_msgs/msg/Header", stamp=self.stamp(t_ns), frame_id=frame)
 
     def vector(self, v: Any) -> object:
-        """A Vector3."""
+        """Return a Vector3."""
         return self._vector(*v)
 
     def point(self, v: Any) -> object:
-        """A Point."""
+        """Return a Point."""
         return self._point(*v)
 
     def quaternion(self, q: Any) -> object:
-        """A Quaternion from w x y z."""
+        """Return a Quaternion from w x y z."""
         w, x, y, z = q
         return self._quaternion(x, y, z, w)
-
-    @cached_property
-    def _vector(self) -> Any:
-        return self.store.types["geometry_msgs/msg/Vector3"]
-
-    @cached_property
-    def _point(self) -> Any:
-        return self.store.types["geometry_msgs/msg/Point"]
-
-    @cached_property
-    def _quaternion(self) -> Any:
-        return self.store.types["geometry_msgs/msg/Quaternion"]
 
     # -- bytes -------------------------------------------------------------------------------------------------------------------------
 
     def cdr(self, message: Any) -> bytes:
-        """CDR (XCDR1, little endian) with its encapsulation."""
+        """Return the CDR of a message (XCDR1, little endian) with its encapsulation."""
         return bytes(self.store.serialize_cdr(message, message.__msgtype__, little_endian=True))
 
     def most_bytes(self, name: str) -> int:
-        """Longest message of a type that is taken from a peer: decoding a list of texts or messages keeps all others waiting."""
+        """Return the length of the longest message of a type that is taken from a peer, bytes.
+
+        The limit is low where decoding is slow, for lists of texts or messages: everybody else waits meanwhile.
+        """
         known = self._most_bytes.get(name)
         if known is None:
             known = self._most_bytes[name] = ARRAY_LIMIT if self._is_cheap((NAME, name)) else MESSAGE_LIMIT
         return known
 
     def _is_cheap(self, described: Any) -> bool:
-        """Whether nothing is without bounds but arrays of numbers."""
+        """Return whether only arrays of numbers have no fixed length in it."""
         kind, what = described
         if kind == NAME:
             return all(self._is_cheap(field) for _, field in self.fields(what))
         if kind == BASE:
             return what[0] in DTYPES
-        item, _ = what
-        return (item[0] == BASE and item[1][0] in DTYPES) or (kind == ARRAY and self._is_cheap(item))
+        return numeric_items(described) is not None or (kind == ARRAY and self._is_cheap(what[0]))
 
     def from_cdr(self, data: bytes, name: str, most: int = MOST_BYTES) -> Any:
-        """A message from CDR with its encapsulation; of a peer, `most` is `most_bytes` of its type.
+        """Return a message from CDR with its encapsulation.
+
+        Args:
+            data: the bytes.
+            name: of the type.
+            most: longest message that is taken; for one of a peer `most_bytes` of its type.
 
         Raises:
-            BadMessage: it is not of this type.
+            BadMessage: the bytes are not of this type, or too many.
         """
         return self._decoded(self.store.deserialize_cdr, data, name, most)
 
     def ros1(self, message: Any) -> bytes:
-        """ROS 1 bytes, without their length."""
+        """Return the ROS 1 bytes of a message, without their length."""
         if self._is_empty(message.__msgtype__):
             return b""
         return bytes(self.store.serialize_ros1(message, message.__msgtype__))
 
     def from_ros1(self, data: bytes, name: str, most: int = MOST_BYTES) -> Any:
-        """A message from ROS 1 bytes, without their length; of a peer, `most` is `most_bytes` of its type.
+        """Return a message from ROS 1 bytes, which come without their length; otherwise as `from_cdr`.
 
         Raises:
-            BadMessage: it is not of this type.
+            BadMessage: the bytes are not of this type, or too many.
         """
         if self._is_empty(name) and not data:
             return self.make(name)
         return self._decoded(self.store.deserialize_ros1, data, name, most)
 
     def _is_empty(self, name: str) -> bool:
-        """Whether a type has no fields: in ROS 1 that is no byte at all."""
+        """Return whether a type has no fields; in ROS 1 its messages have no bytes."""
         return [field for field, _ in self.fields(name)] == [FILLER]
 
     def _decoded(self, decode: Any, data: bytes, name: str, most: int) -> Any:
@@ -243,28 +238,26 @@ class Types:
             raise BadMessage(f"{name}: more than {most} bytes, send less at once")
         try:
             return decode(data, name)
-        # Bytes of strangers: rosbags raises its own error for most, but not for all that lie about a length.
+        # The bytes may be hostile. rosbags raises its own error for most faults, but not for every wrong length.
         except Exception as error:  # noqa: BLE001
             raise BadMessage(f"{name}: {len(data)} bytes that are not of this type: {error}") from None
 
     # -- what a type is called ---------------------------------------------------------------------------------------------------------
 
     def hash(self, name: str) -> str:
-        """RIHS01 of a message or service type; humble has none, and its rmw writes a fixed word instead."""
+        """Return the RIHS01 hash of a message or service type. humble has no hashes: its rmw writes a fixed word instead."""
         if self.distro == "humble":
             return "TypeHashNotSupported"
-        if name not in self._services:
-            return str(self.store.hash_rihs01(name))
-        if name not in self.store.fielddefs:
+        if name in self._services and name not in self.store.fielddefs:
             self._register_description(name)
         return str(self.store.hash_rihs01(name))
 
     def _register_description(self, name: str) -> None:
-        """A service's description is that of a message of its three parts."""
+        """Register a service as a message of its three parts, of which its hash is made."""
         request, response, event = f"{name}_Request", f"{name}_Response", f"{name}_Event"
         one = 1
         info = "service_msgs/msg/ServiceEventInfo"
-        # A char of a .msg file is a uint8 where rosidl hashes; rosbags hashes a char.
+        # rosidl hashes a char of a .msg file as uint8, rosbags as char.
         self.store.fielddefs[info] = ([], [
             (key, (ARRAY, ((BASE, ("uint8", 0)), 16)) if key == "client_gid" else described) for key, described in self.fields(info)
         ])  # fmt: skip
@@ -280,7 +273,7 @@ class Types:
         })  # fmt: skip
 
     def md5(self, name: str) -> str:
-        """ROS 1's sum of a message or service type."""
+        """Return the MD5 sum of a message or service type, as ROS 1 computes it."""
         if name in self._services:
             text = self._md5_text(f"{name}_Request") + self._md5_text(f"{name}_Response")
             return md5(text.encode()).hexdigest()
@@ -301,14 +294,16 @@ class Types:
         return "\n".join(lines)
 
     def text(self, name: str) -> str:
-        """The type's .msg text, those of nested types below it."""
+        """Return the .msg text of a type, followed by those of its nested types."""
         return str(self.store.generate_msgdef(name, ros_version=1 if self.is_ros1 else 2)[0])
 
 
 @cache
 def _begun(distro: str) -> tuple[Any, frozenset[str]]:
-    """What each `Types` of a distribution begins with: a store of rosbags with our own types in it, which takes a while to make, and the names
-    of services."""
+    """Return what every `Types` of a distribution starts from: a store of rosbags with our own types in it, and the names of services.
+
+    The store is kept as it takes a while to make.
+    """
     from rosbags.typesys import Stores, get_typestore
 
     store: Any = get_typestore(getattr(Stores, DISTROS[distro]))
@@ -331,7 +326,7 @@ def _begun(distro: str) -> tuple[Any, frozenset[str]]:
 
 
 def _action(name: str, goal: str, result: str, feedback: str) -> tuple[dict[str, str], dict[str, tuple[str, str]]]:
-    """Messages and services that an action is made of."""
+    """Return the messages and services that an action consists of."""
     key = "unique_identifier_msgs/UUID goal_id"
     messages = {
         f"{name}_Goal": goal, f"{name}_Result": result, f"{name}_Feedback": feedback,
@@ -361,13 +356,20 @@ def _register(store: Any, texts: Mapping[str, str]) -> None:
     store.register(made)
 
 
+def numeric_items(described: Any) -> str | None:
+    """Return the numpy type of a field that is a list of numbers; None for other fields."""
+    kind, what = described
+    is_numeric = kind in (ARRAY, SEQUENCE) and what[0][0] == BASE
+    return DTYPES.get(what[0][1][0]) if is_numeric else None
+
+
 def dds_name(name: str) -> str:
-    """DDS' name of a message type, or of a service's request and response."""
+    """Return the DDS name of a message type, or of a request or response type."""
     package, kind, short = name.split("/")
     return f"{package}::{kind}::dds_::{short}_"
 
 
 def full_name(name: str, kind: str = "msg") -> str:
-    """``package/msg/Name`` of a type in any of the spellings of clients."""
+    """Return ``package/msg/Name`` for a type in any of the spellings that clients use."""
     parts = name.strip("/").split("/")
     return f"{parts[0]}/{kind}/{parts[-1]}" if len(parts) in (2, 3) else name
