@@ -1,4 +1,4 @@
-"""The `ros1` adapter: a node of a ROS 1 graph, by XML-RPC and TCPROS; no ROS is installed."""
+"""The `ros1` adapter: a node of a ROS 1 graph, by XML-RPC and TCPROS. It needs no ROS on this machine."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ EVERYWHERE = ("0.0.0.0", "::")
 
 
 class Ros1Adapter:
-    """Joins a ROS master, which may come later, and go and come back."""
+    """Registers at a ROS master, which may start later, end, and come back."""
 
     Config = Ros1Config
 
@@ -25,7 +25,8 @@ class Ros1Adapter:
 
         Raises:
             CannotServe: rosbags is not installed.
-            CannotListen: see there; or the address is not loopback, and the table does not allow it or does not say by which name others reach it.
+            CannotListen: the address cannot be had; or it is not loopback and the table does not allow that, or does not say by which name
+                others reach it.
         """
         from uwserver_adapters.ros1.node import Node
         from uwserver_adapters.ros1.peers import Caller, Peer
@@ -56,7 +57,7 @@ class Ros1Adapter:
             node.tcpros = (host, tcpros.port)
             context.stats.details["master"] = node.master
             context.stats.details["tcpros"] = f"{host}:{tcpros.port}"
-            with serving(context, node, node.uris[0], ready):
+            with serving(context, node.feed, node.uris[0], ready):
                 try:
                     await node.run()
                 finally:

@@ -19,20 +19,21 @@ class Ros1Config(AdapterTable, tag="ros1", kw_only=True, frozen=True):
     """Attributes:
     master: address of the ROS master; default: the environment's ROS_MASTER_URI, or http://127.0.0.1:11311.
     node: name of this node.
-    bind: address to listen at, for calls of other nodes and for topics and services. ROS 1 knows no token: anything but loopback needs allow_network.
-    allow_network: whoever reaches the address may read all and command all.
-    host: name or address by which other nodes reach this one; default: bind, which must lead here then.
+    bind: address to listen at, for calls of other nodes and for topics and services. ROS 1 has no tokens: anything but loopback needs
+        allow_network.
+    allow_network: allow anyone who reaches the address to read and command everything.
+    host: name or address by which other nodes reach this one; default: bind, which must then lead here.
     api_port, tcpros_port: TCP ports; 0 takes free ones.
-    allowed_hosts: hosts besides this machine and the master's to which this node connects when the master says that a publisher is there.
+    allowed_hosts: hosts, besides this machine and that of the master, to which this node connects when the master names a publisher there.
     sim_time: set the parameter /use_sim_time at the master, so that nodes that start later take their time from /clock.
-    tf: who tells where vehicles are, on ``/tf``: the autopilot's "estimate", the "truth" (with truth = true), or "none".
-    geoid_m: height of the sea surface above the ellipsoid, which NavSatFix counts from.
-    clock_hz: messages of ``/clock`` in a simulated second, at most.
-    queue_bytes: that wait for a slow subscriber; messages are left out above it.
-    max_requests_per_s: messages of one publisher, or calls of one client; more are refused.
-    max_clients: subscribers, service clients and callers.
-    max_strangers: connected besides, that have said nothing valid yet.
-    hello_timeout_s: wall time in which a connection must have said what it wants.
+    tf: source of the poses of vehicles on ``/tf``: the autopilot's "estimate", the "truth" (with truth = true), or "none".
+    geoid_m: height of the sea surface above the ellipsoid, m; NavSatFix counts heights from the ellipsoid.
+    clock_hz: most messages of ``/clock`` in a simulated second.
+    queue_bytes: most bytes that wait for a slow subscriber; further messages are dropped.
+    max_requests_per_s: most messages of one publisher, or calls of one client; more are refused.
+    max_clients: most subscribers, service clients and callers.
+    max_strangers: most further connections that have said nothing valid yet.
+    hello_timeout_s: wall time in which a connection must say what it wants, s.
     """
 
     master: Name | None = None
@@ -54,5 +55,5 @@ class Ros1Config(AdapterTable, tag="ros1", kw_only=True, frozen=True):
     hello_timeout_s: Positive = 10.0
 
     def needs(self) -> Mapping[str, str]:
-        """rosbags, once it runs."""
+        """See `AdapterTable.needs`."""
         return {"rosbags": "uwserver[ros]"}

@@ -1,4 +1,4 @@
-"""What this node asks of others: the master, and publishers of the topics that command vehicles."""
+"""Connections that this node makes: calls of the master and other nodes, and subscriptions to topics that command vehicles."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ RETRY_S = 1.0
 
 
 def place_of(uri: str) -> tuple[str, int, str]:
-    """Host, port and path of the address of a node.
+    """Return host, port and path of the address of a node.
 
     Raises:
-        Refused: it is none.
+        Refused: it is no such address.
     """
     try:
         parts = urlsplit(uri)
@@ -34,11 +34,11 @@ def place_of(uri: str) -> tuple[str, int, str]:
 
 
 async def ask(uri: str, method: str, *args: Any) -> Any:
-    """Call a node's API.
+    """Call a method of a node's API and return its value.
 
     Raises:
-        Refused: it answers that it failed, or nonsense.
-        OSError: it is not there; also where it does not answer in time.
+        Refused: the node answers that the call failed, or its answer is wrong.
+        OSError: the node is not there, or does not answer in time.
     """
     host, port, path = place_of(uri)
     return await within(CALL_S, _asked(host, port, path, method, args), f"{uri} did not answer")
@@ -59,7 +59,7 @@ async def _asked(host: str, port: int, path: str, method: str, args: Sequence[An
 
 
 def _is_whole(answered: bytes) -> bool:
-    """Whether the body is here that the head tells of: not every node closes behind it."""
+    """Return whether the body has the announced length: not every node closes the connection after its answer."""
     head, end, body = answered.partition(b"\r\n\r\n")
     for line in head.lower().split(b"\r\n"):
         name, _, value = line.partition(b":")
@@ -69,16 +69,20 @@ def _is_whole(answered: bytes) -> bool:
 
 
 class Subscription:
-    """One publisher of a topic that this node hears; tried again and again until it is closed.
+    """The connection to one publisher of a topic. It is made again whenever it breaks, until `close`.
 
     Args:
-        uri: of the publisher's API.
-        topic, type_name, md5, text: of the messages; the type as ROS 1 spells it.
-        node: name of this one.
-        allowed: hosts to which it may connect besides this machine.
-        most_per_s: messages that are taken in a second.
+        uri: address of the publisher's API.
+        topic, type_name, md5, text: of the messages; the type in ROS 1's spelling.
+        node: name of this node.
+        allowed: hosts besides this machine to which it may connect.
+        most_per_s: most messages that are taken in a second.
         take: gets each message.
-        complain: gets what is wrong.
+        complain: gets texts of faults.
+
+    Attributes:
+        uri: as given.
+        is_connected: whether the publisher has answered.
     """
 
     def __init__(
@@ -96,7 +100,7 @@ class Subscription:
         self._task = asyncio.get_running_loop().create_task(self._run())
 
     async def close(self) -> None:
-        """Hear it no more."""
+        """End the connection."""
         self._task.cancel()
         await asyncio.gather(self._task, return_exceptions=True)
 
@@ -104,10 +108,8 @@ class Subscription:
         while True:
             try:
                 await self._hear()
-            except Refused as refused:
-                self._complain(f"{self._topic} from {self.uri}: {refused.fault.text}")
-            except OSError as error:
-                self._complain(f"{self._topic} from {self.uri}: {error or type(error).__name__}")
+            except (Refused, OSError) as error:
+                self._complain(f"{self._topic} from {self.uri}: {str(error) or type(error).__name__}")
             await asyncio.sleep(RETRY_S)
 
     async def _hear(self) -> None:
@@ -129,10 +131,8 @@ class Subscription:
 
     def _check(self, host: str) -> None:
         if not may_connect(host, self._allowed):
-            raise Refused(
-                "denied",
-                f'it names the host "{host[:100]}": say allowed_hosts = ["{host[:100]}"] if that is one of yours',
-            )
+            text = f'it names the host "{host[:100]}": say allowed_hosts = ["{host[:100]}"] if that is one of yours'
+            raise Refused("denied", text)
 
     async def _read(self, reader: asyncio.StreamReader) -> None:
         blocks = wire.Blocks()
@@ -148,8 +148,8 @@ class Subscription:
                     blocks.limit = wire.MESSAGE_LIMIT
                     continue
                 self._take(block)
-                if not self._rate.take(now()):  # it floods: not read until the second is over
+                if not self._rate.take(now()):  # too many: read on when the second is over
                     await asyncio.sleep(max(self._rate.end - now(), 0.0))
-                await asyncio.sleep(0)  # others have their turn
+                await asyncio.sleep(0)  # let others have their turn
         if not self.is_connected:
             raise OSError("it closed the connection without an answer")

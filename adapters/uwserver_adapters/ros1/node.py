@@ -1,4 +1,4 @@
-"""This node in the graph: what it tells the master, what others ask of it, who hears and who commands."""
+"""This node in the graph: its registration at the master, the node API, its subscribers, and the publishers that it hears."""
 
 from __future__ import annotations
 
@@ -6,30 +6,28 @@ import asyncio
 import contextlib
 import logging
 import os
-from collections.abc import Callable, Collection, Sequence
-from typing import Any
+from collections.abc import Callable
+from typing import Any, Protocol
 
 from uwserver.adapter import AdapterContext, Conversation, Refusals, within
-from uwserver.ports import Event, Refused, Reply, Sample
+from uwserver.ports import Refused, Reply
 from uwserver_adapters.ros.feed import Feed, Told, command
-from uwserver_adapters.ros.messages.services import Offer
 from uwserver_adapters.ros.messages.source import Facts
 from uwserver_adapters.ros.messages.types import BadMessage, Types
 from uwserver_adapters.ros1 import xmlrpc
 from uwserver_adapters.ros1.config import Ros1Config
 from uwserver_adapters.ros1.links import Subscription, ask, place_of
-from uwserver_adapters.ros1.peers import Peer, short_name
 
 log = logging.getLogger(__name__)
 
 LOOK_S = 1.0
-"""Wall time between two looks whether the master still knows this node."""
+"""Wall time between two checks whether the master still knows this node."""
 LEAVE_S = 0.5
-"""Wall time to tell the master that this node goes."""
+"""Wall time to unregister at the master when this node ends."""
 ROSOUT = "/rosout"
 LOG = "rosgraph_msgs/msg/Log"
 PUBLISHERS = 256
-"""Most of one topic that are heard."""
+"""Most publishers of one topic that are heard."""
 WARN = 4
 TELL_S = 1.0
 """Wall time between two messages of /rosout."""
@@ -38,8 +36,21 @@ Registration = tuple[str, str, str]
 """Kind (Publisher, Subscriber, Service), name, and type."""
 
 
+class Listener(Protocol):
+    """A subscriber of a topic.
+
+    Attributes:
+        caller: name of its node.
+    """
+
+    caller: str
+
+    def tell(self, raw: bytes) -> None:
+        """Send it the ROS 1 bytes of a message."""
+
+
 class Node:
-    """The adapter's `Subscriber`, and what those who connect see.
+    """The node, as its adapter and those who connect see it.
 
     Args:
         context: the world.
@@ -48,9 +59,11 @@ class Node:
 
     Attributes:
         context, config: as given.
-        types: of ROS 1.
-        feed: of the world.
-        uris: of its API and of its services; set before `run`.
+        types: message types of ROS 1.
+        feed: topics and services of the world.
+        master: address of the master.
+        uris: addresses of its API and of its services; set before `run`.
+        tcpros: host and port of its topics; set before `run`.
     """
 
     def __init__(self, context: AdapterContext, config: Ros1Config, refusals: Refusals) -> None:
@@ -60,14 +73,14 @@ class Node:
         self.tcpros: tuple[str, int] = ("", 0)
         self.master = config.master or os.environ.get("ROS_MASTER_URI") or "http://127.0.0.1:11311"
         facts = Facts(geoid_m=config.geoid_m, truth=config.truth, tf=config.tf)
-        self.feed = Feed(context, refusals, self.types, facts, self._deliver, config.clock_hz, self._ports_changed)
+        self._changed = asyncio.Event()
+        self.feed = Feed(context, refusals, self.types, facts, self._deliver, config.clock_hz, self._changed.set)
         self._refusals = refusals
         self._conversation = Conversation(context, config.node.strip("/") or "ros1")
-        self._listeners: dict[str, set[Peer]] = {}
+        self._listeners: dict[str, set[Listener]] = {}
         self._publishers: dict[str, dict[str, Subscription]] = {}
         self._named: dict[str, list[str]] = {}
         self._registered: set[Registration] = set()
-        self._changed = asyncio.Event()
         self._rosout_at = -TELL_S
         self._api: dict[str, Callable[..., tuple[int, str, Any]]] = {
             "requestTopic": self._request_topic,
@@ -77,11 +90,7 @@ class Node:
             "getMasterUri": lambda caller: (1, "", self.master),
             "getBusInfo": self._bus_info,
             "getBusStats": lambda caller: (1, "", [[], [], []]),
-            "getPublications": lambda caller: (
-                1,
-                "",
-                [[topic, short_name(type_name)] for topic, type_name in self.feed.topics.items()],
-            ),
+            "getPublications": lambda caller: (1, "", [[t, short_name(kind)] for t, kind in self.feed.topics.items()]),
             "getSubscriptions": lambda caller: (
                 1,
                 "",
@@ -89,21 +98,6 @@ class Node:
             ),
             "shutdown": lambda caller, reason="": (0, "a node of this graph does not end the simulation", 0),
         }
-
-    # -- uwserver.adapter.Subscriber ------------------------------------------------------------------------------------------------------
-
-    @property
-    def wanted(self) -> Collection[str]:
-        """Ports whose samples are needed."""
-        return self.feed.wanted
-
-    def put_samples(self, samples: Sequence[Sample]) -> None:
-        """Samples of one tick."""
-        self.feed.put_samples(samples)
-
-    def put_event(self, event: Event) -> None:
-        """Other ports, or another time."""
-        self.feed.put_event(event)
 
     def _deliver(self, topic: str, told: Told) -> None:
         listeners = self._listeners.get(topic)
@@ -113,35 +107,19 @@ class Node:
         for listener in tuple(listeners):
             listener.tell(told.raw)
 
-    # -- Graph ----------------------------------------------------------------------------------------------------------------------------
+    # -- for those who connect ------------------------------------------------------------------------------------------------------------
 
-    def type_of(self, topic: str) -> str:
-        """See `Graph`."""
-        return LOG if topic == ROSOUT else self.feed.topics.get(topic, "")
+    def topics(self) -> dict[str, str]:
+        """Return all topics that this node publishes -> type."""
+        return {**self.feed.topics, ROSOUT: LOG}
 
-    def topics(self) -> Collection[str]:
-        """See `Graph`."""
-        return [*self.feed.topics, ROSOUT]
-
-    def services(self) -> Collection[str]:
-        """See `Graph`."""
-        return self.feed.catalogue.offers.keys()
-
-    def offer(self, service: str) -> Offer | None:
-        """See `Graph`."""
-        return self.feed.catalogue.offers.get(service)
-
-    def is_latched(self, topic: str) -> bool:
-        """See `Graph`."""
-        return self.feed.is_latched(topic)
-
-    def hear(self, topic: str, subscriber: Peer) -> Told | None:
-        """See `Graph`."""
+    def hear(self, topic: str, subscriber: Listener) -> Told | None:
+        """Add a subscriber; return the newest message where late subscribers get it."""
         self._listeners.setdefault(topic, set()).add(subscriber)
         return None if topic == ROSOUT else self.feed.hear(topic)
 
-    def leave(self, topic: str, subscriber: Peer) -> None:
-        """See `Graph`."""
+    def leave(self, topic: str, subscriber: Listener) -> None:
+        """Remove a subscriber."""
         listeners = self._listeners.get(topic, set())
         listeners.discard(subscriber)
         if not listeners:
@@ -150,7 +128,7 @@ class Node:
             self.feed.leave(topic)
 
     def carry_out(self, call: xmlrpc.Call) -> tuple[int, str, Any]:
-        """See `Graph`: the slave API (wiki.ros.org/ROS/Slave_API)."""
+        """Carry out a call of the slave API (wiki.ros.org/ROS/Slave_API); return its code, text and value."""
         method = self._api.get(call.method)
         if method is None:
             return -1, f"no method {call.method[:80]}", 0
@@ -160,12 +138,10 @@ class Node:
             return -1, f"wrong arguments for {call.method}", 0
 
     def _request_topic(self, caller: object, topic: object, protocols: object) -> tuple[int, str, Any]:
-        if not isinstance(topic, str) or not self.type_of(topic):
+        if not isinstance(topic, str) or topic not in self.topics():
             return 0, f"this node does not publish {str(topic)[:200]}", 0
-        offered = (
-            [each[0] for each in protocols if isinstance(each, list) and each] if isinstance(protocols, list) else []
-        )
-        if "TCPROS" not in offered:
+        offered = protocols if isinstance(protocols, list) else []
+        if not any(isinstance(each, list) and each[:1] == ["TCPROS"] for each in offered):
             return 0, "this node speaks TCPROS only", 0
         return 1, "ready", ["TCPROS", *self.tcpros]
 
@@ -188,30 +164,26 @@ class Node:
         ]
         return 1, "", heard + hears
 
-    # -- what others command --------------------------------------------------------------------------------------------------------------
+    # -- commands of others ---------------------------------------------------------------------------------------------------------------
 
     def _command(self, topic: str, data: bytes) -> None:
-        """A message of a publisher."""
+        """Take a message of a publisher."""
         inlet = self.feed.catalogue.inlets.get(topic)
         if inlet is None:
             return
-        try:
-            value = inlet.value(self.types.from_ros1(data, inlet.type, self.types.most_bytes(inlet.type)))
-            command(self._conversation, inlet, value, self._answered(topic))
-        except BadMessage as bad:
-            self.complain(f"{topic}: {bad}")
-        except Refused as refused:
-            self.complain(f"{topic}: {refused.fault.text}")
 
-    def _answered(self, topic: str) -> Callable[[Reply], None]:
         def answered(reply: Reply) -> None:
             if reply.fault is not None:
                 self.complain(f"{topic}: {reply.fault.text}")
 
-        return answered
+        try:
+            value = inlet.value(self.types.from_ros1(data, inlet.type, self.types.most_bytes(inlet.type)))
+            command(self._conversation, inlet, value, answered)
+        except (BadMessage, Refused) as error:
+            self.complain(f"{topic}: {error}")
 
     def complain(self, text: str) -> None:
-        """Something of another node was not taken: topics have no answers, so it is told on /rosout, at most once a second."""
+        """Count what was not taken of another node, and publish it on /rosout at most once a second, as topics have no answers."""
         stats = self.context.stats
         stats.errors += 1
         stats.last_error = text
@@ -225,9 +197,6 @@ class Node:
 
     # -- the master -----------------------------------------------------------------------------------------------------------------------
 
-    def _ports_changed(self) -> None:
-        self._changed.set()
-
     async def run(self) -> None:
         """Stay registered at the master, which may come and go, until cancelled."""
         last = ""
@@ -240,8 +209,7 @@ class Node:
                 self.context.stats.state = "running"
             except (OSError, Refused) as error:
                 self._registered.clear()
-                reason = error.fault.text if isinstance(error, Refused) else str(error)
-                text = f"no ROS master at {self.master}: {reason}"
+                text = f"no ROS master at {self.master}: {error}"
                 self.context.stats.last_error = text
                 if not last:
                     log.warning("%s: %s; it is looked for every second (roscore starts one)", self.context.name, text)
@@ -252,6 +220,10 @@ class Node:
                 await within(LOOK_S, self._changed.wait(), "nothing has changed")
 
     async def _register(self) -> None:
+        """Register what is new at the master, and unregister what has gone.
+
+        A master that does not know this node was restarted: everything is registered again.
+        """
         node, (api, services) = self.config.node, self.uris
         try:
             known = await ask(self.master, "lookupNode", node, node)
@@ -262,8 +234,7 @@ class Node:
             if self.config.sim_time:
                 await ask(self.master, "setParam", node, "/use_sim_time", True)
         catalogue = self.feed.catalogue
-        wanted: set[Registration] = {("Publisher", topic, type_name) for topic, type_name in self.feed.topics.items()}
-        wanted.add(("Publisher", ROSOUT, LOG))
+        wanted: set[Registration] = {("Publisher", topic, type_name) for topic, type_name in self.topics().items()}
         wanted |= {("Subscriber", inlet.topic, inlet.type) for inlet in catalogue.inlets.values()}
         wanted |= {("Service", offer.name, offer.type) for offer in catalogue.offers.values()}
         for each in sorted(self._registered - wanted):
@@ -285,9 +256,9 @@ class Node:
         await ask(self.master, f"unregister{kind}", self.config.node, name, self.uris[1 if kind == "Service" else 0])
 
     async def leave_graph(self) -> None:
-        """Tell the master that this node goes, as far as it hears it, and end all links."""
+        """Unregister at the master as far as it answers, and end all links."""
         with contextlib.suppress(OSError, Refused):
-            await within(LEAVE_S, self._unregister_all(), "the master did not take leave")
+            await within(LEAVE_S, self._unregister_all(), "the master did not answer")
         for links in self._publishers.values():
             for link in links.values():
                 await link.close()
@@ -318,3 +289,9 @@ class Node:
             uri, topic, short_name(type_name), types.md5(type_name), types.text(type_name), config.node, allowed,
             config.max_requests_per_s, lambda data: self._command(topic, data), self.complain,
         )  # fmt: skip
+
+
+def short_name(type_name: str) -> str:
+    """Return ROS 1's spelling of ``package/msg/Name``."""
+    package, _, name = type_name.split("/")
+    return f"{package}/{name}"

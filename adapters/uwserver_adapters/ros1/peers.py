@@ -1,75 +1,43 @@
-"""Who connects to this node: callers of its API, subscribers of its topics, clients of its services."""
+"""Those who connect to this node: callers of its API, subscribers of its topics, clients of its services."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from typing import Any, Protocol
+from collections.abc import Mapping
+from typing import Any
 
-from uwserver.adapter import AdapterContext, Connection, Conversation, Peers, RateMeter, did_you_mean
+from uwserver.adapter import Connection, Conversation, Peers, RateMeter, did_you_mean
 from uwserver.ports import Fault, Refused
-from uwserver_adapters.ros.feed import Told, call
+from uwserver_adapters.ros.feed import call
 from uwserver_adapters.ros.messages.services import Offer
-from uwserver_adapters.ros.messages.types import BadMessage, Types
+from uwserver_adapters.ros.messages.types import BadMessage
 from uwserver_adapters.ros1 import wire, xmlrpc
-from uwserver_adapters.ros1.config import Ros1Config
+from uwserver_adapters.ros1.node import Node, short_name
 
 CALLS_PER_S = 1000
-"""Of one caller of the API."""
-
-
-class Graph(Protocol):
-    """The node, as those who connect to it see it."""
-
-    context: AdapterContext
-    config: Ros1Config
-    types: Types
-
-    def type_of(self, topic: str) -> str:
-        """Type of a topic that this node tells; "" for none."""
-
-    def topics(self) -> Collection[str]:
-        """All topics that this node tells."""
-
-    def offer(self, service: str) -> Offer | None:
-        """A service of this node."""
-
-    def services(self) -> Collection[str]:
-        """Names of all services of this node."""
-
-    def is_latched(self, topic: str) -> bool:
-        """Whether late comers get the newest message."""
-
-    def hear(self, topic: str, subscriber: Peer) -> Told | None:
-        """A subscriber more. Gives what was said last, where that is for late comers too."""
-
-    def leave(self, topic: str, subscriber: Peer) -> None:
-        """One fewer."""
-
-    def carry_out(self, call: xmlrpc.Call) -> tuple[int, str, Any]:
-        """A call of the API."""
+"""Most calls of one caller of the API in a second."""
 
 
 class Caller(Connection):
-    """Somebody who calls the node's API by XML-RPC.
+    """A caller of the node's API by XML-RPC.
 
     Args:
-        graph: the node.
+        node: the node.
         peers: all that are connected.
-        names: by which this node may be called.
+        names: names by which this node may be called.
     """
 
-    def __init__(self, graph: Graph, peers: Peers[Any], names: tuple[str, ...]) -> None:
-        super().__init__(peers, graph.config.hello_timeout_s)
-        self._graph = graph
+    def __init__(self, node: Node, peers: Peers[Any], names: tuple[str, ...]) -> None:
+        super().__init__(peers, node.config.hello_timeout_s)
+        self._node = node
         self._requests = xmlrpc.Requests(names)
         self._rate = RateMeter(CALLS_PER_S)
 
     def takes_http(self, head: bytes) -> bool:
-        """It speaks nothing else."""
+        """Take every request of HTTP, the only protocol here."""
         return True
 
     def refused(self, fault: Fault) -> bytes:
-        """What one caller too many gets, or one that said nothing."""
+        """Return the answer to a caller for whom there is no place, or who said nothing in time."""
         return xmlrpc.http_answer("503 Service Unavailable", fault.text.encode())
 
     def receive(self, data: bytes) -> None:
@@ -87,11 +55,11 @@ class Caller(Connection):
         if call is None or not self.admit():
             return False
         self._rate.take(self.loop.time())
-        self.write(xmlrpc.told(*self._graph.carry_out(call)))
+        self.write(xmlrpc.told(*self._node.carry_out(call)))
         return True
 
     def quiet_until(self) -> float:
-        """Who floods is not read until its second is over."""
+        """Return the end of the second of a caller that floods: it is not read before."""
         return self._rate.end if self._rate.is_flooded(self.loop.time()) else 0.0
 
 
@@ -99,32 +67,38 @@ class Peer(Connection):
     """A TCPROS connection: a subscriber of a topic, or a client of a service, as its header says.
 
     Args:
-        graph: the node.
+        node: the node.
         peers: all that are connected.
-        name: of this one.
+        name: of this peer, for the world.
+
+    Attributes:
+        caller: name of the peer's node.
+        topic: to which it subscribes; "" for none.
     """
 
-    def __init__(self, graph: Graph, peers: Peers[Any], name: str) -> None:
-        super().__init__(peers, graph.config.hello_timeout_s)
+    def __init__(self, node: Node, peers: Peers[Any], name: str) -> None:
+        super().__init__(peers, node.config.hello_timeout_s)
         self.caller = ""
         self.topic = ""
-        self._graph = graph
-        self._name = name
+        self._node = node
         self._blocks = wire.Blocks()
-        self._conversation: Conversation | None = None
+        self._conversation = Conversation(node.context, name)
         self._offer: Offer | None = None
         self._persists = False
         self._answering = False
         self._greeted = False
-        self._rate = RateMeter(graph.config.max_requests_per_s)
+        self._rate = RateMeter(node.config.max_requests_per_s)
 
     def refused(self, fault: Fault) -> bytes:
-        """What one too many gets."""
+        """Return the header for a peer for which there is no place, or which said nothing in time."""
         return wire.header({"error": fault.text})
 
     def receive(self, data: bytes) -> None:
-        """Store bytes. A subscriber has nothing to say after its header; of a service client it is read on while it waits, as its end could not be
-        seen otherwise."""
+        """Store bytes.
+
+        A subscriber has nothing to say after its header. A service client is read also while it waits for an answer, as its end would not
+        be noticed otherwise.
+        """
         if self.topic:
             return
         self._blocks.receive(data)
@@ -133,15 +107,15 @@ class Peer(Connection):
             self._end(Fault("overload", text))
 
     def step(self) -> bool:
-        """Take the header, or the next request of a service: ROS 1 answers in order, so one at a time."""
+        """Take the header, or the next request of a service. Only one request is under way, as ROS 1 answers in order."""
         if self._answering or (self._greeted and self._offer is None):
             return False
         try:
             block = self._blocks.next_block()
             if block is None:
                 return False
-            if self._greeted:
-                self._ask(block)
+            if self._offer is not None:
+                self._ask(self._offer, block)
             else:
                 self._greet(wire.fields_of(block))
         except Refused as refused:
@@ -149,27 +123,25 @@ class Peer(Connection):
         return True
 
     def quiet_until(self) -> float:
-        """Who floods is not read until its second is over."""
+        """Return the end of the second of a peer that floods: it is not read before."""
         return self._rate.end if self._rate.is_flooded(self.loop.time()) else 0.0
 
     def half_closed(self) -> None:
-        """On TCP, who has gone looks like who only listens on: what would take long is ended, the rest is still answered."""
-        if self._conversation is not None:
-            self._conversation.end_calls()
+        """End its long-running calls and still answer the rest: on TCP a peer that has gone looks like one that only listens."""
+        self._conversation.end_calls()
 
     @property
     def is_owed(self) -> bool:
-        """An answer is to come."""
+        """Whether an answer is to come."""
         return self._answering
 
     def closed(self) -> None:
-        """It went: nobody waits for its calls."""
-        if self._conversation is not None:
-            self._conversation.close()
+        """End its calls and its subscription."""
+        self._conversation.close()
         if self.topic:
-            self._graph.leave(self.topic, self)
+            self._node.leave(self.topic, self)
 
-    # -- what it wants --------------------------------------------------------------------------------------------------------------------
+    # -- the header -----------------------------------------------------------------------------------------------------------------------
 
     def _greet(self, fields: Mapping[str, str]) -> None:
         self.caller = fields.get("callerid", "")[:256]
@@ -181,38 +153,34 @@ class Peer(Connection):
             raise Refused("invalid_request", "a header names a topic or a service")
 
     def _subscribe(self, fields: Mapping[str, str]) -> None:
-        graph, topic = self._graph, fields["topic"]
-        type_name = graph.type_of(topic)
-        if not type_name:
-            hint = did_you_mean(topic[:200], graph.topics())
+        node, topic, topics = self._node, fields["topic"], self._node.topics()
+        type_name = topics.get(topic)
+        if type_name is None:
+            hint = did_you_mean(topic[:200], topics)
             raise Refused("unknown_port", f"this node does not publish {topic[:200]}{hint}")
         own = self._same_type(fields, type_name)
         if not self.admit():
             return
-        text = graph.types.text(type_name)
-        latching = "1" if graph.is_latched(topic) else "0"
-        self.write(
-            wire.header(
-                {"callerid": graph.config.node, "topic": topic, "latching": latching, "message_definition": text, **own}
-            )
-        )
+        text, latching = node.types.text(type_name), "1" if node.feed.is_latched(topic) else "0"
+        about = {"callerid": node.config.node, "topic": topic, "latching": latching, "message_definition": text}
+        self.write(wire.header({**about, **own}))
         self._greeted = True
         self.topic = topic
-        last = graph.hear(topic, self)
+        last = node.hear(topic, self)
         if last is not None and last.raw is not None:
             self.tell(last.raw)
 
     def _serve(self, fields: Mapping[str, str]) -> None:
-        graph, service = self._graph, fields["service"]
-        offer = graph.offer(service)
+        node, service, offers = self._node, fields["service"], self._node.feed.catalogue.offers
+        offer = offers.get(service)
         if offer is None:
-            hint = did_you_mean(service[:200], graph.services())
+            hint = did_you_mean(service[:200], offers)
             raise Refused("unknown_service", f"this node has no service {service[:200]}{hint}")
         own = self._same_type(fields, offer.type)
         if not self.admit():
             return
         types = {"request_type": f"{own['type']}Request", "response_type": f"{own['type']}Response"}
-        self.write(wire.header({"callerid": graph.config.node, **own, **types}))
+        self.write(wire.header({"callerid": node.config.node, **own, **types}))
         self._greeted = True
         if fields.get("probe") == "1":
             self.close()
@@ -220,41 +188,39 @@ class Peer(Connection):
         self._offer = offer
         self._persists = fields.get("persistent") == "1"
         self._blocks.limit = wire.MESSAGE_LIMIT
-        self._conversation = Conversation(graph.context, self._name)
 
     def _same_type(self, fields: Mapping[str, str], type_name: str) -> dict[str, str]:
-        """Type and sum as both sides have them."""
-        short, md5 = short_name(type_name), self._graph.types.md5(type_name)
-        said = fields.get("md5sum", "*")
-        if said not in ("*", md5) or fields.get("type", "*") not in ("*", short, ""):
-            raise Refused(
-                "version",
-                f"it is of type {short} with md5sum {md5}, not {fields.get('type', '*')[:80]} with {said[:40]}",
-            )
+        """Return type and MD5 sum for the header.
+
+        Raises:
+            Refused: the peer expects others.
+        """
+        short, md5 = short_name(type_name), self._node.types.md5(type_name)
+        said, its_type = fields.get("md5sum", "*"), fields.get("type", "*")
+        if said not in ("*", md5) or its_type not in ("*", short, ""):
+            text = f"it is of type {short} with md5sum {md5}, not {its_type[:80]} with {said[:40]}"
+            raise Refused("version", text)
         return {"type": short, "md5sum": md5}
 
     # -- messages and answers -------------------------------------------------------------------------------------------------------------
 
     def tell(self, raw: bytes) -> None:
-        """A message; left out while the subscriber does not read."""
-        stats = self._graph.context.stats
+        """Send a message; drop it while too much waits for the subscriber."""
+        stats = self._node.context.stats
         if self.is_closing:
             return
-        if self.waiting > self._graph.config.queue_bytes:
+        if self.waiting > self._node.config.queue_bytes:
             stats.dropped += 1
             return
         stats.samples_sent += 1
         stats.bytes_sent += len(raw) + 4
         self.write(wire.block(raw))
 
-    def _ask(self, body: bytes) -> None:
-        offer, types = self._offer, self._graph.types
-        assert offer is not None
-        assert self._conversation is not None
+    def _ask(self, offer: Offer, body: bytes) -> None:
+        types, kind = self._node.types, f"{offer.type}_Request"
         if not self._rate.take(self.loop.time()):
             self._answer(None, f"more than {self._rate.most} calls a second: max_requests_per_s")
             return
-        kind = f"{offer.type}_Request"
         try:
             request = types.from_ros1(body, kind, types.most_bytes(kind))
         except BadMessage as bad:
@@ -270,22 +236,16 @@ class Peer(Connection):
         if self.is_closing:
             return
         if response is None:
-            self._graph.context.stats.errors += 1
+            self._node.context.stats.errors += 1
             self.write(wire.answer(False, text.encode()))
         else:
-            self.write(wire.answer(True, self._graph.types.ros1(response)))
-        if not self._persists:
-            self.close()
-        else:
+            self.write(wire.answer(True, self._node.types.ros1(response)))
+        if self._persists:
             self.go_on()
+        else:
+            self.close()
 
     def _end(self, fault: Fault) -> None:
         self.peers.refusals.note(fault.code, fault.text)
-        self._graph.context.stats.errors += 1
-        self.farewell(wire.answer(False, fault.text.encode()) if self._greeted else wire.header({"error": fault.text}))
-
-
-def short_name(type_name: str) -> str:
-    """ROS 1's spelling of ``package/msg/Name``."""
-    package, _, name = type_name.split("/")
-    return f"{package}/{name}"
+        self._node.context.stats.errors += 1
+        self.farewell(wire.answer(False, fault.text.encode()) if self._greeted else self.refused(fault))

@@ -1,4 +1,4 @@
-"""TCPROS, both sides, without input or output: blocks that begin with their length (u32, little endian), and the header, whose fields do the same."""
+"""TCPROS, both sides, without sockets: blocks that begin with their length (u32, little endian), and headers, whose fields do too."""
 
 from __future__ import annotations
 
@@ -18,10 +18,12 @@ _U32 = struct.Struct("<I")
 
 
 class Blocks:
-    """Bytes of one connection to blocks: `receive` stores, `next_block` parses. Nothing is reserved for a length that was only claimed.
+    """Splits the bytes of one connection into blocks: `receive` stores, `next_block` parses.
+
+    Memory grows with the bytes that came, not with the length that a block claims.
 
     Attributes:
-        limit: longest block, bytes; may be changed between two.
+        limit: longest block, bytes; may be changed between two blocks.
     """
 
     def __init__(self, limit: int = HEADER_LIMIT) -> None:
@@ -30,7 +32,7 @@ class Blocks:
 
     @property
     def waiting(self) -> int:
-        """Bytes that are stored."""
+        """Number of stored bytes."""
         return len(self._buffer)
 
     def receive(self, data: bytes) -> None:
@@ -38,10 +40,10 @@ class Blocks:
         self._buffer += data
 
     def next_block(self) -> bytes | None:
-        """The next block without its length; None until more bytes come.
+        """Return the next block without its length; None until more bytes come.
 
         Raises:
-            Refused: it is too long (`too_large`); the connection is to be ended.
+            Refused: the block is too long (`too_large`). The connection must be ended.
         """
         if len(self._buffer) < 4:
             return None
@@ -57,20 +59,20 @@ class Blocks:
 
 
 def block(body: bytes) -> bytes:
-    """A body as `Blocks` reads it."""
+    """Return a body with its length in front."""
     return _U32.pack(len(body)) + body
 
 
 def header(fields: Mapping[str, str]) -> bytes:
-    """A connection header with its length."""
+    """Return a connection header with its length."""
     return block(b"".join(block(f"{key}={value}".encode()) for key, value in fields.items()))
 
 
 def fields_of(body: bytes) -> dict[str, str]:
-    """The fields of a header, without its length.
+    """Return the fields of a header, which is given without its length.
 
     Raises:
-        Refused: it is none.
+        Refused: it is no header, or has too many fields.
     """
     fields: dict[str, str] = {}
     at = 0
@@ -92,5 +94,5 @@ def fields_of(body: bytes) -> dict[str, str]:
 
 
 def answer(ok: bool, body: bytes) -> bytes:
-    """A service's answer: its response, or the text of what is wrong."""
+    """Return the answer of a service: the bytes of its response, or if not `ok` the text of the fault."""
     return (b"\x01" if ok else b"\x00") + block(body)

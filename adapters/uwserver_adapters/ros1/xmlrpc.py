@@ -1,7 +1,7 @@
-"""XML-RPC as ROS 1 uses it, without input or output: calls and answers in HTTP, with the limits of an open port.
+"""XML-RPC as ROS 1 uses it, without sockets: calls and answers in HTTP, with limits as the port is open to everybody.
 
-A page of a browser can make it send a POST to any port, so a call needs the content type that a page cannot give without being asked, may have no
-`Origin`, and must be meant for this host.
+A web page can make its browser send a POST to any port. A call must therefore have a content type that a page cannot send without permission, must
+have no `Origin`, and must name this host.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ PATHS = ("/", "/RPC2")
 
 
 class Call(NamedTuple):
-    """A method that another node calls."""
+    """A call of a method by another node."""
 
     method: str
     args: tuple[Any, ...]
 
 
 class BadHttp(Refused):
-    """A request is not taken.
+    """A request of HTTP that is refused.
 
     Attributes:
-        status: of the answer, ``403 Forbidden``.
+        status: of the answer, such as ``403 Forbidden``.
     """
 
     def __init__(self, status: str, text: str) -> None:
@@ -38,7 +38,7 @@ class BadHttp(Refused):
 
 
 class Requests:
-    """Bytes of one connection to calls: `receive` stores, `next_call` parses.
+    """Splits the bytes of one connection into calls: `receive` stores, `next_call` parses.
 
     Args:
         hosts: names by which this node may be called, besides addresses and localhost.
@@ -53,18 +53,16 @@ class Requests:
         self._buffer += data
 
     def next_call(self) -> Call | None:
-        """The next call; None until more bytes come.
+        """Return the next call; None until more bytes come.
 
         Raises:
-            BadHttp: it is not taken; the connection is to be ended.
+            BadHttp: the request is refused. The connection must be ended.
         """
         end = self._buffer.find(b"\r\n\r\n")
-        if end < 0:
-            if len(self._buffer) > HEAD_LIMIT:
-                raise BadHttp("431 Request Header Fields Too Large", f"a head has at most {HEAD_LIMIT} bytes")
-            return None
-        if end > HEAD_LIMIT:
+        if (end if end >= 0 else len(self._buffer)) > HEAD_LIMIT:
             raise BadHttp("431 Request Header Fields Too Large", f"a head has at most {HEAD_LIMIT} bytes")
+        if end < 0:
+            return None
         length = self._length(bytes(self._buffer[:end]))
         if len(self._buffer) < end + 4 + length:
             return None
@@ -73,7 +71,7 @@ class Requests:
         return _call(body)
 
     def _length(self, head: bytes) -> int:
-        """That of the body, once the head has shown that it may be read."""
+        """Return the length of the body, bytes, after checking whether the head allows to read it."""
         first, *lines = head.decode("latin-1").split("\r\n")
         words = first.split(" ")
         if len(words) != 3 or words[0] != "POST":
@@ -109,40 +107,42 @@ def _call(body: bytes) -> Call:
 
 def _loads(body: bytes) -> tuple[tuple[Any, ...], str | None]:
     if b"<!" in body:
-        raise Refused("parse_error", "declarations are not read")  # entities that grow
+        # Entities of a declaration may expand without end.
+        raise Refused("parse_error", "declarations are not read")
     try:
         return xmlrpc.client.loads(body)
     except xmlrpc.client.Fault as fault:
         raise Refused("internal", str(fault.faultString)[:200]) from None
-    # What strangers send is raised as errors of many kinds by the standard library's reader.
+    # The standard library's reader raises errors of many kinds for hostile texts.
     except Exception as error:  # noqa: BLE001
         raise Refused("parse_error", f"this is no XML-RPC: {str(error)[:100]}") from None
 
 
 def http_answer(status: str, body: bytes = b"", kind: str = "text/plain") -> bytes:
-    """An answer of HTTP."""
-    head = f"HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {len(body)}\r\n"
-    return f"{head}{'' if status.startswith('200') else 'Connection: close' + chr(13) + chr(10)}\r\n".encode() + body
+    """Return an answer of HTTP. The connection ends after all but a success."""
+    close = "" if status.startswith("200") else "Connection: close\r\n"
+    head = f"HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {len(body)}\r\n{close}\r\n"
+    return head.encode() + body
 
 
 def told(code: int, text: str, value: Any) -> bytes:
-    """What a method of ROS answers: 1 for success, a text, a value."""
+    """Return the answer of a method: a code, which is 1 for success, a text, and a value."""
     body = xmlrpc.client.dumps(([code, text, value],), methodresponse=True, allow_none=True).encode()
     return http_answer("200 OK", body, "text/xml")
 
 
 def request(host: str, path: str, method: str, args: Sequence[Any]) -> bytes:
-    """A call of another node, after whose answer the connection ends."""
+    """Return a call of another node; the connection ends after its answer."""
     body = xmlrpc.client.dumps(tuple(args), method).encode()
     head = f"POST {path} HTTP/1.1\r\nHost: {host}\r\nContent-Type: text/xml\r\nContent-Length: {len(body)}\r\nConnection: close\r\n\r\n"
     return head.encode() + body
 
 
 def result(answered: bytes) -> Any:
-    """The value of an answer, all of whose bytes are here.
+    """Return the value of a complete answer.
 
     Raises:
-        Refused: it is none, or tells of a failure.
+        Refused: the answer is wrong, or says that the call failed.
     """
     head, _, body = answered.partition(b"\r\n\r\n")
     first = head.partition(b"\r\n")[0].split(b" ")
