@@ -1,20 +1,19 @@
-"""Actions of the node: each is three services and two topics, as rcl_action lays them out. Loop thread."""
+"""Actions of the node. Each consists of three services and two topics, as rcl_action lays them out. Loop thread."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
 from uwserver.ports import Progress, Refused, Reply
 from uwserver_adapters.ros.messages.actions import CANCELING, EXECUTING, Action, end_of
 from uwserver_adapters.ros.messages.types import BadMessage
-from uwserver_adapters.ros2.carrier import Host, Respond
+from uwserver_adapters.ros2.carrier import Answer, Host, serve
 
 GOALS = 64
-"""Goals of an action that are under way at once; and as many that have ended and are remembered, the oldest make way."""
+"""Most goals of an action that are under way at once. As many that have ended are remembered; the oldest is forgotten first."""
 WAITERS = 16
-"""Who wait for the result of one goal."""
+"""Most clients that wait for the result of one goal."""
 _NONE, _REJECTED, _UNKNOWN, _TERMINATED = 0, 1, 2, 3
 """Return codes of action_msgs/CancelGoal."""
 _CANCEL = "action_msgs/srv/CancelGoal"
@@ -28,24 +27,19 @@ class _Goal:
         info: action_msgs/GoalInfo.
         goal: the message.
         status: of action_msgs/GoalStatus.
-        result: the message, once it has ended.
-        waiters: get the result.
+        result: the result message; None until the goal has ended.
+        waiters: answer clients that wait for the result.
     """
 
     def __init__(self, info: Any, goal: Any) -> None:
         self.info, self.goal = info, goal
         self.status = EXECUTING
         self.result: object | None = None
-        self.waiters: list[Respond] = []
-
-    @property
-    def is_over(self) -> bool:
-        """Whether it has ended."""
-        return self.result is not None
+        self.waiters: list[Answer] = []
 
 
 class ActionServer:
-    """One action.
+    """Serves one action.
 
     Args:
         node: its node.
@@ -60,62 +54,40 @@ class ActionServer:
         self._feedback_topic, self._status_topic = below + "feedback", below + "status"
         self._feedback = carrier.advertise(self._feedback_topic, f"{action.type}_FeedbackMessage", False, self._hearing)
         self._status = carrier.advertise(self._status_topic, _STATUS, True, lambda *_: None)
-        services: Mapping[str, tuple[str, Callable[[Any, Respond], None]]] = {
-            "send_goal": (f"{action.type}_SendGoal", self._send_goal),
-            "get_result": (f"{action.type}_GetResult", self._get_result),
-            "cancel_goal": (_CANCEL, self._cancel_goal),
-        }
         self._ends = [
-            carrier.serve(below + name, kind, partial(self._asked, name, kind, act))
-            for name, (kind, act) in services.items()
+            serve(node, below + "send_goal", f"{action.type}_SendGoal", self._send_goal),
+            serve(node, below + "get_result", f"{action.type}_GetResult", self._get_result),
+            serve(node, below + "cancel_goal", _CANCEL, self._cancel_goal, return_code=_REJECTED),
         ]
 
     def _hearing(self, _: str, is_heard: bool) -> None:
         self._is_heard = is_heard
 
-    def _asked(
-        self, name: str, kind: str, act: Callable[[Any, Respond], None], data: bytes, _: str, respond: Respond
-    ) -> None:
-        """A request; one that cannot be read is answered, too, as its client would wait."""
-        types = self._node.types
-        try:
-            request = types.from_cdr(data, f"{kind}_Request", types.most_bytes(f"{kind}_Request"))
-        except BadMessage as bad:
-            self._node.refuse("message", f"{self._name}/_action/{name}: {bad}")
-            wrong: dict[str, object] = {"return_code": _REJECTED} if kind == _CANCEL else {}
-            self._answer(kind, respond, **wrong)
-            return
-        act(request, respond)
-
-    def _answer(self, kind: str, respond: Respond, **fields: object) -> None:
-        types = self._node.types
-        respond(types.cdr(types.make(f"{kind}_Response", **fields)))
-
     # -- goals ------------------------------------------------------------------------------------------------------------------------------
 
-    def _send_goal(self, request: Any, respond: Respond) -> None:
-        stamp, key = self._node.stamp(), request.goal_id.uuid.tobytes()
+    def _send_goal(self, request: Any, answer: Answer) -> None:
+        stamp, key = self._node.types.stamp(self._node.feed.now_ns()), request.goal_id.uuid.tobytes()
         try:
             self._begin(key, request, stamp)
         except (BadMessage, Refused) as wrong:
-            self._node.refuse("goal", f"{self._name}: {wrong.fault.text if isinstance(wrong, Refused) else wrong}")
-            self._answer(f"{self._type}_SendGoal", respond, accepted=False, stamp=stamp)
+            self._node.refuse("goal", f"{self._name}: {wrong}")
+            answer(accepted=False, stamp=stamp)
             return
-        self._answer(f"{self._type}_SendGoal", respond, accepted=True, stamp=stamp)
+        answer(accepted=True, stamp=stamp)
         self._tell_status()
 
     def _begin(self, key: bytes, request: Any, stamp: Any) -> None:
-        """Have the world begin a goal.
+        """Start a goal in the world.
 
         Raises:
-            BadMessage, Refused: it is not begun.
+            BadMessage, Refused: it is not started.
         """
-        node, action = self._node, self._node.action(self._name)
+        node, action = self._node, self._node.feed.catalogue.actions.get(self._name)
         if action is None:
             raise BadMessage("it is not there any more")
         if key in self._goals:
             raise BadMessage("a goal of this id was sent before")
-        if sum(not goal.is_over for goal in self._goals.values()) >= GOALS:
+        if sum(goal.result is None for goal in self._goals.values()) >= GOALS:
             raise BadMessage(f"{GOALS} goals are under way")
         asked = action.ask(request.goal)
         info = node.types.make("action_msgs/msg/GoalInfo", goal_id=request.goal_id, stamp=stamp)
@@ -141,24 +113,27 @@ class ActionServer:
         goal.status = end_of(reply.fault, goal.status == CANCELING)
         goal.result = action.result(reply.result, reply.fault)
         waiters, goal.waiters = goal.waiters, []
-        for respond in waiters:
-            self._answer(f"{self._type}_GetResult", respond, status=goal.status, result=goal.result)
-        over = [key for key, one in self._goals.items() if one.is_over]
-        for key in over[: len(over) - GOALS if len(over) > GOALS else 0]:
+        for answer in waiters:
+            answer(status=goal.status, result=goal.result)
+        over = [key for key, one in self._goals.items() if one.result is not None]
+        for key in over[: max(len(over) - GOALS, 0)]:
             del self._goals[key]
         self._tell_status()
 
-    def _get_result(self, request: Any, respond: Respond) -> None:
+    def _get_result(self, request: Any, answer: Answer) -> None:
         goal = self._goals.get(request.goal_id.uuid.tobytes())
         if goal is None or len(goal.waiters) >= WAITERS:
-            self._answer(f"{self._type}_GetResult", respond)  # status unknown
+            answer()  # status unknown
         elif goal.result is None:
-            goal.waiters.append(respond)
+            goal.waiters.append(answer)
         else:
-            self._answer(f"{self._type}_GetResult", respond, status=goal.status, result=goal.result)
+            answer(status=goal.status, result=goal.result)
 
-    def _cancel_goal(self, request: Any, respond: Respond) -> None:
-        """As action_msgs/CancelGoal has it: one goal, all that were accepted until a time, or all."""
+    def _cancel_goal(self, request: Any, answer: Answer) -> None:
+        """Cancel as action_msgs/CancelGoal defines it: one goal, all that were accepted until a time, or all.
+
+        An id of zeros names no goal, and a stamp of 0 gives no time.
+        """
         key, until = request.goal_info.goal_id.uuid.tobytes(), _ns(request.goal_info.stamp)
         named = self._goals.get(key)
         if any(key):
@@ -167,13 +142,13 @@ class ActionServer:
             chosen = list(self._goals.items()) if not until else []
         if until:
             chosen += [(k, g) for k, g in self._goals.items() if g is not named and _ns(g.info.stamp) <= until]
-        running = [(k, goal) for k, goal in chosen if not goal.is_over]
+        running = [(k, goal) for k, goal in chosen if goal.result is None]
         code = _NONE
         if not running and any(key):
             code = _UNKNOWN if named is None else _TERMINATED
         for _, goal in running:
             goal.status = CANCELING
-        self._answer(_CANCEL, respond, return_code=code, goals_canceling=[goal.info for _, goal in running])
+        answer(return_code=code, goals_canceling=[goal.info for _, goal in running])
         if running:
             self._tell_status()
         for k, _ in running:
@@ -188,11 +163,9 @@ class ActionServer:
         self._node.send(self._status_topic, self._status, types.cdr(types.make(_STATUS, status_list=told)))
 
     def close(self) -> None:
-        """The action has gone. What it began goes on until its end, which nobody is told."""
-        for end in self._ends:
+        """End the action. Goals that it has started go on to their end, which is not published."""
+        for end in (*self._ends, self._feedback.close, self._status.close):
             end()
-        self._feedback.close()
-        self._status.close()
 
 
 def _ns(stamp: Any) -> int:

@@ -1,31 +1,26 @@
-"""The `ros2` adapter: a session, a node on it, and their end."""
+"""The `ros2` adapter: opens a transport, runs a node on it, and closes both."""
 
 from __future__ import annotations
 
 import asyncio
-import logging
-from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from uwserver.adapter import AdapterContext, CannotServe, Refusals, Worker, serving
 from uwserver_adapters.ros2.config import Ros2Config
-from uwserver_adapters.zenoh_session.config import ZenohConfig, is_exposed
+from uwserver_adapters.zenoh_session.config import ZenohConfig
+from uwserver_adapters.zenoh_session.session import open_session
 
 if TYPE_CHECKING:
-    from uwserver_adapters.ros2.node import Node
+    from uwserver_adapters.ros.messages.types import Types
     from uwserver_adapters.ros2.rmw_dds import DdsCarrier
     from uwserver_adapters.ros2.rmw_zenoh import ZenohCarrier
 
-log = logging.getLogger(__name__)
-
-RETRY_S = 0.5
-"""Wall time between two attempts to open a session that must connect first."""
 LOOK_S = 0.5
 """Wall time between two looks for subscribers."""
 
 
 class Ros2Adapter:
-    """Is a node of ROS 2."""
+    """Runs a node of ROS 2. The message types are loaded only when it runs."""
 
     Config = Ros2Config
 
@@ -39,69 +34,48 @@ class Ros2Adapter:
         Raises:
             CannotServe: a package is not installed, a setting is wrong, or an endpoint cannot be had.
         """
-        stats, held = self.context.stats, list[Any]()
-        if self.config.transport == "dds" and not self.config.allow_network:
+        config, context = self.config, self.context
+        if config.transport == "dds":
+            await self._serve_dds(ready)
+            return
+        async with open_session(session_of(config), context, "ros2 sender") as (session, sender):
+            from uwserver_adapters.ros.messages.types import Types
+            from uwserver_adapters.ros2.rmw_zenoh import ZenohCarrier
+
+            types = Types(config.ros_distro)
+            carrier = ZenohCarrier(session, config, types, sender, context.stats, self._refusals)
+            await self._serve(carrier, types, ready)
+
+    async def _serve_dds(self, ready: asyncio.Event) -> None:
+        config, stats = self.config, self.context.stats
+        if not config.allow_network:
             raise CannotServe(
-                "DDS listens on all interfaces of this machine, and asks nobody who he is: say allow_network = true if that may be, "
+                "DDS listens on all interfaces of this machine and does not authenticate anybody: say allow_network = true if that is wanted, "
                 'or take transport = "zenoh"'
             )
-        sender = Worker("ros2 sender", stats)
-        try:
-            if self.config.transport == "dds":
-                await self._serve_dds(sender, ready)
-            else:
-                await self._serve(await self._open(sender, held), sender, ready)
-        finally:
-            await sender.close(lambda: [session.close() for session in held])
-            stats.state = "stopped"
-            stats.peers = 0
-
-    async def _open(self, sender: Worker, held: list[Any]) -> Any:
-        from uwserver_adapters.zenoh_session.session import NobodyThere, free, opened
-
-        stats, config = self.context.stats, session_of(self.config)
-        while True:
-            listen = free(config)
-            try:
-                await sender.run(lambda listen=listen: held.append(opened(config, listen)))  # type: ignore[misc]
-            except NobodyThere as error:
-                stats.state, stats.last_error = "retrying", str(error)
-                await asyncio.sleep(RETRY_S)
-                continue
-            stats.address = ", ".join(listen or config.connect)
-            if is_exposed(config, listen):
-                log.warning(
-                    "%s listens at %s, which others can reach, unrestricted: set access_control or TLS in `config`, or listen on loopback",
-                    self.context.name, stats.address,
-                )  # fmt: skip
-            return held[-1]
-
-    async def _serve(self, session: Any, sender: Worker, ready: asyncio.Event) -> None:
         from uwserver_adapters.ros.messages.types import Types
-        from uwserver_adapters.ros2.node import Node
-        from uwserver_adapters.ros2.rmw_zenoh import ZenohCarrier
 
-        types = Types(self.config.ros_distro)
-        carrier = ZenohCarrier(session, self.config, types, sender, self.context.stats, self._refusals)
-        await self._live(Node(self.context, self.config, self._refusals, carrier, types), carrier, ready)
-
-    async def _serve_dds(self, sender: Worker, ready: asyncio.Event) -> None:
-        from uwserver_adapters.ros.messages.types import Types
-        from uwserver_adapters.ros2.node import Node
-
-        types = Types(self.config.ros_distro)
         try:
             from uwserver_adapters.ros2.rmw_dds import DdsCarrier
         except ImportError as error:
             raise CannotServe(f"{error.name} is not installed: pip install 'uwserver[dds]'") from error
-        self.context.stats.address = f"domain {self.config.its_domain}"
-        carrier = DdsCarrier(self.config, types, sender, self.context.stats)
-        await self._live(Node(self.context, self.config, self._refusals, carrier, types), carrier, ready)
+        sender = Worker("ros2 sender", stats)
+        try:
+            types = Types(config.ros_distro)
+            stats.address = f"domain {config.its_domain}"
+            await self._serve(DdsCarrier(config, types, sender, stats), types, ready)
+        finally:
+            await sender.close(lambda: None)
+            stats.state = "stopped"
+            stats.peers = 0
 
-    async def _live(self, node: Node, carrier: ZenohCarrier | DdsCarrier, ready: asyncio.Event) -> None:
+    async def _serve(self, carrier: ZenohCarrier | DdsCarrier, types: Types, ready: asyncio.Event) -> None:
+        from uwserver_adapters.ros2.node import Node
+
+        node = Node(self.context, self.config, self._refusals, carrier, types)
         try:
             node.feed.begin()
-            with serving(self.context, node, self.context.stats.address, ready):
+            with serving(self.context, node.feed, self.context.stats.address, ready):
                 while True:
                     carrier.look()
                     await asyncio.sleep(LOOK_S)
@@ -111,7 +85,12 @@ class Ros2Adapter:
 
 
 def session_of(config: Ros2Config) -> ZenohConfig:
-    """The session that the table asks for. Its messages carry times, which a publisher needs that keeps its last one for late comers."""
-    timed = {"timestamping/enabled": True}
-    make = partial(ZenohConfig, mode=config.mode, listen=config.listen, connect=config.connect, scouting=False)
-    return make(config_file=config.config_file, config={**timed, **config.config})
+    """Return the settings of the zenoh session.
+
+    Its messages carry times: a publisher that keeps its last message for late subscribers needs them.
+    """
+    settings = {"timestamping/enabled": True, **config.config}
+    return ZenohConfig(
+        mode=config.mode, listen=config.listen, connect=config.connect, scouting=False, config_file=config.config_file,
+        config=settings,
+    )  # fmt: skip

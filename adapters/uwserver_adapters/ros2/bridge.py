@@ -1,4 +1,4 @@
-"""The words of zenoh-bridge-ros2dds, without a session: plain keys, and the tokens by which bridges tell each other what there is.
+"""The naming of zenoh-bridge-ros2dds, without a session: plain keys, and the tokens by which bridges announce endpoints to each other.
 
 Facts from zenoh-plugin-ros2dds (`liveliness_mgt.rs`, `route_service_cli.rs`, state of 2026-08); docs/how-to/ros2.md says what was tried.
 """
@@ -13,34 +13,34 @@ SLASH = "§"
 """Stands for a slash within a part of a token."""
 ROOT = "@ros2_lv"
 _QOS = {RELIABLE: ":1:0:0,10", LATCHED: ":1:1:0,1", BEST_EFFORT: ":0:0:0,1"}
-"""Without a key, then reliability, durability, history and its depth, as numbers of DDS."""
+"""No key, then reliability, durability, history and its depth, as numbers of DDS."""
 _ACTION = "/_action/"
 
 
 class BridgeNames(NamedTuple):
-    """What a session's words begin with.
+    """The names of a session's keys and tokens.
 
     Attributes:
-        zid: of the session.
+        zid: id of the session.
     """
 
     zid: str
 
     @property
     def is_plain(self) -> bool:
-        """Messages and requests travel without attachments."""
+        """Whether messages and requests travel without attachments: yes."""
         return True
 
     def key(self, name: str, type_name: str, type_hash: str) -> str:
-        """The key on which a topic's messages, or a service's requests, travel."""
+        """Return the key of a topic's messages, or of a service's requests."""
         return name.strip("/")
 
     def node_token(self) -> str:
-        """Says that a bridge is there."""
+        """Return the token that announces a bridge."""
         return f"@/{self.zid}/{ROOT}"
 
     def token(self, number: int, kind: Entity, name: str, type_name: str, type_hash: str, qos: str) -> str:
-        """Says that there is an endpoint; "" for those of an action but one, as an action has a single token."""
+        """Return the token that announces an endpoint. An action has a single token: it is "" for all endpoints of an action but one."""
         head, action, part = name.partition(_ACTION)
         if action:
             if part != "send_goal":
@@ -58,11 +58,11 @@ class BridgeNames(NamedTuple):
 
     @property
     def tokens(self) -> str:
-        """All tokens of bridges."""
+        """Key expression of all tokens of bridges."""
         return f"@/*/{ROOT}/**"
 
     def parsed(self, token: str) -> Endpoint | None:
-        """What another bridge's token says; None for what is none. Hashes are not compared: not every bridge tells them."""
+        """Return the endpoint of another bridge's token; None for other texts. Its hash is empty, as not every bridge tells hashes."""
         parts = token.split("/")
         if len(parts) < 6 or parts[0] != "@" or parts[2] != ROOT or parts[3] not in ("MP", "MS", "SS", "SC"):
             return None

@@ -18,21 +18,21 @@ _Endpoint = Annotated[str, Meta(pattern=r"^[a-z0-9_]+/.+$")]
 
 class Ros2Config(AdapterTable, tag="ros2", kw_only=True, frozen=True):
     """Attributes:
-    transport: "zenoh", as rmw_zenoh speaks it; "dds", which all other middlewares of ROS 2 speak; or "bridge", zenoh as zenoh-bridge-ros2dds
-        speaks it, behind which are nodes on DDS.
+    transport: "zenoh", as rmw_zenoh uses it; "dds", as all other middlewares of ROS 2 use it; or "bridge", zenoh as zenoh-bridge-ros2dds uses
+        it to connect nodes on DDS.
     allow_network: must be true for DDS, which listens on all interfaces of the machine.
-    discovery: of DDS: nodes on this machine, or on the whole subnet; CYCLONEDDS_URI of the environment is obeyed besides.
-    ros_distro: of the other nodes; it decides types and hashes.
+    discovery: for DDS: find nodes on this machine, or on the whole subnet; CYCLONEDDS_URI of the environment applies too.
+    ros_distro: distribution of the other nodes; it decides types and hashes.
     domain: ROS_DOMAIN_ID of the other nodes; default: that of the environment, or 0.
     node: name of the node.
-    mode: of the zenoh session: "router", so that no rmw_zenohd need run; "peer" or "client" of one that does.
+    mode: of the zenoh session: "router", which needs no rmw_zenohd; "peer" or "client" of an rmw_zenohd that runs.
     listen, connect, config_file, config: of the session, as for `zenoh`.
     services: offer the services of the world, its actions and parameters; default: over zenoh and a bridge. Over DDS only rmw_cyclonedds
         understands them.
-    tf: who tells where vehicles are, on ``/tf``: the autopilot's "estimate", the "truth" (with truth = true), or "none".
-    geoid_m: height of the sea surface above the ellipsoid, which NavSatFix counts from.
-    clock_hz: messages of ``/clock`` in a simulated second, at most.
-    queue_requests: commands and calls that may wait for the loop; more are dropped and counted.
+    tf: source of the poses of vehicles on ``/tf``: the autopilot's "estimate", the "truth" (with truth = true), or "none".
+    geoid_m: height of the sea surface above the ellipsoid, m; NavSatFix counts heights from the ellipsoid.
+    clock_hz: most messages of ``/clock`` in a simulated second.
+    queue_requests: most commands and calls that wait for the loop; more are dropped and counted.
     """
 
     transport: Literal["zenoh", "dds", "bridge"] = "zenoh"
@@ -53,14 +53,14 @@ class Ros2Config(AdapterTable, tag="ros2", kw_only=True, frozen=True):
     queue_requests: Annotated[int, Meta(ge=1)] = 4096
 
     def needs(self) -> Mapping[str, str]:
-        """What is imported once it runs."""
+        """See `AdapterTable.needs`."""
         if self.transport == "dds":
             return {"rosbags": "uwserver[ros]", "cyclonedds": "uwserver[dds]"}
         return {"rosbags": "uwserver[ros]", "xxhash": "uwserver[ros]", "zenoh": "uwserver"}
 
     @property
     def offers_services(self) -> bool:
-        """`services`, or its default."""
+        """Whether services are offered: `services`, or its default."""
         return self.transport != "dds" if self.services is None else self.services
 
     @property
@@ -68,7 +68,7 @@ class Ros2Config(AdapterTable, tag="ros2", kw_only=True, frozen=True):
         """`domain`, or that of the environment.
 
         Raises:
-            CannotServe: that of the environment is none.
+            CannotServe: that of the environment is no number of a domain.
         """
         if self.domain is not None:
             return self.domain

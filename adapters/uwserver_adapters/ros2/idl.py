@@ -1,4 +1,4 @@
-"""Classes of CycloneDDS for types of ROS, made of the field table of a distribution."""
+"""Classes of CycloneDDS for ROS message types, made from the fields of a distribution's types."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ _BASES = {
     "float32": idl.float32, "float64": idl.float64, "string": str,
 }  # fmt: skip
 HEADER = {"client_guid": idl.uint64, "sequence_number": idl.int64}
-"""What rmw_cyclonedds writes before the fields of a request or response."""
+"""Fields that rmw_cyclonedds puts in front of those of a request or response."""
 
 
 class Raw:
-    """A message as its bytes: encapsulation and body."""
+    """A message as bytes: encapsulation and body."""
 
     def __init__(self, data: bytes) -> None:
         self.data = data
@@ -28,10 +28,10 @@ class Raw:
 
 
 class Classes:
-    """Made when they are asked for, once each.
+    """Makes the class of each type once, when it is first asked for.
 
     Args:
-        types: of the distribution.
+        types: message types of the distribution.
     """
 
     def __init__(self, types: Types) -> None:
@@ -39,26 +39,25 @@ class Classes:
         self._made: dict[tuple[str, bool, bool], Any] = {}
 
     def of(self, name: str, in_service: bool = False) -> Any:
-        """The class of a message type; in a service its requests and responses have a header."""
+        """Return the class of a message type; with a header in front for requests and responses of a service."""
         return self._class(name, in_service, False)
 
     def raw(self, name: str, in_service: bool = False) -> Any:
-        """A class of the same type whose samples are read as `Raw`."""
+        """Return a class of the same type whose samples are read as `Raw`."""
         return self._class(name, in_service, True)
 
     def _class(self, name: str, in_service: bool, is_raw: bool) -> Any:
         key = (name, in_service, is_raw)
-        known = self._made.get(key)
-        if known is not None:
-            return known
+        if key in self._made:
+            return self._made[key]
         fields = dict(HEADER) if in_service else {}
         fields |= {field: self._kind(described) for field, described in self._types.fields(name)}
         package, kind, short = name.split("/")
         made: Any = make_idl_struct(f"{short}_", f"{package}.{kind}.dds_.{short}_", fields)
         if is_raw:
-            made.deserialize = staticmethod(_raw)
+            made.deserialize = staticmethod(lambda data, *_, **__: Raw(bytes(data)))
         else:
-            # cyclonedds looks for nested types by their names where the class says it stands.
+            # cyclonedds looks up nested types by name in the module that a class says it is in.
             setattr(sys.modules[made.__module__], made.__name__, made)
         self._made[key] = made
         return made
@@ -73,7 +72,3 @@ class Classes:
         array: Any = idl.array
         sequence: Any = idl.sequence
         return array[self._kind(item), length] if kind == ARRAY else sequence[self._kind(item)]
-
-
-def _raw(data: bytes, *_: object, **__: object) -> Raw:
-    return Raw(bytes(data))

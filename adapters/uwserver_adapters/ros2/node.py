@@ -1,18 +1,16 @@
-"""The node: which topics and services it has on its transport, and what passes between these and the world. Loop thread."""
+"""The node: its topics and services on the transport, and the messages and requests between these and the world. Loop thread."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Collection
+from functools import partial
 
 from uwserver.adapter import AdapterContext, Conversation, Refusals
-from uwserver.ports import Event, Refused, Reply, Sample
+from uwserver.ports import Refused, Reply
 from uwserver_adapters.ros.feed import Feed, Told, call, command
-from uwserver_adapters.ros.messages.actions import Action
-from uwserver_adapters.ros.messages.commands import Inlet
+from uwserver_adapters.ros.messages.catalogue import TF_STATIC
 from uwserver_adapters.ros.messages.services import Offer
-from uwserver_adapters.ros.messages.settings import Setting
 from uwserver_adapters.ros.messages.source import Facts
 from uwserver_adapters.ros.messages.types import BadMessage, Types
 from uwserver_adapters.ros2.actions import ActionServer
@@ -24,19 +22,19 @@ log = logging.getLogger(__name__)
 
 
 class Node:
-    """The adapter's `Subscriber`.
+    """A node of ROS 2. Implements `uwserver_adapters.ros2.carrier.Host`.
 
     Args:
         context: the world.
         config: of the adapter.
         refusals: counts what is refused.
-        carrier: the transport, open.
-        types: of the distribution.
+        carrier: the transport, which is open.
+        types: message types of the distribution.
 
     Attributes:
         types, carrier: as given.
-        feed: of the world.
-        conversation: in which all is asked of it.
+        feed: topics, services, actions and settings of the world.
+        conversation: all commands and calls to the world are made in it.
     """
 
     def __init__(
@@ -66,29 +64,27 @@ class Node:
                 del self._writers[topic]
         for topic, kind in topics.items():
             if topic not in self._writers:
-                self._writers[topic] = (
-                    kind,
-                    carrier.advertise(topic, kind, self.feed.is_latched(topic), self._hearing),
-                )
-        # Functions of the catalogue are new with each; what is there under the same name and type asks for the newest.
+                writer = carrier.advertise(topic, kind, self.feed.is_latched(topic), self._hearing)
+                self._writers[topic] = (kind, writer)
+        # A new catalogue has new functions. What stays under its name and type looks them up when it is used.
         wanted = {(inlet.topic, inlet.type) for inlet in catalogue.inlets.values()}
         _close_others(self._inlets, wanted)
         for topic, kind in wanted - self._inlets.keys():
-            self._inlets[topic, kind] = carrier.listen(topic, kind, self._taker(topic))
-        self._follow_services()
-        static = self.feed.hear("/tf_static") if "/tf_static" not in self._heard else None
-        self._heard.add("/tf_static")
+            self._inlets[topic, kind] = carrier.listen(topic, kind, partial(self._command, topic))
+        if self._config.offers_services:
+            self._follow_services()
+        # It is always heard: its writer keeps the message for late subscribers.
+        static = self.feed.hear(TF_STATIC) if TF_STATIC not in self._heard else None
+        self._heard.add(TF_STATIC)
         if static is not None:
-            self._deliver("/tf_static", static)
+            self._deliver(TF_STATIC, static)
 
     def _follow_services(self) -> None:
-        if not self._config.offers_services:
-            return
-        catalogue, carrier = self.feed.catalogue, self.carrier
+        catalogue = self.feed.catalogue
         offered = {(o.name, o.type) for o in catalogue.offers.values()}
         _close_others(self._offers, offered)
         for service, kind in offered - self._offers.keys():
-            self._offers[service, kind] = carrier.serve(service, kind, self._server(service))
+            self._offers[service, kind] = self.carrier.serve(service, kind, partial(self._serve, service))
         if self._parameters is None:
             self._parameters = ParameterServer(self, f"/{self._config.node}")
         actions = {(a.name, a.type): a for a in catalogue.actions.values()}
@@ -98,7 +94,7 @@ class Node:
             self._actions[new] = ActionServer(self, actions[new])
 
     def _hearing(self, topic: str, is_heard: bool) -> None:
-        if topic == "/tf_static" or (topic in self._heard) == is_heard:
+        if topic == TF_STATIC or (topic in self._heard) == is_heard:
             return
         if is_heard:
             self._heard.add(topic)
@@ -113,14 +109,11 @@ class Node:
 
     def _deliver(self, topic: str, told: Told) -> None:
         known = self._writers.get(topic)
-        if known is None:
-            return
-        data = told.raw
-        if data is not None:
-            self.send(topic, known[1], data)
+        if known is not None and told.raw is not None:
+            self.send(topic, known[1], told.raw)
 
     def send(self, topic: str, writer: Writer, data: bytes) -> None:
-        """A message of a topic goes out; one that cannot is counted."""
+        """Send a message of a topic; count one that cannot be sent."""
         stats = self._context.stats
         stats.encoded += 1
         try:
@@ -134,63 +127,41 @@ class Node:
         stats.samples_sent += 1
         stats.bytes_sent += len(data)
 
-    @property
-    def wanted(self) -> Collection[str]:
-        """Ports whose samples are needed."""
-        return self.feed.wanted
-
-    def put_samples(self, samples: Sequence[Sample]) -> None:
-        """Samples of one tick."""
-        self.feed.put_samples(samples)
-
-    def put_event(self, event: Event) -> None:
-        """Other ports, or another time."""
-        self.feed.put_event(event)
-
     # -- in ---------------------------------------------------------------------------------------------------------------------------------
 
-    def _taker(self, topic: str) -> Callable[[bytes, str], None]:
-        def take(data: bytes, sender: str) -> None:
-            inlet = self.feed.catalogue.inlets.get(topic)
-            if inlet is not None:
-                self._command(inlet, data, sender)
+    def _command(self, topic: str, data: bytes, sender: str) -> None:
+        inlet = self.feed.catalogue.inlets.get(topic)
+        if inlet is None:
+            return
 
-        return take
-
-    def _command(self, inlet: Inlet, data: bytes, sender: str) -> None:
         def answered(reply: Reply) -> None:
             if reply.fault is not None:
-                self.refuse(reply.fault.code, f"{inlet.topic}: {reply.fault.text}")
+                self.refuse(reply.fault.code, f"{topic}: {reply.fault.text}")
 
         try:
             value = inlet.value(self.types.from_cdr(data, inlet.type, self.types.most_bytes(inlet.type)))
             command(self.conversation, inlet, value, answered, source=f"{self._context.name}:{sender}")
         except BadMessage as bad:
-            self.refuse("message", f"{inlet.topic}: {bad}")
+            self.refuse("message", f"{topic}: {bad}")
         except Refused as refused:
-            self.refuse(refused.fault.code, f"{inlet.topic}: {refused.fault.text}")
+            self.refuse(refused.fault.code, f"{topic}: {refused.fault.text}")
 
     def refuse(self, cause: str, text: str) -> None:
-        """What a peer asked for was not done."""
+        """Count and log a request that was not carried out."""
         self._context.stats.errors += 1
         self._refusals.note(cause, text)
 
-    def _server(self, service: str) -> Callable[[bytes, str, Respond], None]:
-        def take(data: bytes, sender: str, respond: Respond) -> None:
-            offer = self.feed.catalogue.offers.get(service)
-            if offer is not None:
-                self._serve(offer, data, respond)
-
-        return take
-
-    def _serve(self, offer: Offer, data: bytes, respond: Respond) -> None:
-        """A client of ROS waits for minutes where no response comes: what cannot be read is answered, too."""
+    def _serve(self, service: str, data: bytes, _: str, respond: Respond) -> None:
+        """Carry out a request. One that cannot be read is answered too, as its client would wait for minutes."""
+        offer = self.feed.catalogue.offers.get(service)
+        if offer is None:
+            return
 
         def answered(response: object | None, text: str) -> None:
             if text:
-                self.refuse("service", f"{offer.name}: {text}")
+                self.refuse("service", f"{service}: {text}")
             if response is None:
-                response = self.types.make(f"{offer.type}_Response", **self._says_why(offer, text))
+                response = self.types.make(f"{offer.type}_Response", **self._reason(offer, text))
             respond(self.types.cdr(response))
 
         kind = f"{offer.type}_Request"
@@ -201,9 +172,9 @@ class Node:
             return
         call(self.conversation, offer, request, answered)
 
-    def _says_why(self, offer: Offer, text: str) -> dict[str, object]:
-        """The field of a response that holds a text, where its type has one."""
-        fields = {name for name, _ in self.types.fields(f"{offer.type}_Response")}
+    def _reason(self, offer: Offer, text: str) -> dict[str, object]:
+        """Return the text in the field of a response that can hold it; nothing where its type has none."""
+        fields = dict(self.types.fields(f"{offer.type}_Response"))
         if "message" in fields:
             return {"message": text}
         if "result" in fields:
@@ -211,20 +182,8 @@ class Node:
             return {"result": failed}
         return {}
 
-    def stamp(self) -> Any:
-        """The time of the simulation, as a message."""
-        return self.types.stamp(self.feed.now_ns())
-
-    def action(self, name: str) -> Action | None:
-        """The action as the world has it now."""
-        return self.feed.catalogue.actions.get(name)
-
-    def settings(self) -> Mapping[str, Setting]:
-        """Parameters as the world has them now."""
-        return self.feed.catalogue.settings
-
     async def close(self) -> None:
-        """It has gone."""
+        """End all calls, and the feed."""
         self.conversation.close()
         await self.feed.close()
 

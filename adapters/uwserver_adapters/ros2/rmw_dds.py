@@ -1,4 +1,4 @@
-"""The transport DDS: a participant of CycloneDDS that other vendors take for a node of ROS 2. Messages are written as the bytes they are."""
+"""The DDS transport: a participant of CycloneDDS that other vendors take for a node of ROS 2. Messages are written as encoded bytes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import os
 import socket
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from cyclonedds._clayer import ddspy_write
 from cyclonedds.core import Listener
@@ -29,23 +29,24 @@ LOCALHOST = (
     "<CycloneDDS><Domain><General><AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>"
     '<MaxAutoParticipantIndex>32</MaxAutoParticipantIndex><Peers><Peer address="localhost"/></Peers></Discovery></Domain></CycloneDDS>'
 )
-"""Nodes of this machine alone, as ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST has it."""
+"""Settings of CycloneDDS that find only nodes of this machine, as ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST does."""
 _INTERFACE = '<NetworkInterface address="{}" multicast="false"/>'
 _INTERVAL = "<SPDPInterval>2s</SPDPInterval>"
 URI_VARIABLE = "CYCLONEDDS_URI"
 BLOCKING_MS = 100
-"""Wall time for which a slow reader may hold up a write, on the sender's thread."""
+"""Wall time for which a slow reader may hold up a write on the sender's thread, ms."""
 TAKEN = 64
-"""Messages that are taken of a reader at once."""
+"""Most messages that are taken from a reader at once."""
 _HEADER = slice(4, 20)
+"""Where the header of rmw_cyclonedds stands in a request."""
 _GRAPH, _GRAPH_TYPE = "ros_discovery_info", "rmw_dds_common/msg/ParticipantEntitiesInfo"
 
 
 def own_address() -> str:
-    """The address by which others reach this machine; "" where it has none. Nothing is sent."""
+    """Return the address by which others reach this machine; "" where it has none. Nothing is sent."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            probe.connect(("192.0.2.1", 9))  # an address for documentation: any that is far would do
+            probe.connect(("192.0.2.1", 9))  # an address for documentation; any distant one would do
         except OSError:
             return ""
         address = str(probe.getsockname()[0])
@@ -53,21 +54,34 @@ def own_address() -> str:
 
 
 def localhost(address: str) -> str:
-    """Settings that find the nodes of this machine, of whatever vendor and whoever began.
+    """Return settings that find all nodes of this machine, whatever their vendor and whichever started first.
 
-    CycloneDDS takes one interface, and what comes by the other it drops: Fast DDS asks by way of the loopback, nodes of rmw_cyclonedds by the
-    machine's own address.
+    CycloneDDS by default uses one interface and drops what comes by another. Fast DDS asks over the loopback, nodes of rmw_cyclonedds over the
+    machine's own address, so both are needed.
+
+    Args:
+        address: of this machine; "" for none.
     """
     places = ["127.0.0.1", *([address] if address else [])]
     interfaces = "".join(_INTERFACE.format(place) for place in reversed(places))
     peers = "".join(f'<Peer address="{place}"/>' for place in places)
     made = LOCALHOST.replace("<General>", f"<General><Interfaces>{interfaces}</Interfaces>")
-    # A node that looks on the subnet does not ask us: it hears of us when we say so next.
+    # A node that searches the subnet does not ask us: it only hears our next announcement.
     return made.replace('<Peer address="localhost"/>', peers).replace("</Peers>", f"</Peers>{_INTERVAL}")
 
 
 def endpoint_qos(type_hash: str, depth: int = 10, latched: bool = False, reliable: bool = True, more: str = "") -> Any:
-    """Of an endpoint. The old data representation: without it other vendors discover us and exchange nothing."""
+    """Return the QoS of an endpoint.
+
+    It asks for the old data representation: without it other vendors discover us but exchange nothing.
+
+    Args:
+        type_hash: RIHS01 hash of the type; other texts are left out.
+        depth: of the history.
+        latched: keep the last message for late subscribers.
+        reliable: of reliability.
+        more: further user data.
+    """
     waits = Policy.Reliability.Reliable(duration(milliseconds=BLOCKING_MS))
     words = more + (f"typehash={type_hash};" if type_hash.startswith("RIHS01_") else "")
     return Qos(
@@ -79,47 +93,27 @@ def endpoint_qos(type_hash: str, depth: int = 10, latched: bool = False, reliabl
     )
 
 
-class _Matched(Listener):
-    """Tells how many readers a writer has. A thread of CycloneDDS."""
+class _Writer(NamedTuple):
+    """Publishes one topic. Implements `uwserver_adapters.ros2.carrier.Writer`."""
 
-    def __init__(self, told: Callable[[int], None]) -> None:
-        super().__init__()  # type: ignore[no-untyped-call]
-        self._told = told
-
-    def on_publication_matched(self, writer: object, status: Any) -> None:
-        """The number has changed."""
-        self._told(status.current_count)
-
-
-class _Came(Listener):
-    """Tells that a reader has something. A thread of CycloneDDS."""
-
-    def __init__(self, told: Callable[[Any], None]) -> None:
-        super().__init__()  # type: ignore[no-untyped-call]
-        self._told = told
-
-    def on_data_available(self, reader: Any) -> None:
-        """There is something to take."""
-        self._told(reader)
-
-
-class _Writer:
-    """A topic's writer."""
-
-    def __init__(self, carrier: DdsCarrier, entity: Any) -> None:
-        self._carrier, self._entity = carrier, entity
+    carrier: DdsCarrier
+    entity: Any
 
     def put(self, data: bytes) -> bool:
         """See `Writer`."""
-        return self._carrier.sender.send(partial(write, self._entity, data))
+        return self.carrier.sender.send(partial(write, self.entity, data))
 
     def close(self) -> None:
         """See `Writer`."""
-        self._carrier.drop_entity(self._entity)
+        self.carrier.drop_entity(self.entity)
 
 
 def write(entity: Any, data: bytes) -> None:
-    """What `DataWriter.write` ends in, without making bytes of an object first. The C layer checks them against the type."""
+    """Write encoded bytes, as `DataWriter.write` does after it has encoded an object. The C layer checks them against the type.
+
+    Raises:
+        RuntimeError: they are refused.
+    """
     result = ddspy_write(entity._ref, data)  # noqa: SLF001  # there is no public way to write bytes
     if result < 0:
         raise RuntimeError(f"CycloneDDS refuses {len(data)} bytes: error {result}")
@@ -130,8 +124,8 @@ class DdsCarrier:
 
     Args:
         config: of the adapter.
-        types: of the distribution.
-        sender: a thread for what may wait.
+        types: message types of the distribution.
+        sender: a thread for what may block.
         stats: of the adapter.
 
     Attributes:
@@ -148,7 +142,7 @@ class DdsCarrier:
         )
         domain = config.its_domain
         given = os.environ.get(URI_VARIABLE, "")
-        # Who says which interfaces are taken gets no others of us.
+        # A user's CYCLONEDDS_URI may name interfaces: then we name none.
         base = "" if config.discovery != "localhost" else LOCALHOST if given else localhost(own_address())
         uri = ",".join(part for part in (base, given) if part)
         self._domain = Domain(domain, uri) if uri else None
@@ -157,22 +151,18 @@ class DdsCarrier:
         self._writers: list[Any] = []
         self._readers: list[Any] = []
         graph = endpoint_qos(types.hash(_GRAPH_TYPE) if _GRAPH_TYPE in types else "", latched=True)
-        self._graph = DataWriter(self._participant, self._topic(_GRAPH, self._graph_class()), qos=graph)
+        self._graph = DataWriter(self._participant, self._topic(_GRAPH, self._classes.of(_GRAPH_TYPE)), qos=graph)
         self._is_changed = True
 
     def _topic(self, name: str, kind: Any) -> Any:
-        topic = self._topics.get(name)
-        if topic is None:
-            topic = self._topics[name] = Topic(self._participant, name, kind)
-        return topic
+        if name not in self._topics:
+            self._topics[name] = Topic(self._participant, name, kind)
+        return self._topics[name]
 
     # -- the graph --------------------------------------------------------------------------------------------------------------------------
 
-    def _graph_class(self) -> Any:
-        return self._classes.of(_GRAPH_TYPE)
-
     def look(self) -> None:
-        """Tell the graph of what has changed: it gives the node its name, and its endpoints to the node."""
+        """Publish the node's name and endpoints if they have changed."""
         self._stats.peers = len({str(p) for p in self._graph.get_matched_subscriptions()})
         if not self._is_changed:
             return
@@ -187,7 +177,7 @@ class DdsCarrier:
         self.sender.send(partial(write, self._graph, self._types.cdr(told)))
 
     def _gid(self, entity: Any) -> object:
-        """16 bytes; humble has 24, the last of which are zero."""
+        """Return a Gid of 16 bytes; in humble it has 24, the last of which are zero."""
         import numpy as np
 
         length = 24 if self._config.ros_distro == "humble" else 16
@@ -195,25 +185,25 @@ class DdsCarrier:
         return self._types.make("rmw_dds_common/msg/Gid", data=np.frombuffer(data, np.uint8))
 
     def drop_entity(self, entity: Any) -> None:
-        """An endpoint ends; what it still has to say comes first."""
+        """End an endpoint after what it still has to send."""
         for entities in (self._writers, self._readers):
             if entity in entities:
                 entities.remove(entity)
         self._is_changed = True
-        self.sender.send(lambda: entity)
+        self.sender.send(lambda: entity)  # its last reference waits behind its messages
 
     # -- topics and services ----------------------------------------------------------------------------------------------------------------
 
     def advertise(self, topic: str, type_name: str, latched: bool, heard: Heard) -> _Writer:
-        """See `Carrier`. Reliable: that serves readers of either kind."""
+        """See `Carrier`. The writer is reliable, which matches readers of either kind."""
 
-        def told(count: int) -> None:
+        def matched(_: object, status: Any) -> None:  # called on a thread of CycloneDDS
             with contextlib.suppress(RuntimeError):  # the loop has ended
-                self._loop.call_soon_threadsafe(heard, topic, count > 0)
+                self._loop.call_soon_threadsafe(heard, topic, status.current_count > 0)
 
         where = self._topic(f"rt{topic}", self._classes.of(type_name))
         qos = endpoint_qos(self._types.hash(type_name), latched=latched)
-        entity = DataWriter(self._participant, where, qos=qos, listener=_Matched(told))
+        entity = DataWriter(self._participant, where, qos=qos, listener=Listener(on_publication_matched=matched))
         self._writers.append(entity)
         self._is_changed = True
         return _Writer(self, entity)
@@ -225,26 +215,26 @@ class DdsCarrier:
     def _read(
         self, name: str, kind: Any, type_name: str, reliable: bool, take: Callable[[bytes], None], more: str = ""
     ) -> Callable[[], None]:
-        most = (
-            self._types.most_bytes(f"{type_name}_Request" if reliable else type_name) + 20
-        )  # and the header of a request
+        # Requests have a header besides.
+        most = self._types.most_bytes(f"{type_name}_Request" if reliable else type_name) + 20
 
-        def came(reader: Any) -> None:
+        def came(reader: Any) -> None:  # called on a thread of CycloneDDS
             for sample in reader.take(TAKEN):
                 if isinstance(sample, Raw):
-                    # Of what is too long only that is of interest, and to whom an answer goes.
+                    # What is too long is cut: one byte too many shows it, and its header tells whom to answer.
                     self._inbox.put((take, sample.data[: most + 1]))
 
         qos = endpoint_qos(self._types.hash(type_name), 10 if reliable else 1, reliable=reliable, more=more)
         entity = DataReader(self._participant, self._topic(name, kind), qos=qos)
-        entity.set_listener(_Came(came))
-        came(entity)  # what came before: a listener that is given at once may be called before the reader is known
+        # The listener comes later, as it could be called before the reader is known here. Then what has come until now is taken.
+        entity.set_listener(Listener(on_data_available=came))
+        came(entity)
         self._readers.append(entity)
         self._is_changed = True
         return lambda: self.drop_entity(entity)
 
     def serve(self, service: str, type_name: str, take: Callable[[bytes, str, Respond], None]) -> Callable[[], None]:
-        """See `Carrier`; in the dialect of rmw_cyclonedds, whose header stands before the fields of request and response."""
+        """See `Carrier`. As in rmw_cyclonedds a header stands in front of the fields of request and response."""
         request, response = f"{type_name}_Request", f"{type_name}_Response"
         where = self._topic(f"rr{service}Reply", self._classes.of(response, in_service=True))
         writer = DataWriter(self._participant, where, qos=endpoint_qos(self._types.hash(type_name)))
@@ -271,11 +261,11 @@ class DdsCarrier:
         return ended
 
     def _drop(self, _: object) -> None:
-        """Too much waits for the loop. A thread of CycloneDDS."""
+        """Count what is dropped because too much waits for the loop. Called on a thread of CycloneDDS."""
         self._stats.dropped += 1
 
     def close(self) -> None:
-        """The node leaves: entities end with the last that holds them."""
+        """End all entities: each ends with its last reference."""
         for entities in (self._writers, self._readers):
             for entity in entities:
                 entity.set_listener(None)

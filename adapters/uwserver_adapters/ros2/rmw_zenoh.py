@@ -1,12 +1,11 @@
-"""The transport zenoh: a session whose keys, tokens and attachments are those of rmw_zenoh, or of zenoh-bridge-ros2dds."""
+"""The zenoh transport: a session whose keys, tokens and attachments are those of rmw_zenoh, or of zenoh-bridge-ros2dds."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-import logging
 from collections.abc import Callable
-from datetime import datetime, timezone
+from datetime import datetime, timedelta, timezone
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -25,83 +24,67 @@ from uwserver_adapters.ros2.graph import (
     attachment,
     gid,
 )
-from uwserver_adapters.zenoh_session.session import LARGE_BYTES, direct
+from uwserver_adapters.zenoh_session.session import Lane, direct
 
 if TYPE_CHECKING:
     import zenoh
 
-log = logging.getLogger(__name__)
-
 NODES = 10_000
-"""Tokens of other nodes that are remembered."""
+"""Most tokens of other nodes that are remembered."""
+_EMPTY = b"\0\1\0\0\0"
+"""A request without fields, in CDR."""
+_EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 
 
 class _Came(NamedTuple):
-    """What zenoh's threads hand to the loop."""
+    """What zenoh's threads hand over to the loop: `take`, and its arguments."""
 
     take: Callable[..., None]
     data: bytes
     sender: str
-    respond: Respond | None
+    respond: tuple[Respond, ...]
 
 
 class _Writer:
-    """A topic's publisher."""
+    """Publishes one topic. Implements `uwserver_adapters.ros2.carrier.Writer`."""
 
     def __init__(self, carrier: ZenohCarrier, topic: str, type_name: str, latched: bool, heard: Heard) -> None:
         self._carrier, self._topic, self._heard = carrier, topic, heard
         self._sequence = 0
-        self._is_busy = self._is_large = False
+        self._lane = Lane(carrier.sender, carrier.stats)
         self.is_heard = False
         qos = LATCHED if latched else RELIABLE
-        self.key, self._undeclare, self._gid = carrier.declare("MP", topic, type_name, qos)
-        self._watched, self._publisher = carrier.publisher(self.key, latched)
+        key, self._undeclare, self._gid = carrier.declare("MP", topic, type_name, qos)
+        self._watched, self._publisher = carrier.publisher(key, latched)
         self._listener = self._watched.declare_matching_listener(direct(self._matches))
         carrier.writers[topic] = self
         self.look()
 
     def _matches(self, status: Any) -> None:
-        """Somebody subscribes, or nobody any more. A zenoh thread."""
-        self._carrier.matched(self, status.matching)
+        """Take zenoh's word whether somebody subscribes. Called on a zenoh thread."""
+        with contextlib.suppress(RuntimeError):  # the loop has ended
+            self._carrier.loop.call_soon_threadsafe(self._set_heard, status.matching)
 
     def look(self) -> None:
-        """Ask whether somebody subscribes: zenoh's listeners are told a little later than its tables."""
+        """Ask whether somebody subscribes: zenoh tells its listeners a little after it knows."""
         status: Any = self._watched.matching_status
         if status.matching:
-            self.set_heard(True)
+            self._set_heard(True)
 
-    def set_heard(self, is_heard: bool) -> None:
-        """Loop thread."""
+    def _set_heard(self, is_heard: bool) -> None:
+        # A writer that was closed meanwhile is not told any more.
         if self.is_heard != is_heard and self._carrier.writers.get(self._topic) is self:
             self.is_heard = is_heard
             self._carrier.loop.call_soon(self._heard, self._topic, is_heard)
 
     def put(self, data: bytes) -> bool:
-        """See `Writer`: what finds the queue of a slow peer full is dropped by zenoh."""
+        """Send a message; return whether it is not dropped here. zenoh drops it where the queue of a slow peer is full."""
         self._sequence += 1
         attached = Attachment(self._sequence, wall_ns(), self._gid).packed()
-        put = partial(self._publisher.put, data, attachment=attached)
-        if len(data) <= LARGE_BYTES and not self._is_large:
-            put()
-            return True
-        self._is_large = True  # from now on always, so that messages do not overtake each other
-        if self._is_busy:
-            self._carrier.stats.dropped += 1
-            return False
-        self._is_busy = True
-        if not self._carrier.sender.send(partial(self._put_large, put)):
-            self._is_busy = False
-            return False
-        return True
-
-    def _put_large(self, put: Callable[[], object]) -> None:
-        try:
-            put()
-        finally:
-            self._is_busy = False
+        return self._lane.put(len(data), partial(self._publisher.put, data, attachment=attached))
 
     def close(self) -> None:
-        """See `Writer`."""
+        """End the topic."""
         self._carrier.writers.pop(self._topic, None)
         self._undeclare()
         self._publisher.undeclare()
@@ -113,16 +96,16 @@ class ZenohCarrier:
     """Implements `uwserver_adapters.ros2.carrier.Carrier`.
 
     Args:
-        session: open.
+        session: the session, which is open.
         config: of the adapter.
-        types: of the distribution.
-        sender: a thread for what may wait.
+        types: message types of the distribution.
+        sender: a thread for what may block.
         stats, refusals: of the adapter.
 
     Attributes:
         loop: that of the adapter.
         sender, stats: as given.
-        writers: by topic.
+        writers: what publishes each topic.
     """
 
     def __init__(
@@ -140,8 +123,9 @@ class ZenohCarrier:
         self._own: dict[tuple[str, str], tuple[str, str]] = {}
         self._others: dict[str, str] = {}
         self._inbox: Inbox[_Came] = Inbox(
-            self._take, config.queue_requests, self._drop, lambda came: len(came.data), WAITING_BYTES
-        )
+            lambda came: came.take(came.data, came.sender, *came.respond), config.queue_requests, self._drop,
+            lambda came: len(came.data), WAITING_BYTES,
+        )  # fmt: skip
         self._tokens: Inbox[tuple[str, bool]] = Inbox(self._token, NODES, self._drop)
         self._liveliness = session.liveliness()
         self._node = self._liveliness.declare_token(self._names.node_token())
@@ -149,17 +133,17 @@ class ZenohCarrier:
 
     # -- the graph --------------------------------------------------------------------------------------------------------------------------
 
-    def declare(self, kind: Any, name: str, type_name: str, qos: str) -> tuple[str, Callable[[], None], bytes]:
-        """Key, what takes back the token, and identity of a new endpoint."""
+    def declare(self, kind: Any, name: str, type_name: str, qos: str) -> tuple[str, Callable[[], object], bytes]:
+        """Declare a new endpoint; return its key, what takes back its token, and its identity."""
         self._number += 1
         its_hash = self._types.hash(type_name)
         token = self._names.token(self._number, kind, name, type_name, its_hash, qos)
         self._own["service" if kind == "SS" else "topic", name] = (type_name, "" if self._names.is_plain else its_hash)
-        undeclare = self._liveliness.declare_token(token).undeclare if token else _nothing
+        undeclare = self._liveliness.declare_token(token).undeclare if token else lambda: None
         return self._names.key(name, type_name, its_hash), undeclare, gid(token)
 
     def _token_said(self, sample: zenoh.Sample) -> None:
-        """Another endpoint came or went. A zenoh thread."""
+        """Hand over that another endpoint came or went. Called on a zenoh thread."""
         import zenoh
 
         self._tokens.put((str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT))
@@ -177,15 +161,18 @@ class ZenohCarrier:
             if own is not None and own != (endpoint.type, endpoint.hash):
                 self._refusals.note(
                     "type",
-                    f"{endpoint.node} has {endpoint.name} as {endpoint.type} {endpoint.hash[:16]}, it is {own[0]} {own[1][:16]} here: they "
-                    "do not meet; set ros_distro to that of the node, and build its messages anew",
+                    f"{endpoint.node} has {endpoint.name} as {endpoint.type} {endpoint.hash[:16]}, it is {own[0]} {own[1][:16]} here, so they "
+                    "cannot connect: set ros_distro to that of the node, and build its messages anew",
                 )
         self.stats.peers = len(set(self._others.values()))
 
     # -- topics -----------------------------------------------------------------------------------------------------------------------------
 
     def publisher(self, key: str, latched: bool) -> tuple[zenoh.Publisher, Any]:
-        """A publisher that tells who listens, and the one that speaks: for late comers one that keeps its last message."""
+        """Return a publisher that knows whether somebody subscribes, and the one that sends.
+
+        They differ for a latched topic: what keeps the last message for late subscribers cannot tell whether there are any.
+        """
         import zenoh
 
         drop, remote = zenoh.CongestionControl.DROP, zenoh.Locality.REMOTE
@@ -204,13 +191,8 @@ class ZenohCarrier:
         """See `Carrier`."""
         return _Writer(self, topic, type_name, latched, heard)
 
-    def matched(self, writer: _Writer, is_heard: bool) -> None:
-        """Told by zenoh. A zenoh thread."""
-        with contextlib.suppress(RuntimeError):  # the loop has ended
-            self.loop.call_soon_threadsafe(writer.set_heard, is_heard)
-
     def look(self) -> None:
-        """Find subscribers of whom zenoh has not told yet."""
+        """Find subscribers of which zenoh has not told yet."""
         for writer in list(self.writers.values()):
             if not writer.is_heard:
                 writer.look()
@@ -223,10 +205,11 @@ class ZenohCarrier:
         most = self._types.most_bytes(type_name)
 
         def came(sample: zenoh.Sample) -> None:
-            self._inbox.put(_Came(take, _bytes(sample.payload, most), _sender(sample.attachment), None))
+            attached = _attachment(sample.attachment)
+            self._inbox.put(_Came(take, _bytes(sample.payload, most), _sender(attached), ()))
 
         subscriber = self._session.declare_subscriber(key, direct(came), allowed_origin=zenoh.Locality.REMOTE)
-        return self._ends(undeclare, subscriber)
+        return _ends(undeclare, subscriber)
 
     def serve(self, service: str, type_name: str, take: Callable[[bytes, str, Respond], None]) -> Callable[[], None]:
         """See `Carrier`."""
@@ -234,21 +217,20 @@ class ZenohCarrier:
         most, is_plain = self._types.most_bytes(f"{type_name}_Request"), self._names.is_plain
 
         def came(query: zenoh.Query) -> None:
-            attached = attachment(None if query.attachment is None else query.attachment.to_bytes())
-            payload = query.payload
+            attached, payload = _attachment(query.attachment), query.payload
             if not is_plain and (attached is None or payload is None):
-                query.drop()  # no client of ROS: it could not read the answer
+                query.drop()  # it is no client of ROS and could not read the answer
                 return
             data = _EMPTY if payload is None else _bytes(payload, most)
             respond = partial(self._respond, query, key, None if is_plain else attached)
-            self._inbox.put(_Came(take, data, attached.gid.hex()[:8] if attached is not None else "", respond))
+            self._inbox.put(_Came(take, data, _sender(attached), (respond,)))
 
-        # A client asks those alone that answer for the whole key.
+        # A client asks only queryables that answer for the whole key.
         queryable = self._session.declare_queryable(key, direct(came), complete=True)
-        return self._ends(undeclare, queryable)
+        return _ends(undeclare, queryable)
 
     def _respond(self, query: zenoh.Query, key: str, asked: Attachment | None, data: bytes) -> None:
-        """Answer: sequence and identity are those of the request, so that the client knows whose answer it is; a bridge knows it anyway."""
+        """Answer with sequence and identity of the request, by which its client recognises the answer; a bridge needs none."""
         attached = None if asked is None else asked._replace(stamp_ns=wall_ns()).packed()
 
         def work() -> None:
@@ -257,50 +239,36 @@ class ZenohCarrier:
 
         self.sender.send(work)
 
-    def _ends(self, undeclare: Callable[[], None], entity: Any) -> Callable[[], None]:
-        def end() -> None:
-            undeclare()
-            entity.undeclare()
-
-        return end
-
-    def _take(self, came: _Came) -> None:
-        if came.respond is None:
-            came.take(came.data, came.sender)
-        else:
-            came.take(came.data, came.sender, came.respond)
-
     def _drop(self, _: object) -> None:
-        """Too much waits for the loop. A zenoh thread."""
+        """Count what is dropped because too much waits for the loop. Called on a zenoh thread."""
         self.stats.dropped += 1
 
     def close(self) -> None:
-        """The node leaves."""
+        """Take back the token of the node."""
         self._node.undeclare()
 
 
-_EMPTY = b"\0\1\0\0\0"
-"""A request without fields, in CDR."""
+def _ends(undeclare: Callable[[], object], entity: Any) -> Callable[[], None]:
+    def end() -> None:
+        undeclare()
+        entity.undeclare()
 
-
-def _nothing() -> None:
-    """There is no token to take back."""
+    return end
 
 
 def wall_ns() -> int:
-    """When a message is sent, as ROS wants to know it: ns since 1970, to a microsecond. What is measured has simulation time."""
-    since = datetime.now(timezone.utc) - _EPOCH
-    return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
-
-
-_EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
+    """Return the wall time at which a message is sent, ns since 1970, exact to a microsecond. Measurements have simulation time."""
+    return (datetime.now(timezone.utc) - _EPOCH) // timedelta(microseconds=1) * 1000
 
 
 def _bytes(payload: zenoh.ZBytes, most: int) -> bytes:
-    """A payload; of one that is too large only that is of interest."""
+    """Return the bytes of a payload; of one that is too large only its excess matters, and is not copied."""
     return bytes(most + 1) if len(payload) > most else payload.to_bytes()
 
 
-def _sender(attached: zenoh.ZBytes | None) -> str:
-    known = attachment(None if attached is None else attached.to_bytes())
-    return "" if known is None else known.gid.hex()[:8]
+def _attachment(attached: zenoh.ZBytes | None) -> Attachment | None:
+    return attachment(None if attached is None else attached.to_bytes())
+
+
+def _sender(attached: Attachment | None) -> str:
+    return "" if attached is None else attached.gid.hex()[:8]

@@ -1,4 +1,4 @@
-"""Ports and services on a zenoh network (README.md beside this file has the keys and the bytes)."""
+"""Ports and services on a zenoh network. README.md beside this file describes the keys and the bytes."""
 
 from uwserver_adapters.zenoh_bus.adapter import ZenohAdapter
 

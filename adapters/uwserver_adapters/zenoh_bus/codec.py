@@ -1,4 +1,4 @@
-"""Bytes of payloads and attachments, without a session. README.md has the tables."""
+"""Payloads and attachments as bytes, without a session. README.md has the tables."""
 
 from __future__ import annotations
 
@@ -12,22 +12,23 @@ from uwserver.adapter.pictures import jpeg, picture_place, pixels
 from uwserver.ports import Buffer, Fault, Port, Refused, Sample
 
 PAYLOAD_LIMIT = 1 << 20
-"""Longest payload of a command or call, bytes; `decode` may take less."""
+"""Longest payload of a command or call, bytes; `decode` may allow less."""
 ATTACHMENT_LIMIT = 1024
-"""Longest attachment taken, bytes."""
+"""Longest attachment of a request, bytes."""
 TEXT_LIMIT = 2000
+"""Longest text of a refusal, characters."""
 CLIENT_LIMIT = 64
 """Longest client id, characters."""
 
 _MEDIA: dict[EncodingName, str] = {"json": "application/json", "msgpack": "application/msgpack"}
 RAW = "application/octet-stream"
-"""Of a payload that is the one value of a port, bytes or a buffer, as it is."""
-_UNSAID = ("", "zenoh/bytes", "zenoh/string", "text/plain", "text/json")
-"""What a client that says nothing of its encoding sends: taken as JSON."""
+"""Encoding of a payload that is the bytes of a port's only field."""
+_UNSAID = ("zenoh/bytes", "zenoh/string", "text/plain", "text/json")
+"""Encodings that zenoh gives where a client names none; the payload is then taken as JSON."""
 
 
 class SampleMeta(Struct):
-    """Attachment of a sample: all of it but the value."""
+    """Attachment of a sample: everything but the value."""
 
     port: str
     seq: int
@@ -37,7 +38,7 @@ class SampleMeta(Struct):
 
 
 class RawMeta(SampleMeta, omit_defaults=True):
-    """Attachment of a sample whose payload is the bytes of its one field; of a buffer with type and shape."""
+    """Attachment of a sample whose payload is the bytes of its only field; for a buffer it has type and shape."""
 
     field: str
     dtype: str = ""
@@ -45,14 +46,14 @@ class RawMeta(SampleMeta, omit_defaults=True):
 
 
 class Caller(Struct, forbid_unknown_fields=True):
-    """Attachment of a command or call: who asks, and the number under which it can be cancelled and hears of progress."""
+    """Attachment of a command or call: the caller, and the number under which it can cancel the call and gets its progress."""
 
     client: str = ""
     id: int | None = None
 
 
 class FaultText(Struct, omit_defaults=True):
-    """What a refusal says; `path` only where a put was refused."""
+    """A refusal; `path` is given only for a put."""
 
     code: str
     message: str
@@ -65,8 +66,8 @@ class Codec:
 
     Attributes:
         name: json or msgpack.
-        media: as zenoh's Encoding says it.
-        encode: any value of ours to bytes; JSON has no NaN, msgspec writes null.
+        media: its name as an Encoding of zenoh.
+        encode: encodes any of our values; NaN becomes null in JSON.
     """
 
     def __init__(self, name: EncodingName) -> None:
@@ -77,11 +78,11 @@ class Codec:
         )
 
     def fault(self, fault: Fault) -> bytes:
-        """A refusal. What the peer sent does not come back at full length."""
+        """Return the bytes of a refusal. Long texts are cut, as they may hold what the peer sent."""
         return self.encode(FaultText(fault.code, fault.text[:TEXT_LIMIT], fault.where[:TEXT_LIMIT]))
 
     def sample(self, form: SampleForm, sample: Sample) -> tuple[bytes, str, bytes]:
-        """Payload, encoding and attachment of a sample. One that is bytes or a buffer and nothing else goes as it is."""
+        """Return payload, encoding and attachment of a sample. A sample whose only field is bytes or a buffer is sent as these bytes."""
         meta = (sample.port, sample.seq, sample.t_ns, sample.t_sent_ns, sample.valid)
         if form.raw is not None:
             raw = sample.value[0]
@@ -92,7 +93,7 @@ class Codec:
         return payload, self.media, self.encode(SampleMeta(*meta))
 
     def picture(self, port: Port, sample: Sample) -> tuple[bytes, bytes] | None:
-        """JPEG and attachment of the picture in a sample; None where there is none."""
+        """Return JPEG and attachment of the picture in a sample; None where it has no picture."""
         place = picture_place(port)
         shown = pixels(sample.value[place]) if place is not None and place < len(sample.value) else None
         if place is None or shown is None:
@@ -102,29 +103,26 @@ class Codec:
 
 
 def encoding_of(media: str, default: EncodingName) -> EncodingName:
-    """The encoding in which a request came, and in which it is answered; `default` where it brought no payload.
+    """Return the encoding of a request, in which it is also answered; `default` where it has no payload.
 
     Raises:
-        Refused: something else than JSON or msgpack.
+        Refused: it is neither JSON nor msgpack.
     """
     kind = media.partition(";")[0].strip().lower()
-    if kind in _UNSAID:
-        return default if not kind else "json"
-    if kind == RAW:
-        return default
-    for name, known in _MEDIA.items():
-        if kind == known:
-            return name
+    names: dict[str, EncodingName] = {"": default, RAW: default, **dict.fromkeys(_UNSAID, "json")}
+    names |= {media: name for name, media in _MEDIA.items()}
+    if kind in names:
+        return names[kind]
     raise Refused(
         "bad_argument", f'encoding "{media[:80]}" is not served: send {" or ".join(_MEDIA.values())}', "encoding"
     )
 
 
 def decode_map(payload: bytes | None, encoding: EncodingName) -> dict[str, object]:
-    """The map in a payload; none at all is an empty map.
+    """Return the map in a payload; a missing payload is an empty map.
 
     Raises:
-        Refused: too large, undecodable, too deep, or no map.
+        Refused: the payload is too large, undecodable, too deep, or no map.
     """
     if not payload:
         return {}
@@ -137,10 +135,10 @@ def decode_map(payload: bytes | None, encoding: EncodingName) -> dict[str, objec
 
 
 def command_value(port: Port, payload: bytes | None, media: str, encoding: EncodingName) -> dict[str, object]:
-    """The fields in the payload of a command: a map, or the bytes of the one field that there is.
+    """Return the fields in the payload of a command, which is a map or the bytes of the port's only field.
 
     Raises:
-        Refused: as `decode_map`; or bytes for a port of other fields.
+        Refused: as `decode_map`; or the payload is bytes, and the port has other fields.
     """
     if media.partition(";")[0].strip().lower() != RAW:
         return decode_map(payload, encoding)
@@ -154,7 +152,7 @@ def command_value(port: Port, payload: bytes | None, media: str, encoding: Encod
 
 
 def decode_caller(attachment: bytes | None) -> Caller:
-    """Who asks; its first byte tells JSON from msgpack. None at all is an unnamed caller.
+    """Return the caller that an attachment names; without an attachment it is unnamed. The first byte distinguishes JSON from msgpack.
 
     Raises:
         Refused: the attachment is not as README.md says.
@@ -165,11 +163,8 @@ def decode_caller(attachment: bytes | None) -> Caller:
     try:
         caller = msgspec.convert(value, Caller)
     except msgspec.ValidationError as error:
-        raise Refused(
-            "bad_argument",
-            f'the attachment must be empty or a map {{"client": text, "id": number}}: {error}',
-            "attachment",
-        ) from None
+        text = f'the attachment must be empty or a map {{"client": text, "id": number}}: {error}'
+        raise Refused("bad_argument", text, "attachment") from None
     if len(caller.client) > CLIENT_LIMIT or set(caller.client) & set("/*$?#@"):
         raise Refused(
             "bad_argument", f'"client" is a text of at most {CLIENT_LIMIT} characters without / * $ ? # @', "client"

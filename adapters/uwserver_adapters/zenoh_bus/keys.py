@@ -1,4 +1,4 @@
-"""Where everything is on the zenoh network. Another dialect (ROS 2, MAVLink) is another class with these methods."""
+"""The keys of everything on the zenoh network."""
 
 from __future__ import annotations
 
@@ -8,16 +8,20 @@ _CHUNK = re.compile(r"[^/*$?#@\x00-\x20][^/*$?#\x00-\x20]*")
 
 
 class BadName(ValueError):
-    """A name that cannot be part of a key; the text says why and what to do."""
+    """A name cannot be part of a key; the text says what to do."""
 
 
 class KeyScheme:
-    """Keys of one server: ``<prefix>/<server>/<path>`` for ports and services, levels that begin with ``@`` for everything else.
+    """The keys of one server: ``<prefix>/<server>/<path>`` for ports and services, and levels that begin with ``@`` for everything else.
 
-    zenoh's wildcards never match a level that begins with ``@``: who subscribes to ``uw/<server>/**`` gets samples and commands alone.
+    zenoh's wildcards never match a level that begins with ``@``: a subscription to ``uw/<server>/**`` gets samples and commands only.
+
+    Args:
+        prefix: first levels of all keys.
+        server: name of the server.
 
     Raises:
-        BadName: server or prefix cannot be part of a key.
+        BadName: prefix or server cannot be part of a key.
     """
 
     def __init__(self, prefix: str, server: str) -> None:
@@ -39,30 +43,30 @@ class KeyScheme:
         self.requests = (self.everything, self.describe, self.hello, self.cancel)
 
     def of(self, path: str) -> str:
-        """Key of a port's samples and commands, or of a service."""
+        """Return the key of a port's samples and commands, or of a service."""
         return f"{self.root}/{path}"
 
     def path(self, key: str) -> str | None:
-        """Path of the port or service with this key; None for other keys."""
+        """Return the path of the port or service with this key; None for other keys."""
         path = key.removeprefix(f"{self.root}/")
         return None if path == key or path.startswith("@") else path
 
     def alive(self, path: str = "") -> str:
-        """Token of the server, a vehicle or a port."""
+        """Return the token of a vehicle or port, or by default of the server."""
         return f"{self.root}/@alive/{path}" if path else f"{self.root}/@alive"
 
     def jpeg(self, path: str) -> str:
-        """Key of a port's pictures as JPEG."""
+        """Return the key of a port's pictures as JPEG."""
         return f"{self.root}/@jpeg/{path}"
 
     def identity(self, zid: str) -> str:
-        """Token that tells apart two servers of one name."""
+        """Return the token that distinguishes servers of the same name."""
         return f"{self.root}/@id/{zid}"
 
     def error(self, client: str, path: str) -> str:
-        """Where the refusal of a put is told."""
+        """Return the key under which the refusal of a put is published."""
         return f"{self.root}/@error/{client}/{path}"
 
     def progress(self, client: str, request: int) -> str:
-        """Where a client hears how far its call is."""
+        """Return the key under which the progress of a call is published."""
         return f"{self.root}/@progress/{client}/{request}"

@@ -1,4 +1,4 @@
-"""Samples, events and liveliness tokens: what the world says, each encoded once whatever the number of subscribers, never for none."""
+"""Samples, events and liveliness tokens on the network. Each sample is encoded once for all subscribers, and not at all without one."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from uwserver.adapter.pictures import can_encode_jpeg, picture_place
 from uwserver.ports import Event, Port, Sample
 from uwserver_adapters.zenoh_bus.codec import Codec
 from uwserver_adapters.zenoh_bus.keys import KeyScheme
-from uwserver_adapters.zenoh_session.session import LARGE_BYTES, direct
+from uwserver_adapters.zenoh_session.session import Lane, direct
 
 if TYPE_CHECKING:
     from zenoh import LivelinessToken, MatchingStatus, Publisher, Session
@@ -25,72 +25,69 @@ JPEG = "image/jpeg"
 
 
 class _Outlet:
-    """One sensor's way out."""
+    """Publishes the samples of one sensor; for an actuator it only holds the token.
 
-    __slots__ = (
-        "changed",
-        "form",
-        "is_busy",
-        "is_heard",
-        "is_large",
-        "listener",
-        "number",
-        "port",
-        "publisher",
-        "token",
-    )
+    Args:
+        port: the port.
+        publisher: None for an actuator.
+        token: announces the port; None where another outlet does.
+        lane: sends the payloads.
+        changed: called on a zenoh thread when the first subscriber comes or the last one goes.
+    """
+
+    __slots__ = ("changed", "form", "is_heard", "lane", "listener", "number", "port", "publisher", "token")
 
     def __init__(
-        self, port: Port, publisher: Publisher | None, token: LivelinessToken | None, changed: Callable[[], None]
-    ) -> None:
-        self.port = port
+        self, port: Port, publisher: Publisher | None, token: LivelinessToken | None, lane: Lane, changed: Callable[[], None]
+    ) -> None:  # fmt: skip
+        self.port, self.publisher, self.token, self.lane, self.changed = port, publisher, token, lane, changed
         self.form = SampleForm(port)
-        self.publisher = publisher
-        self.token = token
-        self.changed = changed
         self.number = 0
-        self.is_large = False
-        self.is_busy = False
         self.is_heard = False
         if publisher is not None:
             self.listener = publisher.declare_matching_listener(direct(self._matches))
             self.look()
 
     def close(self) -> None:
-        """Its port is gone."""
-        if self.token is not None:
-            self.token.undeclare()
-        if self.publisher is not None:
-            self.publisher.undeclare()
+        for declared in (self.token, self.publisher):
+            if declared is not None:
+                declared.undeclare()
 
     def _matches(self, status: MatchingStatus) -> None:
-        """Somebody subscribes, or nobody any more. A zenoh thread."""
+        """Take zenoh's word whether somebody subscribes. Called on a zenoh thread."""
         self.is_heard = status.matching
         self.changed()
 
     def look(self) -> None:
-        """Ask whether somebody subscribes. Never unlearns what the listener says meanwhile."""
+        """Ask whether somebody subscribes. A "no" is ignored: the listener may have said "yes" meanwhile."""
         if self.publisher is not None:
-            status: Any = self.publisher.matching_status  # zenoh's stub says bool, it is a MatchingStatus
+            status: Any = self.publisher.matching_status  # zenoh's stub says bool, but it is a MatchingStatus
             if status.matching:
                 self.is_heard = True
+
+    def next_number(self) -> None:
+        """Count a message that goes out: subscribers notice missing numbers."""
+        self.number = (self.number + 1) & 0xFFFFFFFF
 
 
 class Publications:
     """The adapter's `Subscriber`. Loop thread.
 
+    Args:
+        context: the world.
+        session: the session, which is open.
+        keys: of this server.
+        codec: of samples and events.
+        sender: a thread for what may block.
+
     Attributes:
-        wanted: ports that anybody subscribes to.
+        wanted: ports to which somebody subscribes.
     """
 
     def __init__(
         self, context: AdapterContext, session: Session, keys: KeyScheme, codec: Codec, sender: Worker
     ) -> None:
-        self._context = context
-        self._session = session
-        self._keys = keys
-        self._codec = codec
-        self._sender = sender
+        self._context, self._session, self._keys, self._codec, self._sender = context, session, keys, codec, sender
         self._outlets: dict[str, _Outlet] = {}
         self._jpegs: dict[str, _Outlet] = {}
         self._vehicles: dict[str, LivelinessToken] = {}
@@ -99,7 +96,7 @@ class Publications:
         self.wanted: frozenset[str] = frozenset()
 
     def open(self) -> None:
-        """Declare publishers and tokens of all ports; again after they changed."""
+        """Declare publishers and tokens of all ports that exist now, and take back those of ports that have gone."""
         liveliness = self._session.liveliness()
         ports = self._context.ports
         for outlets in (self._outlets, self._jpegs):
@@ -110,9 +107,9 @@ class Publications:
         for path, port in ports.items():
             if path not in self._outlets:
                 token = liveliness.declare_token(self._keys.alive(path))
-                self._outlets[path] = _Outlet(port, self._publisher(port), token, self._changed)
+                self._outlets[path] = self._outlet(port, self._keys.of(path), self._codec.media, token)
             if path not in self._jpegs and picture_place(port) is not None and can_encode_jpeg():
-                self._jpegs[path] = _Outlet(port, self._publisher(port, JPEG), None, self._changed)
+                self._jpegs[path] = self._outlet(port, self._keys.jpeg(path), JPEG, None)
         vehicles = {path.split("/")[0] for path in ports}
         for name in self._vehicles.keys() - vehicles:
             self._vehicles.pop(name).undeclare()
@@ -121,42 +118,43 @@ class Publications:
         self._follow()
 
     def look(self) -> None:
-        """Find subscribers of whom zenoh has not said anything yet: its listeners are told a little later than its tables."""
+        """Find subscribers of which zenoh has not told yet: it tells its listeners a little after it knows."""
         for outlet in (*self._outlets.values(), *self._jpegs.values()):
             if not outlet.is_heard:
                 outlet.look()
         self._follow()
 
     def _changed(self) -> None:
-        """Let the loop follow, once for many. A zenoh thread."""
+        """Let the loop follow, once for many changes. Called on a zenoh thread."""
         if not self._is_following:
             self._is_following = True
             with contextlib.suppress(RuntimeError):  # the server has ended
                 self._loop.call_soon_threadsafe(self._follow)
 
     def _follow(self) -> None:
-        self._is_following = False  # before the look: what changes during it is followed again
+        self._is_following = False  # before the look, so that a change during it is followed again
         outlets = (*self._outlets.items(), *self._jpegs.items())
         wanted = frozenset(path for path, outlet in outlets if outlet.is_heard)
         if wanted != self.wanted:
             self.wanted = wanted
             self._context.follow_wants()
 
-    def _publisher(self, port: Port, media: str = "") -> Publisher | None:
+    def _outlet(self, port: Port, key: str, media: str, token: LivelinessToken | None) -> _Outlet:
         from zenoh import CongestionControl, Locality, Priority
 
-        if port.direction != "sensor":
-            return None
-        return self._session.declare_publisher(
-            self._keys.jpeg(port.path) if media == JPEG else self._keys.of(port.path),
-            encoding=media or self._codec.media,
-            congestion_control=CongestionControl.DROP,
-            priority=Priority.DATA,
-            allowed_destination=Locality.REMOTE,  # else our own subscriber for commands would count as one
-        )
+        publisher = None
+        if port.direction == "sensor":
+            publisher = self._session.declare_publisher(
+                key,
+                encoding=media,
+                congestion_control=CongestionControl.DROP,
+                priority=Priority.DATA,
+                allowed_destination=Locality.REMOTE,  # else our own subscriber for commands would count as one
+            )
+        return _Outlet(port, publisher, token, Lane(self._sender, self._context.stats), self._changed)
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
-        """Give each sample that anybody subscribes to to zenoh, which drops it for a peer that is too slow."""
+        """Publish the samples to which somebody subscribes. zenoh drops them for a peer that is too slow."""
         stats = self._context.stats
         for sample in samples:
             picture = self._jpegs.get(sample.port) if self._jpegs else None
@@ -179,28 +177,23 @@ class Publications:
             stats.bytes_sent += len(payload)
 
     def _put(self, outlet: _Outlet, publisher: Publisher, payload: bytes, media: str, attachment: bytes) -> bool:
-        """Number it, and put it; whether it went out."""
+        """Number a sample and send it; return whether it is not dropped here."""
         from zenoh import SourceInfo
 
         numbered = SourceInfo(publisher.id, outlet.number)
-        encoding = None if media == self._codec.media else media  # the publisher has that of all others
+        encoding = None if media == self._codec.media else media  # None: that of the publisher
         put = partial(publisher.put, payload, encoding=encoding, attachment=attachment, source_info=numbered)
-        if len(payload) > LARGE_BYTES or outlet.is_large:
-            outlet.is_large = True  # from now on always, so that samples do not overtake each other
-            if not self._put_large(outlet, put):
-                return False
-        else:
-            put()
-        outlet.number = (outlet.number + 1) & 0xFFFFFFFF
-        return True
+        is_put = outlet.lane.put(len(payload), put)
+        if is_put:
+            outlet.next_number()
+        return is_put
 
     def _put_picture(self, outlet: _Outlet, sample: Sample) -> None:
-        """Encode and put it on the thread, one at a time."""
+        """Encode and send a picture on the sender's thread, one at a time."""
         from zenoh import SourceInfo
 
-        publisher, stats = outlet.publisher, self._context.stats
+        publisher, stats, number = outlet.publisher, self._context.stats, outlet.number
         assert publisher is not None
-        number = outlet.number
 
         def work() -> None:
             found = self._codec.picture(outlet.port, sample)
@@ -210,34 +203,17 @@ class Publications:
                 stats.samples_sent += 1
                 stats.bytes_sent += len(found[0])
 
-        if self._put_large(outlet, work):
-            outlet.number = (number + 1) & 0xFFFFFFFF
-
-    def _put_large(self, outlet: _Outlet, put: Callable[[], object]) -> bool:
-        if outlet.is_busy:
-            self._context.stats.dropped += 1
-            return False
-
-        def work() -> None:
-            try:
-                put()
-            finally:
-                outlet.is_busy = False
-
-        outlet.is_busy = True  # before it can be done
-        if not self._sender.send(work):
-            outlet.is_busy = False
-            return False
-        return True
+        if outlet.lane.put_aside(work):
+            outlet.next_number()
 
     def put_event(self, event: Event) -> None:
-        """Tell everybody; renew the ports if it says that they changed."""
+        """Tell everybody; follow a change of ports."""
         if event.event == "ports_changed":
             self.open()
         self.tell(self._keys.event, event)
 
     def tell(self, key: str, message: object) -> None:
-        """Publish a message that is not lost, ahead of samples."""
+        """Publish a message that must not be lost, ahead of samples."""
         from zenoh import CongestionControl, Priority
 
         payload = self._codec.encode(message)

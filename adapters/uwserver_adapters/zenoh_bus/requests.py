@@ -1,4 +1,4 @@
-"""Commands, calls and questions: what comes in from the network, and its answers. Knows no session."""
+"""Commands, calls and questions from the network, and their answers. Knows no session."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import asyncio
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
 
 from uwserver.adapter import (
@@ -33,16 +34,16 @@ from uwserver_adapters.zenoh_bus.keys import KeyScheme
 log = logging.getLogger(__name__)
 
 UNNAMED = "unnamed"
-"""Who sends without an attachment; two such are not told apart."""
+"""Source of requests without an attachment; such callers cannot be told apart."""
 AT_ONCE = 32
-"""Ports whose last values are answered, or looked at, before others have their turn: about 0.1 ms."""
+"""Ports that are looked at, or whose last values are answered, before others have their turn: it takes about 0.1 ms."""
 CLIENTS = 1024
-"""Named clients that may be there at once."""
+"""Most named clients at a time."""
 
 
 @dataclass(frozen=True)
 class Put:
-    """A put (or delete) of a peer."""
+    """A put or delete of a peer."""
 
     key: str
     payload: bytes
@@ -52,28 +53,28 @@ class Put:
 
 
 class Answer(Protocol):
-    """Where the answers to one question go. Any number of replies, then one `end`."""
+    """Takes the answers to one question: any number of replies or a refusal, then one `end`."""
 
     def reply(self, key: str, payload: bytes, media: str, attachment: bytes | None = None) -> None:
-        """A result."""
+        """Send a result."""
 
     def refuse(self, payload: bytes, media: str) -> None:
-        """An error."""
+        """Send an error."""
 
     def end(self) -> None:
-        """Nothing more comes."""
+        """Say that nothing more comes."""
 
 
 class Parameters(Protocol):
-    """What stands after the ``?`` of a selector."""
+    """The parameters after the ``?`` of a selector."""
 
     def get(self, key: str, default: str | None = None) -> str | None:
-        """The value of one."""
+        """Return the value of a parameter."""
 
 
 @dataclass(frozen=True)
 class Question:
-    """A get of a peer. `intersects` tells whether a key fits its key expression, which may have wildcards."""
+    """A get of a peer. `intersects` returns whether a key matches its key expression, which may have wildcards."""
 
     key: str
     parameters: Parameters
@@ -88,22 +89,22 @@ class Requests:
     """Carries out puts and gets on a context. Loop thread.
 
     Args:
-        call_timeout_s: wall time after which the call of an unnamed caller is cancelled.
+        context: the world.
+        keys: of this server.
+        codecs: of both encodings.
+        default: encoding of answers to requests without a payload.
+        call_timeout_s: wall time after which a long-running call of an unnamed caller is cancelled, s.
         tell: publishes a message under a key.
-        look: finds who subscribes. Declarations overtake queries: who has subscribed and then asks misses nothing after the answer.
+        look: finds new subscribers. Declarations overtake queries: a peer that subscribes and then asks misses no sample after the answer.
     """
 
     def __init__(
         self, context: AdapterContext, keys: KeyScheme, codecs: Mapping[EncodingName, Codec], default: EncodingName,
         call_timeout_s: float, tell: Callable[[str, object], None], look: Callable[[], None],
     ) -> None:  # fmt: skip
-        self._context = context
-        self._keys = keys
-        self._codecs = codecs
+        self._context, self._keys, self._codecs = context, keys, codecs
         self._default: EncodingName = default
-        self._call_timeout_s = call_timeout_s
-        self._tell = tell
-        self._look = look
+        self._call_timeout_s, self._tell, self._look = call_timeout_s, tell, look
         self._chores = Chores()
         self._owed = Owed()
         self._strangers = Conversation(context, UNNAMED, self._owed)
@@ -113,7 +114,7 @@ class Requests:
     # -- puts -------------------------------------------------------------------------------------------------------------------------
 
     def take_put(self, put: Put) -> None:
-        """A command. There is nobody to answer: a refusal is published, and logged once per cause."""
+        """Carry out a command. A put has no answer: a refusal is published, and logged once per cause."""
         path = self._keys.path(put.key)
         if path is None:
             return
@@ -123,10 +124,14 @@ class Requests:
             client = caller.client or UNNAMED
             if put.is_delete:
                 raise Refused("bad_argument", f'"{path}" cannot be deleted: put a value to command an actuator', path)
-            self._check_port(path)
-            encoding = encoding_of(put.media, self._default)
-            value = command_value(self._context.ports[path], put.payload, put.media, encoding)
-            self._conversation(caller).command(path, value, self._put_refused(client, path), client)
+            port = self._context.ports.get(path)
+            if port is None:
+                hint = did_you_mean(path, self._context.ports)
+                text = f'no port "{path[:256]}"{hint}; get {self._keys.describe} lists them'
+                raise Refused("unknown_port", text, path)
+            value = command_value(port, put.payload, put.media, encoding_of(put.media, self._default))
+            answered = partial(self._put_answered, client, path)
+            self._conversation(caller).command(path, value, answered, client)
         except Refused as refused:
             self._refused_put(client, path, refused.fault)
         except Exception:  # a fault of ours must not end the adapter
@@ -134,7 +139,7 @@ class Requests:
             self._context.stats.errors += 1
 
     def take_loss(self, put: Put) -> None:
-        """A client tells how many samples did not reach it since it last did: zenoh tells a publisher of none."""
+        """Count the samples that a client reports as lost since its last report: zenoh does not tell a publisher of losses."""
         try:
             samples = decode_map(put.payload, encoding_of(put.media, self._default)).get("samples")
             if type(samples) is not int or not 0 < samples < 1 << 32:
@@ -144,26 +149,15 @@ class Requests:
         else:
             self._context.stats.dropped += samples
 
-    def _put_refused(self, client: str, path: str) -> Callable[[Reply], None]:
-        def answer(reply: Reply) -> None:
-            if reply.fault is not None:
-                self._refused_put(client, path, reply.fault)
-
-        return answer
+    def _put_answered(self, client: str, path: str, reply: Reply) -> None:
+        if reply.fault is not None:
+            self._refused_put(client, path, reply.fault)
 
     def _refused_put(self, client: str, path: str, fault: Fault) -> None:
         self._count(path, fault)
         known = path if path in self._context.ports else "unknown"
         told = FaultText(fault.code, fault.text[:2000], fault.where[:256], path[:256])
         self._tell(self._keys.error(client, known), told)
-
-    def _check_port(self, path: str) -> None:
-        if path not in self._context.ports:
-            raise Refused(
-                "unknown_port",
-                f'no port "{path[:256]}"{did_you_mean(path, self._context.ports)}; get {self._keys.describe} lists them',
-                path,
-            )
 
     def _count(self, path: str, fault: Fault) -> None:
         stats = self._context.stats
@@ -173,62 +167,48 @@ class Requests:
 
     def _log_once(self, path: str, fault: Fault) -> None:
         known = path in self._context.ports or path in self._context.services or path.startswith("@")
-        # Names that are none are a peer's choice: they are one cause, or they would use up the log.
+        # Unknown names are a peer's choice. They count as one cause, so that they cannot fill the log.
         self._refusals.note(f"{path if known else 'unknown'} {fault.code}", fault.text)
 
     # -- gets -------------------------------------------------------------------------------------------------------------------------
 
     def take_question(self, question: Question) -> None:
-        """Answer, at once or when the world has the answer."""
+        """Answer a get, at once or when the world has answered."""
         codec = self._codecs[self._default]
         try:
-            encoding = encoding_of(question.media, self._default)
-            codec = self._codecs[encoding]
-            is_answered = self._answer(question, codec)
+            codec = self._codecs[encoding_of(question.media, self._default)]
+            self._answer(question, codec)
         except Refused as refused:
             self._log_once(self._keys.path(question.key) or question.key.rsplit("/", 1)[-1], refused.fault)
             self._refuse(question, codec, refused.fault)
         except Exception:  # a fault of ours must not end the adapter
             log.exception("a get of %s failed", question.key[:200])
-            self._refuse(
-                question,
-                codec,
-                Fault("internal", "the server failed to answer: please report it with the server's log"),
-            )
-        else:
-            if is_answered:
-                question.answer.end()
+            text = "the server failed to answer: please report it with the server's log"
+            self._refuse(question, codec, Fault("internal", text))
 
-    def _answer(self, question: Question, codec: Codec) -> bool:
-        """Whether the answer is complete; else it comes later."""
+    def _answer(self, question: Question, codec: Codec) -> None:
         key = question.key
         if "*" in key:
             self._look()
             self._chores.add(self._ask_all(question, codec))
-            return False
-        if key == self._keys.describe:
+        elif key == self._keys.describe:
             self._look()
-            result = self._context.describe(question.parameters.get("pattern") or "**")
-            question.answer.reply(key, codec.encode(result), codec.media)
-            return True
-        if key == self._keys.hello:
-            question.answer.reply(key, codec.encode(self._hello(question, codec)), codec.media)
-            return True
-        if key == self._keys.cancel:
-            caller = decode_caller(question.attachment)
-            question.answer.reply(key, codec.encode({"cancelled": self._cancel(caller)}), codec.media)
-            return True
-        return self._port_or_service(question, codec)
+            self._reply(question, codec, self._context.describe(question.parameters.get("pattern") or "**"))
+        elif key == self._keys.hello:
+            self._reply(question, codec, self._hello(question, codec))
+        elif key == self._keys.cancel:
+            self._reply(question, codec, {"cancelled": self._cancel(decode_caller(question.attachment))})
+        else:
+            self._port_or_service(question, codec, self._keys.path(key) or "")
 
-    def _port_or_service(self, question: Question, codec: Codec) -> bool:
-        path = self._keys.path(question.key) or ""
+    def _port_or_service(self, question: Question, codec: Codec, path: str) -> None:
         port = self._context.ports.get(path)
         if port is not None and port.direction == "sensor":
             if question.payload:
                 raise Refused("bad_argument", f'"{path}" is a sensor: it takes no commands', path)
             self._look()
             self._ask(question, (path,))
-            return False
+            return
         caller = decode_caller(question.attachment)
         if port is not None:
 
@@ -238,19 +218,15 @@ class Requests:
 
             value = command_value(port, question.payload, question.media, codec.name)
             self._conversation(caller).command(path, value, answer, caller.client)
-            return False
-        if path not in self._context.services:
-            known = (*self._context.ports, *self._context.services)
-            raise Refused(
-                "unknown_service",
-                f'no port or service "{path[:256]}"{did_you_mean(path, known)}; get {self._keys.describe} lists them',
-                path,
-            )
-        self._call(question, codec, path, decode_map(question.payload, codec.name), caller)
-        return False
+        elif path in self._context.services:
+            self._call(question, codec, path, decode_map(question.payload, codec.name), caller)
+        else:
+            hint = did_you_mean(path, (*self._context.ports, *self._context.services))
+            text = f'no port or service "{path[:256]}"{hint}; get {self._keys.describe} lists them'
+            raise Refused("unknown_service", text, path)
 
     def _ask_all(self, question: Question, codec: Codec) -> Iterator[None]:
-        """Ask for what all ports said last that a question means. In pieces: 600 ports take 3 ms."""
+        """Ask for the last samples of all ports that a question matches. It is done in pieces, as 600 ports take 3 ms."""
         paths = []
         for count, (path, port) in enumerate(list(self._context.ports.items()), 1):
             if port.direction == "sensor" and question.intersects(self._keys.of(path)):
@@ -263,11 +239,15 @@ class Requests:
             self._refuse(question, codec, refused.fault)
 
     def _ask(self, question: Question, paths: Sequence[str]) -> None:
-        """Raises Refused: too much that was asked waits already."""
+        """Ask for the last samples of these ports.
+
+        Raises:
+            Refused: too many requests wait already.
+        """
         self._context.read(paths, lambda samples: self._chores.add(self._last_values(question, samples)), UNNAMED)
 
     def _last_values(self, question: Question, samples: Sequence[Sample]) -> Iterator[None]:
-        """Answer with what ports said last, and end. In pieces, too."""
+        """Answer with the last samples, in pieces, and end."""
         codec = self._codecs[self._default]
         try:
             for count, sample in enumerate(samples, 1):
@@ -315,7 +295,10 @@ class Requests:
     def _settle(self, question: Question, codec: Codec, reply: Reply, result: object) -> None:
         if reply.fault is not None:
             self._refuse(question, codec, reply.fault)
-            return
+        else:
+            self._reply(question, codec, result)
+
+    def _reply(self, question: Question, codec: Codec, result: object) -> None:
         question.answer.reply(question.key, codec.encode(result), codec.media)
         question.answer.end()
 
@@ -346,15 +329,14 @@ class Requests:
         if name is not None:
             conversation.join(name)
         self._clients[client] = conversation
-        hello: dict[str, object] = {**self._context.hello(), "encoding": self._default}
-        return hello
+        return {**self._context.hello(), "encoding": self._default}
 
     def client_left(self, client: str) -> None:
-        """Its token vanished: nobody waits for its calls any more, and it grants no ticks."""
+        """End the calls of a client whose token has vanished; it grants no more ticks."""
         conversation = self._clients.pop(client, None)
         if conversation is not None:
             conversation.leave()
-            conversation.end_calls()  # their questions are answered, so that nothing of them is kept
+            conversation.end_calls()  # their questions are still answered, so that nothing of them is kept
 
     def _cancel(self, caller: Caller) -> bool:
         if not caller.client or caller.id is None:
@@ -364,7 +346,7 @@ class Requests:
         return any(cancelled)
 
     def close(self) -> None:
-        """Cancel what is under way and let all clients go."""
+        """Cancel all calls and forget all clients."""
         for client in list(self._clients):
             self.client_left(client)
         self._chores.close()

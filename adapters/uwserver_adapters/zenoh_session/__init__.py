@@ -1,1 +1,1 @@
-"""A session of zenoh, for all adapters that have one: its settings, how it is opened, and how it calls back."""
+"""A zenoh session, for all adapters that have one: its settings, how it is opened, its callbacks, and sending."""

@@ -1,30 +1,78 @@
-"""How a session of zenoh is opened, and what its callbacks and large payloads need."""
+"""Opening a zenoh session, callbacks of zenoh's threads, and sending large payloads."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import asyncio
+import contextlib
+import logging
+from collections.abc import AsyncIterator, Callable
 from typing import TYPE_CHECKING, TypeVar
 
-from uwserver.adapter import CannotServe
-from uwserver_adapters.zenoh_session.config import ZenohConfig, endpoints, settings
+from uwserver.adapter import AdapterContext, AdapterStats, CannotServe, Worker
+from uwserver_adapters.zenoh_session.config import ZenohConfig, endpoints, is_exposed, settings
 
 if TYPE_CHECKING:
     import zenoh
 
+log = logging.getLogger(__name__)
 T = TypeVar("T")
 
+RETRY_S = 0.5
+"""Wall time between two attempts to open a session that must connect first."""
 LARGE_BYTES = 1 << 15
-"""A payload above this goes out in fragments, for which zenoh may wait: not on the loop."""
+"""Longest payload that is sent on the loop, bytes. zenoh sends a longer one in fragments, and may wait for them."""
 REFUSED_PEERS = "error,zenoh_link_tls=warn,zenoh_link_quic=warn"
-"""What zenoh logs (on stdout, as it always does) where certificates decide who may enter; RUST_LOG says otherwise."""
+"""What zenoh logs (on stdout, as always) where certificates decide who may connect; RUST_LOG overrides it."""
 
 
 class NobodyThere(Exception):
     """The session needs a connection, and nobody answers yet."""
 
 
-def opened(config: ZenohConfig, listen: tuple[str, ...]) -> zenoh.Session:
-    """Open a session. Not on the loop: it may take half a second.
+@contextlib.asynccontextmanager
+async def open_session(
+    config: ZenohConfig, context: AdapterContext, thread: str
+) -> AsyncIterator[tuple[zenoh.Session, Worker]]:
+    """Open a session, and a thread for what may block; close both at the end.
+
+    While nobody answers, it is tried again.
+
+    Args:
+        config: the session's settings.
+        context: its stats get the address.
+        thread: name of the thread.
+
+    Raises:
+        CannotServe: zenoh is not installed, a setting is wrong, or an endpoint cannot be had.
+    """
+    stats = context.stats
+    sender = Worker(thread, stats)
+    held: list[zenoh.Session] = []  # also holds a session whose opening was cancelled meanwhile
+    try:
+        while not held:
+            listen = _endpoints(config)
+            try:
+                await sender.run(lambda listen=listen: held.append(_opened(config, listen)))  # type: ignore[misc]
+            except NobodyThere as error:
+                stats.state, stats.last_error = "retrying", str(error)
+                await asyncio.sleep(RETRY_S)
+        stats.address = ", ".join(listen or config.connect) or (
+            "" if config.scouting is False else "multicast scouting"
+        )
+        if is_exposed(config, listen):
+            log.warning(
+                "%s listens at %s, which others can reach, unrestricted: set access_control or TLS in `config`, or listen on loopback",
+                context.name, stats.address,
+            )  # fmt: skip
+        yield held[0], sender
+    finally:
+        await sender.close(lambda: [session.close() for session in held])
+        stats.state = "stopped"
+        stats.peers = 0
+
+
+def _opened(config: ZenohConfig, listen: tuple[str, ...]) -> zenoh.Session:
+    """Open a session. This may take half a second, so it must not run on the loop.
 
     Raises:
         NobodyThere: it must connect first, and nobody answers.
@@ -65,8 +113,8 @@ def _zenoh_config(config: ZenohConfig, listen: tuple[str, ...]) -> zenoh.Config:
     return made
 
 
-def free(config: ZenohConfig) -> tuple[str, ...]:
-    """Where it listens, with ports of its own where the table says 0.
+def _endpoints(config: ZenohConfig) -> tuple[str, ...]:
+    """Return where the session listens, with free ports where the table says 0.
 
     Raises:
         CannotServe: this machine has no such address.
@@ -80,7 +128,49 @@ def free(config: ZenohConfig) -> tuple[str, ...]:
 
 
 def direct(callback: Callable[[T], None]) -> Callable[[T], None]:
-    """A callback of zenoh's that only hands over: zenoh needs to start no thread of Python for it."""
+    """Return a callback for zenoh that must only hand over to the loop: zenoh calls it without starting a Python thread."""
     import zenoh
 
     return zenoh.handlers.Callback(callback, indirect=False)
+
+
+class Lane:
+    """Sends the payloads of one publisher in their order.
+
+    Small payloads go out on the loop. From the first large one on, all go out on the sender's thread, so that none overtakes another; while one
+    is under way there, further ones are dropped.
+
+    Args:
+        sender: the thread.
+        stats: counts what is dropped.
+    """
+
+    def __init__(self, sender: Worker, stats: AdapterStats) -> None:
+        self._sender, self._stats = sender, stats
+        self._is_busy = self._is_large = False
+
+    def put(self, size: int, put: Callable[[], object]) -> bool:
+        """Send a payload of this size, bytes, by calling `put`; return whether it is not dropped."""
+        if size <= LARGE_BYTES and not self._is_large:
+            put()
+            return True
+        self._is_large = True
+        return self.put_aside(put)
+
+    def put_aside(self, put: Callable[[], object]) -> bool:
+        """Call `put` on the sender's thread; return False if it is dropped as the one before is still under way."""
+        if self._is_busy:
+            self._stats.dropped += 1
+            return False
+
+        def work() -> None:
+            try:
+                put()
+            finally:
+                self._is_busy = False
+
+        self._is_busy = True  # before the thread can be done with it
+        is_sent = self._sender.send(work)
+        if not is_sent:
+            self._is_busy = False
+        return is_sent
