@@ -1,4 +1,4 @@
-"""Adapter `rosbridge`: topics and services for all that speaks rosbridge v2 (roslibpy, roslib.js, Foxglove), with no ROS installed."""
+"""Adapter `rosbridge`: topics and services for clients of rosbridge v2 (roslibpy, roslib.js, Foxglove). It needs no ROS on this machine."""
 
 from uwserver_adapters.rosbridge.adapter import RosbridgeAdapter
 

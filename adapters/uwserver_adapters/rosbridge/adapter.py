@@ -1,4 +1,4 @@
-"""The `rosbridge` adapter: listens, and ends in order. The messages of ROS are loaded when it runs."""
+"""The `rosbridge` adapter: listens, and closes everything in order. The ROS message types are loaded only when it runs."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class RosbridgeAdapter:
 
     @property
     def token(self) -> str | None:
-        """That clients must show; None where none is needed."""
+        """The token that clients must show; None where none is needed."""
         return self._token.text
 
     async def run(self, ready: asyncio.Event) -> None:
@@ -56,7 +56,7 @@ class RosbridgeAdapter:
 
         Raises:
             CannotServe: rosbags is not installed.
-            CannotListen: see there.
+            CannotListen: the address cannot be had, or TLS is configured wrongly.
         """
         from uwserver_adapters.native.limits import Lockout
         from uwserver_adapters.rosbridge.connection import RosbridgeConnection
@@ -67,7 +67,7 @@ class RosbridgeAdapter:
         config = self.config
         hub = Hub(self.context, config, self._refusals)
         hub.feed.begin()
-        rosapi, lockout = Rosapi(hub, hub.feed.now_ns), Lockout()
+        rosapi, lockout = Rosapi(hub), Lockout()
 
         def begin(outbox: Outbox, wake: object) -> Session:
             self._last_serial += 1
@@ -85,7 +85,7 @@ class RosbridgeAdapter:
                 with serving(self.context, hub, address, ready):
                     if self._token.is_new:
                         log.warning(
-                            "%s listens at %s, which others can reach, and no token was set (token, or %s): one was made for this run."
+                            "%s listens at %s, which other machines can reach, and no token is set (token, or %s): one was made for this run."
                             " Connect to\n    %s/?token=%s",
                             self.context.name, config.bind, TOKEN_VARIABLE, address, self.token,
                         )  # fmt: skip

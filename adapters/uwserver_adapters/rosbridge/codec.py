@@ -1,4 +1,4 @@
-"""rosbridge v2 without a socket: maps to frames of WebSocket in each compression, and messages of clients to maps."""
+"""rosbridge v2 without a socket: frames of WebSocket from maps in each compression, and maps from messages of clients."""
 
 from __future__ import annotations
 
@@ -14,41 +14,34 @@ from websockets.frames import Frame, Opcode
 from websockets.server import ServerProtocol
 
 from uwserver.adapter import MESSAGE_LIMIT, Undecodable, decode
-from uwserver.ports import Fault
-from uwserver_adapters.native.codec import Control
-from uwserver_adapters.native.requests import Malformed
 from uwserver_adapters.native.websocket import WebSocketCodec
 
 COMPRESSIONS = ("none", "png", "cbor", "cbor-raw")
-"""How a client may ask to get messages."""
+"""Forms in which a client may ask to get messages."""
 _TAGS = {"uint8": 64, "uint16": 69, "uint32": 70, "int8": 72, "int16": 77, "int32": 78, "float32": 85, "float64": 86}
-"""Tags of typed arrays, little endian (RFC 8746), that roslib knows."""
+"""CBOR tags of little-endian typed arrays (RFC 8746), of those that roslib knows."""
 
 
 class Text(bytes):
-    """A message of a client."""
+    """A message of a client, as bytes."""
 
 
 class MessageCodec(WebSocketCodec):
-    """A WebSocket whose messages are taken as they come."""
+    """The codec of a WebSocket whose messages come as `Text`."""
 
     def __init__(self, protocol: ServerProtocol) -> None:
         super().__init__(protocol)
         self._has_heard = True
 
     def _complete(self, body: bytes, is_text: bool) -> None:
-        self._events.append(Text(body))  # type: ignore[arg-type]  # events of this codec are read here alone
-
-    def next_message(self) -> object:
-        """A `Text`, a `Malformed`, a `Control`, or NEED_DATA."""
-        return self.next_event()
+        self._events.append(Text(body))  # type: ignore[arg-type]  # only this adapter reads the events of this codec
 
 
 def parsed(body: bytes) -> dict[str, Any]:
-    """The map of a client's message.
+    """Return the map of a client's message.
 
     Raises:
-        Undecodable: it is none, or would cost too much.
+        Undecodable: it is no JSON object, or would cost too much.
     """
     value = decode(body, "json")
     if not isinstance(value, dict):
@@ -71,22 +64,22 @@ _JSON = msgspec.json.Encoder(enc_hook=_hook)
 
 
 def json_text(value: object) -> bytes:
-    """JSON; of nan and infinity null, of bytes base64."""
+    """Return the JSON of a value; NaN and infinity become null, and bytes base64."""
     return _JSON.encode(value)
 
 
 def text_frame(body: bytes) -> bytes:
-    """A message of text."""
+    """Return the frame of a text message."""
     return Frame(Opcode.TEXT, body).serialize(mask=False)
 
 
 def binary_frame(body: bytes) -> bytes:
-    """A message of bytes."""
+    """Return the frame of a binary message."""
     return Frame(Opcode.BINARY, body).serialize(mask=False)
 
 
 def published(topic: str, message: object, compression: str) -> bytes:
-    """The frame of a message of a topic: as JSON, as JSON in a picture, or as CBOR."""
+    """Return the frame of a topic's message, as JSON, as JSON in a picture, or as CBOR."""
     if compression == "cbor":
         return binary_frame(cbor({"op": "publish", "topic": topic, "msg": message}))
     text = b'{"op":"publish","topic":%b,"msg":%b}' % (json_text(topic), json_text(message))
@@ -96,13 +89,13 @@ def published(topic: str, message: object, compression: str) -> bytes:
 
 
 def published_raw(topic: str, raw: bytes, t_ns: int) -> bytes:
-    """The frame of a message as its bytes, in CBOR, with the time at which it was sent."""
+    """Return the frame of a message that holds its ROS bytes, in CBOR, with the time at which it was sent, ns since 1970."""
     stamp = {"secs": t_ns // 1_000_000_000, "nsecs": t_ns % 1_000_000_000, "bytes": raw}
     return binary_frame(cbor({"op": "publish", "topic": topic, "msg": stamp}))
 
 
 def fragments(text: bytes, size: int, number: int) -> list[bytes]:
-    """Frames of a JSON text in pieces of at most this many characters."""
+    """Return the frames of a JSON text in pieces of at most `size` characters; `number` is the id of the pieces."""
     whole = text.decode()
     pieces = [whole[i : i + size] for i in range(0, len(whole), size)]
     return [
@@ -112,7 +105,7 @@ def fragments(text: bytes, size: int, number: int) -> list[bytes]:
 
 
 def png(text: bytes) -> bytes:
-    """A picture, 8 bits of red, green and blue, whose pixels are the text, with line feeds at its end."""
+    """Return a PNG whose bytes of red, green and blue are the text, padded with line feeds."""
     width = max(1, math.isqrt(len(text) // 3))
     height = -(-len(text) // (3 * width))
     text = text.ljust(3 * width * height, b"\n")
@@ -126,7 +119,7 @@ def png(text: bytes) -> bytes:
 
 
 def cbor(value: Any) -> bytes:
-    """CBOR (RFC 8949) of maps, lists, texts, bytes, numbers and arrays of numpy."""
+    """Return the CBOR (RFC 8949) of maps, lists, texts, bytes, numbers and numpy arrays."""
     parts: list[bytes] = []
     _cbor(value, parts)
     return b"".join(parts)
@@ -136,13 +129,13 @@ def _cbor(value: Any, parts: list[bytes]) -> None:
     if value is None or isinstance(value, bool | np.bool_):
         parts.append(b"\xf6" if value is None else (b"\xf5" if value else b"\xf4"))
     elif isinstance(value, int | np.integer):
-        number = int(value)
-        if -(1 << 64) <= number < 1 << 64:
-            parts.append(_head(0, number) if number >= 0 else _head(1, -1 - number))
+        number, is_negative = int(value), int(value < 0)
+        magnitude = -1 - number if is_negative else number
+        if magnitude < 1 << 64:
+            parts.append(_head(is_negative, magnitude))
         else:  # a bignum
-            magnitude = number if number >= 0 else -1 - number
             data = magnitude.to_bytes(-(-magnitude.bit_length() // 8), "big")
-            parts += (_head(6, 2 if number >= 0 else 3), _head(2, len(data)), data)
+            parts += (_head(6, 2 + is_negative), _head(2, len(data)), data)
     elif isinstance(value, float | np.floating):
         parts.append(struct.pack(">Bd", 0xFB, value))
     elif isinstance(value, str):
@@ -177,22 +170,24 @@ def _head(major: int, number: int) -> bytes:
 # -- fragments of clients ---------------------------------------------------------------------------------------------------------------------
 
 SETS = 16
-"""Messages in pieces of one client that may be incomplete."""
+"""Most incomplete messages in pieces of one client."""
 
 
 class Gathered:
-    """Messages that a client sends in pieces: bounded in number, and in characters and pieces of all together; the oldest incomplete
-    one makes way."""
+    """Collects the messages that a client sends in pieces.
+
+    Their number is bounded, and so is the number of characters and pieces of all together: the oldest incomplete message is dropped first.
+    """
 
     def __init__(self) -> None:
         self._sets: dict[str, tuple[int, dict[int, str]]] = {}
         self._size = 0
 
     def take(self, message: dict[str, Any]) -> bytes | None:
-        """One more piece. Gives the message when it is complete.
+        """Take a piece; return the message when it is complete.
 
         Raises:
-            Undecodable: it is no piece of one message, or of one that is too long.
+            Undecodable: it is no piece, or its message is too long.
         """
         name, data, num, total = (message.get(key) for key in ("id", "data", "num", "total"))
         if not (
@@ -227,11 +222,5 @@ class Gathered:
 
 
 def _cost(piece: str) -> int:
-    """Characters that count for a piece: an empty one is not free."""
+    """Return how many characters a piece counts for: an empty one counts for one."""
     return max(len(piece), 1)
-
-
-__all__ = [
-    "COMPRESSIONS", "Control", "Fault", "Gathered", "Malformed", "MessageCodec", "Text", "binary_frame", "cbor", "fragments", "json_text",
-    "parsed", "png", "published", "published_raw", "text_frame",
-]  # fmt: skip

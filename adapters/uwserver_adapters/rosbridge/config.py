@@ -17,21 +17,21 @@ class RosbridgeConfig(AdapterTable, tag="rosbridge", kw_only=True, frozen=True):
     """Attributes:
     bind: address to listen at; anything but loopback needs a token.
     port: TCP port; 0 takes a free one.
-    ros_distro: whose types clients expect; noetic for those of ROS 1.
-    token: clients must show it, as ``?token=...`` of the address or as ``Authorization: Bearer ...``; default: the environment's UWSERVER_TOKEN;
-        generated and printed when bind is not loopback and there is none.
-    tf: who tells where vehicles are, on ``/tf``: the autopilot's "estimate", the "truth" (with truth = true), or "none".
-    geoid_m: height of the sea surface above the ellipsoid, which NavSatFix counts from.
-    clock_hz: messages of ``/clock`` in a simulated second, at most.
+    ros_distro: distribution whose types clients expect; noetic for those of ROS 1.
+    token: clients must show it, as ``?token=...`` of the address or as ``Authorization: Bearer ...``; default: the environment's UWSERVER_TOKEN.
+        If there is none and bind is not loopback, a token is generated and printed.
+    tf: source of the poses of vehicles on ``/tf``: the autopilot's "estimate", the "truth" (with truth = true), or "none".
+    geoid_m: height of the sea surface above the ellipsoid, m; NavSatFix counts heights from the ellipsoid.
+    clock_hz: most messages of ``/clock`` in a simulated second.
     allowed_origins, allowed_hosts: as for `sockets`.
-    tls_cert, tls_key, tls_client_ca: as for `sockets`; the address is wss then.
-    queue_samples, queue_bytes: that wait for a slow client, as for `sockets`; and as many bytes for one that throttles.
-    max_requests_per_s: messages of one client; more are refused.
-    max_subscriptions: of one client, over all topics together; and as many advertisements, and services that it offers.
-    max_unanswered: commands and calls of one client that wait for the world.
-    max_clients: at once.
-    max_strangers: connected besides, that have not opened a WebSocket yet; the oldest makes way.
-    hello_timeout_s: wall time in which a WebSocket must be open.
+    tls_cert, tls_key, tls_client_ca: as for `sockets`; the address then begins with wss.
+    queue_samples, queue_bytes: most samples and bytes that wait for a slow client, as for `sockets`; as many bytes wait for one that throttles.
+    max_requests_per_s: most messages of one client; more are refused.
+    max_subscriptions: most subscriptions of one client, over all topics together; also most advertisements, and services that it offers.
+    max_unanswered: most commands and calls of one client that wait for the world.
+    max_clients: most clients at a time.
+    max_strangers: most further connections that have not opened a WebSocket yet; the oldest is closed first.
+    hello_timeout_s: wall time in which a WebSocket must be open, s.
     """
 
     bind: Name = "127.0.0.1"
@@ -56,5 +56,5 @@ class RosbridgeConfig(AdapterTable, tag="rosbridge", kw_only=True, frozen=True):
     hello_timeout_s: Positive = 10.0
 
     def needs(self) -> Mapping[str, str]:
-        """rosbags, once it runs."""
+        """See `AdapterTable.needs`."""
         return {"rosbags": "uwserver[ros]"}

@@ -1,4 +1,4 @@
-"""One connection: bytes to messages of rosbridge and back, and what happens to a client that misbehaves."""
+"""One connection: converts bytes to messages of rosbridge and back, and deals with clients that misbehave."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ from uwserver_adapters.rosbridge.session import Session
 NO_PAGE = b"HTTP/1.1 426 Upgrade Required\r\nUpgrade: websocket\r\nContent-Type: text/plain\r\nConnection: close\r\n\r\nThis is rosbridge: open a WebSocket.\n"  # noqa: E501
 
 Begin = Callable[[Outbox, Callable[[], None]], Session]
-"""Makes the session of who was let in, of its outbox and what wakes it."""
+"""Makes the session of a client that is admitted, from its outbox and the function that wakes its connection."""
 
 
 class RosbridgeConnection(adapter.Connection):
-    """Made for each peer.
+    """The connection of one peer.
 
     Args:
         hub: what all clients share.
-        token: that clients must show; None where none is needed.
-        lockout: hosts that try tokens.
+        token: the token that clients must show; None where none is needed.
+        lockout: hosts that have shown wrong tokens.
         peers: of the adapter.
-        begin: see there.
+        begin: makes the session.
     """
 
     def __init__(self, hub: Hub, token: str | None, lockout: Lockout, peers: Peers[Peer], begin: Begin) -> None:
@@ -50,10 +50,10 @@ class RosbridgeConnection(adapter.Connection):
         self._session: Session | None = None
         self._waking: asyncio.Handle | None = None
 
-    # -- who is let in ----------------------------------------------------------------------------------------------------------------------
+    # -- admission -------------------------------------------------------------------------------------------------------------------------
 
     def takes_http(self, head: bytes) -> bool:
-        """A GET may open a WebSocket; nothing else is answered."""
+        """Take a GET, which may open a WebSocket, and no other request."""
         if not head.startswith(b"GET "):
             return False
         config = self._hub.config
@@ -63,7 +63,7 @@ class RosbridgeConnection(adapter.Connection):
         return True
 
     def _objection(self, request: Request) -> Fault | None:
-        """What a client's token lacks."""
+        """Return why a request is refused for its token; None where it is not."""
         if self._token is None:
             return None
         now = self.loop.time()
@@ -82,7 +82,7 @@ class RosbridgeConnection(adapter.Connection):
         return Fault("denied", "this server wants a token: add ?token=... to the address", "token")
 
     def receive(self, data: bytes) -> None:
-        """Store bytes; the first ones are those of the opening."""
+        """Store bytes; the first ones belong to the handshake."""
         if self._codec is None:
             if self._handshake is None:
                 self.farewell(b"this port speaks rosbridge: open a WebSocket\n")
@@ -98,15 +98,12 @@ class RosbridgeConnection(adapter.Connection):
             return False
         codec = handshake.codec
         if not isinstance(codec, MessageCodec):
-            fault = handshake.fault
+            # Without a fault the peer only asked for a page.
+            fault = handshake.fault or Fault("invalid_request", "a peer asked for a page", "http")
+            cause = {"allowed_origins": "origin", "allowed_hosts": "host"}.get(fault.where, fault.where)
             self._stats.errors += 1
-            cause = (
-                "http"
-                if fault is None
-                else {"allowed_origins": "origin", "allowed_hosts": "host"}.get(fault.where, fault.where)
-            )
-            self._hub.refusals.note(cause, "a peer asked for a page" if fault is None else fault.text)
-            self.farewell(NO_PAGE if fault is None else handshake.answer)
+            self._hub.refusals.note(cause, fault.text)
+            self.farewell(NO_PAGE if handshake.fault is None else handshake.answer)
             return False
         self.write(handshake.answer)
         self._codec = codec
@@ -116,7 +113,7 @@ class RosbridgeConnection(adapter.Connection):
         return True
 
     def refused(self, fault: Fault) -> bytes:
-        """There is no place for it."""
+        """Return the close frame for a client for which there is no place."""
         return self._codec.ending(fault) if self._codec is not None else b""
 
     # -- messages ---------------------------------------------------------------------------------------------------------------------------
@@ -125,7 +122,7 @@ class RosbridgeConnection(adapter.Connection):
         """Carry out one message."""
         if self._codec is None or self._session is None:
             return False
-        event = self._codec.next_message()
+        event: object = self._codec.next_event()
         if event is NEED_DATA:
             return False
         is_allowed = self._rate.take(self.loop.time())
@@ -148,15 +145,15 @@ class RosbridgeConnection(adapter.Connection):
         return True
 
     def quiet_until(self) -> float:
-        """The end of the window, when the peer floods."""
+        """Return the end of the second of a client that floods: it is not read before."""
         return self._rate.end if self._rate.is_flooded(self.loop.time()) else 0.0
 
     def after_turn(self) -> None:
-        """Answers of one turn are written together."""
+        """Write the answers of one turn together."""
         self._outbox.flush()
 
     def wake(self) -> None:
-        """An answer came later than its request."""
+        """Have an answer written that came later than its request."""
         if self._waking is None and not self.is_working and not self.is_closing:
             self._waking = self.loop.call_soon(self._flush)
 
@@ -165,11 +162,11 @@ class RosbridgeConnection(adapter.Connection):
         self._outbox.flush()
 
     def pause_writing(self) -> None:
-        """The peer reads too slowly."""
+        """Hold back what is sent: the peer reads too slowly."""
         self._outbox.paused = True
 
     def resume_writing(self) -> None:
-        """The peer has read."""
+        """Go on sending: the peer has read."""
         self._outbox.resume()
 
     def _overflow(self, text: str) -> None:
@@ -181,11 +178,11 @@ class RosbridgeConnection(adapter.Connection):
     # -- its end ----------------------------------------------------------------------------------------------------------------------------
 
     def missed(self) -> None:
-        """No WebSocket was opened in time."""
+        """End the connection, as no WebSocket was opened in time."""
         self.abort()
 
     def eof_received(self) -> bool:
-        """A WebSocket knows no peer that only listens on."""
+        """End the connection: in a WebSocket no peer stops sending but goes on listening."""
         self.close()
         return super().eof_received()
 
@@ -197,13 +194,13 @@ class RosbridgeConnection(adapter.Connection):
         super().close()
 
     def stop(self) -> None:
-        """It begins to end."""
+        """Send nothing more."""
         self._outbox.close()
         if self._waking is not None:
             self._waking.cancel()
 
     def closed(self) -> None:
-        """The peer died, or we closed."""
+        """End the session."""
         self.stop()
         if self._session is not None:
             self._session.close()

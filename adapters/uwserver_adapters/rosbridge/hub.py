@@ -1,4 +1,4 @@
-"""What all clients share: the world's topics, those of clients, and services that clients offer to each other."""
+"""What all clients share: the topics of the world and of clients, and the services and actions that clients offer to each other."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from uwserver_adapters.rosbridge.config import RosbridgeConfig
 from uwserver_adapters.rosbridge.subscriptions import ClientMessage, Message, WorldMessage
 
 TOPICS = 4096
-"""Topics that clients may have advertised, all together."""
+"""Most topics that clients may have advertised, all together."""
 
 
 class Client(Protocol):
-    """A session, as others see it."""
+    """A session, as other sessions see it."""
 
     name: str
 
     def hear(self, topic: str, message: Message) -> None:
-        """A message of a topic to which it subscribes."""
+        """Take a message of a topic to which it subscribes."""
 
     def serve(self, service: str, args: object, answer: Callable[[bool, object], None]) -> None:
-        """A call of a service that it offers."""
+        """Carry out a call of a service that it offers; `answer` gets whether it succeeded, and the values."""
 
     def flush(self) -> None:
         """Send what waits."""
 
 
 class Performer(Protocol):
-    """What carries out the goals of an action that a client offers."""
+    """Carries out the goals of actions that a client offers."""
 
     def perform(
         self,
@@ -47,7 +47,7 @@ class Performer(Protocol):
 
 
 class Hub:
-    """The adapter's `Subscriber`.
+    """Passes messages between the world and the clients. It is the adapter's `Subscriber`.
 
     Args:
         context: the world.
@@ -56,11 +56,11 @@ class Hub:
 
     Attributes:
         context, config, refusals: as given.
-        types: of the distribution.
-        feed: of the world.
-        advertised: topic -> type and advertisers, of topics of clients.
-        served: service -> type and the client that offers it.
-        acting: action -> type and who carries out its goals, of actions of clients.
+        types: message types of the distribution.
+        feed: topics and services of the world.
+        advertised: topics of clients -> type and advertisers.
+        served: services of clients -> type and the client that offers it.
+        acting: actions of clients -> type and what carries out its goals.
     """
 
     def __init__(self, context: AdapterContext, config: RosbridgeConfig, refusals: Refusals) -> None:
@@ -77,19 +77,19 @@ class Hub:
     # -- topics ---------------------------------------------------------------------------------------------------------------------------
 
     def type_of(self, topic: str) -> str:
-        """The type of a topic, of whoever tells or takes it; "" where there is none."""
+        """Return the type of a topic that is published or taken here; "" where there is none."""
         inlet = self.feed.catalogue.inlets.get(topic)
         if inlet is not None:
             return inlet.type
         return self.feed.topics.get(topic) or self.advertised.get(topic, ("",))[0]
 
     def topics(self) -> Mapping[str, str]:
-        """All topics -> type."""
+        """Return all topics -> type."""
         inlets = {topic: inlet.type for topic, inlet in self.feed.catalogue.inlets.items()}
         return {**{topic: kind for topic, (kind, _) in self.advertised.items()}, **inlets, **self.feed.topics}
 
     def subscribe(self, client: Client, topic: str) -> Message | None:
-        """A client hears a topic from now on, once. Gives what was said last, where that is for late comers too."""
+        """Let a client hear a topic, once; return the newest message where late subscribers get it."""
         listeners = self._listeners.setdefault(topic, {})
         if client in listeners:
             return None
@@ -98,7 +98,7 @@ class Hub:
         return None if last is None else self._of_world(last)
 
     def unsubscribe(self, client: Client, topic: str) -> None:
-        """It does not hear it any more."""
+        """Let a client hear a topic no more."""
         listeners = self._listeners.get(topic, {})
         if client in listeners:
             del listeners[client]
@@ -107,28 +107,33 @@ class Hub:
             self._listeners.pop(topic, None)
 
     def listeners(self, topic: str) -> list[str]:
-        """Names of clients that hear a topic."""
+        """Return the names of the clients that hear a topic."""
         return [client.name for client in self._listeners.get(topic, ())]
 
+    def unadvertise(self, client: Client, topic: str) -> None:
+        """Let a client publish a topic no more; without advertisers the topic goes."""
+        _, advertisers = self.advertised.get(topic, ("", set()))
+        advertisers.discard(client)
+        if not advertisers:
+            self.advertised.pop(topic, None)
+
     def relay(self, topic: str, message: dict[str, Any]) -> None:
-        """A client's message for those who listen."""
+        """Pass a client's message to the clients that hear its topic."""
         passed = ClientMessage(message)
         for client in tuple(self._listeners.get(topic, ())):
             client.hear(topic, passed)
             client.flush()
 
     def leave(self, client: Client) -> None:
-        """A client is gone, and all that it offered."""
-        for topic in [topic for topic, listeners in self._listeners.items() if client in listeners]:
+        """Remove a client that has gone, with its subscriptions, topics and services."""
+        for topic in list(self._listeners):
             self.unsubscribe(client, topic)
-        for topic, (_, advertisers) in list(self.advertised.items()):
-            advertisers.discard(client)
-            if not advertisers:
-                del self.advertised[topic]
+        for topic in list(self.advertised):
+            self.unadvertise(client, topic)
         self.served = {name: offered for name, offered in self.served.items() if offered[1] is not client}
         self._due.pop(client, None)
 
-    # -- what the world says --------------------------------------------------------------------------------------------------------------
+    # -- the world ------------------------------------------------------------------------------------------------------------------------
 
     @property
     def wanted(self) -> Collection[str]:
@@ -136,17 +141,17 @@ class Hub:
         return self.feed.wanted
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
-        """Samples of one tick."""
+        """Take the samples of one tick."""
         self.feed.put_samples(samples)
 
     def send_samples(self) -> None:
-        """No more samples wait."""
+        """Send the messages of the ticks until now together: no more samples wait."""
         due, self._due = self._due, {}
         for client in due:
             client.flush()
 
     def put_event(self, event: Event) -> None:
-        """Other ports, or another time."""
+        """Follow a change of ports or of time."""
         self.feed.put_event(event)
 
     def _of_world(self, told: Told) -> WorldMessage:

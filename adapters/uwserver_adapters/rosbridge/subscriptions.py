@@ -1,4 +1,4 @@
-"""What one client hears: its topics, thinned and queued as it asked, in the form that it asked for."""
+"""The topics that one client hears, throttled and queued as it asked, in the form that it asked for."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from typing import Protocol
 
 import msgspec
 
-from uwserver_adapters.native.outbox import Outgoing
+from uwserver_adapters.native.outbox import Delivery, Outgoing
 from uwserver_adapters.ros.feed import Told
 from uwserver_adapters.rosbridge.codec import fragments, json_text, published, published_raw, text_frame
 
 LONGEST_QUEUE = 1000
-"""Messages of a topic that may wait for a client that throttles them."""
+"""Most messages of a topic that wait for a client that throttles it."""
 
 
 @dataclass(frozen=True)
-class Wish:
-    """What one `subscribe` asked for.
+class Options:
+    """The options of one `subscribe` or another request.
 
     Attributes:
-        throttle_s: wall time between two messages, at least.
-        queue_length: messages that wait meanwhile; 0: they are dropped.
-        fragment_size: characters of a message at most, longer ones come in pieces; None: all in one.
-        compression: one of `COMPRESSIONS`.
+        throttle_s: least wall time between two messages, s.
+        queue_length: most messages that wait meanwhile; with 0 they are dropped.
+        fragment_size: longest message that is sent in one piece, characters; None for no limit.
+        compression: one of `uwserver_adapters.rosbridge.codec.COMPRESSIONS`.
     """
 
     throttle_s: float = 0.0
@@ -36,23 +36,23 @@ class Wish:
 
 
 class Message(Protocol):
-    """What a subscription sends: a message of the world, or of another client.
+    """A message of the world, or of another client.
 
     Attributes:
-        size: about, bytes that it holds while it waits.
+        size: about how many bytes it holds while it waits.
     """
 
     size: int
 
     def frame(self, topic: str, compression: str) -> bytes | None:
-        """The message in one frame; None where it cannot be said so."""
+        """Return the message in one frame; None where it has no such form."""
 
     def text(self, topic: str) -> bytes | None:
-        """The whole JSON text."""
+        """Return the whole JSON text."""
 
 
 class WorldMessage:
-    """One of the world: each form is made once for all clients."""
+    """A message of the world. Each form is made once for all clients."""
 
     def __init__(self, told: Told, t_ns: int) -> None:
         self._told, self._t_ns = told, t_ns
@@ -60,26 +60,24 @@ class WorldMessage:
 
     def frame(self, topic: str, compression: str) -> bytes | None:
         """See `Message`."""
-        return self._told.encoded(compression, lambda: self._made(topic, compression))
+        told = self._told
 
-    def _made(self, topic: str, compression: str) -> bytes | None:
-        if compression == "cbor-raw":
-            raw = self._told.raw
-            return None if raw is None else published_raw(topic, raw, self._t_ns)
-        plain = self._told.plain
-        return None if plain is None else published(topic, plain, compression)
+        def make() -> bytes | None:
+            if compression == "cbor-raw":
+                return None if told.raw is None else published_raw(topic, told.raw, self._t_ns)
+            return None if told.plain is None else published(topic, told.plain, compression)
+
+        return told.encoded(compression, make)
 
     def text(self, topic: str) -> bytes | None:
         """See `Message`."""
-        return self._told.encoded("text", lambda: self._text(topic))
-
-    def _text(self, topic: str) -> bytes | None:
         plain = self._told.plain
-        return None if plain is None else json_text({"op": "publish", "topic": topic, "msg": plain})
+        message = {"op": "publish", "topic": topic, "msg": plain}
+        return self._told.encoded("text", lambda: None if plain is None else json_text(message))
 
 
 class ClientMessage:
-    """One of another client, passed on as it came: each form is made once for all clients."""
+    """A message of another client, passed on as it came. Each form is made once for all clients."""
 
     def __init__(self, message: object) -> None:
         self._json = json_text(message)
@@ -87,12 +85,11 @@ class ClientMessage:
         self.size = len(self._json)
 
     def frame(self, topic: str, compression: str) -> bytes | None:
-        """See `Message`; its bytes in ROS' form are not known."""
+        """See `Message`. Its ROS bytes are unknown: "cbor-raw" gets CBOR instead."""
         form = "cbor" if compression == "cbor-raw" else compression
-        known = self._frames.get(form)
-        if known is None:
-            known = self._frames[form] = published(topic, msgspec.json.decode(self._json), form)
-        return known
+        if form not in self._frames:
+            self._frames[form] = published(topic, msgspec.json.decode(self._json), form)
+        return self._frames[form]
 
     def text(self, topic: str) -> bytes | None:
         """See `Message`."""
@@ -100,12 +97,13 @@ class ClientMessage:
 
 
 class Room:
-    """What may wait for one client that throttles, all topics together.
+    """The memory for messages that wait because a client throttles them, for all its topics together.
 
     Args:
-        most_bytes: of messages.
+        most_bytes: most bytes that may wait.
 
     Attributes:
+        most_bytes: as given.
         used: bytes that wait.
     """
 
@@ -114,73 +112,73 @@ class Room:
 
 
 class Subscription:
-    """A topic of one client; several `subscribe` of it are one: the lowest rate, the longest queue, the smallest pieces.
+    """A topic that one client hears.
+
+    Several `subscribe` of a topic are merged: the highest rate, the longest queue, the smallest pieces, and the last compression.
 
     Args:
         topic: its name.
         outbox: of the client.
-        flush: sends what waits there.
+        flush: sends what waits in the outbox.
         room: of the client.
 
     Attributes:
-        wishes: by the id of each `subscribe`.
+        options: those of each `subscribe`, by its id.
     """
 
     def __init__(self, topic: str, outbox: Outgoing, flush: Callable[[], None], room: Room) -> None:
         self.topic = topic
-        self.wishes: dict[Hashable, Wish] = {}
+        self.options: dict[Hashable, Options] = {}
         self._outbox, self._flush, self._room = outbox, flush, room
         self._loop = asyncio.get_running_loop()
-        self._wish = Wish()
+        self._merged = Options()
         self._next = 0.0
         self._waiting: deque[Message] = deque()
         self._timer: asyncio.TimerHandle | None = None
         self._pieces = 0
 
-    def ask(self, key: Hashable, wish: Wish) -> None:
-        """One more `subscribe`; one of the same id replaces it."""
-        self.wishes[key] = wish
-        self._merge(wish.compression)
+    def add(self, key: Hashable, options: Options) -> None:
+        """Add a `subscribe` with this id, or replace the one with the same id."""
+        self.options[key] = options
+        self._merge(options.compression)
 
-    def give_up(self, key: Hashable) -> bool:
-        """An `unsubscribe`; of all where `key` is None. Whether none is left."""
+    def remove(self, key: Hashable) -> bool:
+        """Remove a `subscribe`, or all where `key` is None; return whether none is left."""
         if key is None:
-            self.wishes.clear()
+            self.options.clear()
         else:
-            self.wishes.pop(key, None)
-        if self.wishes:
-            self._merge(next(reversed(self.wishes.values())).compression)
-        return not self.wishes
+            self.options.pop(key, None)
+        if self.options:
+            self._merge(next(reversed(self.options.values())).compression)
+        return not self.options
 
     def _merge(self, compression: str) -> None:
-        wishes = self.wishes.values()
-        sizes = [wish.fragment_size for wish in wishes if wish.fragment_size is not None]
-        self._wish = Wish(
-            min(wish.throttle_s for wish in wishes), max(wish.queue_length for wish in wishes), min(sizes, default=None), compression
+        every = self.options.values()
+        sizes = [one.fragment_size for one in every if one.fragment_size is not None]
+        self._merged = Options(
+            min(one.throttle_s for one in every), max(one.queue_length for one in every), min(sizes, default=None), compression
         )  # fmt: skip
-        while len(self._waiting) > self._wish.queue_length:
+        while len(self._waiting) > self._merged.queue_length:
             self._oldest()
 
     def put(self, message: Message) -> None:
-        """A message of the topic."""
-        wish = self._wish
-        if not wish.throttle_s:
+        """Send a message of the topic, let it wait, or drop it."""
+        throttle_s, now = self._merged.throttle_s, self._loop.time()
+        if not throttle_s:
             self._send(message)
-            return
-        now = self._loop.time()
-        if now >= self._next and not self._waiting:
-            self._next = (
-                max(self._next + wish.throttle_s, now) if now - self._next < wish.throttle_s else now + wish.throttle_s
-            )
+        elif now >= self._next and not self._waiting:
+            # A message that is a little late does not delay those after it.
+            is_steady = now - self._next < throttle_s
+            self._next = max(self._next + throttle_s, now) if is_steady else now + throttle_s
             self._send(message)
-        elif wish.queue_length:
+        elif self._merged.queue_length:
             self._wait(message)
 
     def _wait(self, message: Message) -> None:
-        """One more that waits; the oldest of the topic make way. What is too large beside other topics' is dropped."""
+        """Let a message wait; the oldest of the topic are dropped for it. It is dropped itself if other topics leave too little room."""
         room = self._room
         while self._waiting and (
-            len(self._waiting) >= self._wish.queue_length or room.used + message.size > room.most_bytes
+            len(self._waiting) >= self._merged.queue_length or room.used + message.size > room.most_bytes
         ):
             self._oldest()
         if room.used + message.size > room.most_bytes:
@@ -197,33 +195,30 @@ class Subscription:
 
     def _release(self) -> None:
         self._timer = None
-        if not self._waiting:
-            return
-        self._send(self._oldest())
-        self._flush()
-        self._next = self._loop.time() + self._wish.throttle_s
+        if self._waiting:
+            self._send(self._oldest())
+            self._flush()
+            self._next = self._loop.time() + self._merged.throttle_s
         if self._waiting:
             self._timer = self._loop.call_at(self._next, self._release)
 
     def _send(self, message: Message) -> None:
-        wish = self._wish
-        # A client that asked for a queue of one wants the newest, however slowly it reads; others lose the oldest when too much waits.
-        delivery = "latest" if wish.queue_length == 1 else "ring"
-        if wish.fragment_size is not None and wish.compression in ("none", "png"):
+        size, compression = self._merged.fragment_size, self._merged.compression
+        if size is not None and compression in ("none", "png"):
             text = message.text(self.topic)
-            if text is not None and len(text) > wish.fragment_size:
-                self._pieces += 1
-                pieces = b"".join(fragments(text, wish.fragment_size, self._pieces))
-                self._outbox.put_sample(self.topic, pieces, delivery)  # type: ignore[arg-type]
-                return
             frame = None if text is None else text_frame(text)
+            if text is not None and len(text) > size:
+                self._pieces += 1
+                frame = b"".join(fragments(text, size, self._pieces))
         else:
-            frame = message.frame(self.topic, wish.compression)
+            frame = message.frame(self.topic, compression)
         if frame is not None:
-            self._outbox.put_sample(self.topic, frame, delivery)  # type: ignore[arg-type]
+            # With a queue of one a client gets the newest, however slowly it reads; else it loses the oldest when too much waits.
+            delivery: Delivery = "latest" if self._merged.queue_length == 1 else "ring"
+            self._outbox.put_sample(self.topic, frame, delivery)
 
     def close(self) -> None:
-        """Nothing is sent any more."""
+        """Drop what waits; nothing is sent any more."""
         while self._waiting:
             self._oldest()
         if self._timer is not None:
