@@ -1,4 +1,4 @@
-"""The `yarp` adapter: ports of a YARP network, registered at its name server; no YARP is installed."""
+"""The `yarp` adapter: ports of a YARP network, registered at its name server. It needs no YARP on this machine."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import contextlib
 import logging
 from collections.abc import Collection, Sequence
 from functools import partial
+from typing import cast
 
 from uwserver.adapter import (
     AdapterContext,
@@ -22,9 +23,10 @@ from uwserver.adapter import (
     within,
 )
 from uwserver.ports import Event, Refused, Sample
-from uwserver_adapters.yarp import codec, names
+from uwserver.units import NANOSECONDS
+from uwserver_adapters.yarp import names
 from uwserver_adapters.yarp.config import YarpConfig
-from uwserver_adapters.yarp.links import Link, connected
+from uwserver_adapters.yarp.links import Link, connect
 from uwserver_adapters.yarp.names import Address
 from uwserver_adapters.yarp.peer import Answered, Peer
 from uwserver_adapters.yarp.port import Reader, Writer, YarpPort, ports_of
@@ -34,21 +36,23 @@ log = logging.getLogger(__name__)
 
 EVERYWHERE = ("0.0.0.0", "::")
 TRIES = 64
-"""TCP ports that are tried for one port of YARP when those before are in use."""
+"""Most TCP ports that are tried for one port of YARP, where they are in use."""
 LOOK_S = 1.0
-"""Wall time between two looks whether the name server still knows this server."""
+"""Wall time between two checks whether the name server still knows this server."""
 LEAVE_S = 0.5
-"""Wall time to tell it that this server goes."""
+"""Wall time to unregister at the name server when this server ends."""
 LINKS = 64
-"""Connections that may be in the making."""
+"""Most connections that are being made at a time."""
 
 
 class YarpAdapter:
-    """Ports for sensors, actuators, services and the time. The name server may come later, and go and come back.
+    """Serves ports for sensors, actuators, services and the time. The name server may start later, end, and come back.
+
+    It is its own `Subscriber`, and the `uwserver_adapters.yarp.peer.Network` of those who connect.
 
     Attributes:
         config, context: as given.
-        ports: all ports, by name.
+        ports: all ports, by name; the first is the clock.
     """
 
     Config = YarpConfig
@@ -77,7 +81,8 @@ class YarpAdapter:
 
         Raises:
             CannotServe: `name_server` is no address.
-            CannotListen: see there; or the address is not loopback, and the table does not allow it or does not say by which name others reach it.
+            CannotListen: the address cannot be had; or it is not loopback and the table does not allow that, or does not say by which name
+                others reach it.
         """
         config, context = self.config, self.context
         if not (is_loopback(config.bind) or config.allow_network):
@@ -106,7 +111,7 @@ class YarpAdapter:
     # -- ports ----------------------------------------------------------------------------------------------------------------------------
 
     async def _open(self, stack: contextlib.AsyncExitStack) -> None:
-        """Ports of all that is there now, and of nothing else."""
+        """Have ports for everything that exists now, and for nothing else."""
         config = self.config
         wanted = {each.name: each for each in ports_of(self.context, config.prefix, config.ports, config.vectors)}
         for name in [name for name, port in self.ports.items() if name not in wanted or wanted[name].port != port.port]:
@@ -125,18 +130,17 @@ class YarpAdapter:
         self.context.stats.details["ports"] = {name: each.port for name, each in self._listeners.items()}
 
     async def _listener(self, stack: contextlib.AsyncExitStack, port: YarpPort) -> Listener:
-        make = partial(self._peer, port)
-        for attempt in range(TRIES):
-            number = self._next_port
+        make, tries = partial(self._peer, port), 0
+        while True:
+            number, tries = self._next_port, tries + 1
             if number:
                 self._next_port = number % 65535 + 1
             try:
                 server = serve_tcp(make, self._peers, self.config.bind, number, key="first_port", rival="YARP")
                 return await stack.enter_async_context(server)
             except CannotListen:
-                if attempt == TRIES - 1 or not number:
+                if tries == TRIES or not number:
                     raise
-        raise AssertionError("unreachable")
 
     def _peer(self, port: YarpPort) -> Peer:
         self._count += 1
@@ -145,7 +149,7 @@ class YarpAdapter:
     # -- the name server --------------------------------------------------------------------------------------------------------------------
 
     async def _look(self) -> None:
-        """Be registered, at a name server that may come and go."""
+        """Stay registered at a name server that may come and go."""
         try:
             await self._register()
             if self._trouble:
@@ -161,6 +165,10 @@ class YarpAdapter:
         self.context.stats.details["registered"] = len(self._registered)
 
     async def _register(self) -> None:
+        """Register what is new and unregister what has gone.
+
+        If the name server does not know the first port any more it was restarted: everything is registered again.
+        """
         host, first = self.config.host or self.config.bind, next(iter(self.ports))
         if first in self._registered:
             (answer,) = await names.ask(self._server, [f"query {first}"], self.config.prefix)
@@ -186,15 +194,15 @@ class YarpAdapter:
         questions = [f"unregister {name}" for name in sorted(self._registered | self._gone)]
         if questions:
             with contextlib.suppress(OSError):
-                taking_leave = names.ask(self._server, questions, self.config.prefix)
-                await within(LEAVE_S, taking_leave, "the name server did not take leave")
+                unregistering = names.ask(self._server, questions, self.config.prefix)
+                await within(LEAVE_S, unregistering, "the name server did not answer")
 
     # -- uwserver.adapter.Subscriber ------------------------------------------------------------------------------------------------------
 
     wanted: Collection[str] = ()
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
-        """Samples of one tick."""
+        """Send the samples of one tick, and the time."""
         stats, heard = self.context.stats, self._heard
         for sample in samples:
             for port in heard.get(sample.port, ()):
@@ -202,13 +210,14 @@ class YarpAdapter:
         self._tell_time(max((sample.t_sent_ns for sample in samples), default=0))
 
     def _tell_time(self, now: int) -> None:
-        clock, span = next(iter(self.ports.values())), codec.span_ns(self.config.clock_hz)
+        clock, span = next(iter(self.ports.values())), round(NANOSECONDS / self.config.clock_hz)
+        # Time may also jump back.
         if now and clock.readers and not self._next_clock - 2 * span <= now < self._next_clock:
             self._next_clock = now + span
             clock.tell_time(now)
 
     def put_event(self, event: Event) -> None:
-        """Other ports, or another time."""
+        """Follow a change of ports or of time."""
         if event.event == "ports_changed":
             self._changed.set()
         elif event.event == "reset":
@@ -229,7 +238,7 @@ class YarpAdapter:
             self._follow()
 
     def _follow(self) -> None:
-        """Ask for the samples of ports that somebody hears; for the time, for those that come most often."""
+        """Ask for the samples of ports that somebody hears, and for the clock for those of the fastest sensor."""
         self._heard = {}
         for each in self.ports.values():
             if each.readers and each.port is not None:
@@ -255,23 +264,21 @@ class YarpAdapter:
         try:
             carrier, name = names.target_of(target)
             address = await self._find(name)
-            spoken = self._carrier(carrier or address.carrier)
+            spoken = _carrier(carrier or address.carrier)
             if not at.is_output:
                 raise Refused("denied", "Outputs not allowed")
             at.disconnect(name)
             link = Link(
                 at, name, spoken, self._peers, self.context.stats, self.config.queue_bytes, partial(self.leave, at)
             )
-            await connected(link, address)
+            await connect(link, address)
             if at.name in self.ports:
                 self.hear(at, link)
             else:
                 link.close()
             outcome = f"Added connection from {at.name} to {target}"
         except Refused as refused:
-            outcome = (
-                refused.fault.text if refused.fault.code == "denied" else f"Cannot connect to {target[:100]}: {refused}"
-            )
+            outcome = f"{refused}" if refused.fault.code == "denied" else f"Cannot connect to {target[:100]}: {refused}"
             self._refusals.note("connect", outcome)
         except OSError as error:
             outcome = f"Cannot connect to {target[:100]}: {error}"
@@ -287,14 +294,14 @@ class YarpAdapter:
             raise Refused("denied", text)
         return address
 
-    def _carrier(self, name: str) -> Carrier:
-        for carrier in CARRIERS:
-            if carrier == name:
-                return carrier
-        raise Refused("bad_argument", f"no carrier {name[:40]}, there are: {', '.join(CARRIERS)}")
-
     def complain(self, text: str) -> None:
         """See `Network`."""
         self.context.stats.errors += 1
         self.context.stats.last_error = text[:300]
         self._refusals.note("not taken", text)
+
+
+def _carrier(name: str) -> Carrier:
+    if name not in CARRIERS:
+        raise Refused("bad_argument", f"no carrier {name[:40]}, there are: {', '.join(CARRIERS)}")
+    return cast(Carrier, name)

@@ -1,4 +1,4 @@
-"""YARP's bottles, as text and in binary: lists of numbers, texts, vocabularies, blobs and lists. Bounded in items and depth, whatever is claimed.
+"""YARP's bottles as text and in binary: lists of numbers, texts, vocabularies, blobs and lists. Items and depth are bounded.
 
 Tags and quoting as in robotology/yarp (`BottleImpl`, `Storable`), read in its source and tried with its tools.
 """
@@ -14,13 +14,13 @@ from typing import TypeAlias
 from uwserver.ports import Refused
 
 ITEMS = 1024
-"""Most items of a bottle that is read, those of its lists included: what takes a millisecond."""
+"""Most items of a bottle that is read, including those of its lists: reading them takes a millisecond."""
 TEXTS = 1 << 16
-"""Most bytes of the texts of a bottle that is read, all together: of what is no UTF-8 a megabyte takes seven milliseconds."""
+"""Most bytes in all texts of a bottle that is read: a megabyte that is no UTF-8 takes seven milliseconds."""
 DEPTH = 32
 """Deepest list within lists."""
 TEXT_BLOB = 4096
-"""Longest blob that is written in text, bytes: a number each. Longer ones are empty there."""
+"""Longest blob that is written as text, bytes, as each byte becomes a number. A longer one is written as an empty blob."""
 
 LIST, DICT = 256, 512
 INT8, INT16, INT32, INT64 = 32, 64, 1, 17
@@ -29,7 +29,7 @@ STRING, BLOB, VOCAB32, VOCAB64 = 4, 12, 9, 18
 
 
 class Vocab(str):
-    """A short word, which YARP keeps in an integer: ``[ok]``."""
+    """A vocabulary: a short word that YARP keeps in an integer, ``[ok]``."""
 
     __slots__ = ()
 
@@ -49,7 +49,7 @@ _VOCABS = {VOCAB32: 4, VOCAB64: 8}
 
 
 def to_binary(values: Sequence[Value]) -> bytes:
-    """A bottle; of floats alone it is what `yarp::sig::Vector` reads."""
+    """Return a bottle in binary. If all items are floats, `yarp::sig::Vector` can read it."""
     return b"".join(_list(values))
 
 
@@ -82,10 +82,10 @@ def _item(value: Value) -> list[bytes]:
 
 
 def from_binary(data: bytes | memoryview) -> list[Value]:
-    """Read a bottle.
+    """Return the values of a bottle in binary.
 
     Raises:
-        Refused: it is none (`parse_error`), or has too many items (`too_large`).
+        Refused: it is no bottle (`parse_error`), or has too many items (`too_large`).
     """
     reader = _Reader(data)
     code = reader.number(_I32)
@@ -95,7 +95,7 @@ def from_binary(data: bytes | memoryview) -> list[Value]:
 
 
 class _Reader:
-    """Walks through a bottle once."""
+    """Reads through a bottle once, and counts items and bytes of texts."""
 
     def __init__(self, data: bytes | memoryview) -> None:
         self._data = memoryview(data)
@@ -132,17 +132,14 @@ class _Reader:
         if code in _VOCABS:
             return Vocab(bytes(self._take(_VOCABS[code])).rstrip(b"\0").decode("utf-8", "replace"))
         if code == STRING:
-            return self._text(self.number(_I32))
+            text = self._take(self.number(_I32))
+            self._texts += len(text)
+            if self._texts > TEXTS:
+                raise Refused("too_large", f"the texts of a bottle have at most {TEXTS} bytes")
+            return bytes(text).decode("utf-8", "replace")
         if code == BLOB:
             return bytes(self._take(self.number(_I32)))
         raise Refused("parse_error", f"no item has the tag {code}")
-
-    def _text(self, size: int) -> str:
-        text = self._take(size)
-        self._texts += size
-        if self._texts > TEXTS:
-            raise Refused("too_large", f"the texts of a bottle have at most {TEXTS} bytes")
-        return bytes(text).decode("utf-8", "replace")
 
 
 # -- text ---------------------------------------------------------------------------------------------------------------------------------
@@ -155,7 +152,7 @@ _NO_WORD = re.compile(r"[^!-~]|[\[\]]")
 
 
 def to_text(values: Sequence[Value]) -> str:
-    """A bottle on one line, without its end."""
+    """Return a bottle on one line, without the line end."""
     return " ".join(map(_text, values))
 
 
@@ -175,7 +172,7 @@ def _text(value: Value) -> str:
     return f"({to_text(value)})"
 
 
-# A quoted text, a blob, a bracket of a list, or a word up to the next blank.
+# In this order: a quoted text, a blob, a bracket of a list, or a word up to the next blank.
 _TOKEN = re.compile(r'\s*,?\s*(?:("(?:[^"\\]|\\.)*")|(\{[^{}]*\})|([()])|((?:[^\s(){}",\\]|\\.)+))', re.DOTALL)
 _INTEGER = re.compile(r"[+-]?\d{1,19}")
 _HEXADECIMAL = re.compile(r"[+-]?0[xX][0-9a-fA-F]{1,8}")
@@ -186,10 +183,10 @@ _NAMED: Mapping[str, Value] = {
 
 
 def from_text(line: str) -> list[Value]:
-    """Read a bottle of one line.
+    """Return the values of a bottle on one line.
 
     Raises:
-        Refused: it is none (`parse_error`), or has too many items (`too_large`).
+        Refused: it is no bottle (`parse_error`), or has too many items (`too_large`).
     """
     top: list[Value] = []
     lists = [top]

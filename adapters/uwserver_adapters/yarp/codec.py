@@ -1,10 +1,11 @@
-"""Samples as bottles and pictures, and bottles as commands and calls. Values, units and axes are those of the world, as `describe` says them."""
+"""Bottles and pictures from samples, and commands and calls from bottles. Values, units and axes are those of the world, as `describe` says."""
 
 from __future__ import annotations
 
 import math
 import struct
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import msgspec
 
@@ -15,19 +16,19 @@ from uwserver_adapters.yarp.bottle import BLOB, INT32, LIST, VOCAB32, Value, Voc
 
 OK, FAIL, MANY, NULL = Vocab("ok"), Vocab("fail"), Vocab("many"), Vocab("null")
 DEEPEST = 16
-"""Lists within lists of a service's answer; deeper ones are told as JSON."""
+"""Deepest list within lists of a service's answer; deeper ones are written as JSON."""
 
 
 # -- samples ------------------------------------------------------------------------------------------------------------------------------
 
 
 def envelope(sample: Sample) -> str:
-    """The time stamp of a sample (`yarp::os::Stamp`): its number, and the simulation time in s at which it was true."""
+    """Return the time stamp of a sample (`yarp::os::Stamp`): its number, and the simulation time of measurement, s."""
     return f"{sample.seq & 0x7FFFFFFF} {sample.t_ns / NANOSECONDS:.15g}"
 
 
 def bottle(port: Port, sample: Sample) -> list[Value]:
-    """A sample as pairs of field and value, which `Bottle::find` finds; numbers that a sensor has not are nan."""
+    """Return a sample as pairs of field and value, for `Bottle::find`; missing numbers are NaN."""
     pairs: list[Value] = [
         [field.name, _told(field, value)] for field, value in zip(port.fields, sample.value, strict=True)
     ]
@@ -35,7 +36,7 @@ def bottle(port: Port, sample: Sample) -> list[Value]:
 
 
 def vector(port: Port, sample: Sample) -> list[Value]:
-    """All numbers of a sample in one row, in the order of the fields; texts, bytes and buffers are left out."""
+    """Return all numbers of a sample in one row, in the order of the fields; texts, bytes and buffers are left out."""
     numbers: list[Value] = []
     for field, value in zip(port.fields, sample.value, strict=True):
         if not field.is_packed and field.type != "str":
@@ -46,14 +47,14 @@ def vector(port: Port, sample: Sample) -> list[Value]:
 _PIXELS: Mapping[tuple[str, int], tuple[bytes, int]] = {
     ("uint8", 3): (b"rgb\0", 3), ("uint8", 2): (b"mono", 1), ("uint16", 2): (b"mo16", 2),
 }  # fmt: skip
-"""Pixel code and bytes of a pixel, by the type of a buffer and the number of its axes."""
+"""Type of a buffer and number of its axes -> pixel code, and bytes of a pixel."""
 _IMAGE = struct.Struct("<3i4si4s2i2i2h2i2i")
 _NOT_PADDED, _TOP_FIRST = 1, 0
-"""Rows begin at any multiple of this many bytes; the first is the upmost."""
+"""Rows are padded to a multiple of 1 byte, and the top row comes first."""
 
 
 def image(picture: object) -> bytes | None:
-    """A picture as `yarp::sig::Image` reads it in binary: a bottle ``[mat] [rgb] (5 numbers) {pixels}``; None for a value that is none."""
+    """Return a picture as `yarp::sig::Image` reads it in binary: a bottle ``[mat] [rgb] (5 numbers) {pixels}``; None where it is no picture."""
     if not isinstance(picture, Buffer) or len(picture.shape) not in (2, 3):
         return None
     kind = _PIXELS.get((picture.dtype, len(picture.shape)))
@@ -70,20 +71,14 @@ def image(picture: object) -> bytes | None:
 
 
 def clock(t_ns: int) -> list[Value]:
-    """What `yarp::os::NetworkClock` reads: whole seconds and nanoseconds."""
+    """Return a time as `yarp::os::NetworkClock` reads it: whole seconds and nanoseconds."""
     return list(divmod(t_ns, NANOSECONDS))
-
-
-def span_ns(rate_hz: float) -> int:
-    """Simulation time between two messages that come so often."""
-    return round(NANOSECONDS / rate_hz)
 
 
 def _told(field: Field, value: object) -> Value:
     if isinstance(value, Buffer):
-        return (
-            [["dtype", value.dtype], ["shape", list(value.shape)], ["data", value.data]] if value.dtype else value.data
-        )
+        described: Value = [["dtype", value.dtype], ["shape", list(value.shape)], ["data", value.data]]
+        return described if value.dtype else value.data
     if field.type == "str":
         return [str(each or "") for each in value] if isinstance(value, tuple) else str(value or "")
     if field.is_packed:  # a sensor without a picture
@@ -113,38 +108,33 @@ def _number(value: Scalar | Buffer) -> float:
 
 
 def command(port: Port, values: Sequence[Value]) -> dict[str, object]:
-    """What a bottle commands: pairs of field and value, ``(u (0.1 0.2))``; or, where the port has one field, its numbers alone.
+    """Return the command in a bottle: pairs of field and value, ``(u (0.1 0.2))``, or for a port with one field only its numbers.
 
     Raises:
-        Refused: it names no field, or one field is not enough.
+        Refused: the fields must be named and are not, or there are too many numbers.
     """
     names = [field.name for field in port.fields]
     if values and all(_is_pair(each) for each in values):
-        return {str(each[0]): _plain_pair(each) for each in values}  # type: ignore[index, arg-type]  # pairs
+        return _pairs_of(values)
     if len(names) != 1:
-        raise Refused(
-            "bad_argument", f"{port.path} has the fields {', '.join(names)}: write (field value) of each", port.path
-        )
+        text = f"{port.path} has the fields {', '.join(names)}: write (field value) of each"
+        raise Refused("bad_argument", text, port.path)
     (field,) = port.fields
-    if len(values) == 1 and (not field.shape or _is_list(values[0])):
+    if len(values) == 1 and (not field.shape or isinstance(values[0], list)):
         return {names[0]: _plain(values[0])}
     if not field.shape:
         raise Refused("bad_shape", f"{names[0]} is one value, here are {len(values)}", port.path)
     return {names[0]: [_plain(each) for each in values]}
 
 
-def _is_list(value: Value) -> bool:
-    return isinstance(value, list)
-
-
 def _is_pair(value: Value) -> bool:
-    """A list that begins with a name."""
+    """Return whether a value is a list that begins with a name."""
     return isinstance(value, list) and len(value) >= 2 and isinstance(value[0], str)
 
 
-def _plain_pair(pair: Sequence[Value]) -> object:
-    """The value of a pair; what stands without brackets, ``(u 1 2)``, is a list too."""
-    return _plain(pair[1]) if len(pair) == 2 else [_plain(each) for each in pair[1:]]
+def _pairs_of(pairs: Sequence[Any]) -> dict[str, object]:
+    """Return name -> value of pairs, the last of each name. Values without brackets of their own, ``(u 1 2)``, are a list too."""
+    return {str(name): _plain(rest[0] if len(rest) == 1 else rest) for name, *rest in pairs}
 
 
 def _plain(value: Value) -> object:
@@ -159,41 +149,38 @@ def _plain(value: Value) -> object:
 
 
 def call(values: Sequence[Value], services: Mapping[str, Service]) -> tuple[Service, dict[str, object]]:
-    """A service and its arguments: its name, then pairs of argument and value, or values in the order of the arguments.
+    """Return the service that a bottle calls, and its arguments.
 
     Args:
-        values: of a bottle.
-        services: that are meant, by the name under which they are called.
+        values: the bottle: the name of the service, then pairs of argument and value, or values in the order of the arguments.
+        services: services that may be called, by name.
 
     Raises:
         Refused: there is no such service; too many arguments; or a JSON text that would cost too much.
     """
     if not values or not isinstance(values[0], str):
-        raise Refused(
-            "invalid_request", "say the name of a service, then its arguments: (name value) of each; help lists them"
-        )
+        text = "say the name of a service, then its arguments: (name value) of each; help lists them"
+        raise Refused("invalid_request", text)
     name, said = str(values[0]), values[1:]
     service = services.get(name)
     if service is None:
         raise Refused("unknown_service", f"no service {name[:80]}{did_you_mean(name[:80], services)}; help lists them")
     known = {argument.name: argument for argument in service.arguments}
     if said and all(_is_pair(each) for each in said):
-        pairs = [(str(each[0]), _plain_pair(each)) for each in said]  # type: ignore[index, arg-type]  # pairs
+        pairs = _pairs_of(said)
     elif len(said) <= len(known):
-        pairs = [(each, _plain(value)) for each, value in zip(known, said, strict=False)]
+        pairs = {each: _plain(value) for each, value in zip(known, said, strict=False)}
     else:
-        raise Refused(
-            "bad_argument", f"{name} takes {', '.join(known) or 'no arguments'}; here are {len(said)}", service.path
-        )
-    # Of an argument that is given several times the last counts, and only that one is read.
-    return service, {each: _fitting(known.get(each), value) for each, value in dict(pairs).items()}
+        text = f"{name} takes {', '.join(known) or 'no arguments'}; here are {len(said)}"
+        raise Refused("bad_argument", text, service.path)
+    return service, {each: _fitting(known.get(each), value) for each, value in pairs.items()}
 
 
 _TRUTHS: Mapping[object, bool] = {"1": True, "": False, "true": True, "false": False, 1: True, 0: False}
 
 
 def _fitting(argument: Argument | None, value: object) -> object:
-    """YARP writes true and false as words, and whole numbers where a fraction is meant."""
+    """Return a value as its argument needs it: YARP writes true and false as vocabularies or numbers, and JSON as a text."""
     if argument is None:
         return value
     if argument.type == "bool" and isinstance(value, int | str):
@@ -211,7 +198,7 @@ def _fitting(argument: Argument | None, value: object) -> object:
 
 
 def answer(result: Json) -> list[Value]:
-    """What a service answered: [ok], then its result; maps are pairs of key and value."""
+    """Return the answer of a service: [ok], then its result, in which maps are pairs of key and value."""
     if result is None:
         return [OK]
     if isinstance(result, dict):
@@ -236,11 +223,9 @@ def _value(value: Json, depth: int) -> Value:
 
 
 def usage(services: Mapping[str, Service]) -> list[Value]:
-    """What ``help`` answers: each service with its arguments."""
-    lines: list[Value] = [MANY]
-    for name, service in sorted(services.items()):
-        lines.append(" ".join([name, *map(_form, service.arguments)]) + f"  # {service.doc}")
-    return lines
+    """Return the answer to ``help``: each service with its arguments."""
+    ordered = sorted(services.items())
+    return [MANY, *(" ".join([name, *map(_form, each.arguments)]) + f"  # {each.doc}" for name, each in ordered)]
 
 
 def _form(argument: Argument) -> str:

@@ -17,20 +17,20 @@ _Prefix = Annotated[str, Meta(pattern=r"^(/[A-Za-z0-9_.\-]+)+$")]
 class YarpConfig(AdapterTable, tag="yarp", kw_only=True, frozen=True):
     """Attributes:
     name_server: host and port of the YARP name server (yarpserver).
-    prefix: of the names of all ports.
-    bind: address to listen at. YARP knows no token: anything but loopback needs allow_network.
-    allow_network: whoever reaches the address may read all and command all.
-    host: name or address by which others reach this one; default: bind, which must lead here then.
-    first_port: TCP port of the first of them, each has one of its own; one that is in use is passed over. 0 takes free ones.
-    ports: patterns of the ports of the world that are there, each of which needs a socket.
-    vectors: patterns of sensors whose samples are told as one vector of all their numbers, for readers of `yarp::sig::Vector`.
-    clock_hz: messages of ``/clock`` below the prefix in a simulated second, at most.
-    allowed_hosts: hosts besides this machine and the name server's to which ports connect when somebody asks for it (`yarp connect`).
-    queue_bytes: that wait for a slow reader; samples are left out above it.
-    max_requests_per_s: messages of one peer; more are not read until the second is over.
-    max_clients: connections, both those of others and those that this server makes.
-    max_strangers: connected besides, that have said nothing valid yet.
-    hello_timeout_s: wall time in which a connection must have said who it is.
+    prefix: prefix of the names of all ports.
+    bind: address to listen at. YARP has no tokens: anything but loopback needs allow_network.
+    allow_network: allow anyone who reaches the address to read and command everything.
+    host: name or address by which others reach this machine; default: bind, which must then lead here.
+    first_port: TCP port of the first port. Each port has the next one, or the one after that where it is in use; 0 takes free ones.
+    ports: patterns of the ports of the world that are served; each needs a socket.
+    vectors: patterns of sensors whose samples are sent as one vector of all their numbers, for readers of `yarp::sig::Vector`.
+    clock_hz: most messages of ``/clock`` below the prefix in a simulated second.
+    allowed_hosts: hosts, besides this machine and that of the name server, to which ports connect when somebody asks for it (`yarp connect`).
+    queue_bytes: most bytes that wait for a slow reader; further samples are dropped.
+    max_requests_per_s: most messages of one peer; more are not read until the second is over.
+    max_clients: most connections, including those that this server makes.
+    max_strangers: most further connections that have said nothing valid yet.
+    hello_timeout_s: wall time in which a connection must say who it is, s.
     """
 
     name_server: Name = "127.0.0.1:10000"

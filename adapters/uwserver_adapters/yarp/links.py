@@ -1,4 +1,4 @@
-"""Connections that a port of this server makes, when somebody asks it to send to another port (`yarp connect`)."""
+"""Connections that a port of this server makes when somebody asks it to send to another port (`yarp connect`)."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ GREETING_LIMIT = 1 << 11
 
 
 class Link(asyncio.Protocol):
-    """A connection from a port of ours to one that hears it. What comes back (acknowledgements) is thrown away.
+    """A connection from a port of ours to another port, which hears it. Acknowledgements are ignored.
 
     Args:
-        port: of ours.
-        name: of the other.
-        carrier: that is spoken.
+        port: our port.
+        name: name of the other port.
+        carrier: of the connection.
         peers: all connections of the adapter.
         stats: of the adapter.
-        queue_bytes: that may wait for the other side.
+        queue_bytes: most bytes that wait for the other side.
         lost: called when the connection has ended.
 
     Attributes:
         name, carrier: as given.
-        is_half_open: never, as nothing is expected of the other side.
+        is_half_open: always False, as nothing is expected of the other side.
         greeted: done when the other side has answered.
     """
 
@@ -50,7 +50,7 @@ class Link(asyncio.Protocol):
         self._answer = b""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Say who we are."""
+        """Send our hello, if there is a place for the connection."""
         self._transport = cast(asyncio.Transport, transport)
         self._transport.set_write_buffer_limits(HIGH_WATER)
         self._peers.enter(self)
@@ -61,11 +61,12 @@ class Link(asyncio.Protocol):
         self._transport.write(wire.hello(self.carrier, self._port.name))
 
     def data_received(self, data: bytes) -> None:
-        """The answer to the hello."""
+        """Take the answer to the hello."""
         if self.greeted.done():
             return
         self._answer += data
-        if wire.is_text(self.carrier):  # YARP welcomes on both of them, though its own writers wait for it on one only
+        # YARP answers on both text carriers, though its own writers wait for the answer on only one of them.
+        if wire.is_text(self.carrier):
             is_right = self._answer.startswith(b"Welcome"[: len(self._answer)])
             is_whole = b"\n" in self._answer
         else:
@@ -77,7 +78,7 @@ class Link(asyncio.Protocol):
             self.greeted.set_result(None)
 
     def connection_lost(self, error: Exception | None) -> None:
-        """The other side is gone, or we closed."""
+        """End the link."""
         self._peers.leave(self)
         self._lost(self)
         self._fail(Refused("internal", "it closed the connection without an answer"))
@@ -88,7 +89,7 @@ class Link(asyncio.Protocol):
         self.abort()
 
     def tell(self, message: bytes) -> None:
-        """See `Reader`."""
+        """Send a message; drop it while too much waits."""
         transport = self._transport
         if transport is None or transport.is_closing():
             return
@@ -100,23 +101,23 @@ class Link(asyncio.Protocol):
         transport.write(message)
 
     def close(self) -> None:
-        """Say that it ends, then end it."""
+        """Say that the connection ends, then close it."""
         if self._transport is not None and not self._transport.is_closing():
             self._transport.write(wire.message(wire.is_text(self.carrier), "q"))
             self._transport.close()
 
     def abort(self) -> None:
-        """End it at once."""
+        """Close the connection at once."""
         if self._transport is not None:
             self._transport.abort()
 
 
-async def connected(link: Link, address: Address) -> Link:
-    """Make the connection.
+async def connect(link: Link, address: Address) -> None:
+    """Make the connection of a link.
 
     Raises:
         OSError: nobody is there, or does not answer in time.
-        Refused: what is there is no port; or there is no place.
+        Refused: it is no port of YARP, or there is no place for the connection.
     """
     loop = asyncio.get_running_loop()
 
@@ -129,6 +130,5 @@ async def connected(link: Link, address: Address) -> Link:
     except BaseException:
         link.abort()
         if link.greeted.done() and not link.greeted.cancelled():
-            link.greeted.exception()  # told already
+            link.greeted.exception()  # reported already; asyncio must not log it again
         raise
-    return link

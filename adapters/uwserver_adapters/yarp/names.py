@@ -1,4 +1,4 @@
-"""What this server asks of a YARP name server: where a port is, and to know its own."""
+"""Questions to a YARP name server: where a port is, and to register our own."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from uwserver.ports import Refused
 from uwserver_adapters.yarp.wire import hello, message
 
 ANSWER_S = 5.0
-"""Wall time in which a name server, or a port that is to be connected, must answer."""
+"""Wall time in which a name server, or a port to which we connect, must answer."""
 ANSWER_LIMIT = 1 << 16
 """Longest answer of a name server that is read, bytes."""
 PIPELINE = 64
-"""Questions that are sent before the first is answered."""
+"""Most questions that are sent before the first is answered."""
 END = b"*** end of message"
 
 _REGISTRATION = re.compile(r"registration name (\S+) ip (\S+) port (\d{1,5}) type (\S+)")
 
 
 class Address(NamedTuple):
-    """Where a port is, and what carrier its owner suggests."""
+    """Host and TCP port of a port of YARP, and the carrier that its owner suggests."""
 
     host: str
     port: int
@@ -31,7 +31,7 @@ class Address(NamedTuple):
 
 
 def server_of(text: str) -> tuple[str, int]:
-    """Host and port of the key `name_server`.
+    """Return host and port of the key `name_server`.
 
     Raises:
         CannotServe: it is not host:port.
@@ -43,12 +43,12 @@ def server_of(text: str) -> tuple[str, int]:
 
 
 async def ask(server: tuple[str, int], questions: Sequence[str], caller: str) -> list[str]:
-    """The answers of a name server, by its protocol of text lines, on one connection.
+    """Return the answers of a name server. They are asked in its protocol of text lines, on one connection.
 
     Args:
         server: its host and port.
-        questions: ``query /port``, say; no question holds a line end.
-        caller: name of who asks.
+        questions: such as ``query /port``, without line ends.
+        caller: our name.
 
     Raises:
         OSError: it is not there, does not answer in time, or is no name server.
@@ -94,13 +94,15 @@ async def _line(reader: asyncio.StreamReader) -> bytes:
 
 
 def address_in(answer: str) -> Address | None:
-    """Where a port is, as a name server says; None where it knows none."""
+    """Return the address of a port in a name server's answer; None where it has none."""
     found = _REGISTRATION.search(answer)
     return None if found is None else Address(found[2], int(found[3]), found[4])
 
 
 def target_of(said: str) -> tuple[str, str]:
-    """Carrier and name of a port as YARP's tools write them: ``/read``, ``tcp://read``, ``tcp:/read``; the carrier may be ''.
+    """Return carrier and name of a port as YARP's tools write them: ``/read``, ``tcp://read``, ``tcp:/read``.
+
+    The carrier may be "".
 
     Raises:
         Refused: it is no name of a port.

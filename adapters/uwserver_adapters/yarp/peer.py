@@ -1,4 +1,4 @@
-"""Who connects to a port: writers, callers of services, administrators, and readers that dial in themselves."""
+"""Those who connect to a port: writers, callers of services, administrators, and readers that connect by themselves."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from uwserver_adapters.yarp.wire import Carrier, Hello, Message
 
 FAREWELL = "Port command not understood."
 Answered = Callable[[str], None]
-"""Gets what became of a connection that was asked for, as YARP words it."""
+"""Gets the outcome of a connection that was asked for, in YARP's words."""
 
 
 class Network(Protocol):
-    """The adapter, as those who connect see it."""
+    """The adapter, as those who connect to its ports see it."""
 
     context: AdapterContext
     config: YarpConfig
 
     def hear(self, at: YarpPort, reader: Reader) -> None:
-        """Somebody hears a port."""
+        """Add a reader to a port."""
 
     def leave(self, at: YarpPort, end: Reader | Writer) -> None:
-        """Somebody is gone."""
+        """Remove a reader or writer from a port."""
 
     def connect(self, at: YarpPort, target: str, answered: Answered) -> None:
-        """Make a port send to another one."""
+        """Make a port send to another one; `answered` gets the outcome."""
 
     def complain(self, text: str) -> None:
-        """Something was not taken, and its sender waits for no answer."""
+        """Count and log what was not taken of a sender that gets no answer."""
 
 
 class Peer(Connection):
@@ -44,10 +44,10 @@ class Peer(Connection):
         network: the adapter.
         at: the port.
         peers: all that are connected.
-        source: name of this one, for the world.
+        source: name of this peer, for the world.
 
     Attributes:
-        name: of the port that has connected.
+        name: of the other port.
         carrier: of the connection.
     """
 
@@ -64,11 +64,14 @@ class Peer(Connection):
     # -- Connection -----------------------------------------------------------------------------------------------------------------------
 
     def refused(self, fault: Fault) -> bytes:
-        """YARP has no words for it; in text it is a line."""
+        """Return the last text for a peer that is refused: a line on text carriers, nothing on others, for which YARP has no form."""
         return f"{fault.text}\r\n".encode() if wire.is_text(self.carrier) else b""
 
     def receive(self, data: bytes) -> None:
-        """Store bytes. Of readers come acknowledgements; while an answer is owed it is read on, as the peer's end could not be seen otherwise."""
+        """Store bytes; readers only send acknowledgements, which are ignored.
+
+        A peer is read also while an answer is owed, as its end would not be noticed otherwise.
+        """
         if self._is_reader:
             return
         self._decoder.receive(data)
@@ -76,7 +79,7 @@ class Peer(Connection):
             self._end(Fault("overload", "too much came before it was answered: wait for the answers"))
 
     def step(self) -> bool:
-        """Take the next message; answers keep their order, so the next waits for that of the one before."""
+        """Take the next message. It waits for the answer to the one before, so that answers keep their order."""
         if self._is_answering or self._is_reader:
             return False
         try:
@@ -93,20 +96,20 @@ class Peer(Connection):
         return True
 
     def quiet_until(self) -> float:
-        """Who floods is not read until its second is over."""
+        """Return the end of the second of a peer that floods: it is not read before."""
         return self._rate.end if self._rate.is_flooded(self.loop.time()) else 0.0
 
     def half_closed(self) -> None:
-        """On TCP, who has gone looks like who only listens on: what would take long is ended, the rest is still answered."""
+        """End its long-running calls and still answer the rest: on TCP a peer that has gone looks like one that only listens."""
         self._conversation.end_calls()
 
     @property
     def is_owed(self) -> bool:
-        """An answer is to come."""
+        """Whether an answer is to come."""
         return self._is_answering
 
     def closed(self) -> None:
-        """It went. What it commanded stands until the actuator's time-out."""
+        """End its calls. Its commands hold until the actuator's time-out."""
         self._conversation.close()
         self._network.leave(self._at, self)
 
@@ -165,7 +168,8 @@ class Peer(Connection):
     def _call(self, message: Message, answered: Callable[[Reply], None]) -> None:
         values = message.values
         if list(values) == ["help"]:
-            self._answer(codec.usage(self._at.services)) if message.key == "d" else None
+            if message.key == "d":
+                self._answer(codec.usage(self._at.services))
             return
         service, args = codec.call(values, self._at.services)
         self._conversation.call(service.path, args, answered)
@@ -173,7 +177,7 @@ class Peer(Connection):
             self._conversation.end_calls()
 
     def _judge(self, message: Message, fault: Fault) -> None:
-        """Something was not taken: told to who waits for an answer, else where the server's user sees it."""
+        """Report a message that was not taken: to the sender if it waits for an answer, else to the server's user."""
         if message.key in ("d", "a"):
             self._network.context.stats.errors += 1
             self._answer([codec.FAIL, fault.text])
@@ -206,7 +210,8 @@ class Peer(Connection):
         elif words[0] == "list":
             self._answer(self._at.listed(words[1], words[2]))
         elif words[0] == "add":
-            self._connect(f"{words[2]}:/{words[1]}" if words[2] else words[1], self._connected)
+            target = f"{words[2]}:/{words[1]}" if words[2] else words[1]
+            self._connect(target, lambda outcome: self._answer([0 if outcome.startswith("Added") else -1, outcome]))
         elif words[0] == "del":
             ended = self._disconnect(words[1])
             self._answer([0, ended] if ended else [-1, f"Could not find a connection to or from {words[1]}"])
@@ -214,9 +219,6 @@ class Peer(Connection):
             self._answer([])
         else:
             self._answer([codec.FAIL, "send [help] for list of valid commands"])
-
-    def _connected(self, outcome: str) -> None:
-        self._answer([0 if outcome.startswith("Added") else -1, outcome])
 
     def _connect(self, target: str, answered: Answered) -> None:
         self._is_answering = True
@@ -227,14 +229,14 @@ class Peer(Connection):
         return f"{ended} (of {self._at.name})" if ended else ""
 
     def _reverse(self) -> None:
-        """The peer reads on this connection: it has dialled, where usually the writer does."""
+        """Make the peer a reader. It has connected itself, though usually the writer connects."""
         self.write(wire.acknowledgement(self.carrier))
         self._at.writers.pop(self, None)
         self._is_reader = True
         self._network.hear(self._at, self)
 
     def _text_command(self, message: Message) -> None:
-        """What people type into a text connection."""
+        """Carry out a command that people type into a text connection."""
         line = message.text
         if message.key == "/":
             self._connect(line, self._line)
@@ -255,7 +257,7 @@ class Peer(Connection):
     # -- Reader ---------------------------------------------------------------------------------------------------------------------------
 
     def tell(self, message: bytes) -> None:
-        """See `Reader`."""
+        """Send a message; drop it while too much waits."""
         stats = self._network.context.stats
         if self.is_closing:
             return
@@ -273,6 +275,6 @@ class Peer(Connection):
 
 
 def wire_name(name: str) -> str:
-    """The name of a port without a carrier before it."""
+    """Return the name of a port without a carrier in front."""
     _, sign, rest = name.partition(":/")
     return ("/" + rest.lstrip("/")) if sign else name

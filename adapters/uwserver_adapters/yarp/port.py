@@ -1,4 +1,4 @@
-"""One port of the YARP network: what it stands for in the world, who hears it, and who speaks to it."""
+"""One port of the YARP network: what it stands for in the world, its readers, and its writers."""
 
 from __future__ import annotations
 
@@ -16,32 +16,26 @@ CLOCK = "clock"
 Role = Literal["sensor", "actuator", "services", "clock"]
 
 
-class Reader(Protocol):
-    """Somebody who hears a port.
+class Writer(Protocol):
+    """A connection by which another port sends to a port.
 
     Attributes:
-        name: of the port that hears.
+        name: of the other port.
         carrier: of the connection.
     """
 
     name: str
     carrier: Carrier
 
+    def close(self) -> None:
+        """End the connection."""
+
+
+class Reader(Writer, Protocol):
+    """A connection by which another port hears a port."""
+
     def tell(self, message: bytes) -> None:
         """Send it a message, unless it is too slow."""
-
-    def close(self) -> None:
-        """End the connection."""
-
-
-class Writer(Protocol):
-    """Somebody who speaks to a port."""
-
-    name: str
-    carrier: Carrier
-
-    def close(self) -> None:
-        """End the connection."""
 
 
 class YarpPort:
@@ -50,14 +44,14 @@ class YarpPort:
     Args:
         name: in the network.
         role: what it stands for.
-        port: of the world, of a sensor or an actuator.
-        services: of the world, by the name under which they are called.
-        is_vector: a sensor's samples are told as one row of numbers.
-        image_place: which field of a sensor is told as a picture, and nothing else of it; None for all fields.
+        port: the sensor or actuator of the world.
+        services: services of the world, by the name under which they are called.
+        is_vector: send a sensor's samples as one row of numbers.
+        image_place: index of the only field of a sensor that is sent, as a picture; None to send all fields.
 
     Attributes:
         name, role, port, services: as given.
-        readers, writers: who is connected, in the order in which they came.
+        readers, writers: connections, in the order in which they came.
     """
 
     def __init__(
@@ -75,13 +69,13 @@ class YarpPort:
 
     @property
     def is_output(self) -> bool:
-        """Whether anybody hears something here."""
+        """Whether this port sends anything."""
         return self.role in ("sensor", "clock")
 
-    # -- telling --------------------------------------------------------------------------------------------------------------------------
+    # -- sending --------------------------------------------------------------------------------------------------------------------------
 
     def tell(self, sample: Sample) -> int:
-        """A sample, to all who hear it. Gives how often it was encoded: once for those of lines, once for all others."""
+        """Send a sample to all readers; return how often it was encoded: once for text carriers and once for all others."""
         assert self.port is not None
         command = f"D {codec.envelope(sample)}"
         if self._image_place is not None:
@@ -89,11 +83,11 @@ class YarpPort:
         return self._send(command, self._form(self.port, sample))
 
     def tell_time(self, t_ns: int) -> int:
-        """What time it is."""
+        """Send the time to all readers, as `tell`."""
         return self._send("D", codec.clock(t_ns))
 
     def _send_image(self, command: str, picture: object) -> int:
-        """To readers of binary carriers; lines hold no pictures."""
+        """Send a picture to readers on binary carriers; text carriers have no pictures."""
         readers = [reader for reader in self.readers.values() if not wire.is_text(reader.carrier)]
         body = codec.image(picture) if readers else None
         if body is None:
@@ -117,7 +111,7 @@ class YarpPort:
     # -- connections ----------------------------------------------------------------------------------------------------------------------
 
     def listed(self, direction: str, name: str) -> list[Value]:
-        """What ``[list] [out]`` and ``[list] [in]`` answer: names, or all of the one connection that is named."""
+        """Return the answer to ``[list] [out]`` or ``[list] [in]``: names, or the details of the connection that is named."""
         ends: Sequence[Reader | Writer] = [*(self.writers if direction == "in" else self.readers).values()]
         if not name:
             return [end.name for end in ends]
@@ -128,7 +122,7 @@ class YarpPort:
         return []
 
     def disconnect(self, name: str) -> str:
-        """End the connections to and from another port; tells what was ended, "" for none."""
+        """End the connections to and from another port; return a text about it, "" if there was none."""
         ended = ""
         for end in [each for each in [*self.readers.values(), *self.writers.values()] if each.name == name]:
             direction = ("to", "Removed") if end in self.readers else ("from", "Removing")
@@ -139,7 +133,7 @@ class YarpPort:
         return ended
 
     def close(self) -> None:
-        """The port is gone: end all its connections."""
+        """End all connections."""
         for end in [*self.readers.values(), *self.writers.values()]:
             end.close()
 
@@ -157,17 +151,17 @@ HELP: Sequence[Value] = (
     "[list] [out] $portname  # give details for output",
 )
 VERSION: Sequence[Value] = (Vocab("ver"), 1, 2, 3)
-"""Of the administrative commands, as YARP 3 and 4 have them."""
+"""Version of the administrative commands in YARP 3 and 4."""
 
 
 def ports_of(context: AdapterContext, prefix: str, chosen: Sequence[str], vectors: Sequence[str]) -> list[YarpPort]:
-    """All ports that the network should have.
+    """Return all ports that the network should have; the first is the clock.
 
     Args:
         context: the world.
-        prefix: of all names.
-        chosen: patterns of the world's ports that are there.
-        vectors: patterns of sensors that are told as vectors.
+        prefix: prefix of all names.
+        chosen: patterns of the world's ports that are served.
+        vectors: patterns of sensors that are sent as vectors.
     """
     found = [YarpPort(f"{prefix}/{CLOCK}", "clock")]
     for path, port in context.ports.items():

@@ -1,7 +1,8 @@
-"""Connections of YARP, both sides, without input or output: the carriers text, text_ack, tcp and fast_tcp.
+"""Connections of YARP, both sides, without sockets: the carriers text, text_ack, tcp and fast_tcp.
 
-Read in robotology/yarp (`AbstractCarrier`, `TextCarrier`, `PortCommand`, `PortCoreInputUnit`), and tried with its tools. A connection begins with
-eight bytes that name the carrier, and the sender's name. Then come messages: a command of a letter, with an envelope perhaps, and for some a bottle.
+As in robotology/yarp (`AbstractCarrier`, `TextCarrier`, `PortCommand`, `PortCoreInputUnit`), read in its source and tried with its tools. A
+connection begins with eight bytes that name the carrier, and with the sender's name. Messages follow: a command of one letter, sometimes with an
+envelope, and for some commands a bottle.
 """
 
 from __future__ import annotations
@@ -19,20 +20,20 @@ CARRIERS: tuple[Carrier, ...] = ("tcp", "fast_tcp", "text", "text_ack")
 MESSAGE_LIMIT = 1 << 20
 """Longest binary message that is read, bytes."""
 LINE_LIMIT = 1 << 12
-"""Longest line, bytes: one of escaped characters takes a millisecond."""
+"""Longest line, bytes: reading one of escaped characters takes a millisecond."""
 NAME_LIMIT = 1000
-"""Longest name of a sender, bytes; as in YARP itself."""
+"""Longest name of a sender, bytes, as in YARP itself."""
 _MAGIC = 7777
 _TCP, _ACKS = 3, 128
 _I32 = struct.Struct("<i")
 _INDEX = 10
 _WORDS = {b"CONNECT ": "text", b"CONNACK ": "text_ack"}
 _WITH_BOTTLE = ("d", "D", "a")
-"""Commands that a bottle follows."""
+"""Commands that are followed by a bottle."""
 
 
 class Hello(NamedTuple):
-    """How a connection begins."""
+    """The beginning of a connection."""
 
     carrier: Carrier
     sender: str
@@ -43,9 +44,9 @@ class Message(NamedTuple):
 
     Attributes:
         key: the command: d (data), D (data without an answer), a (administration), r (reverse), q (quit), /, !, ~ (connections), * or ?.
-        text: the whole command, where it is more than a letter: with an envelope, or the name of a port.
-        values: of the bottle; empty where the command has none.
-        fault: why the bottle is none.
+        text: the whole command, with an envelope or the name of a port.
+        values: values of the bottle; empty where the command has none.
+        fault: why the bottle cannot be read; None where it can.
     """
 
     key: str
@@ -58,7 +59,7 @@ class Message(NamedTuple):
 
 
 def is_text(carrier: Carrier) -> bool:
-    """Whether a carrier sends lines."""
+    """Return whether a carrier sends lines of text."""
     return carrier in ("text", "text_ack")
 
 
@@ -67,7 +68,7 @@ def _number(value: int) -> bytes:
 
 
 def hello(carrier: Carrier, sender: str) -> bytes:
-    """What who connects sends first."""
+    """Return the first bytes that the connecting side sends."""
     if is_text(carrier):
         return (b"CONNECT " if carrier == "text" else b"CONNACK ") + sender.encode() + b"\r\n"
     name = sender.encode() + b"\0"
@@ -75,20 +76,25 @@ def hello(carrier: Carrier, sender: str) -> bytes:
 
 
 def welcome(carrier: Carrier, sender: str, port: int) -> bytes:
-    """What is answered to that."""
+    """Return the answer to the hello; `port` is our TCP port."""
     return f"Welcome {sender}\r\n".encode() if is_text(carrier) else _number(port)
 
 
 def payload(text: bool, values: Sequence[Value]) -> bytes:
-    """A bottle as it stands in messages and answers."""
+    """Return a bottle as it stands in messages and answers.
+
+    Args:
+        text: whether the carrier sends lines.
+        values: the bottle.
+    """
     return to_text(values).encode("utf-8", "replace") + b"\r\n" if text else to_binary(values)
 
 
 def message(text: bool, command: str, body: bytes = b"") -> bytes:
-    """A message.
+    """Return a message.
 
     Args:
-        text: its carrier sends lines.
+        text: whether the carrier sends lines.
         command: one letter, or more.
         body: a `payload`, where the command has one.
     """
@@ -106,7 +112,7 @@ def message(text: bool, command: str, body: bytes = b"") -> bytes:
 
 
 def acknowledgement(carrier: Carrier) -> bytes:
-    """What ends the taking of a message, where the carrier wants it."""
+    """Return the acknowledgement of a message; it is empty on carriers without acknowledgements."""
     return {"tcp": _number(0), "text_ack": b"<ACK>\r\n"}.get(carrier, b"")
 
 
@@ -114,7 +120,7 @@ def acknowledgement(carrier: Carrier) -> bytes:
 
 
 class Decoder:
-    """Bytes of one connection, of somebody who connects: first a `Hello`, then messages. `receive` stores, `next_event` parses."""
+    """Splits the bytes of a peer that connects to us: first a `Hello`, then messages. `receive` stores, `next_event` parses."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()
@@ -124,7 +130,7 @@ class Decoder:
 
     @property
     def waiting(self) -> int:
-        """Bytes that are stored."""
+        """Number of stored bytes."""
         return len(self._buffer)
 
     def receive(self, data: bytes) -> None:
@@ -132,10 +138,10 @@ class Decoder:
         self._buffer += data
 
     def next_event(self) -> Hello | Message | None:
-        """The next of them; None until more bytes come.
+        """Return the next event; None until more bytes come.
 
         Raises:
-            Refused: this is no YARP, or too long; the connection is to be ended.
+            Refused: the bytes are no YARP, or too long. The connection must be ended.
         """
         if self._hello is None:
             self._hello = self._first()
@@ -150,7 +156,8 @@ class Decoder:
             return None
         magic = bytes(buffer[:8])
         if magic in _WORDS:
-            return self._text_hello(cast(Carrier, _WORDS[magic]))
+            line = self._line(NAME_LIMIT + 8)
+            return None if line is None else Hello(cast(Carrier, _WORDS[magic]), line[8:].strip())
         kind = self._number_at(0) - _MAGIC
         if kind < 0 or kind % 16 != _TCP:
             raise Refused("invalid_request", f"this port takes the carriers {', '.join(CARRIERS)}, and no others")
@@ -165,12 +172,8 @@ class Decoder:
         del buffer[: 12 + size]
         return Hello("tcp" if kind & _ACKS else "fast_tcp", name)
 
-    def _text_hello(self, carrier: Carrier) -> Hello | None:
-        line = self._line(NAME_LIMIT + 8)
-        return None if line is None else Hello(carrier, line[8:].strip())
-
     def _line(self, limit: int) -> str | None:
-        """The next line, without its end; None until more bytes come."""
+        """Return the next line, without its end; None until more bytes come."""
         buffer = self._buffer
         end = buffer.find(b"\n", self._searched)
         self._searched = len(buffer)
@@ -184,7 +187,7 @@ class Decoder:
         return line
 
     def _number_at(self, at: int) -> int:
-        """A number of YARP's eight bytes; -1 for none."""
+        """Return the number in eight bytes of YARP; -1 where they hold none."""
         data = self._buffer
         if data[at : at + 2] != b"YA" or data[at + 6 : at + 8] != b"RP":
             return -1
