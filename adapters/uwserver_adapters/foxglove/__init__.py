@@ -1,4 +1,4 @@
-"""A live connection of Foxglove or Lichtblick (README.md beside this file has the messages)."""
+"""Live connections of Foxglove and Lichtblick. README.md beside this file describes the messages."""
 
 from uwserver_adapters.foxglove.adapter import FoxgloveAdapter
 

@@ -1,4 +1,4 @@
-"""The `foxglove` adapter: listens, tells clients what there is, and sends them what they have subscribed."""
+"""The `foxglove` adapter: listens, offers clients channels and services, and sends them what they subscribe to."""
 
 from __future__ import annotations
 
@@ -48,18 +48,21 @@ log = logging.getLogger(__name__)
 _CLOSE_S = 1.0
 _PING_S = 20.0
 _TOO_SLOW = 1013
-# The library tells of every connection at level info.
+# The library logs every connection at level info.
 _quiet = logging.getLogger(f"{__name__}.frames")
 _quiet.setLevel(logging.CRITICAL)
 
 
 class FoxgloveAdapter:
-    """Serves foxglove.sdk.v1 on one TCP port; it is its own `Subscriber`, and all of it runs on the loop.
+    """Serves foxglove.sdk.v1 on one TCP port. It is its own `Subscriber`, and the `Server` of its clients. Loop thread.
 
     Attributes:
+        config, context: as given.
+        refusals: counts what is refused.
         catalogue: what is offered.
         playback: of a recording.
-        clients: who is there.
+        clients: all clients -> their connections.
+        scene: time, ns, and bytes of the newest scene; None before the first.
     """
 
     Config = FoxgloveConfig
@@ -67,7 +70,7 @@ class FoxgloveAdapter:
     def __init__(self, config: FoxgloveConfig, context: AdapterContext) -> None:
         self.config, self.context = config, context
         is_open = not is_loopback(config.bind)
-        # Foxglove shows none by itself: at loopback that of the environment is not asked for.
+        # Foxglove shows no token by itself: on loopback the token of the environment is not required.
         self._token = token_for(known_token(config.token) if is_open else config.token, is_open)
         self._loop = asyncio.get_running_loop()
         self.refusals = Refusals(context.name, context.stats, self._loop.time)
@@ -76,7 +79,7 @@ class FoxgloveAdapter:
         self.clients: dict[Client, ServerConnection] = {}
         self._channels = SceneChannels(_found(context.mesh), _found(context.looks))
         self._pictures: InOrder[Foreign | None] = InOrder("foxglove pictures", context.stats)
-        self._scene: tuple[int, bytes] | None = None
+        self.scene: tuple[int, bytes] | None = None
         self._revision: int | None = None
         self._forms: dict[str, tuple[Port, SampleForm]] = {}
         self._timer: asyncio.TimerHandle | None = None
@@ -89,7 +92,11 @@ class FoxgloveAdapter:
         self._ending: asyncio.Future[None] = self._loop.create_future()
 
     async def run(self, ready: asyncio.Event) -> None:
-        """Serve until cancelled. CannotListen: see there."""
+        """Serve until cancelled.
+
+        Raises:
+            CannotListen: the address cannot be had, or TLS is configured wrongly.
+        """
         config = self.config
         try:
             server = await serve(
@@ -103,7 +110,7 @@ class FoxgloveAdapter:
         try:
             with serving(self.context, self, self._address(server), ready):
                 if self._token.is_new:
-                    text = "%s can be reached from elsewhere, and no token was set (token, or %s): one was made for this run. Open\n    %s/%s"
+                    text = "%s can be reached from other machines, and no token is set (token, or %s): one was made for this run. Open\n    %s/%s"
                     log.warning(text, self.context.name, TOKEN_VARIABLE, self._address(server), self._token.text)
                 await self._loop.create_future()  # until cancelled
         finally:
@@ -125,14 +132,13 @@ class FoxgloveAdapter:
     # -- connections ------------------------------------------------------------------------------------------------------------------
 
     def _objection(self, connection: ServerConnection, request: Request) -> Response | None:
-        """Why somebody may not connect."""
+        """Return the refusal of a request to connect; None where it is accepted."""
 
         def refuse(status: HTTPStatus, cause: str, text: str) -> Response:
             self.refusals.note(cause, text)
             return connection.respond(status, text + "\n")
 
-        origins = request.headers.get_all("Origin")
-        for origin in origins:
+        for origin in request.headers.get_all("Origin"):
             if not _allows((*self.config.allowed_origins, *self.config.watching_origins), origin):
                 text = f"pages of {origin[:200]} may not connect: name that origin in allowed_origins of the adapter"
                 return refuse(HTTPStatus.FORBIDDEN, "origin", text)
@@ -159,7 +165,7 @@ class FoxgloveAdapter:
         return None
 
     async def _converse(self, connection: ServerConnection) -> None:
-        """One client from its greeting to its end."""
+        """Serve one client from its greeting to its end."""
         self._door.leave(connection)
         await self.playback.follow()
         outbox = Outbox(
@@ -181,8 +187,7 @@ class FoxgloveAdapter:
         self.follow()
         try:
             async for message in connection:
-                # A client that sends without end leaves the others their turn; one that floods is not read for a while, so that it must wait.
-                # Not for longer than the adapter serves.
+                # The wait gives others their turn, and makes a client that floods wait. It ends when the adapter ends.
                 await asyncio.wait({self._ending}, timeout=client.hear(message))
                 if self._ending.done():
                     return
@@ -223,7 +228,7 @@ class FoxgloveAdapter:
     # -- states -----------------------------------------------------------------------------------------------------------------------
 
     def follow(self) -> None:
-        """What clients have subscribed has changed."""
+        """Follow a change of the clients' subscriptions."""
         self._watched = frozenset(number for client in self.clients for number in client.subscriptions)
         self.context.follow_wants()
         if self.clients and self._timer is None:
@@ -231,10 +236,6 @@ class FoxgloveAdapter:
         elif not self.clients and self._timer is not None:
             self._timer.cancel()
             self._timer = None
-
-    def newest_scene(self) -> tuple[int, bytes] | None:
-        """Time and bytes of the newest scene."""
-        return self._scene
 
     def _turn(self) -> None:
         self._timer = self._loop.call_later(1.0 / self.config.frames_hz, self._turn)
@@ -250,7 +251,7 @@ class FoxgloveAdapter:
         if state.cast.revision != self._revision:
             self._revision = state.cast.revision
             scene = self._channels.scene(self.context.scene(state.cast), state.t_ns)
-            self._scene = scene.t_ns, scene.data
+            self.scene = scene.t_ns, scene.data
             if self.config.shows_poses:
                 self._show(SCENE, scene.t_ns, scene.data)
         if state.t_ns == self._told_t_ns:
@@ -273,17 +274,17 @@ class FoxgloveAdapter:
             for client in self.clients:
                 client.show(number, t_ns, payload)
 
-    # -- what the world says ----------------------------------------------------------------------------------------------------------
+    # -- samples and events -----------------------------------------------------------------------------------------------------------
 
     @property
     def wanted(self) -> Collection[str]:
-        """Ports whose samples somebody has subscribed."""
+        """Ports to whose samples somebody subscribes."""
         known = self.catalogue.channels
         topics = (known[number].topic for number in self._watched if number in known)
         return {path for topic in topics if (path := self.catalogue.port_of(topic)) is not None}
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
-        """Samples of one tick: each is encoded once for all clients."""
+        """Send the samples of one tick; each is encoded once for all clients."""
         for sample in samples if self._watched else ():
             port = self.context.ports.get(sample.port)
             if port is None:
@@ -298,7 +299,7 @@ class FoxgloveAdapter:
                     self._show_if_current(self._session, work())
 
     def _show_if_current(self, session: int, message: Foreign | None) -> None:
-        """Nothing of a time before a jump is shown after it."""
+        """Show a message, unless time has jumped since its sample."""
         if message is not None and session == self._session:
             self._show(message.topic, message.t_ns, message.data)
 
@@ -311,17 +312,17 @@ class FoxgloveAdapter:
         return codec.encode({**told, "value": known[1].value(sample)})
 
     def put_event(self, event: Event) -> None:
-        """Clients are told; after a jump of time they begin anew."""
+        """Tell the clients about an event; after a jump of time they start anew."""
         if event.event == "ports_changed":
             self._offer_anew()
         if event.event == "reset":
-            # A client drops what it has of a session that is another: else it would show nothing until time is where it was.
+            # A client drops what it has of another session. Otherwise it would show nothing until time is where it was before.
             self._session += 1
             self._told_t_ns = -1
             for client in self.clients:
                 self._greet(client)
-                if self._scene is not None and self.config.shows_poses:
-                    client.show(self.catalogue.numbers[SCENE], event.t_ns, self._scene[1])
+                if self.scene is not None and self.config.shows_poses:
+                    client.show(self.catalogue.numbers[SCENE], event.t_ns, self.scene[1])
         if event.event in ("paused", "resumed", "reset"):
             self._tell_playback(event.event == "reset")
         if self.clients:
@@ -353,7 +354,7 @@ class FoxgloveAdapter:
 
 
 def _found(find: Callable[[str], bytes | None]) -> Callable[[str], bytes]:
-    """A file that a scene has just named is there."""
+    """Return a search for files that fails where there is none: a file that a scene has just named is there."""
 
     def file(name: str) -> bytes:
         data = find(name)
@@ -365,10 +366,7 @@ def _found(find: Callable[[str], bytes | None]) -> Callable[[str], bytes]:
 
 
 def _allows(patterns: Sequence[str], origin: str) -> bool:
-    """Whether a page may connect: a pattern is an origin, one with ``:*`` for any port, or ``*`` for every page."""
-    for pattern in patterns:
-        if pattern in ("*", origin):
-            return True
-        if pattern.endswith(":*") and origin.startswith(pattern[:-1]) and origin[len(pattern) - 1 :].isdigit():
-            return True
-    return False
+    """Return whether a page may connect. A pattern is an origin, an origin with ``:*`` for any port, or ``*`` for every page."""
+    address, _, port = origin.rpartition(":")
+    wanted = {"*", origin} | ({f"{address}:*"} if port.isdigit() else set())
+    return not wanted.isdisjoint(patterns)

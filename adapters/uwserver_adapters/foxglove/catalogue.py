@@ -1,4 +1,4 @@
-"""What a server offers, under the numbers by which clients ask for it."""
+"""The channels and services that a server offers, with the numbers by which clients name them."""
 
 from __future__ import annotations
 
@@ -14,12 +14,16 @@ SCENE, FRAMES, LOG = "/scene", "/tf", "/log"
 
 
 class Catalogue:
-    """Numbers once given stay: a topic that comes back has its old one.
+    """What is offered now. Numbers stay: a topic that comes back gets its old number.
+
+    Args:
+        context: the world.
+        shows_poses: offer the poses of vehicles, which are ground truth.
 
     Attributes:
         channels: by number.
         services: by number.
-        numbers: of each channel that is there, by topic.
+        numbers: number of each channel that is offered, by topic.
     """
 
     def __init__(self, context: AdapterContext, shows_poses: bool) -> None:
@@ -33,10 +37,11 @@ class Catalogue:
         self.follow()
 
     def follow(self) -> tuple[list[int], list[int], list[int], list[int]]:
-        """Look at what there is now; returns numbers of channels that came and went, and of services that came and went."""
+        """Follow the world; return the numbers of new channels, of channels that have gone, of new services, and of services that have gone."""
         sensors = [port for port in self._context.ports.values() if port.direction == "sensor"]
         before, services_before = self.channels, self.services
-        found = {self._number(channel): channel for channel in self._all(sensors)}
+        # A channel with other fields than before is another channel for clients.
+        found = {_given(self._given, f"{each.topic} {each.schema}"): each for each in self._all(sensors)}
         self.channels = found
         self.numbers = {channel.topic: number for number, channel in found.items()}
         self._told = {port.path for port in sensors if port.path in self.numbers or f"/{port.path}" in self.numbers}
@@ -51,17 +56,14 @@ class Catalogue:
         )
 
     def port_of(self, topic: str) -> str | None:
-        """Path of the sensor of which a topic tells; None of others."""
+        """Return the path of the sensor that is published on a topic; None for other topics."""
         path = topic.removeprefix("/")
         return path if path in self._told else None
 
-    def _number(self, channel: Channel) -> int:
-        # One whose fields are others than before is another one for clients.
-        return _given(self._given, f"{channel.topic} {channel.schema}")
-
     def _all(self, sensors: Iterable[Port]) -> Iterable[Channel]:
         for port in sensors:
-            if not _is_packed(port):
+            # Pictures have a channel of their own where they can be shown; as JSON they would be of no use.
+            if not any(field.is_packed for field in port.fields):
                 yield port_channel(port)
             schema = shown_as(port)
             if schema is not None:
@@ -82,16 +84,11 @@ def _protobuf(topic: str, schema: str) -> Channel:
     return Channel(topic, "protobuf", schema, base64.b64encode(SCHEMAS[schema]).decode(), "protobuf")
 
 
-def _is_packed(port: Port) -> bool:
-    """Pictures go by their own channel, where there is one; as JSON they would be of no use."""
-    return any(field.is_packed for field in port.fields)
-
-
 def parameters_of(services: Mapping[str, Service]) -> dict[str, tuple[str, str]]:
-    """Settings of sensors and actuators as parameters: name -> (path of the component, name of the setting)."""
+    """Return the settings of sensors and actuators as parameters: name -> (path of the component, name of the setting)."""
     return {
-        f"{path.removesuffix('/set')}/{argument.name}": (path.removesuffix("/set"), argument.name)
-        for path, service in services.items()
-        if path.endswith("/set") and f"{path.removesuffix('/set')}/get" in services
-        for argument in service.arguments
+        f"{above}/{argument.name}": (above, argument.name)
+        for above, _, verb in (path.rpartition("/") for path in services)
+        if verb == "set" and f"{above}/get" in services
+        for argument in services[f"{above}/set"].arguments
     }

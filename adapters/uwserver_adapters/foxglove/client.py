@@ -1,14 +1,16 @@
-"""One client: what it has subscribed, and what it asks of the world."""
+"""One client: its subscriptions, and its requests to the world."""
 
 from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
 from typing import Any, Protocol
 
 from uwserver.adapter import AdapterContext, Conversation, Owed, RateMeter, Refusals, did_you_mean
 from uwserver.ports import Fault, Refused, Reply
+from uwserver.units import NANOSECONDS
 from uwserver_adapters.foxglove import codec
 from uwserver_adapters.foxglove.catalogue import SCENE, Catalogue, parameters_of
 from uwserver_adapters.foxglove.codec import BadMessage, ClientData, PlaybackControl, ServiceCall
@@ -16,40 +18,49 @@ from uwserver_adapters.foxglove.config import FoxgloveConfig
 from uwserver_adapters.foxglove.outbox import Outbox
 from uwserver_adapters.foxglove.playback import Playback
 
+Call = tuple[str, Mapping[str, object]]
+"""Path of a service, and arguments."""
 _ERROR = 2
 _SUBSCRIPTIONS_OF_A_CHANNEL = 8
 _ENTRIES_OF_A_REQUEST = 8
-"""Of a list, that count as one more request of a client."""
+"""Number of entries in a list that count as one more request."""
 _TEXT_LIMIT = 2000
 
 
 class Server(Protocol):
-    """What a client needs of the adapter."""
+    """The adapter, as its clients see it.
+
+    Attributes:
+        config: of the adapter.
+        context: the world.
+        catalogue: what is offered.
+        refusals: counts what is refused.
+        playback: of a recording.
+        scene: time, ns, and bytes of the newest scene; None before the first.
+    """
 
     config: FoxgloveConfig
     context: AdapterContext
     catalogue: Catalogue
     refusals: Refusals
     playback: Playback
+    scene: tuple[int, bytes] | None
 
     def follow(self) -> None:
-        """What clients have subscribed has changed."""
-
-    def newest_scene(self) -> tuple[int, bytes] | None:
-        """Time and bytes of the newest scene."""
+        """Follow a change of the clients' subscriptions."""
 
 
 class Client:
-    """Made for each connection. Loop thread.
+    """The client of one connection. Loop thread.
 
     Args:
         server: the adapter.
         name: of the peer, for the world.
-        outbox: takes what it is sent.
-        origin: of a page that may only watch; None of who may command.
+        outbox: takes what is sent to it.
+        origin: origin of a page that may only watch; None for a client that may command.
 
     Attributes:
-        subscriptions: number of a channel -> numbers under which it subscribed it.
+        subscriptions: number of a channel -> numbers of the client's subscriptions to it.
         outbox: as given.
     """
 
@@ -64,23 +75,18 @@ class Client:
         self._loop = asyncio.get_running_loop()
 
     def close(self) -> None:
-        """It has gone."""
+        """End the calls and subscriptions of the client, which has gone."""
         self._asked.close()
         self.subscriptions.clear()
 
     def hear(self, message: str | bytes) -> float:
-        """A message of the client; what is wrong with it is told to it, once, and changes nothing. Gives the wall time for which no more of it
-        should be read, s: 0 unless it asks too much."""
+        """Carry out a message of the client. A wrong message changes nothing, and the client is told once.
+
+        Returns:
+            Wall time for which the client should not be read, s: 0 unless it sends too much.
+        """
         now = self._loop.time()
         self._rate.take(now)
-        self._obey(message)
-        if not self._rate.is_flooded(now):
-            return 0.0
-        self._server.refusals.note("flood", "a client asks more than max_requests_per_s")
-        self.complain(f"more than {self._rate.most} requests a second: the others wait (max_requests_per_s)")
-        return self._rate.end - now
-
-    def _obey(self, message: str | bytes) -> None:
         try:
             if isinstance(message, bytes):
                 self._binary(codec.read_binary(message))
@@ -91,29 +97,31 @@ class Client:
             self.complain(f"Invalid message: {error}")
         except Refused as refused:
             self.complain(refused.fault.text)
+        if not self._rate.is_flooded(now):
+            return 0.0
+        self._server.refusals.note("flood", "a client asks more than max_requests_per_s")
+        self.complain(f"more than {self._rate.most} requests a second: the others wait (max_requests_per_s)")
+        return self._rate.end - now
 
-    def complain(self, text: str, more: int = 0) -> None:
-        """Tell the person at the client, and how many more faults its message has."""
-        others = f" (and {more} more of this message)" if more > 0 else ""
-        self.outbox.put(codec.status(_ERROR, text[:_TEXT_LIMIT] + others), is_text=True)
-
-    def _complain_of(self, faults: list[str]) -> None:
-        if faults:
-            self.complain(faults[0], len(faults) - 1)
+    def complain(self, *faults: str) -> None:
+        """Show the first fault to the person at the client, and how many more there are in the message; nothing without faults."""
+        for text in faults[:1]:
+            others = f" (and {len(faults) - 1} more of this message)" if len(faults) > 1 else ""
+            self.outbox.put(codec.status(_ERROR, text[:_TEXT_LIMIT] + others), is_text=True)
 
     def tell(self, **message: Any) -> None:
         """Send a text message."""
         self.outbox.put(codec.encode(message), is_text=True)
 
     def show(self, channel: int, t_ns: int, payload: bytes) -> None:
-        """A message of a channel, if it has subscribed it."""
+        """Send a message of a channel once for each subscription to it."""
         for subscription in self.subscriptions.get(channel, ()):
             self.outbox.put(codec.data(subscription, t_ns, payload), is_sample=True)
 
     # -- texts ------------------------------------------------------------------------------------------------------------------------
 
     def _text(self, message: dict[str, Any]) -> None:
-        handlers: Mapping[str, Callable[[dict[str, Any]], None]] = {
+        operations: Mapping[str, Callable[[dict[str, Any]], None]] = {
             "subscribe": self._subscribe,
             "unsubscribe": self._unsubscribe,
             "advertise": self._advertise,
@@ -123,13 +131,16 @@ class Client:
             "subscribeParameterUpdates": self._watch,
             "unsubscribeParameterUpdates": self._watch,
         }
-        handler = handlers.get(message["op"])
-        if handler is None:
-            raise BadMessage(f'no "op" is "{message["op"][:100]}"; there are: {", ".join(handlers)}')
-        handler(message)
+        if message["op"] not in operations:
+            raise BadMessage(f'no "op" is "{message["op"][:100]}"; there are: {", ".join(operations)}')
+        operations[message["op"]](message)
 
     def _entries(self, message: Mapping[str, Any], key: str, kind: type) -> list[Any]:
-        """A list of a message. BadMessage: it has none, or one that is too long."""
+        """Return a list of a message, and count it as requests.
+
+        Raises:
+            BadMessage: there is no such list, or it is too long.
+        """
         found, most = message.get(key), self._server.config.max_subscriptions
         if not isinstance(found, list) or not all(isinstance(entry, kind) for entry in found):
             raise BadMessage(f'"{message["op"]}" needs a list "{key}"')
@@ -139,17 +150,13 @@ class Client:
         return found
 
     def _subscribe(self, message: dict[str, Any]) -> None:
-        faults: list[str] = []
-        for entry in self._entries(message, "subscriptions", dict):
-            number, channel = _number(entry, "id"), _number(entry, "channelId")
-            fault = self._add_subscription(number, channel)
-            if fault is not None:
-                faults.append(fault)
-        self._complain_of(faults)
+        entries = self._entries(message, "subscriptions", dict)
+        faults = [self._add_subscription(_number(entry, "id"), _number(entry, "channelId")) for entry in entries]
+        self.complain(*filter(None, faults))
         self._server.follow()
 
-    def _add_subscription(self, number: int, channel: int) -> str | None:
-        """Gives why not."""
+    def _add_subscription(self, number: int, channel: int) -> str:
+        """Add a subscription, or return why it cannot be added; else ""."""
         catalogue, most = self._server.catalogue, self._server.config.max_subscriptions
         if channel not in catalogue.channels:
             return f"there is no channel {channel}"
@@ -158,15 +165,13 @@ class Client:
         if len(self._channel_of) >= most:
             return f"at most {most} subscriptions (max_subscriptions)"
         if len(self.subscriptions.get(channel, ())) >= _SUBSCRIPTIONS_OF_A_CHANNEL:
-            return (
-                f"channel {channel} is subscribed {_SUBSCRIPTIONS_OF_A_CHANNEL} times already: unsubscribe one of these"
-            )
+            times = f"{_SUBSCRIPTIONS_OF_A_CHANNEL} times already"
+            return f"channel {channel} is subscribed {times}: unsubscribe one of these"
         self._channel_of[number] = channel
         self.subscriptions.setdefault(channel, []).append(number)
-        newest = self._server.newest_scene() if channel == catalogue.numbers.get(SCENE) else None
-        if newest is not None:
-            self.outbox.put(codec.data(number, *newest))
-        return None
+        if channel == catalogue.numbers.get(SCENE) and self._server.scene is not None:
+            self.outbox.put(codec.data(number, *self._server.scene))
+        return ""
 
     def _unsubscribe(self, message: dict[str, Any]) -> None:
         faults: list[str] = []
@@ -178,11 +183,11 @@ class Client:
             self.subscriptions[channel].remove(number)
             if not self.subscriptions[channel]:
                 del self.subscriptions[channel]
-        self._complain_of(faults)
+        self.complain(*faults)
         self._server.follow()
 
     def forget(self, channels: Collection[int]) -> None:
-        """These channels are gone."""
+        """End the subscriptions to channels that have gone."""
         for channel in channels:
             for number in self.subscriptions.pop(channel, ()):
                 del self._channel_of[number]
@@ -206,13 +211,22 @@ class Client:
             self._publishes.pop(number, None)
 
     def _may_change(self) -> None:
+        """Check that the client may change the world.
+
+        Raises:
+            Refused: it may not.
+        """
         self._may_steer()
         if self._origin is not None:
             text = f"pages and programs of {self._origin} may only watch: name that origin in allowed_origins of the adapter's table"
             raise Refused("denied", text)
 
     def _may_steer(self) -> None:
-        """Whether it may play, pause and seek a recording, which changes no world."""
+        """Check that the client may play, pause and seek a recording, which changes no world.
+
+        Raises:
+            Refused: it may not.
+        """
         if self._server.config.read_only:
             raise Refused("denied", "this server may only be watched: read_only is set in its table")
 
@@ -266,28 +280,38 @@ class Client:
     def _control(self, message: PlaybackControl) -> None:
         services = self._server.context.services
         if "playback/state" not in services:
-            raise Refused("denied", "this world lives: only a recording that is played can be sought in")
+            raise Refused("denied", "this is a running world: only in a recording that is played can be sought")
         self._may_steer()
-        wanted: list[tuple[str, dict[str, object]]] = []
+        wanted: list[Call] = []
         if math.isfinite(message.speed) and message.speed > 0.0:
             wanted.append(("playback/speed", {"speed": message.speed}))
         if message.seek_ns is not None:
-            wanted.append(("playback/seek", {"t_s": codec.seconds(message.seek_ns)}))
+            wanted.append(("playback/seek", {"t_s": message.seek_ns / NANOSECONDS}))
         wanted.append(("playback/resume" if message.plays else "playback/pause", {}))
-        left = len(wanted)
 
-        def answer(reply: Reply) -> None:
-            nonlocal left
-            left -= 1
-            self._report(reply)
-            if left == 0:
-                self._server.playback.tell(message.seek_ns is not None, message.request, self.outbox.put)
+        def finish(replies: Sequence[Reply]) -> None:
+            for reply in replies:
+                self._report(reply)
+            self._server.playback.tell(message.seek_ns is not None, message.request, self.outbox.put)
 
-        for path, arguments in wanted:
+        self._call_all(wanted, finish)
+
+    def _call_all(self, calls: Sequence[Call], finish: Callable[[Sequence[Reply]], None]) -> None:
+        """Call services, and call `finish` with the replies in the order of the calls once all are here. A refusal counts as a reply."""
+        replies: dict[int, Reply] = {}
+
+        def take(k: int, reply: Reply) -> None:
+            replies[k] = reply
+            if len(replies) == len(calls):
+                finish([replies[k] for k in range(len(calls))])
+
+        if not calls:
+            finish(())
+        for k, (path, arguments) in enumerate(calls):
             try:
-                self._asked.call(path, arguments, answer)
+                self._asked.call(path, arguments, partial(take, k))
             except Refused as refused:
-                answer(Reply(0, 0, fault=refused.fault))
+                take(k, Reply(0, 0, fault=refused.fault))
 
     # -- parameters -------------------------------------------------------------------------------------------------------------------
 
@@ -295,14 +319,13 @@ class Client:
         self._answer_parameters(frozenset(self._entries(message, "parameterNames", str)), message.get("id"))
 
     def _answer_parameters(self, names: frozenset[str], request: object) -> None:
-        """Ask each component of which a setting is wanted, and tell all of them together."""
+        """Ask each component that has one of these settings, by default all, and send all settings together."""
         known = parameters_of(self._server.context.services)
         wanted = [name for name in known if not names or name in names]
         components = list(dict.fromkeys(known[name][0] for name in wanted))
-        found: dict[str, Any] = {}
-        left = len(components)
 
-        def finish() -> None:
+        def finish(replies: Sequence[Reply]) -> None:
+            found = {component: reply.result for component, reply in zip(components, replies, strict=True)}
             told = [
                 {"name": name, "value": settings[known[name][1]]}
                 for name in wanted
@@ -310,52 +333,32 @@ class Client:
             ]
             self.tell(op="parameterValues", parameters=told, **({} if request is None else {"id": request}))
 
-        def take(component: str, reply: Reply) -> None:
-            nonlocal left
-            left -= 1
-            found[component] = reply.result
-            if left == 0:
-                finish()
-
-        if not components:
-            finish()
-        for component in components:
-            try:
-                self._asked.call(f"{component}/get", {}, lambda reply, component=component: take(component, reply))  # type: ignore[misc]
-            except Refused as refused:
-                take(component, Reply(0, 0, fault=refused.fault))
+        self._call_all([(f"{component}/get", {}) for component in components], finish)
 
     def _set_parameters(self, message: dict[str, Any]) -> None:
         self._may_change()
         known = parameters_of(self._server.context.services)
         entries = [e for e in self._entries(message, "parameters", dict) if isinstance(e.get("name"), str)]
-        names = [entry["name"] for entry in entries]
-        left = len(entries)
+        if not entries:
+            return
         faults: list[str] = []
+        calls: list[Call] = []
+        for name, value in ((entry["name"], entry.get("value")) for entry in entries):
+            if name in known:
+                calls.append((f"{known[name][0]}/set", {known[name][1]: value}))
+            else:
+                # Only the first unknown name is compared with the known ones, which takes long.
+                faults.append(f'no parameter "{name[:200]}"{"" if faults else did_you_mean(name, known)}')
+        names = frozenset(entry["name"] for entry in entries if entry["name"] in known)
 
-        def done(reply: Reply) -> None:
-            nonlocal left
-            left -= 1
-            if reply.fault is not None:
-                faults.append(reply.fault.text)
-            if left == 0:
-                self._complain_of(faults)
-                self._answer_parameters(frozenset(n for n in names if n in known) or frozenset("-"), message.get("id"))
+        def finish(replies: Sequence[Reply]) -> None:
+            self.complain(*faults, *(reply.fault.text for reply in replies if reply.fault is not None))
+            self._answer_parameters(names or frozenset("-"), message.get("id"))
 
-        for entry in entries:
-            name = entry["name"]
-            if name not in known:
-                text = f'no parameter "{name[:200]}"{"" if faults else did_you_mean(name, known)}'
-                done(Reply(0, 0, fault=Fault("bad_argument", text)))
-                continue
-            component, setting = known[name]
-            try:
-                self._asked.call(f"{component}/set", {setting: entry.get("value")}, done)
-            except Refused as refused:
-                done(Reply(0, 0, fault=refused.fault))
+        self._call_all(calls, finish)
 
     def _watch(self, message: dict[str, Any]) -> None:
-        """Taken, for viewers ask for it; changes of settings are not told by themselves."""
+        """Accept a subscription to parameters, which viewers send. Changes of settings are not sent by themselves."""
         self._entries(message, "parameterNames", str)
 
 

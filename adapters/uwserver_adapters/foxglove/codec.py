@@ -1,7 +1,7 @@
-"""The messages of foxglove.sdk.v1: JSON texts, and binary ones with a byte for their kind in front, little endian. No sockets here.
+"""The messages of foxglove.sdk.v1, without sockets: JSON texts, and little-endian binary messages whose first byte is their kind.
 
-Numbers of kinds, fields and order were read from the specification (github.com/foxglove/ws-protocol, docs/spec.md) and, for playback, from what
-foxglove-sdk 0.30 sends and takes.
+Kinds, fields and their order are those of the specification (github.com/foxglove/ws-protocol, docs/spec.md) and, for playback, of what
+foxglove-sdk 0.30 sends and accepts.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from uwserver.ports import Field, Json, Port, Service
 from uwserver.units import NANOSECONDS
 
 SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
-"""The present one, and that of Lichtblick and of Foxglove until 2024, whose messages are the same."""
+"""The present protocol, and the one of Lichtblick and of Foxglove until 2024, which has the same messages."""
 
 _DATA, _TIME, _RESPONSE, _PLAYBACK = 1, 2, 3, 5
 _CLIENT_DATA, _CALL, _CONTROL = 1, 2, 3
@@ -26,14 +26,14 @@ _CLIENT_HEAD = struct.Struct("<BI")
 _CALL_HEAD = struct.Struct("<BIII")
 _CONTROL_HEAD = struct.Struct("<BBfBQI")
 PLAYING, PAUSED = 0, 1
-"""Of a playback state."""
+"""Numbers of playback states."""
 _JSON_TYPES = {"float": "number", "int": "integer", "bool": "boolean", "str": "string"}
 
 encode = msgspec.json.Encoder().encode
 
 
 class BadMessage(ValueError):
-    """A message of a client that cannot be understood; the text says why."""
+    """A message of a client cannot be read; the text says why."""
 
 
 class ClientData(NamedTuple):
@@ -53,7 +53,7 @@ class ServiceCall(NamedTuple):
 
 
 class PlaybackControl(NamedTuple):
-    """What a client wants of time: play or not, how fast, and where to (ns) unless it stays."""
+    """A client's control of playback: whether to play, the speed, and the time to seek, ns, or None."""
 
     plays: bool
     speed: float
@@ -62,7 +62,7 @@ class PlaybackControl(NamedTuple):
 
 
 class Channel(NamedTuple):
-    """What can be subscribed."""
+    """A channel to which clients can subscribe."""
 
     topic: str
     encoding: str
@@ -72,7 +72,7 @@ class Channel(NamedTuple):
 
 
 def told_channel(number: int, channel: Channel) -> dict[str, Json]:
-    """A channel as `advertise` has it."""
+    """Return a channel as an entry of `advertise`."""
     return {
         "id": number,
         "topic": channel.topic,
@@ -84,7 +84,7 @@ def told_channel(number: int, channel: Channel) -> dict[str, Json]:
 
 
 def told_service(number: int, service: Service) -> dict[str, Json]:
-    """A service as `advertiseServices` has it."""
+    """Return a service as an entry of `advertiseServices`."""
     arguments: dict[str, Json] = {a.name: _schema(a.type, a.doc, a.unit, a.shape) for a in service.arguments}
     required: list[Json] = [a.name for a in service.arguments if a.required]
     request: dict[str, Json] = {
@@ -117,7 +117,7 @@ def _schema(type_: str, doc: str, unit: str, shape: Sequence[int]) -> dict[str, 
 
 
 def port_channel(port: Port) -> Channel:
-    """The samples of a sensor as JSON, in the form that its recording has."""
+    """Return the channel of a sensor's samples as JSON, in the form of its recording."""
     fields: dict[str, Json] = {field.name: _field(field) for field in port.fields}
     whole: dict[str, Json] = {"type": "integer"}
     properties: dict[str, Json] = {
@@ -139,7 +139,15 @@ def _field(field: Field) -> dict[str, Json]:
 def server_info(
     name: str, capabilities: Sequence[str], session: str, span_ns: tuple[int, int] | None, metadata: Mapping[str, str]
 ) -> bytes:
-    """The first message of a server."""
+    """Return the first message of a server.
+
+    Args:
+        name: of the server, for people.
+        capabilities: of the server.
+        session: id of the session.
+        span_ns: begin and end of a recording, ns; None for a running world.
+        metadata: further facts.
+    """
     told: dict[str, object] = {
         "op": "serverInfo",
         "name": name,
@@ -156,50 +164,52 @@ def server_info(
 
 
 def status(level: int, text: str) -> bytes:
-    """Something a person should read: level 0 information, 1 warning, 2 error."""
+    """Return a text for the person at the client: level 0 information, 1 warning, 2 error."""
     return encode({"op": "status", "level": level, "message": text})
 
 
 def call_failed(service: int, call: int, text: str) -> bytes:
-    """A call that was refused, or went wrong."""
+    """Return the answer to a call that was refused or failed."""
     return encode({"op": "serviceCallFailure", "serviceId": service, "callId": call, "message": text})
 
 
 def data(subscription: int, t_ns: int, payload: bytes) -> bytes:
-    """A message of a channel."""
+    """Return a message of a channel; `t_ns` is its time, ns."""
     return _HEAD.pack(_DATA, subscription, max(0, t_ns)) + payload
 
 
 def time(t_ns: int) -> bytes:
-    """What time it is."""
+    """Return the message of the time, ns."""
     return struct.pack("<BQ", _TIME, max(0, t_ns))
 
 
 def response(service: int, call: int, payload: bytes) -> bytes:
-    """The answer of a service."""
+    """Return the answer of a service; the payload is JSON."""
     return _CALL_HEAD.pack(_RESPONSE, service, call, 4) + b"json" + payload
 
 
 def playback_state(state: int, t_s: float, speed: float, has_sought: bool, request: str) -> bytes:
-    """How the playback of a recording stands."""
+    """Return the state of playback.
+
+    Args:
+        state: `PLAYING` or `PAUSED`.
+        t_s: time in the recording, s.
+        speed: simulated seconds in a second.
+        has_sought: whether time has jumped.
+        request: id of the request that is answered; "" for none.
+    """
     name = request.encode()
     t_ns = max(0, round(t_s * NANOSECONDS))  # the protocol knows no time before 0
     head = struct.pack("<BBQfBI", _PLAYBACK, state, t_ns, speed, has_sought, len(name))
     return head + name
 
 
-def seconds(t_ns: int) -> float:
-    """As services want it."""
-    return t_ns / NANOSECONDS
-
-
-def nanoseconds(t_s: float) -> int:
-    """As messages want it."""
-    return round(t_s * NANOSECONDS)
-
-
 def read_binary(message: bytes) -> ClientData | ServiceCall | PlaybackControl:
-    """A binary message of a client. BadMessage where it is none."""
+    """Return the binary message of a client.
+
+    Raises:
+        BadMessage: it is of no known kind, or cut off.
+    """
     kind = message[0] if message else None
     try:
         if kind == _CLIENT_DATA:
@@ -222,7 +232,11 @@ def read_binary(message: bytes) -> ClientData | ServiceCall | PlaybackControl:
 
 
 def read_text(message: str) -> dict[str, Any]:
-    """A text message of a client: an object with a text `op`. BadMessage where it is none."""
+    """Return the text message of a client: an object with a text `op`.
+
+    Raises:
+        BadMessage: it is no such object.
+    """
     found = _object(message.encode())
     if not isinstance(found.get("op"), str):
         raise BadMessage('a message needs an "op"')
@@ -230,12 +244,16 @@ def read_text(message: str) -> dict[str, Any]:
 
 
 def read_object(payload: bytes) -> dict[str, Any]:
-    """The JSON object of a call or a published message; an empty payload is an empty one. BadMessage where it is none."""
+    """Return the JSON object of a call or a published message; an empty payload is an empty object.
+
+    Raises:
+        BadMessage: it is no JSON object.
+    """
     return _object(payload) if payload.strip() else {}
 
 
 def _object(text: bytes) -> dict[str, Any]:
-    """Weighed first: see `uwserver.adapter.decode`."""
+    """Decode an object; `decode` refuses first what would cost too much."""
     try:
         found = decode(text, "json")
     except Undecodable as error:

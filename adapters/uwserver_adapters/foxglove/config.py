@@ -15,22 +15,23 @@ _Count = Annotated[int, Meta(ge=1)]
 class FoxgloveConfig(AdapterTable, tag="foxglove", kw_only=True, frozen=True):
     """Attributes:
     bind: address to listen at; anything but loopback needs a token.
-    port: TCP port, where Foxglove looks by default; 0 takes a free one.
-    token: clients show it as the path of the address (ws://host:8765/TOKEN), for they can send no other; default: the environment's
-        UWSERVER_TOKEN where bind is not loopback; one is made and told where there is none then.
-    read_only: clients may only watch: no commands, no services that change something, no parameters set.
-    exact_poses: clients see where vehicles really are, which is ground truth; default: on loopback.
+    port: TCP port; the default is where Foxglove looks; 0 takes a free one.
+    token: clients show it as the path of the address (ws://host:8765/TOKEN), the only place where they can; default: the environment's
+        UWSERVER_TOKEN where bind is not loopback. If there is none then, a token is generated and printed.
+    read_only: clients may only watch: they cannot command, call services that change something, or set parameters.
+    exact_poses: show clients the true poses of vehicles, which are ground truth; default: on loopback.
     allowed_origins: pages that may connect and command, as for `sockets`; by default none may.
-    watching_origins: pages that may connect and watch, and steer a recording that is played, but change nothing else. Default: Foxglove in a
+    watching_origins: pages that may connect and watch, and control a recording that is played, but change nothing else. Default: Foxglove in a
         browser, the desktop programs, and pages of this machine.
-    allowed_hosts: names by which this server may be asked, beside its addresses and localhost; "*" for any.
-    tls_cert, tls_key, tls_client_ca: as for `sockets`; the address is wss then.
-    frames_hz: poses and times a second of wall time, at most.
-    max_clients: at a time.
-    max_requests_per_s: of one client; more are refused.
-    max_subscriptions: of one client.
-    max_unanswered: commands and calls of one client that wait for the world.
-    queue_messages, queue_bytes: that wait for a slow client; of samples the oldest is dropped then, of all else it is too slow and is sent away.
+    allowed_hosts: names of this server that clients may use, besides its addresses and localhost; "*" for any.
+    tls_cert, tls_key, tls_client_ca: as for `sockets`; the address then begins with wss.
+    frames_hz: most poses and times in a second of wall time.
+    max_clients: most clients at a time.
+    max_requests_per_s: most requests of one client; it is not read for a while after more.
+    max_subscriptions: most subscriptions of one client.
+    max_unanswered: most commands and calls of one client that wait for the world.
+    queue_messages, queue_bytes: most messages and bytes that wait for a slow client. Above them samples are dropped; if other messages alone
+        are too many, the client is disconnected.
     """
 
     bind: Name = "127.0.0.1"
@@ -60,5 +61,5 @@ class FoxgloveConfig(AdapterTable, tag="foxglove", kw_only=True, frozen=True):
 
     @property
     def shows_poses(self) -> bool:
-        """`exact_poses`, or its default."""
+        """Whether poses are shown: `exact_poses`, or its default."""
         return is_loopback(self.bind) if isinstance(self.exact_poses, UnsetType) else self.exact_poses

@@ -1,4 +1,4 @@
-"""Connections that have not shown yet that they are viewers: they have few places, and the oldest makes way."""
+"""Connections whose handshake is not over: there are few places for them, and the oldest is closed first."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Door:
     """Counts the connections whose handshake is not over. Loop thread.
 
     Args:
-        refusals: where it is told who made way.
+        refusals: counts those that are closed.
     """
 
     def __init__(self, refusals: Refusals) -> None:
@@ -21,7 +21,7 @@ class Door:
         self._waiting: dict[ServerConnection, None] = {}
 
     def connections(self) -> type[ServerConnection]:
-        """The kind that `websockets.asyncio.server.serve` makes of each that knocks."""
+        """Return the class of connections that `websockets.asyncio.server.serve` makes for each peer."""
         door = self
 
         class Knocking(ServerConnection):
@@ -46,5 +46,5 @@ class Door:
             oldest.transport.abort()
 
     def leave(self, connection: ServerConnection) -> None:
-        """It is a viewer, or gone."""
+        """Count a connection no more: its handshake is over, or it has gone."""
         self._waiting.pop(connection, None)

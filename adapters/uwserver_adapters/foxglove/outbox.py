@@ -1,4 +1,4 @@
-"""What waits for one client: samples, of which the oldest make way, and all else, of which none may be lost."""
+"""The messages that wait for one client: samples, which may be dropped, and others, which may not."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ class Outbox:
 
     Args:
         send: sends one message, text or binary; waits while the client does not read.
-        most, most_bytes: that may wait.
-        stats: counts.
-        overflow: called once, when more than samples waits than may: the client reads too slowly. All that waits is dropped then, and all that comes.
+        most, most_bytes: most messages and bytes that may wait.
+        stats: counts what is sent and dropped.
+        overflow: called once, when too much waits even without the samples: the client reads too slowly. Everything is dropped from then on.
     """
 
     def __init__(
@@ -35,7 +35,7 @@ class Outbox:
         self._wake = asyncio.Event()
 
     def put(self, message: bytes, *, is_text: bool = False, is_sample: bool = False) -> None:
-        """Queue a message."""
+        """Let a message wait for its turn."""
         if self._is_over:
             self._stats.dropped += 1
             return
@@ -58,7 +58,7 @@ class Outbox:
             self._overflow()
 
     async def run(self) -> None:
-        """Send until cancelled, or the client has gone."""
+        """Send until cancelled, or until the client has gone."""
         while True:
             await self._wake.wait()
             self._wake.clear()

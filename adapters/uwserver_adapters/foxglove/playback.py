@@ -1,24 +1,29 @@
-"""How the playback of a recording stands. The player answers when it has its turn, so what is told waits for it."""
+"""The state of a recording's playback. The player answers when it has its turn, so messages about it come later."""
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import Callable
 
 from uwserver.adapter import AdapterContext, within
 from uwserver.ports import Json, Progress, Refused, Reply
+from uwserver.units import NANOSECONDS
 from uwserver_adapters.foxglove import codec
 
 _STATE = "playback/state"
 _PATIENCE_S = 2.0
-"""Wall time for which a greeting waits for a player."""
+"""Wall time for which a greeting waits for the player."""
 
 
 class Playback:
-    """Asks the player. Loop thread.
+    """Asks the player for its state. Loop thread.
+
+    Args:
+        context: the world.
 
     Attributes:
-        span_ns: begin and end of what is played, as it was told last; None of a world that lives.
+        span_ns: begin and end of what is played, ns, as last known; None for a running world.
     """
 
     def __init__(self, context: AdapterContext) -> None:
@@ -26,7 +31,13 @@ class Playback:
         self._context = context
 
     def tell(self, has_sought: bool, request: str, send: Callable[[bytes], None]) -> None:
-        """Send the state as a message, as soon as the player has told it; nothing of a world that lives."""
+        """Send the state as soon as the player has given it; for a running world nothing.
+
+        Args:
+            has_sought: whether time has jumped.
+            request: id of the request that is answered; "" for none.
+            send: sends the message.
+        """
 
         def take(state: dict[str, Json]) -> None:
             t_s, speed = _number(state, "t_s"), _number(state, "speed")
@@ -36,15 +47,13 @@ class Playback:
         self._ask(take)
 
     async def follow(self) -> None:
-        """Bring the span up to date. A player that says nothing is not waited for without end."""
+        """Update `span_ns`, waiting for the player for a limited time."""
         if _STATE not in self._context.services:
             return
         answered = asyncio.Event()
         self._ask(lambda _: answered.set(), answered.set)
-        try:
+        with contextlib.suppress(TimeoutError):
             await within(_PATIENCE_S, answered.wait(), "no answer")
-        except TimeoutError:
-            return
 
     def _ask(self, then: Callable[[dict[str, Json]], None], otherwise: Callable[[], None] = lambda: None) -> None:
         def take(answer: Reply | Progress) -> None:
@@ -55,7 +64,7 @@ class Playback:
                 return
             begin_s, end_s = _number(answer.result, "from_s"), _number(answer.result, "to_s")
             if begin_s is not None and end_s is not None:
-                self.span_ns = codec.nanoseconds(begin_s), codec.nanoseconds(end_s)
+                self.span_ns = round(begin_s * NANOSECONDS), round(end_s * NANOSECONDS)
             then(answer.result)
 
         if _STATE not in self._context.services:
