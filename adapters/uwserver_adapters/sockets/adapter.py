@@ -1,11 +1,10 @@
-"""The `sockets` adapter: listens, and ends in order."""
+"""The `sockets` adapter: listens, and closes everything in order."""
 
 from __future__ import annotations
 
 import asyncio
 import logging
 import socket
-import ssl
 
 from uwserver.adapter import (
     TOKEN_VARIABLE,
@@ -60,22 +59,26 @@ class SocketsAdapter:
         """Serve until cancelled.
 
         Raises:
-            CannotListen: see there.
+            CannotListen: an address cannot be had, or TLS is configured wrongly.
         """
         config = self.config
-        tls = self._tls()
-        serving_tcp = serve_tcp(
-            self._greet, self.peers, config.bind, config.port, tls=tls, handshake_s=config.hello_timeout_s
-        )
+        tls = tls_context(config.tls_cert, config.tls_key, config.tls_client_ca)
+        if tls is not None and config.udp_port is not None:
+            text = "datagrams are not encrypted: udp_port and tls_cert do not go together"
+            raise CannotListen(f'{text}; give UDP an adapter of its own ([adapters.<name>] with kind = "sockets")')
+
+        def make() -> Connection:
+            return Connection(self.service, config, self.peers)
+
+        serving_tcp = serve_tcp(make, self.peers, config.bind, config.port, tls=tls, handshake_s=config.hello_timeout_s)
         async with serving_tcp as server:
-            port = server.port
             datagrams: asyncio.DatagramTransport | None = None
             try:
                 if config.udp_port is not None:
                     datagrams = await self._listen_for_datagrams(server, config.udp_port)
-                with serving(self.context, self.service.fanout, address_text(config.bind, port), ready):
+                with serving(self.context, self.service.fanout, address_text(config.bind, server.port), ready):
                     if self._token.is_new:
-                        self._announce_token(port)
+                        self._announce_token(server.port)
                     await asyncio.get_running_loop().create_future()  # until cancelled
             finally:
                 server.close()
@@ -83,20 +86,9 @@ class SocketsAdapter:
                 if datagrams is not None:
                     await self._end_datagrams(datagrams)
 
-    def _greet(self) -> Connection:
-        return Connection(self.service, self.config, self.peers)
-
-    def _tls(self) -> ssl.SSLContext | None:
-        config = self.config
-        context = tls_context(config.tls_cert, config.tls_key, config.tls_client_ca)
-        if context is not None and config.udp_port is not None:
-            text = "datagrams are not encrypted: udp_port and tls_cert do not go together"
-            raise CannotListen(f'{text}; give UDP an adapter of its own ([adapters.<name>] with kind = "sockets")')
-        return context
-
     async def _listen_for_datagrams(self, server: Listener, port: int) -> asyncio.DatagramTransport:
         bind = self.config.bind
-        # The same address as for TCP: where bind is a name, it was resolved there.
+        # The address is that of TCP, for which a name was resolved.
         listener = server.sockets[0]
         host, _, *rest = listener.getsockname()
         udp = socket.socket(listener.family, socket.SOCK_DGRAM)
@@ -117,15 +109,15 @@ class SocketsAdapter:
 
     async def _end_datagrams(self, transport: asyncio.DatagramTransport) -> None:
         for peer in self.peers:
-            peer.close()  # while a datagram can still be sent
+            peer.close()  # before the socket, so that a last datagram can be sent
         transport.abort()
-        await asyncio.sleep(0)  # its socket is closed with the next turn of the loop
+        await asyncio.sleep(0)  # the loop closes the socket in its next turn
 
     def _announce_token(self, port: int) -> None:
         bind = self.config.bind
         host = "127.0.0.1" if bind in ("0.0.0.0", "::") else bind
         log.warning(
-            "%s listens at %s, which others can reach, and no token was set (token, or %s): one was made for this run. Connect with\n"
+            "%s listens at %s, which other machines can reach, and no token is set (token, or %s): one was made for this run. Connect with\n"
             "    uwclient --host %s --port %d --token %s topics",
             self.context.name, bind, TOKEN_VARIABLE, host, port, self._token.text,
         )  # fmt: skip

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+
 from uwserver.adapter import AdapterContext, Peer, Peers, is_loopback
 from uwserver.ports import Progress, Refused, Reply
 from uwserver_adapters.native.connection import TRIES, NativeConnection
@@ -13,11 +15,11 @@ __all__ = ["TRIES", "Connection"]
 
 
 class Connection(NativeConnection):
-    """A peer that speaks JSON lines, msgpack frames or WebSocket."""
+    """A peer that uses JSON lines, msgpack frames or WebSocket."""
 
     def __init__(self, service: NativeService, config: SocketsConfig, peers: Peers[Peer]) -> None:
         def handshake() -> Handshake:
-            # Its address is one of this machine, and leads nowhere from another, or from outside a container.
+            # The address of the page is only valid on this machine: not on another, nor outside a container.
             page = page_of(service.context) if is_loopback(self.host) else ""
             return Handshake(config.allowed_origins, config.allowed_hosts, page)
 
@@ -25,16 +27,13 @@ class Connection(NativeConnection):
 
 
 def page_of(context: AdapterContext) -> str:
-    """Address of the page that another adapter of this server shows; "" where none does."""
+    """Return the address of the page that another adapter of this server shows; "" where none does."""
     answers: list[Reply | Progress] = []
-    try:
+    with contextlib.suppress(Refused):
         context.call("world/status", {}, "sockets", answers.append)
-    except Refused:
-        return ""
     for answer in answers:
-        adapters = (
-            answer.result.get("adapters") if isinstance(answer, Reply) and isinstance(answer.result, dict) else None
-        )
+        status = answer.result if isinstance(answer, Reply) else None
+        adapters = status.get("adapters") if isinstance(status, dict) else None
         for stats in adapters.values() if isinstance(adapters, dict) else ():
             if isinstance(stats, dict) and stats["state"] == "running" and str(stats["address"]).startswith("http"):
                 return str(stats["address"])

@@ -1,6 +1,6 @@
-"""UDP: the same requests and samples, one message a datagram, for a client that showed by a cookie that its address is its own.
+"""UDP: the same requests and samples, one message in each datagram, for clients that have proven by a cookie that their address is their own.
 
-Nothing is kept of an address, and nothing larger than its own datagram is sent to it, before it has echoed its cookie.
+Before an address has echoed its cookie, nothing is kept of it, and nothing is sent to it that is larger than its own datagram.
 """
 
 from __future__ import annotations
@@ -27,61 +27,57 @@ from uwserver_adapters.sockets.config import SocketsConfig
 DATAGRAM_LIMIT = 65507
 """Longest datagram, bytes: what UDP over IPv4 can carry."""
 STRANGER_LIMIT = 2048
-"""Longest datagram that is read of an address without a session, bytes."""
+"""Longest datagram that is read from an address without a session, bytes."""
 SMALL, PIECE = 1024, 64
-"""A datagram counts as one request, and as one more for each `PIECE` bytes beyond the first `SMALL`: nothing else holds it back."""
+"""A datagram counts as one request, and as another one for each `PIECE` bytes beyond the first `SMALL`. UDP has no other flow control."""
 STRANGERS_PER_S = 1000
-"""Datagrams of addresses without a session that are read in a second: their senders' addresses may be forged, so they count together."""
+"""Most datagrams from addresses without a session that are read in a second. They count together, as their addresses may be forged."""
 RECEIVE_BUFFER = 4 << 20
-"""Asked of the kernel for the socket; it may give less."""
+"""Receive buffer that the kernel is asked for, bytes; it may give less."""
 COOKIE_S = 60.0
-"""Wall time for which a cookie is given out; it holds for as long again."""
+"""Wall time for which a cookie is given out, s. It is valid for as long after that."""
 _NUMBER_SIZE = 24
 
 Address = tuple[object, ...]
 
 
 def parse_datagram(data: bytes) -> tuple[Encoding, Request | Malformed]:
-    """The message of a datagram: a msgpack map by its first byte, else JSON."""
+    """Return encoding and message of a datagram. The first byte tells a msgpack map from JSON."""
     if data and (0x80 <= data[0] <= 0x8F or data[0] in (0xDE, 0xDF)):
         return MSGPACK, parse_msgpack(data)
     return JSON, parse_json(data.strip())
 
 
 def numbered(encoding: Encoding, message: bytes, number: int) -> bytes:
-    """A message of ours (a map of a few members) with the further member ``n``."""
+    """Return a message of ours, which is a map with few members, with a further member ``n``."""
     if encoding is JSON:
         return message[:-1] + b',"n":%d}' % number
     return bytes((message[0] + 1,)) + message[1:] + b"\xa1n" + msgspec.msgpack.encode(number)
 
 
-def _bare(body: bytes) -> bytes:
-    return body
-
-
 class DatagramCodec(Codec):
-    """The writing half; datagrams are read one by one, so nothing ever waits here."""
+    """The codec for writing only: datagrams are read one by one, so nothing waits here."""
 
     def __init__(self, encoding: Encoding) -> None:
-        super().__init__(encoding, _bare)
+        super().__init__(encoding, bytes)  # a message in a datagram needs no frame
         self.limit = DATAGRAM_LIMIT
 
     def receive(self, data: bytes) -> None:
-        """Nothing is stored."""
+        """Store nothing."""
 
     def next_event(self) -> Request | Malformed | Waiting:
-        """Always `NEED_DATA`."""
+        """Return `NEED_DATA`, always."""
         return NEED_DATA
 
 
 class DatagramOutbox:
-    """Sends at once or not at all, and numbers what it sends.
+    """Sends each message at once or not at all, and numbers what it sends.
 
     Args:
-        send: returns whether the datagram went out.
+        send: sends a datagram; returns whether it went out.
         encoding: of the client.
         stats: counts what is sent and dropped.
-        refuse: told the first sample that no datagram can carry.
+        refuse: gets a fault for the first sample that no datagram can carry.
     """
 
     deliveries: tuple[Delivery, ...] = ("latest", "ring")
@@ -99,11 +95,11 @@ class DatagramOutbox:
         self._told = False
 
     def put_reply(self, message: bytes) -> None:
-        """Send; a number that is missing tells the client of a loss."""
+        """Send a reply. The client notices a lost one by its missing number."""
         self._put(message)
 
     def put_sample(self, key: Hashable, message: bytes, delivery: Delivery) -> None:
-        """Send, or count it as dropped."""
+        """Send a sample, or count it as dropped."""
         if len(message) > DATAGRAM_LIMIT - _NUMBER_SIZE:
             self._stats.dropped += 1
             if not self._told:
@@ -116,14 +112,14 @@ class DatagramOutbox:
             self._stats.dropped += 1
 
     def put_later(self, key: Hashable, delivery: Delivery, hurry: Callable[[], bool]) -> Callable[[bytes | None], None]:
-        """It has no places."""
+        """Not supported, as `has_places` says."""
         raise NotImplementedError
 
     def gather(self) -> None:
-        """Nothing waits."""
+        """Do nothing: no message waits."""
 
     def flush(self) -> None:
-        """Nothing waits."""
+        """Do nothing: no message waits."""
 
     def _put(self, message: bytes) -> bool:
         data = numbered(self._encoding, message, self._next)
@@ -132,7 +128,7 @@ class DatagramOutbox:
 
 
 class DatagramClient:
-    """One address that has shown its cookie, until its lease ends."""
+    """An address that has shown its cookie, until its lease ends."""
 
     is_half_open = False
 
@@ -151,7 +147,7 @@ class DatagramClient:
         self._timer = self._loop.call_later(endpoint.config.udp_lease_s, self._check_lease)
 
     def admits(self, size: int) -> bool:
-        """Whether one more datagram, of so many bytes, may be read; any renews the lease."""
+        """Return whether a datagram of this size, bytes, may be read. It renews the lease in any case."""
         self._heard = self._loop.time()
         was_flooded = self._rate.is_flooded(self._heard)
         if self._rate.take(self._heard, 1 + max(0, size - SMALL) // PIECE):
@@ -163,7 +159,7 @@ class DatagramClient:
         return False
 
     def take(self, event: Request | Malformed) -> None:
-        """Carry out one datagram."""
+        """Carry out the message of a datagram."""
         if isinstance(event, Malformed):
             self._service.refusals.note(event.fault.code, event.fault.text)
             self.session.refuse(event.id, event.fault)
@@ -185,20 +181,18 @@ class DatagramClient:
         self.close()
 
     def close(self) -> None:
-        """End the session; the address is a stranger's again."""
+        """End the session: the address has to show a cookie again."""
         if not self.session.closed:
             self._timer.cancel()
             self.session.close()
             self._endpoint.forget(self._address)
             self._endpoint.peers.leave(self)
 
-    def abort(self) -> None:
-        """The same: nothing waits to be sent."""
-        self.close()
+    abort = close
 
 
 class DatagramEndpoint(asyncio.DatagramProtocol):
-    """The UDP socket of an adapter.
+    """The UDP socket of the adapter.
 
     Attributes:
         service, config, peers: of the adapter.
@@ -217,26 +211,26 @@ class DatagramEndpoint(asyncio.DatagramProtocol):
         self._loop = asyncio.get_running_loop()
 
     def connection_lost(self, error: Exception | None) -> None:
-        """What waits is not carried out any more."""
+        """Carry out no more datagrams."""
         self._turns.close()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Begin."""
+        """Note the transport."""
         self._transport = cast(asyncio.DatagramTransport, transport)
 
     def error_received(self, error: Exception) -> None:
-        """A datagram could not be delivered, and the kernel does not say which: the lease ends what nobody hears."""
+        """Ignore a datagram that could not be delivered. The kernel does not say which: a client that has gone ends with its lease."""
 
     def pause_writing(self) -> None:
-        """The network takes nothing now."""
+        """Drop what would be sent: the network takes nothing now."""
         self._is_paused = True
 
     def resume_writing(self) -> None:
-        """It does again."""
+        """Send again."""
         self._is_paused = False
 
     def send(self, data: bytes, address: Address) -> bool:
-        """Send a datagram; returns whether it was not dropped here."""
+        """Send a datagram; return whether it was not dropped here."""
         if self._is_paused:
             return False
         self.service.context.stats.bytes_sent += len(data)
@@ -244,35 +238,29 @@ class DatagramEndpoint(asyncio.DatagramProtocol):
         return True
 
     def forget(self, address: Address) -> None:
-        """An address has no session any more."""
+        """Forget the session of an address."""
         self._clients.pop(address, None)
 
     def datagram_received(self, data: bytes, address: Address) -> None:
-        """Take one datagram, at its sender's turn; those of strangers are one sender's, as their addresses may be forged."""
+        """Let a datagram wait for its sender's turn. All strangers count as one sender, as their addresses may be forged."""
         client = self._clients.get(address)
         if not self._admits(client, len(data), address):
             return
         if client is None and len(data) > STRANGER_LIMIT:
             self._challenge(JSON, len(data), address)
             return
-        if not self._turns.put(client, len(data), lambda: self._work(data, address)):
-            self.service.refusals.note(
-                "datagrams", "more UDP datagrams wait for their turn than are kept: the newest is dropped"
-            )
+        if not self._turns.put(client, len(data), lambda: self._take(data, address)):
+            text = "more UDP datagrams wait for their turn than are kept: the newest is dropped"
+            self.service.refusals.note("datagrams", text)
 
-    def _work(self, data: bytes, address: Address) -> Iterator[None]:
-        self._take(data, address)
-        yield
-
-    def _take(self, data: bytes, address: Address) -> None:
+    def _take(self, data: bytes, address: Address) -> Iterator[None]:
+        """Carry out a datagram. As a generator of one step it can wait for its turn."""
         client = self._clients.get(address)
-        if len(data) > DATAGRAM_LIMIT:  # IPv6 carries a little more
-            message: Request | Malformed = Malformed(
-                Fault("too_large", f"a datagram holds at most {DATAGRAM_LIMIT} bytes")
-            )
-            encoding = JSON
-        else:
+        if len(data) <= DATAGRAM_LIMIT:
             encoding, message = parse_datagram(data)
+        else:  # IPv6 carries a little more
+            fault = Fault("too_large", f"a datagram holds at most {DATAGRAM_LIMIT} bytes")
+            encoding, message = JSON, Malformed(fault)
         cookie, event = _without_cookie(message)
         if cookie is not None and self._is_valid(cookie, address):
             if client is not None:
@@ -281,11 +269,16 @@ class DatagramEndpoint(asyncio.DatagramProtocol):
         elif client is not None:
             client.take(event)
         else:
-            self._refuse_stranger(event, cookie)
+            if isinstance(event, Malformed):
+                self.service.refusals.note(event.fault.code, event.fault.text)
+            elif cookie is not None:
+                text = "a UDP hello came with a cookie that is old, or another address's"
+                self.service.refusals.note("cookie", text)
             self._challenge(encoding, len(data), address)
+        yield
 
     def _admits(self, client: DatagramClient | None, size: int, address: Address) -> bool:
-        """Whether a datagram is read at all."""
+        """Return whether a datagram is read at all."""
         if client is not None:
             return client.admits(size)
         now = self._loop.time()
@@ -312,16 +305,11 @@ class DatagramEndpoint(asyncio.DatagramProtocol):
         if not client.session.greeted:
             client.close()
 
-    def _refuse_stranger(self, event: Request | Malformed, cookie: str | None) -> None:
-        if isinstance(event, Malformed):
-            self.service.refusals.note(event.fault.code, event.fault.text)
-        elif cookie is not None:
-            self.service.refusals.note("cookie", "a UDP hello came with a cookie that is old, or another address's")
-
     def _challenge(self, encoding: Encoding, size: int, address: Address) -> None:
         answer = {"cookie": self._cookie(address, self._slot())}
         data = msgspec.msgpack.encode(answer) if encoding is MSGPACK else msgspec.json.encode(answer)
-        if len(data) <= size:  # else a forged sender's address could be made to receive more than was sent
+        # Otherwise a forger could make a victim's address receive more than he sends.
+        if len(data) <= size:
             self.send(data, address)
 
     def _slot(self) -> int:
@@ -337,7 +325,7 @@ class DatagramEndpoint(asyncio.DatagramProtocol):
 
 
 def _without_cookie(event: Request | Malformed) -> tuple[str | None, Request | Malformed]:
-    """The cookie of a hello, and the request as every transport knows it."""
+    """Return the cookie of a hello, and the request without it, as other transports have it."""
     if not isinstance(event, Request) or event.method != "hello" or not isinstance(event.params, dict):
         return None, event
     cookie = event.params.get("cookie")
