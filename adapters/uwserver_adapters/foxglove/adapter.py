@@ -47,7 +47,6 @@ log = logging.getLogger(__name__)
 
 _CLOSE_S = 1.0
 _PING_S = 20.0
-_TOO_SLOW = 1013
 # The library logs every connection at level info.
 _quiet = logging.getLogger(f"{__name__}.frames")
 _quiet.setLevel(logging.CRITICAL)

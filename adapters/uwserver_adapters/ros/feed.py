@@ -16,7 +16,7 @@ from uwserver_adapters.ros.messages.catalogue import CLOCK, TF_STATIC, Catalogue
 from uwserver_adapters.ros.messages.commands import Inlet, Value
 from uwserver_adapters.ros.messages.plain import plain
 from uwserver_adapters.ros.messages.services import Ask, Errand, Offer
-from uwserver_adapters.ros.messages.source import Facts, Outlet, mounts_of
+from uwserver_adapters.ros.messages.source import Facts, Mount, Outlet, mounts_of
 from uwserver_adapters.ros.messages.types import BadMessage, Types
 
 log = logging.getLogger(__name__)
@@ -127,7 +127,7 @@ class Feed:
 
     Attributes:
         types: as given.
-        catalogue: topics and services that exist now.
+        catalogue: topics and services that exist now; there from `begin` on.
         topics: all topics that are published -> type.
         t_ns: newest simulation time that is known here, ns.
         wanted: ports whose samples are needed.
@@ -151,23 +151,18 @@ class Feed:
         self._by_port: Mapping[str, Sequence[Outlet]] = {}
         self._renewing: asyncio.Task[None] | None = None
         self.wanted: Collection[str] = ()
-        self.catalogue = Catalogue.of(types, self._with_time(facts), context)
-
-    def _with_time(self, facts: Facts) -> Facts:
-        world = self._context.world
-        return replace(facts, epoch_ns=world.epoch_ns, tick_s=1.0 / world.rate_hz)
+        self.catalogue: Catalogue
 
     def begin(self) -> None:
         """Make the catalogue before the first tick. The world does not answer yet: its vehicles are those of the scenario."""
-        facts = self._with_time(self._facts)
+        mounts: Mapping[str, Mount] = {}
         cast = Cast(_BEFORE, tuple(Present(v.name, v.name) for v in self._context.world.vehicles), ())
         try:
-            facts = replace(facts, mounts=mounts_of(self._context.scene(cast)))
-        except (
-            KeyError
-        ):  # the adapter was restarted, and a copy was spawned before: only the world knows of which vehicle
+            mounts = mounts_of(self._context.scene(cast))
+        except KeyError:
+            # The adapter was restarted, and a copy was spawned before: only the world knows of which vehicle it is one.
             self._renewing = asyncio.get_running_loop().create_task(self.renew())
-        self._take(Catalogue.of(self.types, facts, self._context))
+        self._take(mounts)
 
     async def renew(self) -> None:
         """Ask the world for the mounts of sensors, and make the catalogue of the world as it is now."""
@@ -177,18 +172,21 @@ class Feed:
             if not found.done():
                 found.set_result(state)
 
-        facts = self._with_time(self._facts)
+        mounts: Mapping[str, Mount] = {}
         try:
             self._context.look(seen)
             state = await within(SCENE_S, found, "no answer")
-            facts = replace(facts, mounts=mounts_of(self._context.scene(state.cast)))
+            mounts = mounts_of(self._context.scene(state.cast))
         except (Refused, TimeoutError) as error:
             text = "%s does not know the mounts of sensors (%s): their frames are those of their vehicle"
             log.warning(text, self._context.name, error)
-        self._take(Catalogue.of(self.types, facts, self._context))
+        self._take(mounts)
 
-    def _take(self, catalogue: Catalogue) -> None:
-        self.catalogue = catalogue
+    def _take(self, mounts: Mapping[str, Mount]) -> None:
+        """Make the catalogue of the world as it is now."""
+        world = self._context.world
+        facts = replace(self._facts, epoch_ns=world.epoch_ns, tick_s=1.0 / world.rate_hz, mounts=mounts)
+        self.catalogue = catalogue = Catalogue.of(self.types, facts, self._context)
         topics = {outlet.topic: outlet.type for outlet in catalogue.outlets}
         self.topics = {**topics, CLOCK: "rosgraph_msgs/msg/Clock", TF_STATIC: "tf2_msgs/msg/TFMessage"}
         self._latched = {topic: told for topic, told in self._latched.items() if topic in topics}

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 from uwserver.adapter import Conversation, did_you_mean
-from uwserver.ports import Json, Refused, Reply
+from uwserver.ports import Refused, Reply
 from uwserver_adapters.ros.messages.services import Ask
 from uwserver_adapters.ros.messages.settings import Setting
 from uwserver_adapters.ros.messages.types import BadMessage
@@ -35,44 +35,30 @@ class Parameters:
         known = self._settings()
         chosen = [known.get(name) for name in names[:AT_ONCE]]
         sources = list(dict.fromkeys(setting.source for setting in chosen if setting is not None))
-        found: dict[str, Json] = {}
 
-        def finish() -> None:
+        def came(replies: Sequence[Reply]) -> None:
+            found = {source: reply.result for source, reply in zip(sources, replies, strict=True)}
             answered([None if setting is None else setting.told(found[setting.source]) for setting in chosen])
 
-        def came(source: str, reply: Reply) -> None:
-            found[source] = reply.result
-            if len(found) == len(sources):
-                finish()
-
-        if not sources:
-            finish()
-        for source in sources:
-            self._call(Ask(source, {}), partial(came, source))
+        self._call_all([Ask(source, {}) for source in sources], came)
 
     def set(self, wanted: Sequence[tuple[str, object]], answered: Reasons) -> None:
         """Change some parameters, one after the other and independently of each other."""
-        if not wanted:
-            answered([])
-        reasons: dict[int, str] = {}
-
-        def came(k: int, reason: str) -> None:
-            reasons[k] = reason
-            if len(reasons) == len(wanted):
-                answered([reasons[k] for k in range(len(wanted))])
-
         known, lost = self._settings(), 0
-        for k, (name, value) in enumerate(wanted):
-            if k >= AT_ONCE:
-                came(k, f"a request changes at most {AT_ONCE} parameters")
-                continue
+        asked: list[Ask | str] = []
+        for name, value in wanted[:AT_ONCE]:
             try:
-                asked = _asked(known, name, value, suggests=not lost)
+                asked.append(_asked(known, name, value, suggests=not lost))
             except BadMessage as bad:
                 lost += name not in known
-                came(k, str(bad))
-                continue
-            self._call(asked, lambda reply, k=k: came(k, _why(reply)))  # type: ignore[misc]
+                asked.append(str(bad))
+        asked += [f"a request changes at most {AT_ONCE} parameters"] * len(wanted[AT_ONCE:])
+
+        def came(replies: Sequence[Reply]) -> None:
+            reasons = map(_why, replies)
+            answered([one if isinstance(one, str) else next(reasons) for one in asked])
+
+        self._call_all([one for one in asked if isinstance(one, Ask)], came)
 
     def set_together(self, wanted: Sequence[tuple[str, object]], answered: Callable[[str], None]) -> None:
         """Change all or none. They must belong to one component, so that the world takes them in one call."""
@@ -82,23 +68,31 @@ class Parameters:
         except BadMessage as bad:
             answered(str(bad))
             return
-        if not asked:
-            answered("")
-        elif len(asked) == 1:
-            self._call(asked[0], lambda reply: answered(_why(reply)))
-        elif len({one.service for one in asked}) > 1 or not asked[0].service.endswith("/set"):
+        if len(asked) > 1 and (len({one.service for one in asked}) > 1 or not asked[0].service.endswith("/set")):
             answered(
                 "only parameters of one sensor or actuator, without active, can be changed at once: set them one by one"
             )
-        else:
-            args = {key: value for one in asked for key, value in one.args.items()}
-            self._call(Ask(asked[0].service, args), lambda reply: answered(_why(reply)))
+            return
+        args = {key: value for one in asked for key, value in one.args.items()}
+        together = [Ask(one.service, args) for one in asked[:1]]
+        self._call_all(together, lambda replies: answered("".join(map(_why, replies))))
 
-    def _call(self, asked: Ask, answered: Callable[[Reply], None]) -> None:
-        try:
-            self._conversation.call(asked.service, asked.args, answered)
-        except Refused as refused:
-            answered(Reply(0, 0, fault=refused.fault))
+    def _call_all(self, calls: Sequence[Ask], answered: Callable[[Sequence[Reply]], None]) -> None:
+        """Call services, and pass on the replies in the order of the calls once all are here. A refusal counts as a reply."""
+        replies: dict[int, Reply] = {}
+
+        def came(k: int, reply: Reply) -> None:
+            replies[k] = reply
+            if len(replies) == len(calls):
+                answered([replies[k] for k in range(len(calls))])
+
+        if not calls:
+            answered(())
+        for k, asked in enumerate(calls):
+            try:
+                self._conversation.call(asked.service, asked.args, partial(came, k))
+            except Refused as refused:
+                came(k, Reply(0, 0, fault=refused.fault))
 
 
 def _asked(known: Mapping[str, Setting], name: str, value: object, *, suggests: bool = True) -> Ask:

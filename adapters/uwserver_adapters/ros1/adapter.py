@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import socket
 
 from uwserver.adapter import AdapterContext, CannotListen, Peers, Refusals, is_loopback, serve_tcp, serving
@@ -18,7 +19,7 @@ class Ros1Adapter:
 
     def __init__(self, config: Ros1Config, context: AdapterContext) -> None:
         self.config, self.context = config, context
-        self._count = 0
+        self._numbers = itertools.count(1)
 
     async def run(self, ready: asyncio.Event) -> None:
         """Serve until cancelled.
@@ -45,13 +46,15 @@ class Ros1Adapter:
         host = config.host or config.bind
         names = (host, socket.gethostname(), *config.allowed_hosts)
 
-        def greet() -> Peer:
-            self._count += 1
-            return Peer(node, peers, f"ros1_{self._count}")
-
         async with (
             serve_tcp(lambda: Caller(node, peers, names), peers, config.bind, config.api_port, key="api_port") as api,
-            serve_tcp(greet, peers, config.bind, config.tcpros_port, key="tcpros_port") as tcpros,
+            serve_tcp(
+                lambda: Peer(node, peers, f"ros1_{next(self._numbers)}"),
+                peers,
+                config.bind,
+                config.tcpros_port,
+                key="tcpros_port",
+            ) as tcpros,
         ):
             node.uris = (f"http://{host}:{api.port}/", f"rosrpc://{host}:{tcpros.port}")
             node.tcpros = (host, tcpros.port)

@@ -68,7 +68,13 @@ class Requests:
             return None
         body = bytes(self._buffer[end + 4 : end + 4 + length])
         del self._buffer[: end + 4 + length]
-        return _call(body)
+        try:
+            args, method = _loads(body)
+        except Refused as refused:
+            raise BadHttp("400 Bad Request", refused.fault.text) from None
+        if method is None:
+            raise BadHttp("400 Bad Request", "a methodCall is needed")
+        return Call(method, args)
 
     def _length(self, head: bytes) -> int:
         """Return the length of the body, bytes, after checking whether the head allows to read it."""
@@ -93,16 +99,6 @@ class Requests:
         if len(length) > 9 or int(length) > BODY_LIMIT:
             raise BadHttp("413 Content Too Large", f"a call has at most {BODY_LIMIT} bytes")
         return int(length)
-
-
-def _call(body: bytes) -> Call:
-    try:
-        args, method = _loads(body)
-    except Refused as refused:
-        raise BadHttp("400 Bad Request", refused.fault.text) from None
-    if not isinstance(method, str):
-        raise BadHttp("400 Bad Request", "a methodCall is needed")
-    return Call(method, args)
 
 
 def _loads(body: bytes) -> tuple[tuple[Any, ...], str | None]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Set
 from functools import partial
 
 from uwserver.adapter import AdapterContext, Conversation, Refusals
@@ -48,7 +48,7 @@ class Node:
         self._inlets: dict[tuple[str, str], Callable[[], None]] = {}
         self._offers: dict[tuple[str, str], Callable[[], None]] = {}
         self._parameters: ParameterServer | None = None
-        self._actions: dict[tuple[str, str], ActionServer] = {}
+        self._actions: dict[tuple[str, str], Callable[[], None]] = {}
         facts = Facts(geoid_m=config.geoid_m, truth=config.truth, tf=config.tf)
         self.feed = Feed(context, refusals, self.types, facts, self._deliver, config.clock_hz, self._follow)
 
@@ -68,9 +68,7 @@ class Node:
                 self._writers[topic] = (kind, writer)
         # A new catalogue has new functions. What stays under its name and type looks them up when it is used.
         wanted = {(inlet.topic, inlet.type) for inlet in catalogue.inlets.values()}
-        _close_others(self._inlets, wanted)
-        for topic, kind in wanted - self._inlets.keys():
-            self._inlets[topic, kind] = carrier.listen(topic, kind, partial(self._command, topic))
+        _follow(self._inlets, wanted, lambda topic, kind: carrier.listen(topic, kind, partial(self._command, topic)))
         if self._config.offers_services:
             self._follow_services()
         # It is always heard: its writer keeps the message for late subscribers.
@@ -80,18 +78,13 @@ class Node:
             self._deliver(TF_STATIC, static)
 
     def _follow_services(self) -> None:
-        catalogue = self.feed.catalogue
-        offered = {(o.name, o.type) for o in catalogue.offers.values()}
-        _close_others(self._offers, offered)
-        for service, kind in offered - self._offers.keys():
-            self._offers[service, kind] = self.carrier.serve(service, kind, partial(self._serve, service))
+        catalogue, carrier = self.feed.catalogue, self.carrier
+        offered = {(offer.name, offer.type) for offer in catalogue.offers.values()}
+        _follow(self._offers, offered, lambda name, kind: carrier.serve(name, kind, partial(self._serve, name)))
         if self._parameters is None:
             self._parameters = ParameterServer(self, f"/{self._config.node}")
-        actions = {(a.name, a.type): a for a in catalogue.actions.values()}
-        for gone in self._actions.keys() - actions.keys():
-            self._actions.pop(gone).close()
-        for new in actions.keys() - self._actions.keys():
-            self._actions[new] = ActionServer(self, actions[new])
+        acting = {(action.name, action.type) for action in catalogue.actions.values()}
+        _follow(self._actions, acting, lambda name, _: ActionServer(self, catalogue.actions[name]).close)
 
     def _hearing(self, topic: str, is_heard: bool) -> None:
         if topic == TF_STATIC or (topic in self._heard) == is_heard:
@@ -188,6 +181,18 @@ class Node:
         await self.feed.close()
 
 
-def _close_others(there: dict[tuple[str, str], Callable[[], None]], wanted: Collection[tuple[str, str]]) -> None:
-    for key in [key for key in there if key not in wanted]:
-        there.pop(key)()
+def _follow(
+    ends: dict[tuple[str, str], Callable[[], None]], wanted: Set[tuple[str, str]],
+    begin: Callable[[str, str], Callable[[], None]],
+) -> None:  # fmt: skip
+    """Begin what is wanted, and end what is not.
+
+    Args:
+        ends: what ends each thing that there is, by its name and type.
+        wanted: names and types.
+        begin: begins one, and returns what ends it.
+    """
+    for gone in ends.keys() - wanted:
+        ends.pop(gone)()
+    for new in wanted - ends.keys():
+        ends[new] = begin(*new)

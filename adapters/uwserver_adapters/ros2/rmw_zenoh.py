@@ -7,7 +7,10 @@ import contextlib
 from collections.abc import Callable
 from datetime import datetime, timedelta, timezone
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
+
+import zenoh
+from zenoh import ext
 
 from uwserver.adapter import AdapterStats, Inbox, Refusals, Worker
 from uwserver_adapters.ros.messages.types import Types
@@ -25,9 +28,6 @@ from uwserver_adapters.ros2.graph import (
     gid,
 )
 from uwserver_adapters.zenoh_session.session import Lane, direct
-
-if TYPE_CHECKING:
-    import zenoh
 
 NODES = 10_000
 """Most tokens of other nodes that are remembered."""
@@ -144,8 +144,6 @@ class ZenohCarrier:
 
     def _token_said(self, sample: zenoh.Sample) -> None:
         """Hand over that another endpoint came or went. Called on a zenoh thread."""
-        import zenoh
-
         self._tokens.put((str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT))
 
     def _token(self, said: tuple[str, bool]) -> None:
@@ -173,14 +171,10 @@ class ZenohCarrier:
 
         They differ for a latched topic: what keeps the last message for late subscribers cannot tell whether there are any.
         """
-        import zenoh
-
         drop, remote = zenoh.CongestionControl.DROP, zenoh.Locality.REMOTE
         plain = self._session.declare_publisher(key, congestion_control=drop, allowed_destination=remote)
         if not latched:
             return plain, plain
-        from zenoh import ext
-
         keeps = ext.declare_advanced_publisher(
             self._session, key, cache=ext.CacheConfig(1), publisher_detection=True,
             sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=0.5), congestion_control=drop,
@@ -199,8 +193,6 @@ class ZenohCarrier:
 
     def listen(self, topic: str, type_name: str, take: Callable[[bytes, str], None]) -> Callable[[], None]:
         """See `Carrier`."""
-        import zenoh
-
         key, undeclare, _ = self.declare("MS", topic, type_name, BEST_EFFORT)
         most = self._types.most_bytes(type_name)
 

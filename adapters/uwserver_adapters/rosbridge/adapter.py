@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import logging
 from typing import TYPE_CHECKING
 
@@ -44,7 +45,7 @@ class RosbridgeAdapter:
         self.peers: Peers[Peer] = Peers(
             config.max_clients, self._refusals, context.stats, strangers=config.max_strangers
         )
-        self._last_serial = 0
+        self._serials = itertools.count(1)
 
     @property
     def token(self) -> str | None:
@@ -70,8 +71,7 @@ class RosbridgeAdapter:
         rosapi, lockout = Rosapi(hub), Lockout()
 
         def begin(outbox: Outbox, wake: object) -> Session:
-            self._last_serial += 1
-            return Session(hub, rosapi, outbox, wake, self._last_serial)  # type: ignore[arg-type]
+            return Session(hub, rosapi, outbox, wake, next(self._serials))  # type: ignore[arg-type]
 
         def greet() -> RosbridgeConnection:
             return RosbridgeConnection(hub, self.token, lockout, self.peers, begin)

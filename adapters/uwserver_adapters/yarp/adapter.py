@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
 import logging
 from collections.abc import Collection, Sequence
 from functools import partial
-from typing import cast
 
 from uwserver.adapter import (
     AdapterContext,
@@ -71,7 +71,7 @@ class YarpAdapter:
         self._followed: set[str] = set()
         self._next_port = config.first_port
         self._next_clock = 0
-        self._count = 0
+        self._numbers = itertools.count(1)
         self._changed = asyncio.Event()
         self._making: set[asyncio.Task[None]] = set()
         self._trouble = ""
@@ -130,7 +130,10 @@ class YarpAdapter:
         self.context.stats.details["ports"] = {name: each.port for name, each in self._listeners.items()}
 
     async def _listener(self, stack: contextlib.AsyncExitStack, port: YarpPort) -> Listener:
-        make, tries = partial(self._peer, port), 0
+        def make() -> Peer:
+            return Peer(self, port, self._peers, f"{port.name}#{next(self._numbers)}")
+
+        tries = 0
         while True:
             number, tries = self._next_port, tries + 1
             if number:
@@ -141,10 +144,6 @@ class YarpAdapter:
             except CannotListen:
                 if tries == TRIES or not number:
                     raise
-
-    def _peer(self, port: YarpPort) -> Peer:
-        self._count += 1
-        return Peer(self, port, self._peers, f"{port.name}#{self._count}")
 
     # -- the name server --------------------------------------------------------------------------------------------------------------------
 
@@ -304,4 +303,4 @@ class YarpAdapter:
 def _carrier(name: str) -> Carrier:
     if name not in CARRIERS:
         raise Refused("bad_argument", f"no carrier {name[:40]}, there are: {', '.join(CARRIERS)}")
-    return cast(Carrier, name)
+    return name

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from uwserver.adapter import AdapterContext, CannotServe, EncodingName, Inbox, Worker, serving
 from uwserver_adapters.zenoh_bus.codec import ATTACHMENT_LIMIT, PAYLOAD_LIMIT, Codec
 from uwserver_adapters.zenoh_bus.keys import KeyScheme
-from uwserver_adapters.zenoh_bus.publications import Publications
 from uwserver_adapters.zenoh_bus.requests import CLIENTS, Put, Question, Requests
 from uwserver_adapters.zenoh_session.config import ZenohConfig
 from uwserver_adapters.zenoh_session.session import direct, open_session
@@ -62,6 +61,8 @@ class ZenohAdapter:
 
     async def _serve(self, session: zenoh.Session, sender: Worker, ready: asyncio.Event) -> None:
         import zenoh
+
+        from uwserver_adapters.zenoh_bus.publications import Publications
 
         config, keys, stats = self.config, self.keys, self.context.stats
         codecs: dict[EncodingName, Codec] = {"json": Codec("json"), "msgpack": Codec("msgpack")}

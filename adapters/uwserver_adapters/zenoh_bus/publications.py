@@ -7,7 +7,18 @@ import contextlib
 import logging
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from zenoh import (
+    CongestionControl,
+    LivelinessToken,
+    Locality,
+    MatchingStatus,
+    Priority,
+    Publisher,
+    Session,
+    SourceInfo,
+)
 
 from uwserver.adapter import AdapterContext, SampleForm, Worker
 from uwserver.adapter.pictures import can_encode_jpeg, picture_place
@@ -15,9 +26,6 @@ from uwserver.ports import Event, Port, Sample
 from uwserver_adapters.zenoh_bus.codec import Codec
 from uwserver_adapters.zenoh_bus.keys import KeyScheme
 from uwserver_adapters.zenoh_session.session import Lane, direct
-
-if TYPE_CHECKING:
-    from zenoh import LivelinessToken, MatchingStatus, Publisher, Session
 
 log = logging.getLogger(__name__)
 
@@ -49,9 +57,10 @@ class _Outlet:
             self.look()
 
     def close(self) -> None:
-        for declared in (self.token, self.publisher):
-            if declared is not None:
-                declared.undeclare()
+        if self.token is not None:
+            self.token.undeclare()
+        if self.publisher is not None:
+            self.publisher.undeclare()
 
     def _matches(self, status: MatchingStatus) -> None:
         """Take zenoh's word whether somebody subscribes. Called on a zenoh thread."""
@@ -140,8 +149,6 @@ class Publications:
             self._context.follow_wants()
 
     def _outlet(self, port: Port, key: str, media: str, token: LivelinessToken | None) -> _Outlet:
-        from zenoh import CongestionControl, Locality, Priority
-
         publisher = None
         if port.direction == "sensor":
             publisher = self._session.declare_publisher(
@@ -178,8 +185,6 @@ class Publications:
 
     def _put(self, outlet: _Outlet, publisher: Publisher, payload: bytes, media: str, attachment: bytes) -> bool:
         """Number a sample and send it; return whether it is not dropped here."""
-        from zenoh import SourceInfo
-
         numbered = SourceInfo(publisher.id, outlet.number)
         encoding = None if media == self._codec.media else media  # None: that of the publisher
         put = partial(publisher.put, payload, encoding=encoding, attachment=attachment, source_info=numbered)
@@ -190,8 +195,6 @@ class Publications:
 
     def _put_picture(self, outlet: _Outlet, sample: Sample) -> None:
         """Encode and send a picture on the sender's thread, one at a time."""
-        from zenoh import SourceInfo
-
         publisher, stats, number = outlet.publisher, self._context.stats, outlet.number
         assert publisher is not None
 
@@ -214,8 +217,6 @@ class Publications:
 
     def tell(self, key: str, message: object) -> None:
         """Publish a message that must not be lost, ahead of samples."""
-        from zenoh import CongestionControl, Priority
-
         payload = self._codec.encode(message)
         self._sender.send(
             lambda: self._session.put(

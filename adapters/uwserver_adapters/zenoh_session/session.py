@@ -82,7 +82,16 @@ def _opened(config: ZenohConfig, listen: tuple[str, ...]) -> zenoh.Session:
         import zenoh
     except ImportError as error:
         raise CannotServe(f"{error.name} is not installed: pip install uwserver") from error
-    made = _zenoh_config(config, listen)
+    try:
+        made = zenoh.Config.from_file(config.config_file) if config.config_file else zenoh.Config()
+    except zenoh.ZError as error:
+        raise CannotServe(f"config_file {config.config_file}: {str(error).split(' at /')[0]}") from None
+    for path, value in settings(config, listen):
+        try:
+            made.insert_json5(path, value)
+        except zenoh.ZError as error:
+            reason = str(error).split(" at /")[0]
+            raise CannotServe(f'zenoh refuses the setting "{path}" = {value[:200]}: {reason}') from None
     if any(endpoint.startswith(("tls/", "quic/")) for endpoint in listen):
         zenoh.init_log_from_env_or(REFUSED_PEERS)
     try:
@@ -95,22 +104,6 @@ def _opened(config: ZenohConfig, listen: tuple[str, ...]) -> zenoh.Session:
             ) from None
         hint = "stop what uses it, or change `listen`" if "in use" in reason else "correct the adapter's table"
         raise CannotServe(f"zenoh cannot open a session: {reason}: {hint}") from None
-
-
-def _zenoh_config(config: ZenohConfig, listen: tuple[str, ...]) -> zenoh.Config:
-    import zenoh
-
-    try:
-        made = zenoh.Config.from_file(config.config_file) if config.config_file else zenoh.Config()
-    except zenoh.ZError as error:
-        raise CannotServe(f"config_file {config.config_file}: {str(error).split(' at /')[0]}") from None
-    for path, value in settings(config, listen):
-        try:
-            made.insert_json5(path, value)
-        except zenoh.ZError as error:
-            reason = str(error).split(" at /")[0]
-            raise CannotServe(f'zenoh refuses the setting "{path}" = {value[:200]}: {reason}') from None
-    return made
 
 
 def _endpoints(config: ZenohConfig) -> tuple[str, ...]:
