@@ -10,7 +10,6 @@ from typing import Any, Protocol
 
 from uwserver.adapter import AdapterContext, Conversation, Owed, RateMeter, Refusals, did_you_mean
 from uwserver.ports import Fault, Refused, Reply
-from uwserver.units import NANOSECONDS
 from uwserver_adapters.foxglove import codec
 from uwserver_adapters.foxglove.catalogue import SCENE, Catalogue, parameters_of
 from uwserver_adapters.foxglove.codec import BadMessage, ClientData, PlaybackControl, ServiceCall
@@ -286,7 +285,7 @@ class Client:
         if math.isfinite(message.speed) and message.speed > 0.0:
             wanted.append(("playback/speed", {"speed": message.speed}))
         if message.seek_ns is not None:
-            wanted.append(("playback/seek", {"t_s": message.seek_ns / NANOSECONDS}))
+            wanted.append(("playback/seek", {"t_s": codec.seconds(message.seek_ns)}))
         wanted.append(("playback/resume" if message.plays else "playback/pause", {}))
 
         def finish(replies: Sequence[Reply]) -> None:

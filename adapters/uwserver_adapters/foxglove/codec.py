@@ -204,6 +204,16 @@ def playback_state(state: int, t_s: float, speed: float, has_sought: bool, reque
     return head + name
 
 
+def seconds(t_ns: int) -> float:
+    """Return a time in s, as services take it."""
+    return t_ns / NANOSECONDS
+
+
+def nanoseconds(t_s: float) -> int:
+    """Return a time in ns, as messages hold it."""
+    return round(t_s * NANOSECONDS)
+
+
 def read_binary(message: bytes) -> ClientData | ServiceCall | PlaybackControl:
     """Return the binary message of a client.
 

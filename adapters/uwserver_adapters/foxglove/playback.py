@@ -8,7 +8,6 @@ from collections.abc import Callable
 
 from uwserver.adapter import AdapterContext, within
 from uwserver.ports import Json, Progress, Refused, Reply
-from uwserver.units import NANOSECONDS
 from uwserver_adapters.foxglove import codec
 
 _STATE = "playback/state"
@@ -64,7 +63,7 @@ class Playback:
                 return
             begin_s, end_s = _number(answer.result, "from_s"), _number(answer.result, "to_s")
             if begin_s is not None and end_s is not None:
-                self.span_ns = round(begin_s * NANOSECONDS), round(end_s * NANOSECONDS)
+                self.span_ns = codec.nanoseconds(begin_s), codec.nanoseconds(end_s)
             then(answer.result)
 
         if _STATE not in self._context.services:

@@ -23,8 +23,7 @@ from uwserver.adapter import (
     within,
 )
 from uwserver.ports import Event, Refused, Sample
-from uwserver.units import NANOSECONDS
-from uwserver_adapters.yarp import names
+from uwserver_adapters.yarp import codec, names
 from uwserver_adapters.yarp.config import YarpConfig
 from uwserver_adapters.yarp.links import Link, connect
 from uwserver_adapters.yarp.names import Address
@@ -209,7 +208,7 @@ class YarpAdapter:
         self._tell_time(max((sample.t_sent_ns for sample in samples), default=0))
 
     def _tell_time(self, now: int) -> None:
-        clock, span = next(iter(self.ports.values())), round(NANOSECONDS / self.config.clock_hz)
+        clock, span = next(iter(self.ports.values())), codec.span_ns(self.config.clock_hz)
         # Time may also jump back.
         if now and clock.readers and not self._next_clock - 2 * span <= now < self._next_clock:
             self._next_clock = now + span

@@ -75,6 +75,11 @@ def clock(t_ns: int) -> list[Value]:
     return list(divmod(t_ns, NANOSECONDS))
 
 
+def span_ns(rate_hz: float) -> int:
+    """Return the time between two messages at a rate, ns."""
+    return round(NANOSECONDS / rate_hz)
+
+
 def _told(field: Field, value: object) -> Value:
     if isinstance(value, Buffer):
         described: Value = [["dtype", value.dtype], ["shape", list(value.shape)], ["data", value.data]]
