@@ -12,12 +12,23 @@ from typing import Any, TypeVar
 
 from uwserver.adapter import AdapterContext, Conversation, Refusals, within
 from uwserver.ports import Buffer, Cast, Event, Present, Refused, Reply, Sample, SceneState
-from uwserver_adapters.ros.messages.catalogue import CLOCK, TF_STATIC, Catalogue
-from uwserver_adapters.ros.messages.commands import Inlet, Value
+from uwserver_adapters.ros.messages import (
+    CLOCK,
+    TF_STATIC,
+    Ask,
+    BadMessage,
+    Catalogue,
+    Errand,
+    Facts,
+    Inlet,
+    Mount,
+    Offer,
+    Outlet,
+    Types,
+    Value,
+    mounts_of,
+)
 from uwserver_adapters.ros.messages.plain import plain
-from uwserver_adapters.ros.messages.services import Ask, Errand, Offer
-from uwserver_adapters.ros.messages.source import Facts, Mount, Outlet, mounts_of
-from uwserver_adapters.ros.messages.types import BadMessage, Types
 
 log = logging.getLogger(__name__)
 

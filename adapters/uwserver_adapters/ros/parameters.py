@@ -7,9 +7,7 @@ from functools import partial
 
 from uwserver.adapter import Conversation, did_you_mean
 from uwserver.ports import Refused, Reply
-from uwserver_adapters.ros.messages.services import Ask
-from uwserver_adapters.ros.messages.settings import Setting
-from uwserver_adapters.ros.messages.types import BadMessage
+from uwserver_adapters.ros.messages import Ask, BadMessage, Setting
 
 AT_ONCE = 512
 """Most parameters of one request."""

@@ -12,8 +12,7 @@ from typing import Any, Protocol
 from uwserver.adapter import AdapterContext, Conversation, Refusals, within
 from uwserver.ports import Refused, Reply
 from uwserver_adapters.ros.feed import Feed, Told, command
-from uwserver_adapters.ros.messages.source import Facts
-from uwserver_adapters.ros.messages.types import BadMessage, Types
+from uwserver_adapters.ros.messages import BadMessage, Facts, Types
 from uwserver_adapters.ros1 import xmlrpc
 from uwserver_adapters.ros1.config import Ros1Config
 from uwserver_adapters.ros1.links import Subscription, ask, place_of

@@ -8,8 +8,7 @@ from typing import Any
 from uwserver.adapter import Connection, Conversation, Peers, RateMeter, did_you_mean
 from uwserver.ports import Fault, Refused
 from uwserver_adapters.ros.feed import call
-from uwserver_adapters.ros.messages.services import Offer
-from uwserver_adapters.ros.messages.types import BadMessage
+from uwserver_adapters.ros.messages import BadMessage, Offer
 from uwserver_adapters.ros1 import wire, xmlrpc
 from uwserver_adapters.ros1.node import Node, short_name
 

@@ -6,8 +6,7 @@ from functools import partial
 from typing import Any
 
 from uwserver.ports import Progress, Refused, Reply
-from uwserver_adapters.ros.messages.actions import CANCELING, EXECUTING, Action, end_of
-from uwserver_adapters.ros.messages.types import BadMessage
+from uwserver_adapters.ros.messages import CANCELING, EXECUTING, Action, BadMessage, end_of
 from uwserver_adapters.ros2.carrier import Answer, Host, serve
 
 GOALS = 64

@@ -9,10 +9,7 @@ from functools import partial
 from uwserver.adapter import AdapterContext, Conversation, Refusals
 from uwserver.ports import Refused, Reply
 from uwserver_adapters.ros.feed import Feed, Told, call, command
-from uwserver_adapters.ros.messages.catalogue import TF_STATIC
-from uwserver_adapters.ros.messages.services import Offer
-from uwserver_adapters.ros.messages.source import Facts
-from uwserver_adapters.ros.messages.types import BadMessage, Types
+from uwserver_adapters.ros.messages import TF_STATIC, BadMessage, Facts, Offer, Types
 from uwserver_adapters.ros2.actions import ActionServer
 from uwserver_adapters.ros2.carrier import Carrier, Respond, Writer
 from uwserver_adapters.ros2.config import Ros2Config

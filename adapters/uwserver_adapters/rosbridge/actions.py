@@ -7,9 +7,8 @@ from functools import partial
 
 from uwserver.adapter import Conversation, did_you_mean
 from uwserver.ports import Progress, Reply
-from uwserver_adapters.ros.messages.actions import Action, end_of
+from uwserver_adapters.ros.messages import Action, end_of, full_name
 from uwserver_adapters.ros.messages.plain import plain
-from uwserver_adapters.ros.messages.types import full_name
 from uwserver_adapters.rosbridge.hub import Hub
 from uwserver_adapters.rosbridge.wishes import Asked, BadRequest, Map, action_name, arguments, asked_of
 

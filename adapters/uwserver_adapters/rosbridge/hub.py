@@ -8,8 +8,7 @@ from typing import Any, Protocol
 from uwserver.adapter import AdapterContext, Refusals
 from uwserver.ports import Event, Sample
 from uwserver_adapters.ros.feed import Feed, Told
-from uwserver_adapters.ros.messages.source import Facts
-from uwserver_adapters.ros.messages.types import Types
+from uwserver_adapters.ros.messages import Facts, Types
 from uwserver_adapters.rosbridge.config import RosbridgeConfig
 from uwserver_adapters.rosbridge.subscriptions import ClientMessage, Message, WorldMessage
 
