@@ -215,7 +215,7 @@ class DdsCarrier:
     def _read(
         self, name: str, kind: Any, type_name: str, reliable: bool, take: Callable[[bytes], None], more: str = ""
     ) -> Callable[[], None]:
-        # Requests have a header besides.
+        # The 20 bytes are the encapsulation and the header of a request.
         most = self._types.most_bytes(f"{type_name}_Request" if reliable else type_name) + 20
 
         def came(reader: Any) -> None:  # called on a thread of CycloneDDS

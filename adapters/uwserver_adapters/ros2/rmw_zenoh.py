@@ -61,7 +61,7 @@ class _Writer:
         self.look()
 
     def _matches(self, status: Any) -> None:
-        """Take zenoh's word whether somebody subscribes. Called on a zenoh thread."""
+        """Note whether somebody subscribes now. Called on a zenoh thread."""
         with contextlib.suppress(RuntimeError):  # the loop has ended
             self._carrier.loop.call_soon_threadsafe(self._set_heard, status.matching)
 

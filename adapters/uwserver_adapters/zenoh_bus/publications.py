@@ -63,7 +63,7 @@ class _Outlet:
             self.publisher.undeclare()
 
     def _matches(self, status: MatchingStatus) -> None:
-        """Take zenoh's word whether somebody subscribes. Called on a zenoh thread."""
+        """Note whether somebody subscribes now. Called on a zenoh thread."""
         self.is_heard = status.matching
         self.changed()
 

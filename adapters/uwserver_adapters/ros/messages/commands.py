@@ -83,9 +83,10 @@ def inlets(types: Types, port: Port) -> Iterator[Inlet]:
     """Yield all topics that command one actuator."""
     name, vehicle = "/" + ros_name(port.path), "/" + ros_name(port.path).split("/")[0]
     last = port.path.rsplit("/", 1)[-1]
-    known = _AUTOPILOT.get(last) if port.kind == "autopilot" else _KINDS.get(port.kind)
-    if known is not None and {field.name for field in port.fields}.issuperset(known.fields):
-        for topic, type_name, value in known.topics:
+    table, key = (_AUTOPILOT, last) if port.kind == "autopilot" else (_KINDS, port.kind)
+    required, topics = table.get(key, ((), ()))
+    if topics and {field.name for field in port.fields}.issuperset(required):
+        for topic, type_name, value in topics:
             where = topic.format(name=name, vehicle=vehicle)
             yield Inlet(where, type_name, port.path, _of_vehicle(value, vehicle.strip("/")))
     elif len(port.fields) == 1 and port.fields[0].type == "float":
@@ -256,51 +257,40 @@ def _joy(message: Any, vehicle: str) -> Value:
     return {"u": [*flu(axes[:3]), *flu(axes[3:])]}
 
 
-@dataclass(frozen=True)
-class _Kind:
-    """The topics of a kind of actuator.
-
-    Attributes:
-        fields: fields that the port must have.
-        topics: name, type, and conversion to a command, of each topic.
-    """
-
-    fields: tuple[str, ...]
-    topics: tuple[tuple[str, str, Callable[[Any, str], Value]], ...]
-
-
-_KINDS = {
-    "force_torque": _Kind(
+_Topics = tuple[tuple[str, str, Callable[[Any, str], Value]], ...]
+"""Name, type, and conversion to a command, of each topic of a kind of actuator."""
+_KINDS: dict[str, tuple[tuple[str, ...], _Topics]] = {
+    "force_torque": (
         ("force_B", "torque_B"),
         (
             ("{name}/cmd", "geometry_msgs/msg/Wrench", _wrench),
             ("{name}/cmd_stamped", "geometry_msgs/msg/WrenchStamped", _wrench_stamped),
         ),
     ),
-    "pose": _Kind(
+    "pose": (
         ("p_NB", "q_NB", "v_NB_B", "w_NB_B", "stamp"),
         (
             ("{name}/cmd", "geometry_msgs/msg/PoseStamped", _followed),
             ("{name}/odometry", "nav_msgs/msg/Odometry", _odometry),
         ),
     ),
-    "teleport": _Kind(("p_NB", "q_NB"), (("{name}/cmd", "geometry_msgs/msg/PoseStamped", _teleport),)),
+    "teleport": (("p_NB", "q_NB"), (("{name}/cmd", "geometry_msgs/msg/PoseStamped", _teleport),)),
 }
-_AUTOPILOT = {
-    "velocity": _Kind(
+"""Kind of an actuator -> the fields that its port must have, and its topics."""
+_AUTOPILOT: dict[str, tuple[tuple[str, ...], _Topics]] = {
+    "velocity": (
         ("v_B", "yaw_rate"),
         (
             ("{vehicle}/cmd_vel", "geometry_msgs/msg/Twist", _twist),
             ("{vehicle}/cmd_vel_stamped", "geometry_msgs/msg/TwistStamped", _twist_stamped),
         ),
     ),
-    "position": _Kind(("p_N", "heading"), (("{vehicle}/cmd_pose", "geometry_msgs/msg/PoseStamped", _pose),)),
-    "depth": _Kind(("depth",), (("{vehicle}/cmd_depth", "std_msgs/msg/Float64", lambda m, _: {"depth": m.data}),)),
-    "altitude": _Kind(
-        ("altitude",), (("{vehicle}/cmd_altitude", "std_msgs/msg/Float64", lambda m, _: {"altitude": m.data}),)
+    "position": (("p_N", "heading"), (("{vehicle}/cmd_pose", "geometry_msgs/msg/PoseStamped", _pose),)),
+    "depth": (("depth",), (("{vehicle}/cmd_depth", "std_msgs/msg/Float64", lambda m, _: {"depth": m.data}),)),
+    "altitude": (
+        ("altitude",),
+        (("{vehicle}/cmd_altitude", "std_msgs/msg/Float64", lambda m, _: {"altitude": m.data}),),
     ),
-    "heading": _Kind(
-        ("heading",), (("{vehicle}/cmd_heading", "std_msgs/msg/Float64", lambda m, _: {"heading": m.data}),)
-    ),
-    "pilot": _Kind(("u",), (("{vehicle}/joy", "sensor_msgs/msg/Joy", _joy),)),
+    "heading": (("heading",), (("{vehicle}/cmd_heading", "std_msgs/msg/Float64", lambda m, _: {"heading": m.data}),)),
+    "pilot": (("u",), (("{vehicle}/joy", "sensor_msgs/msg/Joy", _joy),)),
 }

@@ -169,7 +169,7 @@ class Entities:
     def set_state_of(self, request: Any) -> object:
         """Move a vehicle by its actuator of kind teleport."""
         short, entity, state = "SetEntityState", request.entity, request.state
-        # simulation_interfaces 1 sets all that it can.
+        # Requests of simulation_interfaces 1.x have no such switches: everything is set.
         wants_pose, wants_twist = getattr(request, "set_pose", True), getattr(request, "set_twist", True)
         vehicles = [vehicle.name for vehicle in self._context.world.vehicles]
         if entity not in vehicles:

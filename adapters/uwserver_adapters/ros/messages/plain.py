@@ -122,7 +122,10 @@ def _scalar(kind: str, value: Any, where: str) -> Any:
             return math.nan
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise BadMessage(f"{where} must be a number, not {_word(value)}")
-        return _float(value, kind, where)
+        # Python compares a whole number of any size with a float exactly.
+        if abs(value) > float(np.finfo(DTYPES[kind]).max) and value not in (math.inf, -math.inf):
+            raise BadMessage(f"{where} is too large for {kind}")
+        return float(value)
     # `math.isfinite` fails on whole numbers that no float can hold.
     is_endless = isinstance(value, float) and not math.isfinite(value)
     if isinstance(value, bool) or not isinstance(value, int | float) or is_endless:
@@ -131,17 +134,6 @@ def _scalar(kind: str, value: Any, where: str) -> Any:
     if value != int(value) or not low <= value <= high:
         raise BadMessage(f"{where} must be a whole number from {low} to {high}, not {value!r:.40}")
     return int(value)
-
-
-def _float(value: float, kind: str, where: str) -> float:
-    most = float(np.finfo(DTYPES[kind]).max)
-    try:
-        number = float(value)
-    except OverflowError:
-        number = math.inf
-    if most < abs(number) and (math.isfinite(number) or not isinstance(value, float)):
-        raise BadMessage(f"{where} is too large for {kind}")
-    return number
 
 
 def _array(dtype: str, value: Any, where: str) -> Any:

@@ -45,11 +45,8 @@ def simulation(types: Types, facts: Facts, context: AdapterContext) -> Iterator[
             yield Offer(f"/uwserver/{name}", f"{PACKAGE}/srv/{short}", ask, answer)
 
 
-class _Simulation:
-    """Turns requests of the standard services into calls of ours, and answers into responses."""
-
-    def __init__(self, types: Types, facts: Facts, context: AdapterContext) -> None:
-        self._types, self._facts, self._context = types, facts, context
+class _Simulation(Entities):
+    """Answers requests about the simulation too: with the response, or with an `Ask` or `Errand` where the world must be asked."""
 
     def table(
         self,
@@ -62,14 +59,13 @@ class _Simulation:
         def told(short: str) -> Callable[[Json, Fault | None], object]:
             return lambda _, fault: outcome(self._types, short, fault)
 
-        entities = Entities(self._types, self._facts, self._context)
         return (
             ("", "get_simulator_features", "GetSimulatorFeatures", self._features, no),
-            ("", "get_entities", "GetEntities", entities.entities, no),
-            ("", "get_entity_info", "GetEntityInfo", entities.info, no),
-            ("", "get_entity_state", "GetEntityState", entities.state_of, no),
-            ("", "get_entities_states", "GetEntitiesStates", entities.states, no),
-            ("", "set_entity_state", "SetEntityState", entities.set_state_of, no),
+            ("", "get_entities", "GetEntities", self.entities, no),
+            ("", "get_entity_info", "GetEntityInfo", self.info, no),
+            ("", "get_entity_state", "GetEntityState", self.state_of, no),
+            ("", "get_entities_states", "GetEntitiesStates", self.states, no),
+            ("", "set_entity_state", "SetEntityState", self.set_state_of, no),
             ("world/spawn", "get_spawnables", "GetSpawnables", self._spawnables, no),
             ("world/spawn", "spawn_entity", "SpawnEntity", self._spawn, no),
             ("world/remove", "delete_entity", "DeleteEntity", lambda m: Ask("world/remove", {"name": m.entity}), self._deleted),
