@@ -1,4 +1,4 @@
-"""Base of every table that a scenario, vehicle or device file holds."""
+"""Base class of all tables in scenario, vehicle and device files."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ Name = Annotated[str, Meta(min_length=1)]
 
 
 class Table(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
-    """Immutable, and a misspelt key is an error. Keys end in their unit and name their frame."""
+    """An immutable table in which unknown keys are errors. Keys end in their unit and name their frame."""
 
 
 T = TypeVar("T", bound=Table)
 
 
 def settled(table: T) -> T:
-    """An equal table whose defaults are the very objects that its class declares.
+    """Return an equal table in which each value that equals its default is the default object of the class.
 
-    Encoders leave a default out by its identity: only so do equal tables give equal bytes, whether a file spells the default or not.
+    Encoders leave defaults out by identity. So equal tables give equal bytes, whether a file writes a default or not.
     """
     fields = structs.fields(type(table))
     return structs.replace(table, **{f.name: f.default for f in fields if getattr(table, f.name) == f.default})

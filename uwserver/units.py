@@ -1,7 +1,7 @@
-"""Constants and the one place where degrees meet radians.
+"""Constants, and the conversion between degrees and radians.
 
-Inside uwserver everything is SI, radians and integer nanoseconds. Degrees exist only in files (converted by the scenario loader) and on
-wires that want them (converted by a codec); both use this module.
+Inside uwserver everything is SI, radians and integer nanoseconds. Degrees exist only in files (the scenario loader converts them) and on wires that
+use them (a codec converts them); both use this module.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ STANDARD_ATMOSPHERE_PA = 101_325.0
 
 
 def rad(degrees: float) -> float:
-    """Degrees to radians."""
+    """Convert degrees to radians."""
     return math.radians(degrees)
 
 
 def deg(radians: float) -> float:
-    """Radians to degrees."""
+    """Convert radians to degrees."""
     return math.degrees(radians)

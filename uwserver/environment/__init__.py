@@ -1,1 +1,1 @@
-"""Sea water, currents and gravity: functions of (position, time)."""
+"""Sea water, currents, waves, light, sound and the Earth, as functions of position and time."""

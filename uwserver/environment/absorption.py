@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 
 _DB_PER_M = 1e-3
-"""The paper counts in dB/km and kHz."""
+"""The formulas of the paper use dB/km and kHz."""
 
 
 def absorption(frequency_Hz: float, temperature: float, salinity: float, depth: float, ph: float = 8.0) -> float:
-    """Attenuation of a plane wave, dB/m: boric acid, magnesium sulphate and water itself.
+    """Return the attenuation of a plane wave, dB/m, by boric acid, magnesium sulphate and the water itself.
 
-    The paper states 5 % for 10 to 500 kHz; above 1 MHz the water term alone counts, and the formula is extrapolated.
+    The paper states an accuracy of 5 % for 10 to 500 kHz. Above 1 MHz only the water term matters, and the formula is extrapolated.
 
     Args:
         frequency_Hz: of the sound.

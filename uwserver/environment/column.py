@@ -1,4 +1,4 @@
-"""The water column: temperature, salinity, density, pressure and sound speed over depth, by TEOS-10, tabulated before the first tick."""
+"""The water column: temperature, salinity, density, pressure and sound speed over depth by TEOS-10, tabulated before the first tick."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Salinity = Annotated[float, Meta(ge=0, le=42)]
 
 _DECIBAR = 1e4
 _GRID = np.concatenate([np.arange(0.0, 300.0, 0.5), np.arange(300.0, 2000.0, 5.0), np.arange(2000.0, 12_001.0, 25.0)])
-"""Depths of the tables, m; those of a profile's bends are added. Linear interpolation leaves less than 0.002 m/s of sound speed."""
+"""Depths of the tables, m; the depths where a profile bends are added. The error of linear interpolation is less than 0.002 m/s of sound speed."""
 
 
 DEPTH, TEMPERATURE, SALINITY, DENSITY, SOUND_SPEED, PRESSURE = range(6)
@@ -28,12 +28,12 @@ DEPTH, TEMPERATURE, SALINITY, DENSITY, SOUND_SPEED, PRESSURE = range(6)
 
 
 class ColumnTable(Table, tag_field="kind", kw_only=True, frozen=True):
-    """What every kind of water column has.
+    """Keys of every kind of water column.
 
     Attributes:
-        hydrostatics: "teos10" integrates the density of the column; "uniform" is the paper's p = rho g h with `density_kgpm3` of the
-            environment. Both with the gravity of the environment.
-        ph: acidity, which counts in the absorption of sound below 10 kHz.
+        hydrostatics: "teos10" integrates the density of the column; "uniform" uses p = rho g h with `density_kgpm3` of the environment. Both use
+            the gravity of the environment.
+        ph: acidity, which affects the absorption of sound below 10 kHz.
     """
 
     hydrostatics: Literal["teos10", "uniform"] = "teos10"
@@ -41,22 +41,22 @@ class ColumnTable(Table, tag_field="kind", kw_only=True, frozen=True):
 
 
 class ConstantColumn(ColumnTable, tag="constant", kw_only=True, frozen=True):
-    """One temperature (in situ) and practical salinity at all depths."""
+    """The same temperature (in situ) and practical salinity at all depths."""
 
     temperature_degc: Temperature = 10.0
     salinity_psu: Salinity = 35.0
 
     def bends(self) -> FloatArray:
-        """Depths (m) at which the tables need points of their own."""
+        """Return depths (m) at which the tables need additional points."""
         return np.zeros(0)
 
     def water_at(self, depth: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Temperature (degC) and practical salinity at depths (m)."""
+        """Return temperature (degC) and practical salinity at depths (m)."""
         return np.full(depth.shape, self.temperature_degc), np.full(depth.shape, self.salinity_psu)
 
 
 class ThermoclineColumn(ColumnTable, tag="thermocline", kw_only=True, frozen=True):
-    """Two layers with a smooth step between them: tanh about `depth_m`; most of the change lies within `thickness_m`."""
+    """Two layers with a smooth step between them: a tanh about `depth_m`, with most of the change within `thickness_m`."""
 
     surface_temperature_degc: Temperature
     deep_temperature_degc: Temperature
@@ -66,11 +66,11 @@ class ThermoclineColumn(ColumnTable, tag="thermocline", kw_only=True, frozen=Tru
     thickness_m: Positive
 
     def bends(self) -> FloatArray:
-        """Depths (m) at which the tables need points of their own."""
+        """Return depths (m) at which the tables need additional points."""
         return self.depth_m + self.thickness_m * np.linspace(-2.0, 2.0, 401)
 
     def water_at(self, depth: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Temperature (degC) and practical salinity at depths (m)."""
+        """Return temperature (degC) and practical salinity at depths (m)."""
         part = 0.5 * (1.0 + np.tanh(2.0 * (depth - self.depth_m) / self.thickness_m))
         t0, t1, s0, s1 = (
             self.surface_temperature_degc, self.deep_temperature_degc, self.surface_salinity_psu, self.deep_salinity_psu,
@@ -79,25 +79,25 @@ class ThermoclineColumn(ColumnTable, tag="thermocline", kw_only=True, frozen=Tru
 
 
 class TableColumn(ColumnTable, tag="table", kw_only=True, frozen=True):
-    """A measured cast: in situ temperature and practical salinity at depths (ascending), linear between them and constant beyond."""
+    """A measured profile: in situ temperature and practical salinity at ascending depths, linear between them and constant beyond."""
 
     depth_m: Annotated[tuple[float, ...], Meta(min_length=2)]
     temperature_degc: tuple[Temperature, ...]
     salinity_psu: tuple[Salinity, ...]
 
     def __post_init__(self) -> None:
-        """ValueError where the three do not make a table."""
+        """Raise ValueError unless the three make a table."""
         if not len(self.depth_m) == len(self.temperature_degc) == len(self.salinity_psu):
             raise ValueError("depth_m, temperature_degc and salinity_psu need the same number of values")
         if any(b <= a for a, b in zip(self.depth_m, self.depth_m[1:], strict=False)) or self.depth_m[0] < 0.0:
-            raise ValueError("depth_m must begin at 0 or below the surface and grow from value to value")
+            raise ValueError("depth_m must begin at 0 or more, and rise from value to value")
 
     def bends(self) -> FloatArray:
-        """Depths (m) at which the tables need points of their own."""
+        """Return depths (m) at which the tables need additional points."""
         return np.array(self.depth_m)
 
     def water_at(self, depth: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Temperature (degC) and practical salinity at depths (m)."""
+        """Return temperature (degC) and practical salinity at depths (m)."""
         return np.interp(depth, self.depth_m, self.temperature_degc), np.interp(depth, self.depth_m, self.salinity_psu)
 
 
@@ -105,16 +105,16 @@ ColumnConfig = ConstantColumn | ThermoclineColumn | TableColumn
 
 
 class WaterColumn:
-    """Still water as tables over depth. Between two depths the tables are linear; above the surface they hold their first value.
+    """Still water as tables over depth. The tables are linear between two depths; above the surface the first value holds.
 
-    The composition is that of reference sea water, so that practical salinity alone tells the absolute one.
+    The water has the composition of reference sea water, so that absolute salinity follows from practical salinity.
 
     Attributes:
         depth: (n) m, ascending from 0.
-        temperature, salinity: (n) in situ, degC; practical.
+        temperature, salinity: (n) in situ temperature, degC; practical salinity.
         density: (n) kg/m3.
         sound_speed: (n) m/s.
-        pressure: (n) of the water above, Pa.
+        pressure: (n) pressure of the water above, Pa.
         ph: acidity.
         table: (n, 6) all of these, for compiled code.
     """
@@ -123,10 +123,10 @@ class WaterColumn:
         """Tabulate a column.
 
         Args:
-            config: what the water is like.
+            config: temperature and salinity.
             gravity: m/s2 at the surface.
-            uniform_density: kg/m3 for `hydrostatics = "uniform"`.
-            growth: of gravity with depth, relative, 1/m.
+            uniform_density: kg/m3, for `hydrostatics = "uniform"`.
+            growth: relative growth of gravity with depth, 1/m.
         """
         bends = config.bends()
         self.depth = np.union1d(_GRID, bends[(bends > 0.0) & (bends < _GRID[-1])])
@@ -144,42 +144,42 @@ class WaterColumn:
         self.table = np.column_stack(
             [self.depth, self.temperature, self.salinity, self.density, self.sound_speed, self.pressure]
         )
-        # Plain lists: a look-up takes a third of a microsecond, in numpy it would take several.
+        # Look-ups in lists take a third of a microsecond, those in numpy arrays several.
         self._depth, self._pressure = self.depth.tolist(), self.pressure.tolist()
         self._temperature, self._salinity = self.temperature.tolist(), self.salinity.tolist()
         self._density, self._sound_speed = self.density.tolist(), self.sound_speed.tolist()
 
     def temperature_at(self, depth: float) -> float:
-        """In situ temperature, degC, at a depth (m, positive down)."""
+        """Return the in situ temperature, degC, at a depth (m, positive down)."""
         return _interpolated(self._depth, self._temperature, max(0.0, depth))
 
     def salinity_at(self, depth: float) -> float:
-        """Practical salinity."""
+        """Return the practical salinity at a depth (m)."""
         return _interpolated(self._depth, self._salinity, max(0.0, depth))
 
     def density_at(self, depth: float) -> float:
-        """Density in situ, kg/m3."""
+        """Return the density in situ, kg/m3, at a depth (m)."""
         return _interpolated(self._depth, self._density, max(0.0, depth))
 
     def sound_speed_at(self, depth: float) -> float:
-        """Speed of sound, m/s."""
+        """Return the speed of sound, m/s, at a depth (m)."""
         return _interpolated(self._depth, self._sound_speed, max(0.0, depth))
 
     def absorption_at(self, frequency_Hz: float, depth: float) -> float:
-        """Absorption of sound after Francois and Garrison, dB/m."""
+        """Return the absorption of sound, dB/m, after Francois and Garrison."""
         return absorption(frequency_Hz, self.temperature_at(depth), self.salinity_at(depth), depth, self.ph)
 
     def pressure_at(self, depth: float) -> float:
-        """Pressure of the water above a depth (m), Pa; 0 above the surface."""
+        """Return the pressure of the water above a depth (m), Pa; 0 above the surface."""
         return _interpolated(self._depth, self._pressure, max(0.0, depth))
 
     def depth_of(self, pressure: float) -> float:
-        """Depth (m) at which the water above has this pressure (Pa): the inverse of `pressure_at`; continued upwards for a negative one."""
+        """Return the depth (m) of a pressure (Pa): the inverse of `pressure_at`, extrapolated upwards for negative pressures."""
         return _interpolated(self._pressure, self._depth, pressure)
 
 
 def surface_density(config: ColumnConfig) -> float:
-    """Density of a column at the surface, kg/m3 (TEOS-10)."""
+    """Return the density of a column at the surface, kg/m3 (TEOS-10)."""
     temperature, salinity = config.water_at(np.zeros(1))
     absolute = gsw.SR_from_SP(salinity)
     return float(gsw.rho(absolute, gsw.CT_from_t(absolute, temperature, 0.0), 0.0)[0])
@@ -187,9 +187,9 @@ def surface_density(config: ColumnConfig) -> float:
 
 @lru_cache(maxsize=64)
 def uniform_column(density: float, temperature: float, gravity: float, growth: float = 0.0) -> WaterColumn:
-    """Water of one density (kg/m3) and temperature (degC) under p = rho g h; `growth` as for `WaterColumn`.
+    """Return water of one density (kg/m3) and temperature (degC) under p = rho g h; `growth` as for `WaterColumn`.
 
-    Its salinity is that which TEOS-10 gives such water at the surface, within 0 to 42.
+    Its salinity is the one with which TEOS-10 gives that density at the surface, limited to 0 to 42.
     """
     temperature = min(max(temperature, -2.0), 40.0)
     absolute = float(gsw.SA_from_rho(density, gsw.CT_from_t(15.0, temperature, 0.0), 0.0))
@@ -203,11 +203,11 @@ def uniform_column(density: float, temperature: float, gravity: float, growth: f
 def _hydrostatic(
     depth: FloatArray, absolute: FloatArray, temperature: FloatArray, g: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Pressure of the water above (Pa) and density, such that the pressure is the integral of density times gravity."""
+    """Return pressure of the water above (Pa) and density (kg/m3), such that the pressure is the integral of density times gravity."""
     steps = np.diff(depth)
     pressure = 1025.0 * g * depth
     density = np.zeros(depth.shape)
-    for _ in range(8):  # each pass gains two digits, as water is hardly compressible
+    for _ in range(8):  # each pass gains two digits, as water is nearly incompressible
         sea = pressure / _DECIBAR
         density = gsw.rho(absolute, gsw.CT_from_t(absolute, temperature, sea), sea)
         weight = density * g
@@ -216,7 +216,7 @@ def _hydrostatic(
 
 
 def _interpolated(xs: Sequence[float], ys: Sequence[float], x: float) -> float:
-    """Linear between the points, and beyond the ends as in the last interval."""
+    """Return y at x, linear between the points; beyond the ends the last interval is extrapolated."""
     k = min(max(bisect_right(xs, x), 1), len(xs) - 1)
     x0, y0 = xs[k - 1], ys[k - 1]
     return y0 + (ys[k] - y0) * ((x - x0) / (xs[k] - x0))

@@ -1,4 +1,4 @@
-"""Currents as a scenario declares them: uniform, by depth, or drifting with time. All currents of a scenario add up."""
+"""Currents of a scenario: uniform, by depth, or changing with time. All currents of a scenario add up."""
 
 from __future__ import annotations
 
@@ -15,46 +15,46 @@ from uwserver.table import NonNegative, Positive, Table, Vector3
 
 
 class CurrentTable(Table, tag_field="kind", kw_only=True, frozen=True):
-    """What all currents share: the key `kind`.
+    """Base of all currents, with the key `kind`.
 
-    A kind other than `uniform` and `profile` has ``build()``, which says what the current comes to: a table of one of these two, where it is
-    steady, or `Drifting`, where it changes with time. `build` raises ValueError for keys that do not go together.
+    A kind other than `uniform` and `profile` has a method ``build()``. It returns a table of one of these two if the current is steady, or a
+    `Drifting` if it changes with time. It raises ValueError for keys that do not fit each other.
     """
 
 
 class Drifting(Protocol):
-    """A current that is the same everywhere and changes with time. All that it remembers are its last velocity and its random stream."""
+    """A current that is the same everywhere and changes with time. Its state is its last velocity and its random stream."""
 
     @property
     def interval_s(self) -> float:
-        """It is asked this often (rounded to ticks), and linear between: water that jumped in each tick would shake every body in it."""
+        """Time between two calls of `velocity`, rounded to ticks; between them the velocity is linear, as jumps would shake every body."""
 
     def velocity(
         self, t: float, dt: float, last: FloatArray | None, rng: np.random.Generator
     ) -> Sequence[float] | FloatArray:
-        """Velocity (3) of the water in N, m/s. Depends on the arguments alone.
+        """Return the velocity (3) of the water in N, m/s. It must depend on the arguments only.
 
         Args:
             t: simulation time, s.
-            dt: the interval, s, as rounded.
-            last: (3) at t - dt; None at the start.
-            rng: random numbers of this current.
+            dt: the rounded interval, s.
+            last: (3) velocity at t - dt; None at the start.
+            rng: random stream of this current.
         """
 
 
 class UniformConfig(CurrentTable, tag="uniform", kw_only=True, frozen=True):
-    """The same everywhere and always, until ``world/set_current`` replaces the sum of these."""
+    """The same velocity everywhere and always. ``world/set_current`` replaces the sum of all uniform currents."""
 
     velocity_ned_mps: Vector3
 
 
 class ProfileConfig(CurrentTable, tag="profile", kw_only=True, frozen=True):
-    """Steady velocity by depth; constant above the first depth and below the last.
+    """Steady velocity by depth, constant above the first depth and below the last.
 
     Attributes:
-        depth_m: rising, below the still water level.
-        velocity_ned_mps: of each depth.
-        interpolation: "linear", or "pchip", which has no kinks and does not overshoot (Fritsch and Carlson 1980).
+        depth_m: rising depths below the still water level.
+        velocity_ned_mps: one for each depth.
+        interpolation: "linear", or "pchip", which is smooth and does not overshoot (Fritsch and Carlson 1980).
     """
 
     depth_m: Annotated[tuple[float, ...], msgspec.Meta(min_length=2)]
@@ -63,13 +63,13 @@ class ProfileConfig(CurrentTable, tag="profile", kw_only=True, frozen=True):
 
 
 class GaussMarkovConfig(CurrentTable, tag="gauss_markov", kw_only=True, frozen=True):
-    """A first-order Gauss-Markov process, the same everywhere: it wanders about zero and forgets with a time constant.
+    """A first-order Gauss-Markov process about zero, the same everywhere.
 
     Attributes:
         sigma_ned_mps: standard deviation of each component in N.
         tau_s: correlation time.
-        interval_s: drawn anew this often and linear between; default: tau_s / 100. Water that changed direction in each tick would shake
-            every body in it.
+        interval_s: time between two random values, between which the velocity is linear; default: tau_s / 100. Water that changed direction in
+            each tick would shake every body in it.
     """
 
     sigma_ned_mps: tuple[NonNegative, NonNegative, NonNegative]
@@ -77,7 +77,7 @@ class GaussMarkovConfig(CurrentTable, tag="gauss_markov", kw_only=True, frozen=T
     interval_s: Positive | msgspec.UnsetType = msgspec.UNSET
 
     def build(self) -> Drifting:
-        """The process."""
+        """Return the process."""
         return _GaussMarkov(self)
 
 
@@ -85,23 +85,23 @@ CurrentConfig = UniformConfig | ProfileConfig | GaussMarkovConfig
 
 
 def flow_of(current: CurrentTable) -> UniformConfig | ProfileConfig | Drifting:
-    """What a current comes to.
+    """Return a current as one of the two steady kinds or as a `Drifting`.
 
     Raises:
-        ValueError: its kind gives something else; and whatever the `build` of an extension's kind raises.
+        ValueError: `build` returned something else. Other exceptions of an extension's `build` pass through.
     """
     flow: object = current if isinstance(current, UniformConfig | ProfileConfig) else current.build()  # type: ignore[attr-defined]  # any other kind has it
     if isinstance(flow, UniformConfig | ProfileConfig):
         return flow
     if not callable(getattr(flow, "velocity", None)) or not getattr(flow, "interval_s", 0.0) > 0.0:
         drifting = "something with velocity() and an interval_s above 0"
-        text = f"build() must give a UniformConfig, a ProfileConfig, or {drifting}, not {type(flow).__name__}"
+        text = f"build() must return a UniformConfig, a ProfileConfig, or {drifting}, not {type(flow).__name__}"
         raise ValueError(text)
     return flow  # type: ignore[return-value]  # as just checked
 
 
 def profile_rows(config: ProfileConfig) -> FloatArray:
-    """Pieces (m, PROFILE_SIZE) of a profile as `SeaRows` has them: cubics between the depths, constants outside."""
+    """Return the pieces (m, PROFILE_SIZE) of a profile for `SeaRows`: cubics between the depths, constants outside."""
     z, u = np.array(config.depth_m), np.array(config.velocity_ned_mps)
     n, h = len(z), np.diff(z)[:, None]
     slope = np.diff(u, axis=0) / h
@@ -113,7 +113,7 @@ def profile_rows(config: ProfileConfig) -> FloatArray:
     rows[:, 0], rows[:, 1] = np.concatenate([[-np.inf], z]), np.concatenate([z, [np.inf]])
     rows[0, 2], rows[1:, 2] = z[0], z
     rows[0, 3::4], rows[1:, 3::4] = u[0], u
-    # Hermite's cubic from the values and slopes at both ends
+    # A cubic Hermite polynomial from the values and slopes at both ends.
     rows[1:-1, 4::4] = low
     rows[1:-1, 5::4] = (3.0 * slope - 2.0 * low - high) / h
     rows[1:-1, 6::4] = (low + high - 2.0 * slope) / h**2
@@ -121,7 +121,7 @@ def profile_rows(config: ProfileConfig) -> FloatArray:
 
 
 def _pchip_slopes(h: FloatArray, slope: FloatArray) -> FloatArray:
-    """Slopes at the knots that keep each piece monotone: weighted harmonic means inside, three-point ends held in bounds."""
+    """Return slopes at the knots that keep each piece monotone: weighted harmonic means inside, limited three-point slopes at the ends."""
     n = len(slope)
     d = np.zeros(n + 1)
     for k in range(1, n):
@@ -153,23 +153,23 @@ class _GaussMarkov:
 
     def velocity(self, t: float, dt: float, last: FloatArray | None, rng: np.random.Generator) -> FloatArray:
         draw: FloatArray = rng.standard_normal(3)
-        if last is None:  # of the stationary distribution
+        if last is None:  # start from the stationary distribution
             return self._sigma * draw
         keep = math.exp(-dt / self._tau)
         return keep * last + math.sqrt(1.0 - keep**2) * self._sigma * draw
 
 
 class Drift:
-    """One drifting current, with its own random stream.
+    """One current that changes with time, with its own random stream.
 
     Attributes:
-        ticks: from draw to draw.
+        ticks: ticks from draw to draw.
         rng: its stream.
         ends: (2, 3) velocity in N at the last and at the next draw, m/s.
     """
 
     def __init__(self, current: Drifting, rate_hz: float, rng: np.random.Generator) -> None:
-        """At t = 0; `rate_hz`: ticks a second."""
+        """Start at t = 0; `rate_hz`: ticks per second."""
         self.ticks = max(1, round(current.interval_s * rate_hz))
         self.rng = rng
         self._current, self._rate = current, rate_hz
@@ -178,13 +178,13 @@ class Drift:
         self.ends[1] = self._following(0)
 
     def move(self, tick: int) -> None:
-        """Carry it to a tick, one after the last one."""
+        """Advance it to a tick, which must follow the last one."""
         if tick % self.ticks == 0:
             self.ends[0] = self.ends[1]
             self.ends[1] = self._following(tick)
 
     def at(self, tick: int) -> tuple[FloatArray, FloatArray]:
-        """Velocity (3, m/s) at a tick and its change (3) until the next."""
+        """Return the velocity (3, m/s) at a tick, and its change (3) until the next tick."""
         step = (self.ends[1] - self.ends[0]) / self.ticks
         return self.ends[0] + (tick % self.ticks) * step, step
 

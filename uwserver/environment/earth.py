@@ -1,4 +1,4 @@
-"""Where on the Earth the origin of N lies: geodetic coordinates (WGS 84), UTC, the magnetic field (World Magnetic Model), gravity and turning."""
+"""The Earth at the origin of N: geodetic coordinates (WGS 84), UTC, magnetic field (World Magnetic Model), gravity and rotation."""
 
 from __future__ import annotations
 
@@ -9,26 +9,26 @@ from uwserver.environment.geodesy import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS, 
 from uwserver.frames import Vec3
 
 NO_FIELD: tuple[Vec3, Vec3, Vec3, Vec3] = ((0.0, 0.0, 0.0),) * 4
-"""`Earth.magnetic` where nothing asks for it."""
+"""Value of `Earth.magnetic` if nothing needs the field."""
 
 
 EARTH_RATE = 7.292115e-5
-"""rad/s; WGS 84 (NIMA TR8350.2, table 3.1)."""
+"""Angular rate of the Earth, rad/s; WGS 84 (NIMA TR8350.2, table 3.1)."""
 GRAVITY_GROWTH = 2.26e-7
-"""Relative growth of gravity per metre of depth: free air less the layer of water above, as in TEOS-10 (gsw_grav)."""
+"""Relative growth of gravity per metre of depth: free-air gradient less the attraction of the water above, as in TEOS-10 (gsw_grav)."""
 
 
 def normal_gravity(latitude: float) -> float:
-    """Gravity (m/s2) on the ellipsoid at a geodetic latitude (rad): Somigliana's closed form for WGS 84 (NIMA TR8350.2, eq. 4-1)."""
+    """Return gravity (m/s2) on the ellipsoid at a geodetic latitude (rad): Somigliana's closed form for WGS 84 (NIMA TR8350.2, eq. 4-1)."""
     square = math.sin(latitude) ** 2
     return 9.7803253359 * (1.0 + 0.00193185265241 * square) / math.sqrt(1.0 - ECCENTRICITY_SQUARED * square)
 
 
 def turns_of_level(rate: Vec3, curvature: tuple[float, float], p: Vec3, v: Vec3) -> tuple[Vec3, Vec3]:
-    """How the level axes at a place turn against the stars: omega_ie, as the Earth turns, and omega_el, the transport rate (rad/s, both in N).
+    """Return the inertial rotation of the level axes at a place: omega_ie, the Earth's rate, and omega_el, the transport rate (rad/s, both in N).
 
-    N is a map: what is level at the origin stands for what is level at p, which lies beyond a turn of (y / R_E, -x / R_N, 0). To first order in
-    that turn: some 1e-6 of the Earth's rate at 10 km.
+    N is used like a map: its axes stand for the level axes at p, which are turned against those at the origin by (y / R_E, -x / R_N, 0). The result
+    is of first order in that angle; the error at 10 km is some 1e-6 of the Earth's rate.
 
     Args:
         rate: of the Earth at the origin, in N.
@@ -44,14 +44,14 @@ def turns_of_level(rate: Vec3, curvature: tuple[float, float], p: Vec3, v: Vec3)
 class Earth:
     """The Earth around the origin of N.
 
-    N is the plane that touches the ellipsoid there, and its z = 0 is the sea: latitude and longitude are those of the point on the ellipsoid
-    under the point of the plane, and the height is -z.
+    N is the tangent plane of the ellipsoid at the origin, and z = 0 is the sea. Latitude and longitude of a point are those of the point on the
+    ellipsoid vertically below its place in the plane, and its height is -z.
 
     Attributes:
         latitude, longitude: of the origin, rad.
         epoch_ns: UTC of t = 0, ns since 1970.
-        magnetic: field at the origin in N, and its change per metre north, east and down (T, T/m).
-        rotating: whether it turns and is round; else N is an inertial frame.
+        magnetic: field at the origin in N, and its gradient to the north, east and down (T, T/m).
+        rotating: whether the Earth rotates and is round; else N is an inertial frame.
     """
 
     latitude: float = 0.0
@@ -61,12 +61,12 @@ class Earth:
     rotating: bool = False
 
     def geodetic(self, p: Vec3) -> Vec3:
-        """Latitude, longitude (rad) and height (m) of a point of N (m)."""
+        """Return latitude, longitude (rad) and height (m) of a point of N (m)."""
         latitude, longitude = latitude_longitude(p[0], p[1], self.latitude, self.longitude)
         return latitude, longitude, -p[2]
 
     def magnetic_field(self, p: Vec3) -> Vec3:
-        """Field in N (T) at a point of N (m): linear about the origin, good for some ten kilometres."""
+        """Return the field in N (T) at a point of N (m), linear about the origin; good for some ten kilometres."""
         at, north, east, down = self.magnetic
         x, y, z = p
         return (
@@ -77,13 +77,13 @@ class Earth:
 
     @property
     def rate(self) -> Vec3:
-        """The Earth's rate at the origin, rad/s in N; zero where it does not turn."""
+        """The Earth's rate at the origin, rad/s in N; zero unless it rotates."""
         rate = EARTH_RATE if self.rotating else 0.0
         return rate * math.cos(self.latitude), 0.0, -rate * math.sin(self.latitude)
 
     @property
     def curvature(self) -> tuple[float, float]:
-        """Of the ellipsoid at the origin to the north and to the east, 1/m; zero where it does not turn."""
+        """Curvature of the ellipsoid at the origin to the north and to the east, 1/m; zero unless the Earth rotates."""
         if not self.rotating:
             return 0.0, 0.0
         square = 1.0 - ECCENTRICITY_SQUARED * math.sin(self.latitude) ** 2

@@ -1,9 +1,9 @@
-"""Light in natural waters, by the types of Jerlov: what cameras and pictures need of the sea.
+"""Light in natural waters by the types of Jerlov, for cameras and pictures.
 
-Downward irradiance defines the types (Jerlov, Marine Optics, 2nd ed. 1976, table XXVII). How a beam fades is known for IB to 5C from measurements
-(Williamson and Hollins, Measured IOPs of Jerlov water types, Appl. Opt. 61 (2022) 9951), and for the others from models fitted to the irradiance
-(Solonenko and Mobley, Inherent optical properties of Jerlov water types, Appl. Opt. 54 (2015) 5392, by three colours as in Droske et al., Path
-tracing in production: the path of water, SIGGRAPH courses 2023). Between wavelengths of the tables: straight lines.
+The types are defined by downward irradiance (Jerlov, Marine Optics, 2nd ed. 1976, table XXVII). The attenuation of a beam comes from measurements
+for IB to 5C (Williamson and Hollins, Measured IOPs of Jerlov water types, Appl. Opt. 61 (2022) 9951), and for the others from models fitted to the
+irradiance (Solonenko and Mobley, Inherent optical properties of Jerlov water types, Appl. Opt. 54 (2015) 5392, for three colours as in Droske et
+al., Path tracing in production: the path of water, SIGGRAPH courses 2023). Values between the wavelengths of the tables are interpolated linearly.
 """
 
 from __future__ import annotations
@@ -15,23 +15,24 @@ Colours = tuple[float, float, float]
 """Red, green and blue."""
 WAVELENGTHS_NM: Colours = (620.0, 540.0, 450.0)
 WaterType = Literal["I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C"]
-"""I to III: the open sea, from the clearest; 1C to 9C: coasts."""
+"""I to III: the open sea, the clearest first; 1C to 9C: coasts."""
 _VEIL_DEPTH_M = 3.0
 ASYMMETRY = 0.924
 """Mean cosine of scattering in sea water as Petzold measured it, for Henyey and Greenstein's phase function (C. D. Mobley et al., Phase function
 effects on oceanic light fields, Appl. Opt. 41 (2002) 1035)."""
 _SIDEWAYS = 0.5
-"""Part of isotropic scattering that makes the light seen level in a lake at 480 nm, b = 0.285 and c = 0.4 /m: radiance 0.03 /sr of the
-irradiance downwards (J. E. Tyler, Radiance distribution as a function of depth, Bull. Scripps Inst. Oceanogr. 7 (1960) 363; recalled)."""
+"""Ratio of the light seen horizontally to that of isotropic scattering. It was chosen to match a lake at 480 nm with b = 0.285 and c = 0.4 /m,
+where the radiance is 0.03 /sr of the irradiance downwards (J. E. Tyler, Radiance distribution as a function of depth, Bull. Scripps Inst. Oceanogr.
+7 (1960) 363; quoted from memory)."""
 
 
 class WaterLight(NamedTuple):
-    """What a water does with light of three colours (`WAVELENGTHS_NM`), 1/m.
+    """Optical properties of a water type for three colours (`WAVELENGTHS_NM`), 1/m.
 
     Attributes:
-        attenuation: of a beam, c: what is absorbed or scattered.
-        scattering: of a beam, b; its absorption is the difference.
-        fading: of daylight downwards, K_d.
+        attenuation: of a beam by absorption and scattering, c.
+        scattering: of a beam, b; absorption is the difference.
+        fading: attenuation of daylight downwards, K_d.
     """
 
     attenuation: Colours
@@ -39,31 +40,32 @@ class WaterLight(NamedTuple):
     fading: Colours
 
     def veil(self) -> Colours:
-        """Colour of water seen without end from a few metres deep, its greatest part 1: the share of daylight that comes back is about as
-        b / K_d (Gordon, Brown and Jacobs, Appl. Opt. 14 (1975) 417), and daylight has faded on its way."""
+        """Return the colour of endless water, seen from a few metres deep; its greatest component is 1. The part of daylight that comes back is
+        about proportional to b / K_d (Gordon, Brown and Jacobs, Appl. Opt. 14 (1975) 417), and daylight has faded on its way down."""
         parts = [b / k * math.exp(-k * _VEIL_DEPTH_M) for b, k in zip(self.scattering, self.fading, strict=True)]
         red, green, blue = (part / max(parts) for part in parts)
         return red, green, blue
 
     def glow(self) -> Colours:
-        """Light that a metre of water sends sideways into a line of sight, 1/(m sr) of the irradiance downwards, scattered many times."""
+        """Return the light that a metre of water scatters into a horizontal line of sight, 1/(m sr) of the irradiance downwards."""
         red, green, blue = (_SIDEWAYS * b / (4.0 * math.pi) for b in self.scattering)
         return red, green, blue
 
     def dimming(self) -> Colours:
-        """How the light of a lamp fades on its way out, 1/m: a + b (1 - g), as most of what is scattered goes on forward and still arrives. Of
-        lamps with wide cones: photons followed one by one arrive 3 m away within a tenth so; by c, a third as many would in type 1C."""
+        """Return the attenuation of a lamp's light, 1/m: a + b (1 - g), as most scattered light goes on forward and still arrives. It holds for
+        lamps with wide cones: at 3 m it agrees within a tenth with a Monte Carlo simulation of photons, while c would give a third of it in
+        type 1C."""
         red, green, blue = (c - b * ASYMMETRY for c, b in zip(self.attenuation, self.scattering, strict=True))
         return red, green, blue
 
     def spreading(self) -> Colours:
-        """How sunlight loses its direction, 1/m: b (1 - g), as many small deflections do (similarity)."""
+        """Return the rate at which sunlight loses its direction, 1/m: b (1 - g), by the similarity relation for many small deflections."""
         red, green, blue = (b * (1.0 - ASYMMETRY) for b in self.scattering)
         return red, green, blue
 
 
 AIR = WaterLight((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-"""Where a camera is out of the water."""
+"""Air, for a camera out of the water."""
 
 
 class Daylight(NamedTuple):
@@ -72,8 +74,8 @@ class Daylight(NamedTuple):
     Attributes:
         illuminance: on the surface, lux; 0 at night.
         elevation: of the sun, rad.
-        azimuth: of it, from north over east, rad.
-        sky: part of the light that comes from all of the sky.
+        azimuth: of the sun, clockwise from north, rad.
+        sky: part of the light that comes from the whole sky.
     """
 
     illuminance: float = 60_000.0
@@ -82,7 +84,8 @@ class Daylight(NamedTuple):
     sky: float = 0.25
 
     def below(self) -> tuple[tuple[float, float, float], float]:
-        """Unit vector (N) towards the sun as seen in still water, and the part of the light that enters (Fresnel, and 6 % of the sky's is lost)."""
+        """Return the unit vector (N) towards the sun as seen in still water, and the part of the light that enters. Sunlight is reflected by
+        Fresnel's formulas; 6 % of the light of the sky is lost."""
         into, lost = math.cos(self.elevation) / REFRACTION, fresnel(math.sin(self.elevation), 1.0 / REFRACTION)
         entered = (1.0 - self.sky) * (1.0 - lost) + 0.94 * self.sky
         down = math.sqrt(1.0 - into * into)
@@ -90,15 +93,15 @@ class Daylight(NamedTuple):
 
 
 REFRACTION = 1.34
-"""Index of sea water over that of air (X. Quan and E. S. Fry, Appl. Opt. 34 (1995) 3477)."""
+"""Refractive index of sea water relative to air (X. Quan and E. S. Fry, Appl. Opt. 34 (1995) 3477)."""
 
 
 def fresnel(cosine: float, ratio: float) -> float:
-    """Part of unpolarised light that a plane reflects.
+    """Return the part of unpolarised light that a plane reflects.
 
     Args:
         cosine: of the angle of incidence.
-        ratio: index before the plane over that behind it.
+        ratio: refractive index before the plane over that behind it.
     """
     square = 1.0 - ratio * ratio * (1.0 - cosine * cosine)
     if square <= 0.0:

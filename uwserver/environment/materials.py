@@ -1,4 +1,4 @@
-"""What solid things are made of, as sound sees it: Lambert's parameter of backscatter, and what a bottom reflects as a mirror."""
+"""Acoustic properties of materials: Lambert's parameter of backscatter, and the data for reflection at a flat bottom."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ water", J. Acoust. Soc. Am. 33 (1961) 1498; since used for sediment at all sonar
 
 LAMBERT_DB = {
     "sediment": SEDIMENT_DB,
-    # guess: orders of magnitude between soft bottoms and hard rough ones; no data sheet tells them
+    # guess: orders of magnitude between soft bottoms and hard rough ones; there are no published values for these materials
     "mud": -35.0,
     "sand": -25.0,
     "gravel": -20.0,
@@ -26,11 +26,11 @@ LAMBERT_DB = {
 """10 lg mu by the name of a material."""
 
 SURFACE_DB = -25.0
-"""Of the rough sea surface seen from below (guess: as sand)."""
+"""10 lg mu of the rough sea surface seen from below (guess: as for sand)."""
 
 
 def lambert(names: Sequence[str]) -> npt.NDArray[np.float64]:
-    """(n) linear Lambert parameters of materials in the order of their numbers; an unknown one, as "default", is taken for sediment."""
+    """Return linear Lambert parameters (n) of materials in the order of their numbers; unknown ones, such as "default", count as sediment."""
     return np.array([10.0 ** (0.1 * LAMBERT_DB.get(name, SEDIMENT_DB)) for name in names or ("sediment",)])
 
 
@@ -38,7 +38,7 @@ class Sediment(NamedTuple):
     """A bottom as a fluid half-space.
 
     Attributes:
-        density_ratio, speed_ratio: of its density and its sound speed to those of the water above.
+        density_ratio, speed_ratio: density and sound speed over those of the water above.
         attenuation_db: dB per wavelength.
     """
 
@@ -54,14 +54,14 @@ SEDIMENTS = {
     "sand": Sediment(1.9, 1.1, 0.8),
     "gravel": Sediment(2.0, 1.2, 0.6),
     "rock": Sediment(2.4, 2.0, 0.1),
-    # guess: 2400 kg/m3 and 3700 m/s, 7850 kg/m3 and 5900 m/s, 1000 kg/m3 and 2300 m/s, as compressional waves of the solids
+    # guess: 2400 kg/m3 and 3700 m/s, 7850 kg/m3 and 5900 m/s, 1000 kg/m3 and 2300 m/s, for compressional waves in the solids
     "concrete": Sediment(2.4, 2.5, 0.1),
     "steel": Sediment(7.7, 3.9, 0.1),
     "plastic": Sediment(1.0, 1.5, 0.3),
 }
-"""By the name of a material; shear waves are left out. An unknown one is taken for sediment."""
+"""By the name of the material; shear waves are neglected."""
 
 
 def sediments(names: Sequence[str]) -> tuple[Sediment, ...]:
-    """Those of materials in the order of their numbers."""
+    """Return the data of materials in the order of their numbers; unknown ones count as sediment."""
     return tuple(SEDIMENTS.get(name, SEDIMENTS["sediment"]) for name in names or ("sediment",))

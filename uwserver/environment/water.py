@@ -1,4 +1,4 @@
-"""The water that every sensor asks: what it is like over depth, and pressure, velocity and surface as functions of place and time."""
+"""The water of a world: its properties over depth, and pressure, velocity and surface as functions of place and time."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from uwserver.frames import Vec3
 
 @dataclass(slots=True)
 class Water:
-    """A body of water. Without `sea` it flows uniformly and steadily, and its surface is the plane z = 0 of N.
+    """The water of a world. Without `sea` it flows uniformly and steadily, and its surface is the plane z = 0 of N.
 
     Attributes:
-        density: kg/m3, which forces act with.
+        density: with which forces act, kg/m3.
         gravity: m/s2 at the surface, along +z of N.
         temperature: degC at the surface.
         atmospheric_pressure: Pa at the surface.
-        current: steady part of the water's velocity in N, m/s; the only value here that changes during a run (``world/set_current``).
+        current: steady part of the velocity in N, m/s; the only value here that changes during a run (``world/set_current``).
         sea: other currents, and waves.
-        given: the water over depth; default: uniform water of this density and temperature.
-        growth: of gravity with depth, relative, 1/m.
-        jerlov: how clear it is.
-        column: what is used of the two.
+        given: properties over depth; None for uniform water of this density and temperature.
+        growth: relative growth of gravity with depth, 1/m.
+        jerlov: water type, which gives its clarity.
+        column: properties over depth: `given` or those of uniform water.
     """
 
     density: float
@@ -39,45 +39,45 @@ class Water:
     column: WaterColumn = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Without a column the water is uniform."""
+        """Fill in `column`."""
         self.column = self.given or uniform_column(self.density, self.temperature, self.gravity, self.growth)
 
     def gravity_at(self, depth: float) -> float:
-        """Gravity at a depth below z = 0 (m), m/s2; above it, that at the surface."""
+        """Return gravity, m/s2, at a depth below z = 0 (m); above z = 0 that at the surface."""
         return self.gravity * (1.0 + self.growth * max(0.0, depth))
 
     def velocity(self, p: Vec3, t: float) -> Vec3:
-        """Velocity of the water (m/s, N) at a point of N (m); t (s) in the present tick."""
+        """Return the velocity of the water (m/s, N) at a point of N (m); t (s) is within the present tick."""
         return self.current if self.sea is None else self.sea.velocity(p, t)
 
     def elevation(self, x: float, y: float, t: float) -> float:
-        """Elevation of the surface above z = 0 (m) at a place of N (m) and time t (s)."""
+        """Return the elevation of the surface above z = 0 (m) at a place of N (m) and time t (s)."""
         return 0.0 if self.sea is None else self.sea.elevation(x, y, t)
 
     def pressure(self, p: Vec3, t: float) -> float:
-        """Absolute pressure (Pa) at a point of N (m) and time t (s): hydrostatic plus that of the waves, never below atmospheric.
+        """Return the absolute pressure (Pa) at a point of N (m) and time t (s): hydrostatic plus that of waves, never below atmospheric.
 
-        Linear theory holds below z = 0. In a crest above it the pressure is hydrostatic from the surface down.
+        Linear theory is valid below z = 0. In a wave crest above it the pressure is hydrostatic from the surface down.
         """
         head = p[2] if self.sea is None else p[2] + self.sea.head(p, t)
         return self.atmospheric_pressure + self.column.pressure_at(head)
 
     def sound_speed(self, depth: float) -> float:
-        """Speed of sound, m/s, at a depth below z = 0 (m)."""
+        """Return the speed of sound, m/s, at a depth below z = 0 (m)."""
         return self.column.sound_speed_at(depth)
 
     def absorption(self, frequency_Hz: float, depth: float) -> float:
-        """Absorption of sound, dB/m."""
+        """Return the absorption of sound, dB/m, at a depth (m)."""
         return self.column.absorption_at(frequency_Hz, depth)
 
     def temperature_at(self, depth: float) -> float:
-        """Temperature in situ, degC."""
+        """Return the temperature in situ, degC, at a depth (m)."""
         return self.column.temperature_at(depth)
 
     def salinity_at(self, depth: float) -> float:
-        """Practical salinity."""
+        """Return the practical salinity at a depth (m)."""
         return self.column.salinity_at(depth)
 
     def density_at(self, depth: float) -> float:
-        """Density in situ, kg/m3."""
+        """Return the density in situ, kg/m3, at a depth (m)."""
         return self.column.density_at(depth)

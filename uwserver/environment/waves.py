@@ -1,4 +1,4 @@
-"""Linear waves from a seeded spectrum: which components make up the sea."""
+"""Draws the components of a sea of linear waves from a spectrum."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ from uwserver.physics.kernel.layout import (
 from uwserver.table import NonNegative, Positive, Table
 
 BAND = (0.5, 5.0)
-"""Frequencies of the components, in peak frequencies: 0.2 % of the energy of a Pierson-Moskowitz sea lies above."""
+"""Lowest and highest frequency of the components over the peak frequency: 0.2 % of the energy of a Pierson-Moskowitz sea lies above."""
 _GRID = 4001
 
 
 class WavesConfig(Table, kw_only=True, frozen=True):
-    """A sea of linear (Airy) waves; its elevation is a Gaussian process of the spectrum. Refraction, breaking and currents do not act on it.
+    """A sea of linear (Airy) waves whose elevation is a Gaussian process with the spectrum. Refraction, breaking and currents are neglected.
 
     Attributes:
         spectrum: "jonswap" (growing sea), or "pierson_moskowitz" (fully grown).
         significant_height_m: Hs, four times the standard deviation of the elevation.
         peak_period_s: Tp.
-        direction_deg: where the waves go to, clockwise from north.
-        spreading: s of the distribution cos^2s(angle / 2) of directions; 0 is from everywhere. Default: all in one direction.
+        direction_deg: direction of travel, clockwise from north.
+        spreading: s of the distribution cos^2s(angle / 2) of directions; 0 for waves from all sides. Default: all in one direction.
         peakedness: gamma of JONSWAP.
-        components: how many waves; each has the same part of the energy.
-        depth_m: of the water, for the dispersion; default: deep water.
+        components: number of waves, which all have the same energy.
+        depth_m: depth of the water, for the dispersion; default: deep water.
     """
 
     spectrum: Literal["jonswap", "pierson_moskowitz"] = "jonswap"
@@ -51,7 +51,7 @@ class WavesConfig(Table, kw_only=True, frozen=True):
 
 
 def spectral_shape(config: WavesConfig, omega: float) -> float:
-    """Density of the elevation's variance at an angular frequency (rad/s), up to a factor. Hasselmann et al. 1973."""
+    """Return the spectral density of the elevation at an angular frequency (rad/s), up to a constant factor. Hasselmann et al. 1973."""
     x = omega * config.peak_period_s / (2.0 * math.pi)
     density = x**-5 * math.exp(-1.25 * x**-4)
     if config.spectrum == "jonswap":
@@ -61,11 +61,11 @@ def spectral_shape(config: WavesConfig, omega: float) -> float:
 
 
 def wave_number(omega: float, gravity: float, depth: float) -> float:
-    """k (rad/m) of omega^2 = g k tanh(k h), by Newton's rule; h in m, inf for deep water."""
+    """Return k (rad/m) from omega^2 = g k tanh(k h), by Newton's method; h in m, inf for deep water."""
     if math.isinf(depth):
         return omega**2 / gravity
     deep = omega**2 / gravity * depth
-    kh = deep / math.sqrt(math.tanh(deep))  # Eckart's, within 5 %
+    kh = deep / math.sqrt(math.tanh(deep))  # Eckart's approximation, within 5 %
     for _ in range(20):
         tanh = math.tanh(kh)
         kh -= (kh * tanh - deep) / (tanh + kh * (1.0 - tanh**2))
@@ -73,17 +73,17 @@ def wave_number(omega: float, gravity: float, depth: float) -> float:
 
 
 def wave_rows(config: WavesConfig, direction: float, gravity: float, rng: np.random.Generator) -> FloatArray:
-    """Components (n, WAVE_SIZE) of equal energy.
+    """Return components (n, WAVE_SIZE) of equal energy.
 
-    Frequencies lie at random within the bands that share the energy equally, directions likewise in the spreading: so the variance of the
-    elevation is Hs^2 / 16 for any number of components, and the sea does not repeat itself. Functions are those of `math`, as the bits of
+    Each frequency is drawn at random from one of n bands of equal energy, and each direction likewise from the spreading. So the variance of the
+    elevation is Hs^2 / 16 for any number of components, and the sea does not repeat itself. Functions are taken from `math`, as the last bits of
     numpy's depend on the processor.
 
     Args:
         config: of the waves.
-        direction: where they go to, rad from north.
+        direction: of travel, rad from north.
         gravity: m/s2.
-        rng: stream of the waves.
+        rng: random stream of the waves.
     """
     n = config.components
     peak = 2.0 * math.pi / config.peak_period_s
@@ -107,7 +107,7 @@ def wave_rows(config: WavesConfig, direction: float, gravity: float, rng: np.ran
 
 
 def _quantiles(grid: FloatArray, density: list[float], n: int, rng: np.random.Generator) -> FloatArray:
-    """One random value from each of n parts of equal probability of a density on a grid."""
+    """Return n random values, one from each of n parts of equal probability of a density on a grid."""
     values = np.array(density)
     cumulated = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(grid))])
     wanted: FloatArray = np.interp((np.arange(n) + rng.random(n)) / n, cumulated / cumulated[-1], grid)

@@ -212,7 +212,10 @@ def test_explain_shows_the_density_that_forces_act_with(tmp_path):
     ("text", "said"),
     [
         ('kind = "table"\ndepth_m = [0, 20]\ntemperature_degc = [18]\nsalinity_psu = [33, 34]', "same number"),
-        ('kind = "table"\ndepth_m = [20, 0]\ntemperature_degc = [18, 8]\nsalinity_psu = [33, 34]', "grow"),
+        (
+            'kind = "table"\ndepth_m = [20, 0]\ntemperature_degc = [18, 8]\nsalinity_psu = [33, 34]',
+            "rise from value to value",
+        ),
         ('kind = "constant"\nsalinity_psu = 350', "salinity_psu"),
         ('kind = "constant"\nsalinity = 35', 'did you mean "salinity_psu"'),
     ],

@@ -161,8 +161,8 @@ def test_faults_are_told_with_their_place(tmp_path):
     with pytest.raises(ScenarioError) as caught:
         load(path, adapters={})
     text = str(caught.value)
-    assert "bad.toml:7:19: environment.currents.layers.depth_m[2]: 5 m does not lie below 10 m" in text
-    assert "bad.toml:8:1: environment.currents.layers.velocity_ned_mps: has 2 velocities for 3 depths" in text
+    assert "bad.toml:7:19: environment.currents.layers.depth_m[2]: 5 m is not below 10 m" in text
+    assert "bad.toml:8:1: environment.currents.layers.velocity_ned_mps: 2 velocities for 3 depths" in text
     assert 'unknown kind "tidal"; allowed: uniform, profile, gauss_markov' in text
     assert "bad.toml:13:23: environment.currents.eddy.sigma_ned_mps[1]" in text
     assert "bad.toml:15:14: environment.waves: waves need gravity" in text

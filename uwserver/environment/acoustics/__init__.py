@@ -1,1 +1,1 @@
-"""Underwater sound from one point to another: rays of a layered sea, and what they lose on the way."""
+"""Propagation of sound between two points: rays of a layered sea, and their losses."""

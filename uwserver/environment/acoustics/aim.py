@@ -1,6 +1,7 @@
-"""The angle at which a ray goes as far as is asked, between two angles at which it turns or is reflected in the same layers.
+"""Solves for the angle of a ray that covers a given distance, between two angles with vertices in the same layers.
 
-A ray that runs so often through A, D and B (`search`) is told by its grazing angle at the fastest depth between its ends.
+A ray that passes i times through A, d times through D and j times through B (see `search`) is identified by its grazing angle theta at the fastest
+depth between its ends.
 """
 
 from __future__ import annotations
@@ -11,13 +12,14 @@ from uwserver.environment.acoustics.layers import Medium, advance_slope
 from uwserver.physics.kernel.deferred import compiled
 
 _ASIDE = 1e-9
-"""Relative distance from an angle at which a ray just passes a node."""
+"""Relative distance to an angle at which a ray just turns at a node."""
 _EXACT_M = 1e-7
+"""Error of the distance at which the search ends."""
 
 
 @compiled
 def reach(m: Medium, theta: float, i: int, d: int, j: int) -> tuple[float, float]:
-    """How far a ray goes that runs so often through A, D and B, m, and the derivative with theta."""
+    """Return the horizontal distance of a ray that passes so often through A, D and B, m, and its derivative with theta."""
     sine = math.sin(theta)
     q, p = sine * sine, math.cos(theta) / m.fastest
     x, slope = advance_slope(m, p, q, m.upper, m.lower)
@@ -33,7 +35,7 @@ def reach(m: Medium, theta: float, i: int, d: int, j: int) -> tuple[float, float
 
 @compiled
 def _drop(m: Medium, i: int, d: int, j: int) -> float:
-    """How far up and down a ray goes altogether that is reflected, m."""
+    """Return the total vertical distance of a ray that is reflected at surface and bottom, m."""
     last = len(m.c) - 1
     drop: float = d * (m.z[m.lower] - m.z[m.upper]) + i * (m.z[m.upper] - m.z[0]) + j * (m.z[last] - m.z[m.lower])
     return drop
@@ -41,10 +43,11 @@ def _drop(m: Medium, i: int, d: int, j: int) -> float:
 
 @compiled
 def solve(m: Medium, low: float, high: float, at_low: float, at_high: float, x: float, i: int, d: int, j: int) -> float:
-    """The angle between two at which a ray goes x far; it goes too far by `at_low` and `at_high` there.
+    """Return the angle between `low` and `high` at which a ray covers the distance x. At these two the distances exceed x by `at_low` and
+    `at_high`, which have opposite signs.
 
-    Newton's rule, kept between the two, over the root of what the squared angle has beyond that of `low`: beside a ray that just turns a way
-    is nearly straight in that root. One that falls is nearly a hyperbola farther away, so the rule is that for its inverse.
+    Newton's method, kept between the two, with the variable sqrt(theta^2 - low^2): near a ray that just turns, the distance is nearly linear in it.
+    A distance that falls is nearly a hyperbola farther away, so there the method is applied to its inverse.
     """
     base, falls = low, at_low > 0.0
     theta = math.atan2(_drop(m, i, d, j), x)
@@ -67,7 +70,7 @@ def solve(m: Medium, low: float, high: float, at_low: float, at_high: float, x: 
             root = max(root - over * theta / (slope * root) * (way / x if falls else 1.0), 0.0)
             step = math.sqrt(base * base + root * root)
         if not low < step < high or abs(over) > 0.5 * before:
-            # An angle near 0 is looked for by its order of magnitude.
+            # Bisection; in a wide interval near 0 it halves the order of magnitude.
             step = math.sqrt(low * high) if high > 4.0 * low else 0.5 * (low + high)
         if step == theta or not low < step < high:
             break
@@ -77,7 +80,7 @@ def solve(m: Medium, low: float, high: float, at_low: float, at_high: float, x: 
 
 @compiled
 def turn(m: Medium, low: float, high: float, at_low: float, x: float, i: int, d: int, j: int) -> float:
-    """Between two angles at which a ray goes too far, or not far enough, one at which it is the other way round; nan when there is none."""
+    """Return an angle between two at which the error of the distance has the other sign than at both of them; nan if there is none."""
     _, slope = reach(m, low * (1.0 + _ASIDE), i, d, j)
     _, after = reach(m, high * (1.0 - _ASIDE), i, d, j)
     if slope * at_low >= 0.0 or after * at_low <= 0.0:

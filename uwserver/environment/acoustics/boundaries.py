@@ -1,4 +1,4 @@
-"""What sound loses where it is reflected: at the rough sea surface, and at a bottom taken as a fluid."""
+"""Losses of sound by reflection at the rough sea surface, and at a bottom that is modelled as a fluid."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from uwserver.environment.materials import SEDIMENTS, Sediment
 
 _DB_PER_NEPER = 20.0 / math.log(10.0)
 _MOST_DB = 300.0
+"""Largest loss that is returned."""
 
 
 class Boundaries(NamedTuple):
@@ -17,7 +18,7 @@ class Boundaries(NamedTuple):
 
     Attributes:
         bottom: depth, m; inf for none.
-        sediment: what it is made of.
+        sediment: material of the bottom.
         roughness: standard deviation of the surface's elevation, m.
     """
 
@@ -27,10 +28,10 @@ class Boundaries(NamedTuple):
 
 
 def surface_loss(grazing: float, roughness: float, wave_number: float) -> float:
-    """Of the coherent reflection, dB: the surface reflects all sound with its sign changed (pressure release), and where it is rough the
-    part exp(-2 (k sigma sin(grazing))^2) of its pressure as a mirror would (Eckart, J. Acoust. Soc. Am. 25 (1953) 566).
+    """Return the loss of the coherent reflection at the surface, dB.
 
-    The rest is scattered, and not followed.
+    The surface reflects all sound with its sign changed (pressure release). If it is rough, the part exp(-2 (k sigma sin(grazing))^2) of the
+    pressure is reflected as by a mirror (Eckart, J. Acoust. Soc. Am. 25 (1953) 566); the scattered rest is neglected.
 
     Args:
         grazing: angle, rad.
@@ -41,14 +42,14 @@ def surface_loss(grazing: float, roughness: float, wave_number: float) -> float:
 
 
 def bottom_loss(grazing: float, sediment: Sediment) -> float:
-    """Of the reflection at a flat fluid bottom, dB: Rayleigh's coefficient with a complex sound speed (Jensen, Kuperman, Porter, Schmidt,
-    Computational Ocean Acoustics, 2nd ed. 2011, section 1.6).
+    """Return the loss of the reflection at a flat fluid bottom, dB: Rayleigh's coefficient with a complex sound speed (Jensen, Kuperman, Porter,
+    Schmidt, Computational Ocean Acoustics, 2nd ed. 2011, section 1.6).
 
     Args:
         grazing: angle, rad.
-        sediment: what the bottom is made of.
+        sediment: material of the bottom.
     """
-    # Attenuation in dB per wavelength is 20 lg e times 2 pi times the imaginary part of k2 / k1.
+    # An attenuation in dB per wavelength is 20 lg(e) 2 pi times the ratio of imaginary to real part of the wave number.
     index = complex(1.0, sediment.attenuation_db / (2.0 * math.pi * _DB_PER_NEPER)) / sediment.speed_ratio
     below = cmath.sqrt(index * index - math.cos(grazing) ** 2)
     above = sediment.density_ratio * math.sin(grazing)

@@ -1,7 +1,7 @@
-"""The acoustic channel: all ways of sound between two points of a layered sea, when it arrives by each, from where, and how weak.
+"""The acoustic channel: all paths of sound between two points of a layered sea, with time of arrival, direction and loss.
 
-The sea is the same everywhere at a depth; its surface and its bottom are flat. Nothing is heard in a shadow zone, to which no ray leads: what
-leaks into it by diffraction and scattering is left out.
+The sea depends on depth only; surface and bottom are flat. No sound reaches a shadow zone, into which no ray leads: diffraction and scattering into
+it are neglected.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from uwserver.environment.column import WaterColumn
 from uwserver.physics.kernel.arrays import FloatArray
 
 TOLERANCE = 1e-3
-"""m/s by which layers may differ from the column's table, which itself stands for TEOS-10 within 2e-3 m/s."""
+"""Error of sound speed, m/s, by which layers may differ from the table of the column. The error of that against TEOS-10 is 2e-3 m/s."""
 ORDER = 2
-"""Reflections at surface and bottom that are followed."""
+"""Most reflections at surface and bottom of a path."""
 _OPEN = Boundaries()
 
 
@@ -30,12 +30,12 @@ class Path(NamedTuple):
     Attributes:
         time: of travel, s.
         dip_a, dip_b: angle of the ray below the horizontal at its ends, in the direction of travel, rad.
-        spreading: loss by the widening of the ray tube against 1 m from the source, dB.
-        absorption: loss to the water on the way, dB.
+        spreading: loss by the widening of the ray tube, relative to 1 m from the source, dB.
+        absorption: loss by absorption in the water, dB.
         reflection: loss at surface and bottom, dB.
-        surface, bottom: how often it was reflected there.
-        turns: how often it turned in the water.
-        caustic: it ends so near a caustic that its level was bounded by that of a wave there.
+        surface, bottom: number of reflections there.
+        turns: number of turning points in the water.
+        caustic: whether it ends so near a caustic that its level was limited to that of a wave there.
     """
 
     time: float
@@ -51,25 +51,26 @@ class Path(NamedTuple):
 
     @property
     def loss(self) -> float:
-        """All of the transmission loss, dB."""
+        """Total transmission loss, dB."""
         return self.spreading + self.absorption + self.reflection
 
 
 @cache
 def _kernels() -> tuple[ModuleType, ModuleType, ModuleType]:
+    """Return the modules of compiled code. They are imported at the first use, as numba takes long to load."""
     from uwserver.environment.acoustics import fan, search, thinning
 
     return search, thinning, fan
 
 
 def kernels() -> tuple[Any, ...]:
-    """What is called of compiled code, as numba has made it."""
+    """Return the compiled functions that Python calls."""
     search, thinning, fan = _kernels()
     return (search.find_rays.made(), thinning.thin_out.made(), fan.make_fan.made())
 
 
 def load_kernels() -> None:
-    """Have it ready, compiled or from the cache, so that no tick waits for it."""
+    """Compile the functions, or load them from the cache, so that no tick has to wait for that."""
     find, thin, make = kernels()
     none, table = np.zeros(2), np.zeros((1, 1))
     find.load(none, none, none, none, np.zeros(1, int), table, table, 1.0, 1.0, 1.0, 1.0, 1, 1.0, table)
@@ -78,15 +79,15 @@ def load_kernels() -> None:
 
 
 class Channel:
-    """A profile of sound speed, at one frequency. Thread-safe: it is not changed."""
+    """Sound propagation in a profile of sound speed at one frequency. It is immutable, and so thread-safe."""
 
     def __init__(
         self, depth: FloatArray, speed: FloatArray, frequency: float, absorption: FloatArray | None = None
     ) -> None:
-        """Of a profile.
+        """Make a channel for a profile.
 
         Args:
-            depth, speed: (n >= 2) m ascending from 0, and m/s; linear between, and constant below.
+            depth, speed: (n >= 2) m, ascending from 0, and m/s; linear between the depths, and constant below.
             frequency: of the sound, Hz.
             absorption: (n) dB/m; default: none.
         """
@@ -97,25 +98,25 @@ class Channel:
     def paths(
         self, horizontal: float, a: float, b: float, boundaries: Boundaries = _OPEN, order: int = ORDER
     ) -> tuple[Path, ...]:
-        """All rays from depth a to depth b, the earliest first; at most the 64 earliest, and none that turns in the water more than 16 times.
+        """Return all rays from depth a to depth b, the earliest first: at most 64, and none that turns in the water more than 16 times.
 
         Args:
             horizontal: distance, m.
-            a, b: depths, m; above the surface and below the bottom count as at it.
-            boundaries: surface and bottom. Without a bottom what gets below the profile is gone.
-            order: reflections at surface and bottom at most.
+            a, b: depths, m; those above the surface or below the bottom count as at it.
+            boundaries: surface and bottom. Without a bottom, sound that leaves the profile downwards is lost.
+            order: most reflections at surface and bottom.
         """
         return self._find(_kernels()[0].MOST, horizontal, a, b, boundaries, order)
 
     def earliest(
         self, horizontal: float, a: float, b: float, boundaries: Boundaries = _OPEN, order: int = ORDER
     ) -> Path | None:
-        """The first of `paths`, however weak, without the others; None where there is none."""
+        """Return the first of `paths`, however weak, without computing the others; None if there is none."""
         return next(iter(self._find(1, horizontal, a, b, boundaries, order)), None)
 
     @cached_property
     def _fan(self) -> tuple[FloatArray, Any, FloatArray, FloatArray]:
-        """Worked out at the first question (2 ms for 300 layers)."""
+        """The fan of the profile, computed at the first use (2 ms for 300 layers)."""
         fan: tuple[FloatArray, Any, FloatArray, FloatArray] = _kernels()[2].make_fan(self._depth, self._speed)
         return fan
 
@@ -145,7 +146,7 @@ class Channel:
         return Path(time, dip_a, dip_b, spread, absorbed, lost, int(surface), int(bottom), int(turns), bool(caustic))
 
     def straight(self, horizontal: float, a: float, b: float) -> Path:
-        """The straight line between two points, at the mean slowness of the depths between them, with spherical spreading. As `paths`."""
+        """Return the straight path between two points, with the mean slowness of the depths between them and spherical spreading; see `paths`."""
         low, high = min(a, b), max(a, b)
         inside = self._depth[(self._depth > low) & (self._depth < high)]
         z = np.concatenate(((low,), inside, (high,)))
@@ -161,12 +162,12 @@ class Channel:
 
 @lru_cache(maxsize=64)
 def channel_of(column: WaterColumn, frequency: float, tolerance: float = TOLERANCE) -> Channel:
-    """That of a water column, in as few layers as its sound speed allows.
+    """Return the channel of a water column, in as few layers as the tolerance allows.
 
     Args:
         column: of the water.
         frequency: of the sound, Hz.
-        tolerance: by which the sound speed may differ, m/s; with 0 nothing is compiled.
+        tolerance: largest error of the sound speed, m/s. With 0 all layers are kept, and no compiled code is needed.
     """
     kept = (
         _kernels()[1].thin_out(column.depth, column.sound_speed, tolerance)
@@ -179,17 +180,17 @@ def channel_of(column: WaterColumn, frequency: float, tolerance: float = TOLERAN
 
 
 def first(paths: tuple[Path, ...], most: float = math.inf) -> Path | None:
-    """The earliest that loses no more than `most` (dB); None when there is none."""
+    """Return the earliest path with a loss of at most `most` (dB); None if there is none."""
     return next((path for path in paths if path.loss <= most), None)
 
 
 def strongest(paths: tuple[Path, ...], most: float = math.inf) -> Path | None:
-    """The one that loses least, and no more than `most` (dB); None when there is none."""
+    """Return the path with the least loss, if that is at most `most` (dB); None if there is none."""
     return min((path for path in paths if path.loss <= most), key=lambda path: path.loss, default=None)
 
 
 def _log_ratio(u: FloatArray) -> FloatArray:
-    """log(1 + u) / u, 1 at 0."""
+    """Return log(1 + u) / u, which is 1 at 0."""
     with np.errstate(invalid="ignore", divide="ignore"):
         result: FloatArray = np.where(np.abs(u) < 1e-12, 1.0 - 0.5 * u, np.log1p(u) / u)
     return result

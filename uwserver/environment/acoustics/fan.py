@@ -1,7 +1,8 @@
-"""A fan of rays through all of a profile, worked out once: how far each gets from node to node. So a ray's way between two depths is a difference.
+"""A fan of rays through a whole profile, computed once, with their horizontal distances from node to node. So the distance of a ray between two
+depths is a difference.
 
-Its rays are those that just turn at a node, told by their turning speed 1 / p, with others between and above. What rays between them do in a
-sea with two ends in it is bounded by those: `angles` chooses them for two ends, and `ways` tells how far they go.
+The rays of the fan are those that just turn at a node, with others between and above them. A ray is identified by its turning speed 1 / p. For two
+ends in the sea, `angles` chooses rays that bound what the rays between them do, and `ways` returns their distances.
 """
 
 from __future__ import annotations
@@ -16,15 +17,16 @@ from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled, entry, inlined
 
 WIDEST = 0.02
-"""rad between neighbours that turn."""
+"""Largest angle between neighbouring rays that turn, rad."""
 _STEEP = 0.1
-"""rad between those that pass all nodes."""
+"""Angle between neighbouring rays that pass all nodes, rad."""
 _RATIO = 0.5 * WIDEST * WIDEST
-"""What the logarithms of turning speeds differ by at most: a ray that turns at the greater one is as wide above one that turns at the less."""
+"""Largest difference of the logarithms of neighbouring turning speeds: it corresponds to an angle of `WIDEST` near the turning point."""
 MOST_NODES = 1024
-"""Of a profile for which the fan is kept (16 MB); that of a finer one is worked out where it is asked for."""
+"""Most nodes of a profile for which the tables of the fan are kept (16 MB); for finer profiles distances are computed when needed."""
 _FAR_M = 1e7
-"""No sea is as wide: what a ray along a layer of one speed goes there at most, so that sums stay exact to 1e-9 m."""
+"""Limit for the distance in one layer, in which a ray along a layer of constant speed would never leave it; larger than any sea, and small enough
+that sums are exact to 1e-9 m."""
 _STRAIGHT_DOWN = 1e30
 """Turning speed of a vertical ray, m/s."""
 
@@ -33,10 +35,10 @@ class Fan(NamedTuple):
     """Rays (r) and nodes (n) of a profile.
 
     Attributes:
-        turning: (r) speed at which each ray turns, m/s, ascending.
+        turning: (r) sound speed at which each ray turns, m/s, ascending.
         row: (n) the ray that just turns at a node.
-        way: (r, n) how far it goes from the first node to each, m, without the layers that it does not pass; empty of a fine profile.
-        delay: (r, n) the time it needs for that, less what its slowness 1 / turning makes of the way, s.
+        way: (r, n) horizontal distance from the first node to each node, m, without layers that the ray does not pass; empty for a fine profile.
+        delay: (r, n) travel time over that distance less distance times slowness 1 / turning, s.
     """
 
     turning: Array
@@ -47,7 +49,7 @@ class Fan(NamedTuple):
 
 @inlined
 def sine(turning: float, c: float) -> float:
-    """Of a ray's grazing angle where the sound speed is c; exactly 0 where it turns, and beyond."""
+    """Return the sine of the grazing angle of a ray where the sound speed is c; exactly 0 where it turns, and beyond."""
     p = 1.0 / turning
     return math.sqrt(max((turning - c) * p * (1.0 + c * p), 0.0))
 
@@ -56,7 +58,7 @@ def sine(turning: float, c: float) -> float:
 def _layer(
     turning: float, c0: float, c1: float, thick: float, k: float, near: float, far: float
 ) -> tuple[float, float]:
-    """A ray's way through a layer, m, and its delay there, s; k = (c0 + c1) thick."""
+    """Return the horizontal distance of a ray through a layer, m, and its delay there, s; k = (c0 + c1) thick."""
     if near + far <= 0.0:
         return ENDLESS_M, 0.0
     p = 1.0 / turning
@@ -66,7 +68,7 @@ def _layer(
 
 @entry
 def make_fan(depth: Array, speed: Array) -> tuple[Array, Array, Array, Array]:
-    """The fan of a profile: (n) m ascending, and m/s."""
+    """Return the fan of a profile: depths (n, m, ascending) and sound speeds (n, m/s)."""
     n, nodes, steps = len(depth), np.unique(speed), math.ceil(0.5 * math.pi / _STEEP)
     turning = np.empty(len(nodes) + steps + int(math.log(nodes[-1] / nodes[0]) / _RATIO))
     size = 0
@@ -99,11 +101,11 @@ def make_fan(depth: Array, speed: Array) -> tuple[Array, Array, Array, Array]:
 
 
 class Nodes(NamedTuple):
-    """Where nodes of a medium (n) are found in the profile.
+    """Relation between the nodes of a medium (n) and those of its profile.
 
     Attributes:
-        own: number in the profile; -1 of one that is none of its own.
-        next, last: the first node at or below each that is one, and the last at or above; n and -1 where there is none.
+        own: number of each node in the profile; -1 if it is not a node of the profile.
+        next, last: the first node at or below each that is in the profile, and the last one at or above; n and -1 if there is none.
     """
 
     own: Array
@@ -113,7 +115,7 @@ class Nodes(NamedTuple):
 
 @compiled
 def find_nodes(m: Medium, depth: Array, speed: Array) -> Nodes:
-    """Those of a medium that was made of a profile."""
+    """Find the nodes of a profile in the medium that was made from it."""
     n, j = len(m.z), 0
     own, after, before = np.full(n, -1), np.empty(n, np.int64), np.empty(n, np.int64)
     for node in range(n):
@@ -129,7 +131,7 @@ def find_nodes(m: Medium, depth: Array, speed: Array) -> Nodes:
 
 @inlined
 def _direct(z: Array, c: Array, k: Array, turning: float, begin: int, end: int, late: bool) -> float:
-    """A ray's way between two nodes (m), begin above end, or its delay (s) where `late`, layer by layer."""
+    """Return the distance of a ray between two nodes (m), `begin` above `end`, or with `late` its delay (s), summed over the layers."""
     total, near = 0.0, sine(turning, c[begin])
     for node in range(begin + 1, end + 1):
         far = sine(turning, c[node])
@@ -147,10 +149,10 @@ class Angles(NamedTuple):
     """Rays (n) that bound the intervals of a search, the flattest first.
 
     Attributes:
-        turning: speed at which each turns, m/s.
-        row: in the fan; -1 when it is none of it.
-        vertex: (n, 2) the node above and the node below that rays a little steeper than it do not pass; -1 where they get to the end.
-        to_surface, to_bottom: the first ray beyond which they all do.
+        turning: sound speed at which each turns, m/s.
+        row: number in the fan; -1 if the ray is not in the fan.
+        vertex: (n, 2) nodes above and below that slightly steeper rays do not pass; -1 if they reach surface or bottom.
+        to_surface, to_bottom: the first ray from which on all steeper rays reach the surface, and the bottom.
     """
 
     turning: Array
@@ -162,7 +164,7 @@ class Angles(NamedTuple):
 
 @compiled
 def _critical(m: Medium, begin: int, end: int, out: Array) -> int:
-    """Nodes of one side that are faster than all before, and how many."""
+    """Write the nodes of one side that are faster than all nodes before them into `out`; return their number."""
     count, fastest, step = 0, m.fastest, (1 if end > begin else -1)
     node = begin
     while node != end:
@@ -176,13 +178,13 @@ def _critical(m: Medium, begin: int, end: int, out: Array) -> int:
 
 @inlined
 def angle_of(fastest: float, turning: float) -> float:
-    """A ray's grazing angle where sound has a speed, rad."""
+    """Return the grazing angle, where the sound speed is `fastest`, of a ray that turns at `turning`, rad."""
     return math.atan2(math.sqrt((turning - fastest) * (turning + fastest)), fastest)
 
 
 @compiled
 def angles(m: Medium, fan: Fan, nodes: Nodes) -> Angles:
-    """Those for the two ends of a medium: rays that just turn at its nodes, with others wherever they lie wide apart."""
+    """Return the rays for the two ends of a medium: those that just turn at its nodes, with rays of the fan where these are far apart."""
     n = len(m.c)
     above, below = np.empty(n, np.int64), np.empty(n, np.int64)
     highs, lows = _critical(m, m.upper, 0, above), _critical(m, m.lower, n - 1, below)
@@ -222,7 +224,7 @@ def angles(m: Medium, fan: Fan, nodes: Nodes) -> Angles:
 
 @inlined
 def _fill_gap(fastest: float, fan: Array, turning: Array, row: Array, size: int, c: float) -> int:
-    """Put rays of the fan between the last one and that which turns at c, where they lie wide apart. Returns how many there are then."""
+    """Insert rays of the fan between the last ray and the one that turns at c, if these are far apart. Return the number of rays."""
     if c <= turning[size - 1] * (1.0 + _RATIO):
         return size
     start = sine(turning[size - 1], fastest)
@@ -230,7 +232,7 @@ def _fill_gap(fastest: float, fan: Array, turning: Array, row: Array, size: int,
         return size
     before, r = start, np.searchsorted(fan, turning[size - 1], "right")
     while r < len(fan) and fan[r - 1] < c:
-        # Angles differ by no more than their sines over the less of their cosines.
+        # The difference of two angles is at most that of their sines over the smaller of their cosines.
         here = sine(fan[r], fastest)
         if here - start > WIDEST * fastest / fan[r] and before > start:
             turning[size], row[size] = fan[r - 1], r - 1
@@ -241,7 +243,7 @@ def _fill_gap(fastest: float, fan: Array, turning: Array, row: Array, size: int,
 
 @inlined
 def _inside(node: int, side: int, last: int) -> int:
-    """The last node before that where a ray of one side turns, -1 for none: then it gets to the end."""
+    """Return the last node before the vertex `node` of a ray on one side; for -1 (no vertex) the end of the profile."""
     if node < 0:
         return last if side else 0
     return node - 1 if side else node + 1
@@ -249,17 +251,17 @@ def _inside(node: int, side: int, last: int) -> int:
 
 @compiled
 def ways(m: Medium, fan: Fan, nodes: Nodes, rays: Angles, begin: int, end: int, order: int, out: Array) -> None:
-    """How far rays go at both ends of some intervals between neighbours, m: A, its turning arc, D, B, its turning arc.
+    """Compute the distances of the rays at both ends of some intervals, m: A, its turning arc, D, B, its turning arc.
 
-    A and B are endless of rays that would be reflected, where no reflection is wanted (`order` 0). What is indexed here is unpacked once: each
-    array that is handed to a function costs as much as a layer.
+    If no reflection is wanted (`order` 0), A and B of rays that would be reflected are endless. Arrays are unpacked once, as each array that is
+    passed to a function takes as long as a layer.
 
     Args:
         m, fan, nodes: of the sea.
-        rays: neighbours.
-        begin, end: intervals; the first has its number.
-        order: reflections at most.
-        out: (n >= end - begin, 2, 5) gets the ways, those of the flatter ray first.
+        rays: that bound the intervals.
+        begin, end: range of intervals.
+        order: most reflections.
+        out: (n >= end - begin, 2, 5) receives the distances, those of the flatter ray first.
     """
     z, c, k, g, table, own, after, before = m.z, m.c, m.k, m.g, fan.way, nodes.own, nodes.next, nodes.last
     turnings, rows, vertex, last, kept = rays.turning, rays.row, rays.vertex, len(m.c) - 1, len(fan.way) > 0
@@ -273,7 +275,7 @@ def ways(m: Medium, fan: Fan, nodes: Nodes, rays: Angles, begin: int, end: int, 
                     v = vertex[interval, side]
                     inside, at = _inside(v, side, last), 3 * side
                     known = known and v == vertex[interval - 1, side]
-                if known:  # as of the steeper ray of the interval before, which is the same
+                if known:  # the same ray as the steeper one of the interval before
                     out[ray, one, at] = out[ray - 1, 1, at]
                     if part:
                         out[ray, one, at + 1] = out[ray - 1, 1, at + 1]
@@ -301,14 +303,14 @@ def delays_of(
     z: Array, c: Array, k: Array, g: Array, table: Array, own: Array, after: Array, before: Array, upper: int, lower: int, turning: float,
     row: int, above: int, below: int
 ) -> tuple[float, float, float]:  # fmt: skip
-    """Time less way times slowness (s) of a ray of the fan on A, D and B.
+    """Return travel time less distance times slowness (s) of a ray of the fan on A, D and B.
 
     Args:
-        z, c, k, g, upper, lower: of the medium. Its arrays come one by one, as a tuple of them costs more than what is asked here.
-        table, row: delays of the fan, and its ray.
+        z, c, k, g, upper, lower: of the medium. Its arrays are separate arguments, as passing a tuple of them takes longer than this function.
+        table, row: delays of the fan, and the number of the ray in it.
         own, after, before: of the nodes.
         turning: of the ray, m/s.
-        above, below: node before which it turns; -1: it does not.
+        above, below: nodes before which the ray turns; -1 if it does not turn.
     """
     up, middle, down = 0.0, 0.0, 0.0
     for part in range(3):

@@ -1,7 +1,7 @@
-"""A ray in a layered sea, whose sound speed is linear between nodes: an arc of a circle in each layer, in closed form.
+"""Rays in a layered sea, whose sound speed is linear between nodes. In each layer a ray is an arc of a circle, in closed form.
 
-The ray keeps its slowness p = cos(grazing) / c (Snell). Between two depths it is described by its grazing angle at the fastest of them,
-`theta`: then no sine is the difference of two nearly equal numbers, however flat the ray.
+A ray keeps its slowness p = cos(grazing) / c (Snell). Between two depths it is described by `theta`, its grazing angle where the sound is fastest:
+so no sine is computed as a difference of two nearly equal numbers, however flat the ray is.
 """
 
 from __future__ import annotations
@@ -15,30 +15,30 @@ from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled, inlined
 
 _SAME_M = 1e-9
-"""Depths this near are one."""
+"""Depths that are closer than this count as the same."""
 ENDLESS_M = 1e15
-"""A way that is longer than any."""
+"""Distance of a ray that never arrives; longer than any real distance."""
 _SMALL = 1e-3
-"""Of which five terms of a series are exact to the last digit."""
+"""Argument below which five terms of a series are exact to the last digit."""
 _FLAT = 1e-2
-"""Of which four terms are."""
+"""Argument below which four terms of a series are exact to the last digit."""
 _SPREAD = 6
-"""Nodes before the turning point about which a bend of the profile is spread."""
+"""Number of nodes before the turning point at which bends of the profile are smoothed."""
 _SMOOTH = 2.0
-"""Ratio of gradients up to which it is."""
+"""Largest ratio of gradients of a bend that is smoothed."""
 
 
 class Medium(NamedTuple):
-    """Layers between nodes, seen from a ray's two ends.
+    """Layers between nodes, prepared for rays between two ends.
 
     Attributes:
         z, c, alpha: (n) depth (m), sound speed (m/s) and absorption (dB/m) of the nodes; the ends of the ray are nodes.
-        e, f: (n) squared sine of a ray at a node is e + f sin(theta)^2; not positive: the ray turns before.
+        e, f: (n) squared sine of a ray at a node is e + f sin(theta)^2; if it is not positive, the ray turns before the node.
         k: (n - 1) sum of the speeds at both ends of a layer times its thickness, m2/s.
-        g: (n - 1) size of its gradient, 1/s.
-        upper, lower: node of the upper and of the lower end.
-        fastest: speed between them at most, m/s.
-        closed: there is a bottom, at the last node.
+        g: (n - 1) absolute gradient of the layer, 1/s.
+        upper, lower: nodes of the upper and the lower end.
+        fastest: highest speed between the ends, m/s.
+        closed: whether there is a bottom, at the last node.
     """
 
     z: Array
@@ -56,7 +56,7 @@ class Medium(NamedTuple):
 
 @compiled
 def medium(depth: Array, speed: Array, alpha: Array, a: float, b: float, bottom: float) -> Medium:
-    """Layers from the surface to the bottom (m; inf: to the end of the profile) with nodes at the ends of a ray, a <= b (m)."""
+    """Return the layers from the surface to the bottom (m; inf: to the end of the profile), with nodes at the ends of a ray, a <= b (m)."""
     n, closed = len(depth), math.isfinite(bottom)
     last = bottom if closed else max(b, depth[-1])
     z, c, w = np.empty(n + 4), np.empty(n + 4), np.empty(n + 4)
@@ -67,7 +67,7 @@ def medium(depth: Array, speed: Array, alpha: Array, a: float, b: float, bottom:
         while nxt < 3 and ends[nxt] <= here + _SAME_M:
             if count == 0 or ends[nxt] > z[count - 1] + _SAME_M:
                 j = min(max(i, 1), n - 1)
-                # Constant beyond the profile, as between nodes of one speed.
+                # The speed is constant beyond the profile.
                 part = min(max((ends[nxt] - depth[j - 1]) / (depth[j] - depth[j - 1]), 0.0), 1.0)
                 z[count], c[count] = ends[nxt], speed[j - 1] + part * (speed[j] - speed[j - 1])
                 w[count] = alpha[j - 1] + part * (alpha[j] - alpha[j - 1])
@@ -91,13 +91,13 @@ def medium(depth: Array, speed: Array, alpha: Array, a: float, b: float, bottom:
 
 @compiled
 def sine_at(m: Medium, node: int, q: float) -> float:
-    """Of the grazing angle at a node; q is the squared sine of theta. 0 where the ray turns before."""
+    """Return the sine of the grazing angle at a node; q is the squared sine of theta. It is 0 if the ray turns before the node."""
     return math.sqrt(max(m.e[node] + q * m.f[node], 0.0))
 
 
 @compiled
 def advance_slope(m: Medium, p: float, q: float, begin: int, end: int) -> tuple[float, float]:
-    """How far a ray goes from one node towards another, or until it turns (m), and the derivative of that with p."""
+    """Return the horizontal distance of a ray from one node to another, or until it turns (m), and its derivative with p."""
     x, slope, near = 0.0, 0.0, sine_at(m, begin, q)
     step = 1 if end > begin else -1
     layer = begin if end > begin else begin - 1
@@ -118,7 +118,7 @@ def advance_slope(m: Medium, p: float, q: float, begin: int, end: int) -> tuple[
 
 @inlined
 def _squared_asin(v: float) -> float:
-    """The square of the angle of a sine."""
+    """Return the square of the angle with this sine."""
     if abs(v) < _FLAT:
         u = v * v
         return u * (1.0 + u * (1.0 / 3.0 + u * (8.0 / 45.0 + u * (4.0 / 35.0 + u * (128.0 / 1575.0)))))
@@ -126,14 +126,14 @@ def _squared_asin(v: float) -> float:
 
 
 class Leg(NamedTuple):
-    """A way between two nodes, or to where the ray turns.
+    """A part of a ray between two nodes, or up to where it turns.
 
     Attributes:
-        x: m, horizontal.
-        time: s.
-        tube: x / p, which is finite when p is not, m2/s.
+        x: horizontal distance, m.
+        time: of travel, s.
+        tube: x / p, which is finite for a vertical ray too, m2/s.
         loss: absorption, dB.
-        turned: whether it turned.
+        turned: whether the ray turned.
     """
 
     x: float
@@ -145,7 +145,7 @@ class Leg(NamedTuple):
 
 @compiled
 def leg(m: Medium, p: float, q: float, begin: int, end: int) -> Leg:
-    """All about the way of a ray from one node towards another, but for its derivatives."""
+    """Return distance, time, tube and loss of a ray from one node towards another."""
     x, time, tube, loss, near = 0.0, 0.0, 0.0, 0.0, sine_at(m, begin, q)
     step = 1 if end > begin else -1
     layer = begin if end > begin else begin - 1
@@ -171,11 +171,11 @@ def leg(m: Medium, p: float, q: float, begin: int, end: int) -> Leg:
 
 @compiled
 def widening(m: Medium, p: float, q: float, begin: int, end: int) -> tuple[float, bool]:
-    """The derivative with p of a ray's way from one node towards another, as the sea between the nodes is; and whether the ray turns.
+    """Return the derivative with p of a ray's distance from one node towards another, for a smooth profile; and whether the ray turns.
 
-    A small jump of the gradient g at a node stands for a bend of the profile that is spread over the layers about it. Rays that turn just
-    beyond the node make of it a large jump: dx/dp has the term (1 / g before - 1 / g behind) / (p^2 sine). So near the turning point the mean of
-    1 / sine about the node is taken in its place. A large jump is one of the sea itself, and stays.
+    A small jump of the gradient g at a node stands for a smooth bend of the profile across the layers about it. For rays that turn just beyond the
+    node it would cause a large jump: dx/dp has the term (1 / g before - 1 / g behind) / (p^2 sine). So near the turning point the mean of 1 / sine
+    about the node replaces 1 / sine. A large jump of the gradient is taken as a property of the sea, and kept.
     """
     _, slope = advance_slope(m, p, q, begin, end)
     step = 1 if end > begin else -1
@@ -207,7 +207,7 @@ def widening(m: Medium, p: float, q: float, begin: int, end: int) -> tuple[float
 
 @compiled
 def slowness(p: float, c0: float, c1: float, near: float, far: float) -> float:
-    """Time over thickness of a layer, s/m: log(c1 (1 + sine) / (c0 (1 + sine'))) / (c1 - c0), which has a limit for equal speeds."""
+    """Return travel time over thickness of a layer, s/m: log(c1 (1 + sine) / (c0 (1 + sine'))) / (c1 - c0), which has a limit for equal speeds."""
     flat = p * p * (c0 + c1) / ((near + far) * (1.0 + far))
     rate = 1.0 / c0 + flat + flat * (c1 - c0) / c0
     u = (c1 - c0) * rate

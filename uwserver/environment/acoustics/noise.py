@@ -1,4 +1,4 @@
-"""Ambient noise of the sea by frequency, wind and shipping, and the wind that belongs to a sea's waves."""
+"""Ambient noise of the sea by frequency, wind and shipping, and the wind speed that belongs to waves."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import math
 
 
 def ambient_db(frequency_hz: float, wind_mps: float, shipping: float = 0.5) -> float:
-    """Spectral level of the noise in open water, dB re 1 uPa^2/Hz: turbulence, distant ships, wind and waves, thermal noise.
+    """Return the spectral level of the noise in open water, dB re 1 uPa^2/Hz, from turbulence, distant ships, wind and waves, and thermal noise.
 
-    Formulas of Coates (Underwater Acoustic Systems, 1990) after Wenz's curves, as Stojanovic (ACM Mobile Comp. Commun. Rev. 11 (2007) 34)
-    quotes them.
+    The formulas are those of Coates (Underwater Acoustic Systems, 1990) for Wenz's curves, as quoted by Stojanovic (ACM Mobile Comp. Commun. Rev. 11
+    (2007) 34).
 
     Args:
         frequency_hz: of the sound.
@@ -28,6 +28,6 @@ def ambient_db(frequency_hz: float, wind_mps: float, shipping: float = 0.5) -> f
 
 
 def wind_of(roughness: float, gravity: float) -> float:
-    """Speed of the wind (m/s at 19.5 m) of a fully developed sea with this standard deviation of its elevation (m): H_s = 0.21 U^2 / g
+    """Return the wind speed (m/s at 19.5 m) of a fully developed sea from the standard deviation of its elevation (m): H_s = 0.21 U^2 / g
     (Pierson and Moskowitz, J. Geophys. Res. 69 (1964) 5181)."""
     return math.sqrt(4.0 * roughness * gravity / 0.21)

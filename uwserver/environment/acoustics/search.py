@@ -1,13 +1,14 @@
-"""All rays that lead from one depth of a layered sea to another over a distance: found by their grazing angle, between the angles at which
-their turning points pass from one layer into the next.
+"""Finds all rays from one depth of a layered sea to another over a given distance. It searches the grazing angle, in intervals within which the
+turning points stay in the same layers.
 
-A ray runs to and fro between an upper and a lower vertex, each where it turns or is reflected. Let A be its way from the upper vertex to the
-upper end, D between the ends, B from the lower end to the lower vertex. Then all rays of one angle are at x = (1 + 2 k) D + 2 i A + 2 j B
-with k = 0, 1, ... and (i, j) = (k, k), (k + 1, k), (k, k + 1), or k + 1 both: one scan of A, D and B over the angle finds them all.
+A ray runs to and fro between an upper and a lower vertex, where it turns or is reflected. Let A be its horizontal distance from the upper vertex to
+the upper end, D that between the ends, and B that from the lower end to the lower vertex. Then all rays of one angle arrive at
+x = (1 + 2 k) D + 2 i A + 2 j B with k = 0, 1, ... and (i, j) = (k, k), (k + 1, k), (k, k + 1), or k + 1 both. So one scan of A, D and B over the
+angle finds all of them.
 
-Within an interval of angles the ways through layers shorten as the ray steepens, and those of the arcs that turn lengthen. So the ends of an
-interval bound x, and most are left at once. What is not left waits in a queue, with the time at which it may be there at the earliest: who
-wants the first ray only need not find those that are later.
+Within an interval the distances through whole layers fall as the ray gets steeper, and those of the turning arcs rise. So the values at the ends of
+an interval bound x, and most intervals can be skipped at once. The others wait in a queue, sorted by the earliest time at which a ray of them may
+arrive: if only the first ray is wanted, later ones need not be found.
 """
 
 from __future__ import annotations
@@ -25,31 +26,32 @@ from uwserver.physics.kernel.deferred import compiled, entry, inlined
 TIME, UPPER_DIP, LOWER_DIP, AREA, ABSORPTION, SURFACE, BOTTOM, TURNS, SURFACE_GRAZING, BOTTOM_GRAZING, CAUSTIC = range(
     11
 )
-"""Columns of what is found: s, rad, rad, m2, dB, counts, rad and rad; CAUSTIC is 1 where the area was bounded."""
+"""Columns of the rays found: s, rad, rad, m2, dB, three counts, rad and rad; CAUSTIC is 1 if the area was limited."""
 COLUMNS = 11
 MOST = 64
-"""Rays that are kept where all are wanted, the earliest of more."""
+"""Most rays that are kept if all are wanted; of more the earliest."""
 MOST_TURNS = 16
-"""Of a ray, reflections apart: in a duct there is no end of them."""
+"""Most turning points of a ray, without reflections; in a duct there would be no limit."""
 
 _FLATTEST = 1e-30
 _NO_TIME_S = 1e-9
-"""What bounds of times may be wrong by."""
+"""Error of the bounds of times."""
 _AT_ONCE = 8
-"""Intervals that are looked through before it is asked whether the rest may hold anything."""
+"""Number of intervals that are scanned before it is checked whether the rest can hold a wanted ray."""
 EARLIEST, PLACE, BOUNCES, KIND, FIRST, SECOND = range(6)
-"""Columns of the queue of kinds of rays that may lie between two neighbours: s, number of the flatter one, times through both vertices, the
-vertices that are passed once more (1: upper, 2: lower), and how much too far both neighbours go, m."""
+"""Columns of the queue, whose rows are kinds of rays that may lie in an interval: earliest time (s), number of the flatter ray, passes through both
+vertices (k), vertices that are passed once more (1: upper, 2: lower), and excess distances of the rays at both ends (m)."""
 _NEAR_M = 1e-9
 _BESIDE = 0.03
-"""Relative distance to the angles that tell how the widening of a tube changes."""
+"""Relative distance of the angles from which the change of the widening of a tube is computed."""
 _AIRY = 0.7955
-"""Slope times (frequency / bend^2)^(1/3), in rad/s, of a ray whose level equals that of a wave on a fold caustic: 2 pi / (2 pi Ai(0) 2^(1/3))^2."""
+"""Value of slope times (frequency / bend^2)^(1/3), with the frequency in rad/s, at which the level of a ray equals that of a wave on a fold caustic:
+2 pi / (2 pi Ai(0) 2^(1/3))^2."""
 
 
 @compiled
 def _widening(m: Medium, theta: float, i: int, d: int, j: int) -> tuple[float, int]:
-    """The derivative of a ray's way with p, m2/s, and a number that tells at which of its vertices it turns."""
+    """Return the derivative of a ray's distance with p, m2/s, and a number that says at which of its vertices it turns."""
     q, p = math.sin(theta) ** 2, math.cos(theta) / m.fastest
     slope, _ = widening(m, p, q, m.upper, m.lower)
     above, up = widening(m, p, q, m.upper, 0)
@@ -59,7 +61,8 @@ def _widening(m: Medium, theta: float, i: int, d: int, j: int) -> tuple[float, i
 
 @compiled
 def _tube(m: Medium, theta: float, i: int, d: int, j: int, omega: float) -> tuple[float, bool]:
-    """The size of the derivative of a ray's way with p, m2/s, bounded near caustics by that of which a wave there is as strong; and whether."""
+    """Return the absolute derivative of a ray's distance with p, m2/s, and whether it was limited: near a caustic it is raised to the value that
+    gives the level of a wave there."""
     slope, turns = _widening(m, theta, i, d, j)
     if not turns:
         return abs(slope), False
@@ -75,7 +78,7 @@ def _tube(m: Medium, theta: float, i: int, d: int, j: int, omega: float) -> tupl
     least = _AIRY * (bend * bend / omega) ** (1.0 / 3.0)
     if least <= abs(slope):
         return abs(slope), False
-    # There is a caustic only where the widening changes its sign, and not where an end lies just beside the turning point.
+    # A caustic exists only where the widening changes its sign; it does not where an end is just beside a turning point.
     versine = max(math.sin(0.5 * theta) ** 2 + slope / bend * m.fastest, 0.0)
     other, same = _widening(m, max(2.0 * math.asin(min(math.sqrt(versine), 1.0)), _FLATTEST), i, d, j)
     return (abs(slope), False) if same != turns or other * slope > 0.0 else (least, True)
@@ -85,14 +88,14 @@ def _tube(m: Medium, theta: float, i: int, d: int, j: int, omega: float) -> tupl
 def _keep(
     m: Medium, theta: float, x: float, i: int, d: int, j: int, downward: bool, rays: Array, out: Array, count: int
 ) -> int:
-    """Put a ray among those found, by its time; `downward` where it leaves the upper end. How wide its tube is waits for `_widen` and is noted in
-    `rays`. Returns how many there are."""
+    """Insert a ray among those found, sorted by time; `downward` is its direction at the upper end. The width of its tube is left to `_widen`, for
+    which the ray is noted in `rays`. Return the number of rays."""
     q, p, last = math.sin(theta) ** 2, math.cos(theta) / m.fastest, len(m.c) - 1
     up, between, down = leg(m, p, q, m.upper, 0), leg(m, p, q, m.upper, m.lower), leg(m, p, q, m.lower, last)
     way = i * up.x + d * between.x + j * down.x
     time = (
         i * up.time + d * between.time + j * down.time + p * (x - way)
-    )  # exact to the second order of what theta lacks
+    )  # so the error is of second order in that of theta
     place = count
     while place and out[place - 1, TIME] > time:
         place -= 1
@@ -120,7 +123,7 @@ def _keep(
 
 @compiled
 def _widen(m: Medium, rays: Array, omega: float, out: Array, count: int) -> None:
-    """Complete the areas of those found, of which `rays` has (count, 4) theta, i, d and j; d = 0 where nothing is missing."""
+    """Complete the areas of the rays found. `rays` has theta, i, d and j of each (count, 4); d = 0 means that its area is complete."""
     for place in range(count):
         theta, i, d, j = rays[place, 0], int(rays[place, 1]), int(rays[place, 2]), int(rays[place, 3])
         if d:
@@ -130,6 +133,7 @@ def _widen(m: Medium, rays: Array, omega: float, out: Array, count: int) -> None
 
 @compiled
 def _dip(m: Medium, node: int, p: float, q: float, downward: bool) -> float:
+    """Return the angle of a ray below the horizontal at a node, rad."""
     dip = math.atan2(sine_at(m, node, q), p * m.c[node])
     return dip if downward else -dip
 
@@ -138,9 +142,10 @@ def _dip(m: Medium, node: int, p: float, q: float, downward: bool) -> float:
 def _exists(
     upper: int, lower: int, last: int, closed: bool, i: int, j: int, downward: bool, order: int, up: bool, down: bool
 ) -> bool:
-    """Whether a ray of this kind is wanted, where its vertices lie at the surface (`up`), and at the bottom or the profile's end (`down`).
+    """Return whether a ray of this kind is wanted. `up`: its upper vertex is at the surface; `down`: its lower one is at the bottom or at the end of
+    the profile.
 
-    At an end that lies on a boundary the ray before and after its reflection there is one.
+    At an end that lies on a boundary, the rays before and after the reflection there are the same ray, and are counted once.
     """
     if down and not closed and j:
         return False
@@ -162,10 +167,11 @@ def _exists(
 def _bounds(
     flatter: float, steeper: float, known: float, late: float, x: float, miss: float, falls: bool
 ) -> tuple[float, float]:
-    """Times (s) between which rays of a kind between two neighbours arrive, whose ways differ from x by `miss` at most, and fall or not.
+    """Return bounds (s) for the times of arrival of rays of one kind in an interval. Their distances differ from x by at most `miss`, and fall with
+    the angle if `falls`.
 
-    With p x + `late`, of the ray that turns at the speed `known` (0: of neither), whose derivative with p is x less the ray's way: where that
-    falls it is greatest at the ray. No time is less than p x.
+    The bounds come from p x + `late` of the ray that turns at the speed `known` (0: of no ray). Its derivative with p is x less the distance of the
+    ray, so if that falls, the value is greatest at the ray. No time is less than p x.
     """
     if known == 0.0:
         return x / steeper, math.inf
@@ -178,11 +184,11 @@ def _scan(
     m: Medium, fan: Fan, nodes: Nodes, rays: Angles, begin: int, end: int, at: Array, x: float, order: int, alone: bool,
     latest: float, queue: Array, size: int,
 ) -> tuple[int, float]:  # fmt: skip
-    """Put into a queue what rays there may be in some intervals, begin to end, but those that are later than `latest` (s) for sure. Their ways
-    are `at` (`ways`). Where the earliest is wanted `alone`, one that is found makes others too late.
+    """Put the kinds of rays that some intervals (begin to end) may hold into a queue, but for those that certainly arrive after `latest` (s). `at`
+    has the distances from `ways`. If only the earliest ray is wanted (`alone`), each ray that must exist lowers `latest`.
 
     Returns:
-        How many wait there, and a time (s) before which one of them arrives, or `latest`.
+        The number of rows in the queue, and the new `latest` (s).
     """
     upper, lower, last, closed = m.upper, m.lower, len(m.c) - 1, m.closed
     z, c, sums, g, own, after, before = m.z, m.c, m.k, m.g, nodes.own, nodes.next, nodes.last
@@ -231,7 +237,7 @@ def _scan(
 
 @compiled
 def _settle(m: Medium, rays: Angles, span: Array, x: float, found: Array, out: Array, count: int) -> int:
-    """Find the rays that a row of the queue stands for, and keep them. Returns how many there are."""
+    """Find the rays of a row of the queue, and keep them. Return the number of rays."""
     k, bounces, kind, first, second = int(span[PLACE]), int(span[BOUNCES]), int(span[KIND]), span[FIRST], span[SECOND]
     i, j, d, downward = 2 * (bounces + kind % 2), 2 * (bounces + kind // 2), 2 * bounces + 1, kind % 2 == 0
     low, high = max(angle_of(m.fastest, rays.turning[k]), _FLATTEST), angle_of(m.fastest, rays.turning[k + 1])
@@ -251,7 +257,7 @@ def _settle(m: Medium, rays: Angles, span: Array, x: float, found: Array, out: A
 def _settle_all(
     m: Medium, rays: Angles, queue: Array, size: int, x: float, found: Array, out: Array, count: int
 ) -> int:
-    """Find the rays of a queue, those that may be the earliest first, until the others are too late to be kept. Returns how many there are."""
+    """Find the rays of a queue in the order of their earliest times, until the others are too late to be kept. Return the number of rays."""
     for done in range(size):
         best = done
         for other in range(done + 1, size):
@@ -267,7 +273,7 @@ def _settle_all(
 
 @compiled
 def _vertical(m: Medium, order: int, found: Array, out: Array) -> int:
-    """Rays straight up and down."""
+    """Find the vertical rays; return their number."""
     count = 0
     for k in range(order + 1):
         for kind in range(4):
@@ -279,7 +285,7 @@ def _vertical(m: Medium, order: int, found: Array, out: Array) -> int:
 
 @compiled
 def _level(m: Medium, x: float, out: Array) -> int:
-    """The ray that stays at its depth, where the sound speed does."""
+    """Find the ray that stays at its depth, in a layer of constant sound speed; return the number of rays, 0 or 1."""
     node = m.upper
     above = node > 0 and m.c[node - 1] == m.c[node]
     if m.lower != node or not (above or (node + 1 < len(m.c) and m.c[node + 1] == m.c[node])):
@@ -301,13 +307,13 @@ def find_rays(
         turning, row, way, delays: its fan (`make_fan`).
         x: horizontal distance, m.
         a, b: depths, m, 0 <= a <= b.
-        bottom: depth of the flat bottom, m; inf for none: sound that gets below the profile is gone.
-        order: reflections at surface and bottom at most.
-        omega: angular frequency of the sound, which bounds caustics, rad/s.
-        out: (n, COLUMNS) gets what is found, the n earliest of more.
+        bottom: depth of the flat bottom, m; inf for none: then sound that leaves the profile downwards is lost.
+        order: most reflections at surface and bottom.
+        omega: angular frequency of the sound, which limits the level at caustics, rad/s.
+        out: (n, COLUMNS) receives the rays; the n earliest if there are more.
 
     Returns:
-        How many were found.
+        The number of rays found.
     """
     m, found = medium(depth, speed, alpha, a, b, bottom), np.zeros((len(out), 4))
     if x < _NEAR_M:
@@ -321,7 +327,7 @@ def find_rays(
     at, alone = np.empty((_AT_ONCE, 2, 5)), len(out) == 1
     latest = out[0, TIME] if alone and count else math.inf
     for end in range(last, 0, -_AT_ONCE):
-        # No time is less than p x: flatter rays are later than the one that is kept.
+        # No time is less than p x, so all flatter rays are later than the one found.
         if x > latest * rays.turning[end]:
             break
         begin = max(end - _AT_ONCE, 0)

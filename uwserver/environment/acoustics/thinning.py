@@ -1,4 +1,4 @@
-"""Which points of a profile of sound speed are enough: the fewer the layers, the quicker all rays are found."""
+"""Reduces the points of a profile of sound speed: rays are found faster in fewer layers."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from uwserver.physics.kernel.deferred import entry
 
 @entry
 def thin_out(depth: Array, speed: Array, tolerance: float) -> Array:
-    """Which points of a profile are enough (Douglas and Peucker, 1973): lines between them leave no other by more than the tolerance (m/s).
+    """Choose points of a profile such that the lines between them miss no other point by more than the tolerance (m/s; Douglas and Peucker, 1973).
 
     Args:
         depth, speed: (n) m ascending, and m/s.
         tolerance: m/s.
 
     Returns:
-        (m) their numbers, ascending, the first and the last among them.
+        (m) numbers of the chosen points, ascending; the first and the last point are always among them.
     """
     n = len(depth)
     kept, stack = np.zeros(n, np.bool_), np.empty((n + 1, 2), np.int64)
