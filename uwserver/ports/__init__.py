@@ -1,4 +1,4 @@
-"""The vocabulary of every wall: ports, and the values that travel through them. Imports nothing else of ours."""
+"""The vocabulary that all parts share: ports, and the values that pass through them. It imports no other part of uwserver."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Checks of what comes from outside, before it may touch the world: commands against their port, calls against their service.
+"""Checks input from outside before it can change the world: commands against their port, calls against their service.
 
-Pure functions; every fault is a `Refused` whose text says what is wrong, what is allowed, and what to do.
+The functions are pure. Every error is a `Refused` whose text says what is wrong, what is allowed, and what to do.
 """
 
 from __future__ import annotations
@@ -21,14 +21,15 @@ _LARGEST = sys.float_info.max
 _NUMERIC = ("float", "int", "bool")
 
 SHOWN = 80
+"""Longest foreign name in an error text, characters."""
 COMPARED = 24
-"""Names among which a similar one is looked for."""
+"""Most names that are compared with an unknown one."""
 LONGEST_WORD = 256
-"""Longest word for which one is, characters."""
+"""Longest unknown name that is compared, characters."""
 
 
 def find(kind: str, path: str, known: Mapping[str, object]) -> None:
-    """Refuse an unknown port or service path, with the nearest known ones."""
+    """Refuse an unknown port or service path; the text suggests a similar one."""
     if path not in known:
         code: ErrorCode = "unknown_service" if kind == "service" else "unknown_port"
         word = shown(path)
@@ -36,19 +37,19 @@ def find(kind: str, path: str, known: Mapping[str, object]) -> None:
 
 
 def shown(word: object) -> str:
-    """A foreign name as it may be shown and compared: cut at 80 characters, so that a long one costs neither time nor log."""
+    """Return a foreign name for error texts, cut at 80 characters, so that a long one takes neither time nor space in logs."""
     text = str(word[: SHOWN + 1] if isinstance(word, str | bytes) else word)
     return text if len(text) <= SHOWN else text[:SHOWN] + "..."
 
 
 def suggestion(word: str, known: Iterable[str]) -> str:
-    """`` (did you mean "x"?)`` or nothing. Words of more than 256 characters are like nothing."""
+    """Return `` (did you mean "x"?)``, or "" if no known word is similar or the word has more than 256 characters."""
     near = difflib.get_close_matches(word, _candidates(word, list(known)), n=1, cutoff=0.6)
     return f' (did you mean "{near[0]}"?)' if near else ""
 
 
 def _candidates(word: str, known: list[str]) -> list[str]:
-    """The few that are compared letter by letter, which takes 35 us each: of paths, those that differ in one level alone."""
+    """Return the few words to compare letter by letter, which takes 35 us each; of many paths those that differ in one level only."""
     if len(word) > LONGEST_WORD:
         return []
     if len(known) > COMPARED and "/" in word:
@@ -61,25 +62,25 @@ def _candidates(word: str, known: list[str]) -> list[str]:
 
 
 def checked_command(port: Port, value: Mapping[str, object]) -> Items:
-    """One entry per field of an actuator's port: floats, a text, bytes or a buffer; None for a field that was left out.
+    """Return one entry for each field of an actuator's port: floats, a text, bytes or a buffer; None for a field that was left out.
 
     Args:
         port: of the actuator.
-        value: by field; numbers, lists, texts, bytes, buffers and arrays, or what stands for bytes and buffers on a wire (`unpacked`).
+        value: by field name: numbers, lists, texts, bytes, buffers, arrays, or maps that describe bytes and buffers (`unpacked`).
 
     Raises:
         Refused: unknown field (`bad_argument`), nothing given, wrong type or shape, not finite, out of range, too large.
     """
     if port.direction != "actuator":
-        raise Refused("bad_argument", f'"{port.path}" is a sensor: it takes no commands, subscribe to it', port.path)
-    if type(value) is not dict and not isinstance(value, Mapping):  # of a class to which the question is quick
+        raise Refused("bad_argument", f'"{port.path}" is a sensor and takes no commands: subscribe to it', port.path)
+    if type(value) is not dict and not isinstance(value, Mapping):  # the first test is much quicker
         raise Refused("bad_argument", f'"value" must be a map like {{"{port.fields[0].name}": ...}}', port.path)
     try:
         items = tuple(
             [_checked_item(field, value[field.name]) if field.name in value else None for field in port.fields]
         )
     except Refused:
-        _check_names(port, value)  # a wrong name comes first, which costs nothing where all is well
+        _check_names(port, value)  # a wrong name is reported first; checked late, so that good commands pay nothing
         raise
     if not value or len(value) > len(items) - items.count(None):
         _check_names(port, value)
@@ -91,35 +92,37 @@ def _check_names(port: Port, value: Mapping[str, object]) -> None:
     for key in value:
         if key not in names:
             word = shown(key)
-            text = f'"{port.path}" has no field "{word}"{suggestion(word, names)}; it takes: {", ".join(names)}'
-            raise Refused("bad_argument", text, word)
+            raise Refused(
+                "bad_argument",
+                f'"{port.path}" has no field "{word}"{suggestion(word, names)}; it takes: {", ".join(names)}',
+                word,
+            )
     if not value:
-        raise Refused("bad_argument", f'no field given for "{port.path}"; it takes: {", ".join(names)}', port.path)
+        raise Refused("bad_argument", f'no field is given for "{port.path}"; it takes: {", ".join(names)}', port.path)
 
 
 def _checked_item(field: Field, value: object) -> Item:
-    item: Item
     if field.type in _NUMERIC:
         return _checked_field(field, field.shape, value)
-    if field.type == "str":
-        item = _checked_text(field.name, value)
-        size = len(item.encode())
-    else:
-        item = _checked_packed(field, value)
-        size = len(item.data)
+    item = _text(field.name, value) if field.type == "str" else _checked_packed(field, value)
+    try:
+        size = len(item.encode() if isinstance(item, str) else item.data)
+    except UnicodeEncodeError:
+        raise Refused(
+            "bad_argument", f'"{field.name}" has half a surrogate pair, which cannot be sent as UTF-8', field.name
+        ) from None
     if size > field.most_bytes:
-        text = f'"{field.name}" holds at most {field.most_bytes} bytes, here are {size}: send it in pieces'
-        raise Refused("too_large", text, field.name)
+        raise Refused(
+            "too_large",
+            f'"{field.name}" has {size} bytes; at most {field.most_bytes} are allowed: send it in pieces',
+            field.name,
+        )
     return item
 
 
-def _checked_text(name: str, value: object) -> str:
+def _text(name: str, value: object) -> str:
     if not isinstance(value, str):
         raise Refused("bad_argument", f'"{name}" must be a text, not {_kind(value)}', name)
-    try:
-        value.encode()
-    except UnicodeEncodeError:
-        raise Refused("bad_argument", f'"{name}" has half a surrogate pair, which no wire can carry', name) from None
     return value
 
 
@@ -131,7 +134,7 @@ def _checked_packed(field: Field, value: object) -> Buffer:
         elif isinstance(value, bytes):
             value = Buffer(data=value)
         elif layout and hasattr(value, "dtype") and hasattr(value, "astype"):
-            array: Any = value  # in the same process
+            array: Any = value  # an array of a caller in the same process
             value = Buffer.of(array)
         if not isinstance(value, Buffer) or (value.dtype and not layout):
             form = f'"dtype": "{layout.dtype}", "shape": [...], ' if layout else ""
@@ -144,35 +147,36 @@ def _checked_packed(field: Field, value: object) -> Buffer:
     except ValueError as error:
         raise Refused("bad_argument", f'"{name}": {str(error)[:300]}', name) from None
     if not layout.fits(value):
-        text = f'"{name}" must be {layout}, not {value.dtype} {list(value.shape)}'
-        raise Refused("bad_shape", text, name)
+        raise Refused("bad_shape", f'"{name}" must be {layout}, not {value.dtype} {list(value.shape)}', name)
     if not value.is_finite():
-        raise Refused("not_finite", f'"{name}" has an item that is no finite number', name)
+        raise Refused("not_finite", f'"{name}" has an item that is not a finite number', name)
     return value
 
 
 def _checked_field(field: Field, shape: tuple[int, ...], value: object) -> tuple[float, ...]:
     if hasattr(value, "tolist"):
-        value = value.tolist()  # an array, in the same process
+        value = value.tolist()  # an array of a caller in the same process
     if len(shape) == 1 and isinstance(value, list | tuple) and len(value) == shape[0] and _are_plain(field, value):
         return tuple(value)
     flat = _flatten(value, shape, field.name)
     if not all(map(math.isfinite, flat)):
-        raise Refused("not_finite", f'"{field.name}" has a component that is no finite number', field.name)
+        raise Refused("not_finite", f'"{field.name}" has a component that is not a finite number', field.name)
     if field.minimum is not None or field.maximum is not None:
         _check_range(field, min(flat))
         _check_range(field, max(flat))
     if field.is_rotation and math.hypot(*flat) < 1e-6:
         raise Refused(
-            "out_of_range", f'"{field.name}" has no length: a rotation needs a quaternion, w x y z', field.name
+            "out_of_range",
+            f'"{field.name}" has zero length: a rotation is a quaternion w x y z that is not zero',
+            field.name,
         )
     return flat
 
 
 def _are_plain(field: Field, numbers: Sequence[object]) -> bool:
-    """Whether these are floats within the limits of the field, and no rotation: what is left to check then, and most commands are so.
+    """Return whether these are floats within the limits of the field, and not a rotation. Most commands are so, and need no further check.
 
-    One loop takes a third of the time of the ways that tell what is wrong.
+    This one loop takes a third of the time of the checks that can say what is wrong.
     """
     low = -_LARGEST if field.minimum is None else field.minimum
     high = _LARGEST if field.maximum is None else field.maximum
@@ -223,7 +227,7 @@ def _kind(value: object) -> str:
 
 
 def checked_args(service: Service, args: Mapping[str, object]) -> dict[str, Json]:
-    """Arguments of a call with the defaults filled in.
+    """Return the arguments of a call, with defaults filled in.
 
     Raises:
         Refused: unknown or missing argument, wrong type, not finite, out of range.
@@ -235,8 +239,11 @@ def checked_args(service: Service, args: Mapping[str, object]) -> dict[str, Json
         if key not in known:
             takes = ", ".join(known) or "none"
             word = shown(key)
-            text = f'"{service.path}" has no argument "{word}"{suggestion(word, known)}; it takes: {takes}'
-            raise Refused("bad_argument", text, word)
+            raise Refused(
+                "bad_argument",
+                f'"{service.path}" has no argument "{word}"{suggestion(word, known)}; it takes: {takes}',
+                word,
+            )
     checked: dict[str, Json] = {}
     for name, argument in known.items():
         if name in args:
@@ -249,14 +256,17 @@ def checked_args(service: Service, args: Mapping[str, object]) -> dict[str, Json
 
 
 def check_still(service: Service, args: Mapping[str, Json]) -> None:
-    """Refuse arguments that were checked against a service which another one, of the same path, has replaced since.
+    """Check arguments again, after a service of the same path has replaced the one that they were checked against.
 
     Raises:
-        Refused: other arguments, another type, or out of range. JSON of any form is not looked at again.
+        Refused: it takes other arguments, or one has the wrong type or is out of range. Arguments of type "json" are not checked again.
     """
     if args.keys() != {argument.name for argument in service.arguments}:
-        text = f'"{service.path}" takes other arguments than when this was sent; "describe" lists them'
-        raise Refused("bad_argument", text, service.path)
+        raise Refused(
+            "bad_argument",
+            f'"{service.path}" takes other arguments than when this was sent; "describe" lists them',
+            service.path,
+        )
     for argument in service.arguments:
         value = args[argument.name]
         is_default = not argument.required and value == argument.default
@@ -265,17 +275,17 @@ def check_still(service: Service, args: Mapping[str, Json]) -> None:
 
 
 def _checked_json(name: str, value: object) -> Json:
-    """A copy of a value that has a form in JSON. Binary encodings may hold bytes anywhere, which have none.
+    """Return a copy of a value, which must be possible in JSON. Values of binary encodings may hold bytes, which JSON cannot.
 
-    Compiled code looks for them: a Python loop over a long mission would take longer than a tick may be kept waiting.
+    msgspec's compiled code looks for bytes: a Python loop over a long mission would delay a tick.
     """
     try:
-        plain: Json = msgspec.to_builtins(value)  # bytes become texts here
+        plain: Json = msgspec.to_builtins(value)  # this turns bytes into texts
         is_same = plain == msgspec.to_builtins(value, builtin_types=(bytes, bytearray, memoryview))
     except (TypeError, ValueError, RecursionError) as error:
-        raise Refused("bad_argument", f'"{name}" has no form in JSON: {str(error)[:200]}', name) from None
+        raise Refused("bad_argument", f'"{name}" cannot be written as JSON: {str(error)[:200]}', name) from None
     if not is_same:
-        raise Refused("bad_argument", f'"{name}" takes no bytes: send them as a text, in base64', name)
+        raise Refused("bad_argument", f'"{name}" must not hold bytes: send them as a text in base64', name)
     return plain
 
 
@@ -288,13 +298,12 @@ def _checked_argument(argument: Argument, value: object) -> Json:
             raise Refused("bad_argument", f'"{name}" must be true or false, not {_kind(value)}', name)
         return value
     if argument.type == "str":
-        if not isinstance(value, str):
-            raise Refused("bad_argument", f'"{name}" must be a text, not {_kind(value)}', name)
-        if argument.choices and value not in argument.choices:
-            word = shown(value)
+        choice = _text(name, value)
+        if argument.choices and choice not in argument.choices:
+            word = shown(choice)
             hint = suggestion(word, argument.choices)
             raise Refused("bad_argument", f'"{name}" is one of {", ".join(argument.choices)}, not "{word}"{hint}', name)
-        return value
+        return choice
     flat = _checked_field(Field(name, argument.unit, argument.doc, "", argument.shape), argument.shape, value)
     for number in flat:
         if argument.type == "int" and number != int(number):
@@ -304,15 +313,15 @@ def _checked_argument(argument: Argument, value: object) -> Json:
     if argument.shape:
         return numbers
     if argument.type == "int" and isinstance(value, int):
-        return value  # above 2**53 the float is not exact
+        return value  # not by way of a float, which is not exact above 2**53
     return numbers[0]
 
 
 def check_values(fields: Sequence[Field], values: Sequence[Value]) -> None:
-    """Refuse values that no sensor with these fields gives; a component may be missing (None).
+    """Check that values fit the fields of a sensor; a component may be missing (None).
 
     Raises:
-        ValueError: another number of fields or components, or of another type.
+        ValueError: a wrong number of fields or components, or a wrong type.
     """
     if len(values) != len(fields):
         raise ValueError(f"{len(values)} values for {len(fields)} fields")
@@ -324,7 +333,7 @@ def check_values(fields: Sequence[Field], values: Sequence[Value]) -> None:
             shaped = len(parts) == field.size and isinstance(value, tuple) == bool(field.shape)
             fits = shaped and all(part is None or type(part) in _KINDS[field.type] for part in parts)
         if not fits:
-            raise ValueError(f'"{field.name}" has another type or shape')
+            raise ValueError(f'"{field.name}" has the wrong type or shape')
 
 
 _KINDS: Mapping[str, tuple[type, ...]] = {
@@ -333,10 +342,10 @@ _KINDS: Mapping[str, tuple[type, ...]] = {
 
 
 def check_given(fields: Sequence[Field], given: Items) -> None:
-    """Refuse what is no checked command to these fields.
+    """Check that items are a checked command for these fields.
 
     Raises:
-        ValueError: another number of fields or components, or of another type.
+        ValueError: a wrong number of fields or components, or a wrong type.
         Refused: not finite, or out of range.
     """
     if len(given) != len(fields):
@@ -346,18 +355,18 @@ def check_given(fields: Sequence[Field], given: Items) -> None:
             continue
         numeric = field.type != "str" and not field.is_packed
         if numeric != isinstance(value, tuple):
-            raise ValueError(f'"{field.name}" is of another type')
-        if numeric:  # flat, and one alone is a tuple too
+            raise ValueError(f'"{field.name}" has the wrong type')
+        if numeric:  # items are flat, and a scalar is a tuple too
             _checked_field(field, field.shape if len(field.shape) == 1 else (field.size,), value)
         else:
             _checked_item(field, value)
 
 
 def bind(port: str, fields: Sequence[Field], *names: str) -> tuple[int, ...]:
-    """Where these fields of another component's port stand in the value of each of its samples: found by name once, when a world is built.
+    """Return the places of fields in the value of each sample of a port. A component calls it once, when the world is built.
 
     Raises:
-        ValueError: the port has no such field; the text names the nearest, and all that there are.
+        ValueError: the port has no such field; the text suggests a similar one and lists all.
     """
     known = [field.name for field in fields]
     for name in names:

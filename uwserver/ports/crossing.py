@@ -1,4 +1,4 @@
-"""What crosses between the simulation thread and the outside in a tick: requests on their way in, what the tick gives, what comes later."""
+"""Data that crosses between the simulation thread and the outside in a tick: requests, outputs of ticks, and answers that come later."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from uwserver.ports.told import Told
 from uwserver.ports.values import Call, Command, Event, Fault, Field, Json, OnReply, Port, Progress, Reply, Sample
 
 Answers = list[tuple[OnReply, Reply | Progress]]
-"""Who is to be told what."""
+"""Receivers, each with the answer that it is to get."""
 
 
 class Posted(Struct):
-    """A checked command or call that waits for the start of the next tick; `on_reply` gets the answer.
+    """A checked command or call that waits for the start of the next tick; `on_reply` receives the answer.
 
-    `fields` are those against which a command was checked: an actuator that has others by then checks it anew.
+    A command was checked against `fields`. If the actuator has other fields by then, it is checked again.
     """
 
     item: Command | Call
@@ -25,15 +25,15 @@ class Posted(Struct):
 
 
 class TickOutput(Struct):
-    """What a tick gives to the outside, or some that follow each other.
+    """Output of one tick, or of several consecutive ticks.
 
     Attributes:
-        tick, t_ns: where the world stands behind it.
-        ticks: how many.
-        made: delivered samples.
-        told: others, before them, which nobody has looked at yet.
-        ports: as they are behind it, those of its samples; None where nobody said.
-        jumps: how often the time had been set behind it.
+        tick, t_ns: number and time of the last tick.
+        ticks: number of ticks.
+        made: delivered samples, as objects.
+        told: delivered samples before those, still as rows.
+        ports: of the samples, as they are after the last tick; None if not given.
+        jumps: how often the time had been set, as of the last tick.
     """
 
     tick: int
@@ -48,13 +48,13 @@ class TickOutput(Struct):
 
     @property
     def samples(self) -> list[Sample]:
-        """All delivered samples. Those of `told` are made, and stay."""
+        """All delivered samples. Those in `told` are made into objects once, and kept."""
         if self.told is not None:
             self.made[:0], self.told = self.told, None
         return self.made
 
     def goes_on_in(self, later: TickOutput) -> bool:
-        """Take in what a later tick gives, where that and this are rows of samples alone which follow each other. Returns whether it was."""
+        """Add the output of a later tick, if both consist only of rows of samples that follow each other. Return whether it was added."""
         if self.told is None or later.told is None or self.ports is not later.ports or self.jumps != later.jumps:
             return False
         if self.made or self.replies or self.events or later.made or later.replies or later.events:
@@ -66,36 +66,36 @@ class TickOutput(Struct):
         return True
 
     def drop_samples(self) -> int:
-        """Nobody will look at them. Returns how many there were."""
+        """Drop all samples, as nobody needs them, and return their number."""
         count = len(self.made) + len(self.told or ())
         self.made, self.told = [], None
         return count
 
 
 def has_same_fields(path: str, one: Mapping[str, Port], other: Mapping[str, Port]) -> bool:
-    """Whether a port is there in both, and what was read of it in one can be understood in the other: another body may have come under a name."""
+    """Return whether both have a port of this path with the same fields. They may differ if another body took the name."""
     first, second = one.get(path), other.get(path)
     return first is second is not None or (first is not None and second is not None and first.fields == second.fields)
 
 
 class Later:
-    """What a long-running service gives instead of a result: progress, then one reply. Who posted the call adds where its answers go to.
+    """Returned by a long-running service instead of a result: progress reports and then one reply follow later.
 
     Attributes:
-        on_reply: receives them; None for a caller in the same process, who does not wait.
+        on_reply: receives them; whoever posted the call sets it. None for a caller in the same process that does not wait.
     """
 
     def __init__(self, answers: Answers) -> None:
-        """answers: of the world, which passes them on at the end of the tick."""
+        """Make one for a world; `answers` is its list of answers, which it passes on at the end of the tick."""
         self.on_reply: OnReply | None = None
         self._answers = answers
 
     def progress(self, fraction: float, t_ns: int) -> None:
-        """Tell how far it has come."""
+        """Report progress, 0 to 1."""
         if self.on_reply is not None:
             self._answers.append((self.on_reply, Progress(fraction, t_ns)))
 
     def finish(self, tick: int, t_ns: int, result: Json = None, fault: Fault | None = None) -> None:
-        """Tell how it ended; nothing may follow."""
+        """Send the final reply; nothing may follow it."""
         if self.on_reply is not None:
             self._answers.append((self.on_reply, Reply(tick, t_ns, result, fault)))

@@ -1,6 +1,6 @@
-"""What a world looks like, for those who draw or record it: shapes and places that rarely change, and where all bodies are at an instant.
+"""Views of a world for viewers and recorders: shapes and places, which rarely change, and the poses of all bodies at an instant.
 
-Lengths in m, angles in rad, times in s. Positions and attitudes (w x y z) of what stands still are in N, of what a vehicle carries in B.
+Lengths are in m, angles in rad, times in s. Positions and attitudes (w x y z) of static things are in N, those of parts of a vehicle in B.
 """
 
 from __future__ import annotations
@@ -15,22 +15,22 @@ Vec3 = tuple[float, float, float]
 Quat = tuple[float, float, float, float]
 
 ACHIEVED_FULL = 127
-"""What an actuator has achieved when it gives all that it can, in `SceneState.achieved`."""
+"""Value in `SceneState.achieved` of an actuator at its limit."""
 NOWHERE_M = 1e6
-"""A body that stands this high above the water, or higher, is nowhere now: one that follows poses, and has none. Viewers leave it out."""
+"""A body at this height above the water or higher is nowhere at present: it follows poses, and has none. Viewers leave it out."""
 
 
 class ShapeView(Struct, frozen=True):
-    """A solid shape. Cylinders and capsules lie about axis x of their frame.
+    """A solid shape. Cylinders and capsules lie along the x axis of their frame.
 
     Attributes:
-        kind: box (`size`, whole edges), sphere (`radius`), cylinder or capsule (`radius`, `length`; of a capsule without its half balls),
-            plane (all of z >= 0), or mesh.
-        p, q: of its frame in N or B.
+        kind: box (`size`, full edges), sphere (`radius`), cylinder or capsule (`radius`, `length`; that of a capsule without its hemispheres),
+            plane (everything at z >= 0), or mesh.
+        p, q: pose of its frame in N or B.
         mesh: hash of its triangles, see `MeshView`.
         material: name.
         colour: red, green, blue, 0..1 (linear).
-        name: of the part, "" where it has none.
+        name: of the part; "" if it has none.
     """
 
     kind: Literal["box", "sphere", "cylinder", "capsule", "plane", "mesh"]
@@ -46,12 +46,12 @@ class ShapeView(Struct, frozen=True):
 
 
 class MeshView(Struct, frozen=True):
-    """Triangles that shapes name by their hash.
+    """A triangle mesh, which shapes refer to by its hash.
 
     Attributes:
-        triangles: how many.
+        triangles: number of triangles.
         low, high: corners of the box around its vertices.
-        coarse: hash of about two thousand triangles to show until it is loaded; None where it is small.
+        coarse: hash of a mesh of about two thousand triangles to show until this one is loaded; None if this one is small.
     """
 
     triangles: int
@@ -61,14 +61,14 @@ class MeshView(Struct, frozen=True):
 
 
 class LooksView(Struct, frozen=True):
-    """A glTF file (.glb) that shows what the thing looks like; the shapes remain what it is.
+    """A glTF file (.glb) that viewers show instead of the shapes.
 
     Attributes:
-        sha256: of the file, under which it is served.
-        size: bytes.
-        p, q: of the file's frame in B; in this frame x is forward, y right, z down after `up` is applied.
-        up: the file's axis that points up.
-        scale: m of one unit.
+        sha256: of the file; it is served under this name.
+        size: of the file, bytes.
+        p, q: pose of the file's frame in B; in that frame x is forward, y right, z down after `up` is applied.
+        up: axis of the file that points up.
+        scale: length of one unit of the file, m.
     """
 
     sha256: str
@@ -80,7 +80,7 @@ class LooksView(Struct, frozen=True):
 
 
 class SolidView(Struct, frozen=True):
-    """Something that never moves: the seabed, or a structure. A seabed of a grid comes in tiles, one shape each."""
+    """Something that never moves: the seabed, or a structure. A seabed from a grid has one shape for each tile."""
 
     name: str
     shapes: tuple[ShapeView, ...]
@@ -88,21 +88,22 @@ class SolidView(Struct, frozen=True):
 
 
 class ActuatorView(Struct, frozen=True):
-    """A part of a vehicle that moves or pushes; one number of `SceneState.achieved`.
+    """A part of a vehicle that moves or pushes. It has one value in `SceneState.achieved`.
 
     Attributes:
-        name: in the vehicle's file.
+        name: in the vehicle file.
         kind: thruster, propeller, fin, ballast or moving_mass.
-        p: where it sits, B.
-        axis: of a thruster or propeller: where the force points at a positive command; of a fin: hinge, right-handed; of a mass: of its way.
-        chord: of a fin: towards its leading edge at angle zero.
+        p: place in B.
+        axis: of a thruster or propeller: direction of the force at a positive command; of a fin: hinge, right-handed; of a moving mass: direction
+            of its motion.
+        chord: of a fin: direction of its leading edge at angle zero.
         span: of a fin.
         diameter: of a propeller's disc.
         handedness: right (clockwise seen along `axis` at a positive command), left, or none.
-        low, high: what -127 and 127 stand for: thrust (N), angle (rad), shaft speed (rad/s), volume (m3) or way (m). Where these are not
-            opposite, the number is (value - middle) / (half the range), times 127; of a thruster value / `high` or value / -`low`.
-        unit: of both.
-        port, index: actuator port that commands it, and which element of its vector; None where there is none.
+        low, high: thrust (N), angle (rad), shaft speed (rad/s), volume (m3) or position (m) at -127 and at 127. If they are not opposite, the
+            number is 127 (value - middle) / (half the range); for a thruster 127 value / `high` or 127 value / -`low`.
+        unit: of `low` and `high`.
+        port, index: actuator port that commands it, and the element of its vector; None if there is none.
     """
 
     name: str
@@ -125,8 +126,8 @@ class BeamView(Struct, frozen=True):
 
     Attributes:
         direction: unit vector of its axis.
-        width: whole angle of a cone; 0 for a ray.
-        near, far: where it sees.
+        width: full angle of a cone; 0 for a ray.
+        near, far: limits of its range.
     """
 
     direction: Vec3
@@ -136,15 +137,15 @@ class BeamView(Struct, frozen=True):
 
 
 class FanView(Struct, frozen=True):
-    """A sector that a sonar looks over, about axis x of the sensor, horizontal angle from x towards y.
+    """A sector that a sonar covers, about the x axis of the sensor. Horizontal angles count from x towards y.
 
     Attributes:
-        horizontal: whole angle of one beam to either side together.
-        vertical: likewise, up and down.
-        step: between two pings of a scanning head; 0 where there is none.
+        horizontal: full horizontal angle of one beam.
+        vertical: full vertical angle.
+        step: angle between two pings of a scanning head; 0 if it does not scan.
         sector: first and last bearing of the scan at the start.
-        bins: of one ping.
-        near, far: where it sees.
+        bins: number of bins of one ping.
+        near, far: limits of its range.
     """
 
     horizontal: float
@@ -157,11 +158,12 @@ class FanView(Struct, frozen=True):
 
 
 class SensorView(Struct, frozen=True):
-    """A sensor of a vehicle: path of its port, kind, pose in B, what it sends out, and how exact it is.
+    """A sensor of a vehicle: path of its port, kind, pose in B, beams, and accuracy.
 
     Attributes:
-        sigmas: field -> configured 1-sigma of a sample, in the field's unit: of each axis, or one number for all; absent where it is unknown.
-        address: that a modem begins with, where its packets tell one.
+        sigmas: configured standard deviation of a sample by field, in the unit of the field: for each axis, or one number for all; absent if it
+            is unknown.
+        address: address of a modem at the start, if its packets carry one.
     """
 
     path: str
@@ -178,9 +180,9 @@ class LampView(Struct, frozen=True):
     """A lamp of a vehicle.
 
     Attributes:
-        name: in the vehicle's file.
+        name: in the vehicle file.
         p, q: pose in B; it shines along its x axis.
-        cone: whole angle of its light.
+        cone: full angle of its light.
         lumens: luminous flux at full brightness.
     """
 
@@ -196,13 +198,13 @@ class BodyView(Struct, frozen=True):
 
     Attributes:
         name: first level of its paths.
-        model: name of the vehicle's file, or "object".
-        like: what of the scenario it is a copy of.
-        shapes: in B. Where the vehicle's file has no collision shapes, those of its displaced volume, or a capsule of this volume.
-        lamps: what it can light.
-        external: it follows poses from elsewhere (a log, another server, a robot at sea), and may be nowhere (`NOWHERE_M`).
-        ghost: nothing touches it and no sensor sees it; it is drawn translucent.
-        colour: red, green, blue, 0..1 (linear), of a ghost and of the trail of what is external; None for the usual one.
+        model: name of the vehicle file, or "object".
+        like: name of the table of the scenario that it is a copy of.
+        shapes: in B. If the vehicle file has no collision shapes: those of its displaced volume, or a capsule of this volume.
+        lamps: of the vehicle.
+        external: whether it follows poses from outside (a log, another server, a robot at sea); it may be nowhere (`NOWHERE_M`).
+        ghost: whether nothing touches it and no sensor sees it; viewers draw it translucent.
+        colour: red, green, blue, 0..1 (linear), of a ghost and of the trail of an external body; None for the usual one.
     """
 
     name: str
@@ -220,7 +222,7 @@ class BodyView(Struct, frozen=True):
 
 
 class BeaconView(Struct, frozen=True):
-    """An acoustic beacon: where it stands (N), or on which body it sits (B), and the sensor that asks it."""
+    """An acoustic beacon: its place in N, or in B of the body that carries it, and the sensor that interrogates it."""
 
     name: str
     sensor: str
@@ -230,7 +232,7 @@ class BeaconView(Struct, frozen=True):
 
 
 class WaveView(NamedTuple):
-    """One component: elevation (up, m) = amplitude cos(kx x + ky y - omega t + phase), x north, y east; `depth` None for deep water."""
+    """One wave component: elevation (up, m) = amplitude cos(kx x + ky y - omega t + phase), x north, y east; `depth` is None for deep water."""
 
     amplitude: float
     kx: float
@@ -246,13 +248,13 @@ class WaterView(Struct, frozen=True):
     Attributes:
         density: kg/m3.
         sound_speed: m/s near the surface.
-        waves: components as the physics sums them.
-        surface_level: m, up: of the still surface above z = 0.
-        current: uniform part at the time of asking, N, m/s.
-        profiles: further currents by depth, each a row of (depth, velocity in N), constant above the first and below the last.
+        waves: the components that the physics sums.
+        surface_level: height of the still surface above z = 0, m.
+        current: uniform part at the time of the request, N, m/s.
+        profiles: further currents by depth, each a row of (depth, velocity in N), constant above the first and below the last depth.
         jerlov: water type, I to 9C.
-        attenuation: of light along a beam, red, green, blue, 1/m.
-        colour: of the veil, red, green, blue, the greatest 1.
+        attenuation: of a light beam, red, green, blue, 1/m.
+        colour: of the veil (light scattered by the water), red, green, blue; the greatest is 1.
     """
 
     density: float
@@ -267,20 +269,20 @@ class WaterView(Struct, frozen=True):
 
 
 class OriginView(Struct, frozen=True):
-    """Where N lies: WGS84, rad."""
+    """Place of the origin of N: WGS84, rad."""
 
     latitude: float
     longitude: float
 
 
 class SceneView(Struct, frozen=True):
-    """A whole world, as it looks until its revision changes.
+    """View of a whole world, valid until its revision changes.
 
     Attributes:
-        schema: version of this form.
+        schema: version of this format.
         revision: rises when bodies come or go.
         scenario, title, epoch, rate_hz: of the world.
-        origin: where N lies on the Earth; None where the scenario does not say.
+        origin: place of N on the Earth; None if the scenario has none.
         seabed: None for open water.
         vehicles, objects: in the order of `SceneState.poses`, vehicles first.
         meshes: by hash.
@@ -303,17 +305,17 @@ class SceneView(Struct, frozen=True):
 
 
 class Present(NamedTuple):
-    """A body that is in the world: its name, and what of the scenario it is a copy of."""
+    """A body that is in the world: its name, and the name of the table that it is a copy of."""
 
     name: str
     like: str
 
 
 class Cast(NamedTuple):
-    """Who is in the world; the same object until somebody comes or goes, or the current is set to another.
+    """The bodies in the world. It is the same object until a body comes or goes, or the current is set.
 
     Attributes:
-        revision: rises then.
+        revision: rises at each of these changes.
         vehicles, objects: in the order of the poses.
     """
 
@@ -323,14 +325,14 @@ class Cast(NamedTuple):
 
 
 class SceneState(NamedTuple):
-    """Where all bodies are after a tick.
+    """Poses of all bodies after a tick.
 
     Attributes:
-        cast: who they are.
+        cast: the bodies.
         t_ns: simulation time.
         poses: (n, 7) p_NB (m) and q_NB (w x y z), vehicles first.
-        achieved: (m) int8: what the actuators of all vehicles achieve, in the order of `BodyView.actuators`, of -127..127.
-        current: uniform part of it, N, m/s.
+        achieved: (m) int8, -127..127: state of the actuators of all vehicles, in the order of `BodyView.actuators`.
+        current: uniform part of the current, N, m/s.
     """
 
     cast: Cast

@@ -1,4 +1,4 @@
-"""Services that stop something: who calls one waits for nothing that he asked before, and what would undo it is taken back."""
+"""Services that stop something. They overtake earlier requests, and withdraw waiting requests that would undo the stop."""
 
 from __future__ import annotations
 
@@ -7,20 +7,22 @@ from collections.abc import Mapping
 from uwserver.ports.values import Call, Command
 
 UNDONE_BY: Mapping[str, str] = {"disarm": "arm", "deactivate": "activate"}
-"""Name of a service that stops a vehicle or an actuator -> of the one that undoes it."""
+"""Services that stop a vehicle or an actuator, and for each the service that undoes it."""
 PAUSE = "world/pause"
 
 
 def is_stop(service: str) -> bool:
-    """Whether a service stops a vehicle, a component or time."""
+    """Return whether a service stops a vehicle, a component or time."""
     return service == PAUSE or service.rpartition("/")[2] in UNDONE_BY
 
 
 def is_withdrawn(item: Command | Call, stop: str) -> bool:
-    """Whether a request that waits must not be carried out after a stop that was asked for later.
+    """Return whether a waiting request must not be carried out after a stop that was requested later.
+
+    That is the case for commands to the stopped component (for `disarm`: to any component of the vehicle) and the call that undoes the stop.
 
     Args:
-        item: commands to what is stopped (of a `disarm`, to anything of the vehicle), and the call that undoes the stop.
+        item: the waiting request.
         stop: path of a service that stops a vehicle or a component.
     """
     path, _, verb = stop.rpartition("/")

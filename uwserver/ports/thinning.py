@@ -1,4 +1,4 @@
-"""What is enough for who reads slowly: one sample in each of equal intervals."""
+"""Decimation of samples for slow readers: one sample in each of equal intervals."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from collections.abc import Collection, Mapping
 from msgspec import Struct
 
 ROUNDING_NS = 1000
-"""Sample times are rounded to whole nanoseconds: one that belongs to an interval may seem to lie just before it."""
+"""Margin for sample times, which are rounded to whole nanoseconds: the first sample of an interval may seem to lie just before it."""
 
 
 class Thinning(Struct, frozen=True, gc=False):
-    """Of the samples of a port the first in each interval is taken. Intervals are computed, not accumulated, so they do not drift.
+    """Rule that takes the first sample of a port in each interval. Intervals are computed, not accumulated, so they do not drift.
 
     Attributes:
-        rate_hz: intervals a second.
-        start_ns: where the first begins: when the first sample was true.
+        rate_hz: intervals per second.
+        start_ns: start of the first interval: time of measurement of the first sample.
     """
 
     rate_hz: float
     start_ns: int
 
     def interval(self, t_ns: int) -> int:
-        """In which interval, from 0, a sample lies that was true at `t_ns`.
+        """Return the interval, counted from 0, of a sample that was measured at `t_ns`.
 
         `uwserver.step.delivery` computes the same numbers, to the last bit.
         """
@@ -30,6 +30,6 @@ class Thinning(Struct, frozen=True, gc=False):
 
 
 Thinned = Mapping[str, Collection[Thinning]]
-"""Of ports by path, of which no other samples are needed than those that one of these takes."""
+"""Decimations by port path: only samples that one of them takes are needed. All samples of other ports are needed."""
 WHOLE: Thinned = {}
-"""Of no port: all samples are needed."""
+"""No decimation: all samples are needed."""

@@ -1,4 +1,4 @@
-"""Samples as a world delivers them: rows of arrays, of which objects are made where somebody looks at them."""
+"""Samples as a world delivers them: rows of arrays, from which `Sample` objects are made only when they are read."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ import numpy as np
 from uwserver.ports.values import Sample, Value
 
 Unpack = Callable[[list[float], Any, int, Sequence[Value]], tuple[Value, ...]]
-"""Makes the values of a sample, of its numbers; of the same as they lie in an array of int64, and the place of the first there; and of the values
-that are no numbers."""
+"""Makes the values of a sample. Its arguments are the numbers of the sample, the same array as int64, the place of the first number in it, and the
+values that are not numbers."""
 
 
 class Origin(NamedTuple):
-    """Where samples of a stream come from.
+    """How to read the samples of one stream.
 
     Attributes:
         path: of the port.
-        width: numbers of a sample.
-        unpack: makes its values.
-        texts: what the values that are no numbers may be; `Log.entries` says which of them a sample has, if any.
+        width: number of numbers in a sample.
+        unpack: makes the values of a sample.
+        texts: possible sets of values that are not numbers; `Log.entries` says which of them a sample has, if any.
     """
 
     path: str
@@ -31,35 +31,36 @@ class Origin(NamedTuple):
 
 
 class Log:
-    """Samples one behind the other. Who simulates appends to it, others read of it what they were told is there: that is never written again.
+    """A log of samples, one after the other. The simulation appends to it. Readers read only the part that they were told of, which is never
+    written again; so no lock is needed.
 
     Attributes:
-        entries: (n) records of int64: t_sent_ns, which of the texts of its origin it has, from 1, or 0 for none, stream, seq, t_ns, valid, and the
-            place of its first number.
-        numbers: (m) float64 of one after the other.
-        loose: by place, of samples that have others: the values that are no numbers.
+        entries: (n) records of int64: t_sent_ns, number of its set in `Origin.texts` (from 1; 0 for none), stream, seq, t_ns, valid, and place of
+            its first number.
+        numbers: (m) float64, the numbers of all samples one after the other.
+        loose: values that are not numbers, for samples that have others than `Origin.texts`, by place.
     """
 
     __slots__ = ("entries", "loose", "numbers", "table", "whole")
 
     def __init__(self, entries: Any, numbers: Any) -> None:
-        """Of arrays, as they are described above."""
+        """Make a log of two arrays, as described above."""
         self.entries, self.numbers = entries, numbers
         self.loose: dict[int, Sequence[Value]] = {}
-        self.table = entries.view(np.int64).reshape(-1, entries.itemsize // 8)  # quicker to look at than records
+        self.table = entries.view(np.int64).reshape(-1, entries.itemsize // 8)  # quicker to read than records
         self.whole = numbers.view(np.int64)
 
 
 class Told(Sequence[Sample]):
-    """Samples of one tick, or of some that follow each other.
+    """Samples of one tick, or of several consecutive ticks, as a range of a log.
 
-    They are made anew whenever somebody looks at them, and not kept: who encodes each at once has it in the nearest memory of the processor, and
-    neither the thread that simulates nor the one that sends pays for what nobody looks at.
+    `Sample` objects are made each time they are read, and not kept. So samples that nobody reads cost nothing, and one that is encoded at once is
+    still in the cache of the processor.
 
     Attributes:
-        origins: by number of a stream.
-        log: where they stand.
-        ticks: of how many they are.
+        origins: by number of the stream.
+        log: that holds them.
+        ticks: number of ticks.
     """
 
     __slots__ = ("_end", "_ends", "_first", "log", "origins", "ticks")
@@ -67,55 +68,55 @@ class Told(Sequence[Sample]):
     def __init__(
         self, origins: Mapping[int, Origin], log: Log, first: int, end: int, ticks: int = 1, ends: tuple[int, ...] = ()
     ) -> None:
-        """Those of a log from place `first` to before `end`; `ends`: the same of each tick but the last, where they are to come apart again."""
+        """Take the samples of a log from place `first` to before `end`; `ends` has the end of each tick but the last, for `by_tick`."""
         self.origins, self.log, self._first, self._end, self.ticks, self._ends = origins, log, first, end, ticks, ends
 
     def __len__(self) -> int:
         return self._end - self._first
 
     def followed_by(self, other: Told) -> Told | None:
-        """Both together, where the other begins where this ends."""
+        """Return both together; None unless the other begins where this ends."""
         if other.log is not self.log or other._first != self._end or other.origins is not self.origins:
             return None
         ends = (*self._ends, self._end, *other._ends)
         return Told(self.origins, self.log, self._first, other._end, self.ticks + other.ticks, ends)
 
     def by_tick(self) -> Iterator[Told]:
-        """The same, each tick by itself."""
+        """Yield the samples of each tick."""
         first = self._first
         for end in (*self._ends, self._end):
             yield Told(self.origins, self.log, first, end)
             first = end
 
     def parts(self, most: int) -> Iterator[Told]:
-        """The same in pieces of at most so many."""
+        """Yield the samples in pieces of at most `most`."""
         for first in range(self._first, self._end, most):
             yield Told(self.origins, self.log, first, min(first + most, self._end), self.ticks)
 
     @property
     def first(self) -> int:
-        """Place of the first one in the log."""
+        """Place of the first sample in the log."""
         return self._first
 
     def at(self, place: int) -> Told:
-        """The one in a place of the log."""
+        """Return the sample at a place of the log."""
         return Told(self.origins, self.log, place, place + 1, self.ticks)
 
     @property
     def streams(self) -> list[int]:
-        """Numbers of the streams, of each sample."""
+        """Number of the stream of each sample."""
         return self.log.table[self._first : self._end, 2].tolist()  # type: ignore[no-any-return]  # numpy's
 
     def entries(self) -> list[list[int]]:
-        """Of each, as `Log.entries` has it."""
+        """Return the entry of each sample, as `Log.entries` has it."""
         return self.log.table[self._first : self._end].tolist()  # type: ignore[no-any-return]  # numpy's
 
     def loose(self, place: int, texts: int, stream: int) -> Sequence[Value]:
-        """The values that are no numbers, of a sample in this place of the log, by its entry."""
+        """Return the values that are not numbers of a sample at a place of the log; `texts` and `stream` are from its entry."""
         return self.origins[stream].texts[texts - 1] if texts else self.log.loose.get(place, ())
 
     def values(self, entries: Sequence[Sequence[int]]) -> Iterator[tuple[Value, ...]]:
-        """Of each of these entries, which follow each other."""
+        """Yield the values of each of some consecutive entries, which begin with the first sample."""
         if not entries:
             return
         origins, log, place = self.origins, self.log, self._first
@@ -145,17 +146,17 @@ class Told(Sequence[Sample]):
 
     @property
     def ports(self) -> list[str]:
-        """Paths of the ports, of each sample."""
+        """Path of the port of each sample."""
         origins = self.origins
         return [origins[stream].path for stream in self.streams]
 
     def newest(self, port: str) -> Sample:
-        """The last one of a port that has some."""
+        """Return the last sample of a port, which must have one here."""
         return self[len(self) - 1 - self.ports[::-1].index(port)]
 
 
 class Samples(Sequence[Sample]):
-    """Samples of some ticks, in their order: as a list, but none is made before somebody looks, and then all are, once."""
+    """Samples of several ticks, in their order. It behaves like a list, but makes its samples, all at once, only when they are first read."""
 
     __slots__ = ("_count", "_made", "_pieces")
 
@@ -165,13 +166,13 @@ class Samples(Sequence[Sample]):
         self._count = 0
 
     def add(self, piece: Sequence[Sample]) -> None:
-        """Some more behind them."""
+        """Append samples."""
         if piece:
             self._pieces.append(piece)
             self._count += len(piece)
 
     def of(self, ports: Container[str]) -> Iterator[Sample]:
-        """Those of some ports, by path; the others are not made."""
+        """Yield the samples of some ports, by path; the others are not made."""
         yield from (sample for sample in self._made if sample.port in ports)
         for piece in self._pieces:
             if isinstance(piece, Told):

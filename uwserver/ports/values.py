@@ -1,10 +1,11 @@
-"""What crosses every wall: ports and the values that travel through them.
+"""Ports, and the values that pass through them between all parts of uwserver.
 
 All types are immutable. Values are SI, angles radians, times integer nanoseconds of simulation time since the start of the scenario.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Literal
@@ -16,30 +17,30 @@ from uwserver.ports.buffer import LARGEST, Buffer, Layout
 Scalar = float | int | bool | str | None
 """One component of a field."""
 Value = Scalar | Buffer | tuple[Scalar, ...]
-"""One field: a scalar, the row-major components of an array, or a buffer; None where a sensor has no value."""
+"""Value of one field: a scalar, the row-major components of an array, or a buffer; None if the sensor has no value."""
 Item = tuple[float, ...] | str | Buffer
-"""One field of a checked command: numbers (also one alone) are a tuple of floats, bytes a buffer without type."""
+"""One field of a checked command. Numbers are a tuple of floats, even a single one; bytes are a buffer without type."""
 Items = tuple[Item | None, ...]
-"""One entry for each field of an actuator's port; None where the sender left the field out."""
+"""One entry for each field of an actuator's port; None if the sender left the field out."""
 MOST_BYTES = 1 << 16
-"""Most bytes of a text (UTF-8) or of bytes in a command, where its field says no less."""
+"""Longest text (UTF-8) or bytes in a command, bytes, if its field gives no lower limit."""
 Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
-"""Anything a service takes or gives."""
+"""Anything that a service takes or returns."""
 
 
 class Field(Struct, frozen=True, gc=False):
     """One named value of a port.
 
     Attributes:
-        name: name on every wire.
-        unit: SI unit, "1" where there is none.
+        name: on every wire.
+        unit: SI unit; "1" if there is none.
         doc: one sentence.
-        frame: frame of a vector's components (N, B, S, or "NB" of a rotation); "" where none applies.
+        frame: frame of the components of a vector (N, B, S), or two frames of a rotation ("NB"); "" if none applies.
         shape: () for a scalar, (3,) for a vector.
-        type: type of each component; the values of "bytes" and "buffer" are a `Buffer`, and their shape is ().
-        minimum, maximum: limits of each component; a command outside is refused.
-        buffer: type and shape of a buffer's items.
-        max_bytes: longest text (UTF-8), bytes or buffer that a command may bring; absent for 64 KiB, or 1 MiB of a buffer.
+        type: of each component; values of "bytes" and "buffer" are a `Buffer` and have the shape ().
+        minimum, maximum: limits of each component; a command outside them is refused.
+        buffer: type and shape of a buffer.
+        max_bytes: longest text (UTF-8), bytes or buffer in a command; absent for 64 KiB, or 1 MiB for a buffer.
     """
 
     name: str
@@ -55,41 +56,38 @@ class Field(Struct, frozen=True, gc=False):
 
     @property
     def is_rotation(self) -> bool:
-        """Whether it is a quaternion w x y z between the two frames of its `frame`."""
+        """Whether the value is a quaternion w x y z between the two frames of `frame`."""
         return self.shape == (4,) and len(self.frame) == 2
 
     @property
     def is_packed(self) -> bool:
-        """Whether its values are bytes or buffers."""
+        """Whether the values are bytes or buffers."""
         return self.type in ("bytes", "buffer")
 
     def holds(self, buffer: Buffer) -> bool:
-        """Whether a buffer, or plain bytes, may be its value."""
+        """Return whether a buffer, or plain bytes, may be the value."""
         return self.type == ("buffer" if buffer.dtype else "bytes") and (not self.buffer or self.buffer.fits(buffer))
 
     @property
     def form(self) -> str:
-        """What one value looks like, for people: ``scalar``, ``3``, ``bytes`` or ``uint8 nx512``."""
+        """Form of a value for people: ``scalar``, ``3``, ``bytes`` or ``uint8 nx512``."""
         if self.is_packed:
             return str(self.buffer or "bytes")
         return "x".join(map(str, self.shape)) or "scalar"
 
     @property
     def most_bytes(self) -> int:
-        """Longest text, bytes or buffer of a command."""
+        """Longest text, bytes or buffer in a command, bytes."""
         return self.max_bytes or (LARGEST if self.type == "buffer" else MOST_BYTES)
 
     @property
     def size(self) -> int:
         """Number of components."""
-        size = 1
-        for extent in self.shape:
-            size *= extent
-        return size
+        return math.prod(self.shape)
 
 
 class Propulsor(Struct, frozen=True):
-    """What one component of a thruster command pushes with: its name, its place (m) and the direction of its force at a positive command, in B."""
+    """The thruster behind one component of a command: its name, its place (m) and the direction of its force at a positive command, in B."""
 
     name: str
     r_B: tuple[float, float, float]
@@ -97,7 +95,7 @@ class Propulsor(Struct, frozen=True):
 
 
 class Port(Struct, frozen=True, gc=False):
-    """A typed place where samples come out or commands go in.
+    """A typed endpoint that gives samples or takes commands.
 
     Attributes:
         path: ``<vehicle>/<component>``.
@@ -106,8 +104,8 @@ class Port(Struct, frozen=True, gc=False):
         fields: in the order of every value tuple.
         doc: one or two sentences.
         rate_hz: sample rate; None for actuators.
-        timeout_s: an actuator goes to neutral after this long without a command; None for never.
-        propulsors: of an actuator of thrusters, in the order of its components; absent where there are none.
+        timeout_s: time without a command after which an actuator goes to neutral; None for never.
+        propulsors: of a thruster actuator, in the order of its components; absent for other ports.
     """
 
     path: str
@@ -121,7 +119,7 @@ class Port(Struct, frozen=True, gc=False):
 
     @property
     def is_truth(self) -> bool:
-        """Whether the port tells what no instrument could know."""
+        """Whether the port gives ground truth."""
         return "/truth/" in self.path
 
 
@@ -141,14 +139,14 @@ class Argument(Struct, frozen=True, gc=False):
 
 
 class Service(Struct, frozen=True, gc=False):
-    """A request with a reply.
+    """Description of a request that gets a reply.
 
     Attributes:
         path: ``world/<name>`` or ``<vehicle>/<component>/<name>``.
         doc: one or two sentences.
-        arguments: what it takes.
-        reads_only: answered at once from the last published state; the others run at the start of the next tick.
-        long_running: may reply many ticks later, with progress, and can be cancelled.
+        arguments: of a call.
+        reads_only: whether it is answered at once from the last published state; other services run at the start of the next tick.
+        long_running: whether it may reply many ticks later, with progress reports, and can be cancelled.
     """
 
     path: str
@@ -159,15 +157,15 @@ class Service(Struct, frozen=True, gc=False):
 
 
 class Sample(Struct, frozen=True, gc=False):
-    """What a sensor said.
+    """One output of a sensor.
 
     Attributes:
         port: path of the port.
-        seq: counts what this sensor produced, from 0.
-        t_ns: simulation time at which it was true; by the clock of the device where that drifts.
+        seq: number of the sample at this sensor, from 0.
+        t_ns: simulation time of the measurement, by the clock of the device if that drifts.
         t_sent_ns: simulation time at which the device delivers it.
-        valid: False when the sensor could not measure.
-        value: one entry per field of the port, in its order.
+        valid: False if the sensor could not measure.
+        value: one entry for each field of the port, in its order.
     """
 
     port: str
@@ -179,9 +177,9 @@ class Sample(Struct, frozen=True, gc=False):
 
 
 class Command(Struct, frozen=True):
-    """A value for an actuator; `value` holds one entry per field of the port, checked against it.
+    """A command to an actuator; `value` has one checked entry for each field of the port.
 
-    `source` names who sent it (adapter and client), so that two commanders of one actuator are seen.
+    `source` names the sender (adapter and client), so that two senders to one actuator are noticed.
     """
 
     port: str
@@ -220,7 +218,7 @@ ErrorCode = Literal[
 
 
 class Fault(Struct, frozen=True):
-    """Why a request was refused: a code, a text that says what to do, and the argument, field, port or service at fault."""
+    """Why a request was refused: a code, a text that says what to do, and the argument, field, port or service concerned."""
 
     code: ErrorCode
     text: str
@@ -228,7 +226,7 @@ class Fault(Struct, frozen=True):
 
 
 class Refused(Exception):
-    """Raised where a request is refused; carries the fault that the sender is told."""
+    """Raised to refuse a request; the sender gets its `fault`."""
 
     def __init__(self, code: ErrorCode, text: str, where: str = "") -> None:
         super().__init__(text)
@@ -236,7 +234,7 @@ class Refused(Exception):
 
 
 class Reply(Struct, frozen=True):
-    """The one answer to a command or call: the tick at whose start it was carried out, and its result or its fault."""
+    """The final answer to a command or call: the tick at whose start it was carried out, and its result or fault."""
 
     tick: int
     t_ns: int
@@ -246,14 +244,14 @@ class Reply(Struct, frozen=True):
 
 
 class Progress(Struct, frozen=True):
-    """How far a long-running call has come, 0 to 1."""
+    """Progress of a long-running call, 0 to 1."""
 
     fraction: float
     t_ns: int
 
 
 class Event(Struct, frozen=True):
-    """Something that every client should know."""
+    """Something that every client is told."""
 
     event: Literal[
         "paused",
@@ -279,12 +277,12 @@ OnReply = Callable[[Reply | Progress], None]
 
 
 def matches(pattern: str, path: str) -> bool:
-    """Whether a path fits a pattern: ``*`` stands for one level, ``**`` for any number of levels, also none."""
+    """Return whether a path fits a pattern: ``*`` stands for one level, ``**`` for any number of levels, or none."""
     return _fits(pattern.split("/"), path)
 
 
 def matching(pattern: str, paths: Collection[str]) -> list[str]:
-    """Those of many paths that fit a pattern, see `matches`: whatever the pattern is, a microsecond each."""
+    """Return the paths that fit a pattern, see `matches`. It takes about a microsecond for each path, whatever the pattern is."""
     given = pattern.split("/")
     words = [word for word, before in zip(given, ["", *given], strict=False) if not word == before == "**"]
     if words == ["**"]:
@@ -294,7 +292,7 @@ def matching(pattern: str, paths: Collection[str]) -> list[str]:
         return []
     if deepest > _SHALLOW:
         return [path for path in paths if _fits(words, path)]
-    # So few words are left that trying all ways to split a path takes no time.
+    # The regular expression backtracks, which is quick as pattern and paths have few levels here.
     fits = re.compile("".join(_LEVELS.get(word) or re.escape(word) + "/" for word in words)).fullmatch
     return [path for path in paths if fits(path + "/")]
 
@@ -305,7 +303,7 @@ _LEVELS = {"*": "[^/]*/", "**": "(?:[^/]*/)*"}
 
 def _fits(words: Sequence[str], path: str) -> bool:
     levels = path.split("/")
-    # How many levels of the path the pattern may have used up so far. A set, as trying every split would take exponential time.
+    # The possible numbers of path levels that the words so far have used. Trying one split after the other would take exponential time.
     used = {0}
     for word in words:
         if word == "**":

@@ -69,7 +69,7 @@ def test_arrays_that_are_no_buffers(array):
 
 BAD = [
     ({}, "missing required field `base64`"),
-    ({"dtype": "uint8", "base64": "AAA="}, r"shape \[\] are 1 bytes, here are 2"),
+    ({"dtype": "uint8", "base64": "AAA="}, r"shape \[\] needs 1 bytes, but there are 2"),
     ({"shape": [1], "base64": "YQ=="}, "no dtype ''"),
     ({"dtype": "uint8", "shape": [1]}, "missing required field `base64`"),
     ({"base64": 3}, "Expected `bytes`, got `int`"),
@@ -91,8 +91,8 @@ BAD = [
     ({"dtype": "uint8", "shape": [1.0], "base64": "YQ=="}, "Expected `int`, got `float`"),
     ({"dtype": "uint8", "shape": [float("nan")], "base64": "YQ=="}, "Expected `int`, got `float`"),
     ({"dtype": "uint8", "shape": 1, "base64": "YQ=="}, "Expected `array`"),
-    ({"dtype": "uint8", "shape": [2], "base64": "YQ=="}, r"shape \[2\] are 2 bytes, here are 1"),
-    ({"dtype": "float32", "shape": [], "base64": "YQ=="}, "are 4 bytes, here are 1"),
+    ({"dtype": "uint8", "shape": [2], "base64": "YQ=="}, r"shape \[2\] needs 2 bytes, but there are 1"),
+    ({"dtype": "float32", "shape": [], "base64": "YQ=="}, "needs 4 bytes, but there are 1"),
     ({"dtype": "uint8", "shape": [1], "base64": "YQ==", "order": "C"}, "unknown field `order`"),
     ({"dtype": "uint8", "shape": [1], "data": "YQ=="}, "unknown field `data`|missing"),
     ({"dtype": "uint8", "shape": [1], "data": b"a", "base64": "YQ=="}, "unknown field `data`"),

@@ -61,7 +61,7 @@ def test_nested_lists_become_row_major():
         (IMU, {"f_S": [0, 0, 0]}, "bad_argument", "rov/imu", 'rov/imu" is a sensor.*subscribe'),
         (THRUSTERS, [0, 0, 0], "bad_argument", "rov/thrusters", r'"value" must be a map like \{"u"'),
         (THRUSTERS, None, "bad_argument", "rov/thrusters", "must be a map"),
-        (THRUSTERS, {}, "bad_argument", "rov/thrusters", "no field given.*it takes: u$"),
+        (THRUSTERS, {}, "bad_argument", "rov/thrusters", "no field is given.*it takes: u$"),
         (THRUSTERS, {"U": [0, 0, 0]}, "bad_argument", "U", 'no field "U".*it takes: u$'),
         (
             PUSH,
@@ -84,9 +84,9 @@ def test_nested_lists_become_row_major():
         (THRUSTERS, {"u": [True, 0, 0]}, "bad_shape", "u", "must be a number, not a boolean"),
         (THRUSTERS, {"u": [b"1", 0, 0]}, "bad_shape", "u", "must be a number, not bytes"),
         (THRUSTERS, {"u": [1j, 0, 0]}, "bad_shape", "u", "must be a number, not a complex"),
-        (THRUSTERS, {"u": [NAN, 0, 0]}, "not_finite", "u", "no finite number"),
-        (THRUSTERS, {"u": [0, 0, INF]}, "not_finite", "u", "no finite number"),
-        (THRUSTERS, {"u": [0, 0, -INF]}, "not_finite", "u", "no finite number"),
+        (THRUSTERS, {"u": [NAN, 0, 0]}, "not_finite", "u", "not a finite number"),
+        (THRUSTERS, {"u": [0, 0, INF]}, "not_finite", "u", "not a finite number"),
+        (THRUSTERS, {"u": [0, 0, -INF]}, "not_finite", "u", "not a finite number"),
         (THRUSTERS, {"u": [10**400, 0, 0]}, "not_finite", "u", "too large"),
         (THRUSTERS, {"u": [0, 1.5, 0]}, "out_of_range", "u", "at least -1 and at most 1, not 1.5"),
         (THRUSTERS, {"u": [0, 1.0000001, 0]}, "out_of_range", "u", "at most 1, not 1.0000001"),
@@ -97,7 +97,7 @@ def test_nested_lists_become_row_major():
         (PUSH, {"matrix": [1, 2, 3, 4, 5, 6]}, "bad_shape", "matrix", "a list of 2, not a list of 6"),
         (PUSH, {"matrix": [[1, 2, 3], [4, 5]]}, "bad_shape", "matrix", "a list of 3, not a list of 2"),
         (PUSH, {"matrix": [[1, 2, 3], 4]}, "bad_shape", "matrix", "a list of 3, not a number"),
-        (PUSH, {"gain": 1, "force_B": [0, 0, NAN]}, "not_finite", "force_B", "no finite number"),
+        (PUSH, {"gain": 1, "force_B": [0, 0, NAN]}, "not_finite", "force_B", "not a finite number"),
     ],
 )
 def test_a_refused_command(port, value, code, where, text):
@@ -217,8 +217,8 @@ def test_a_large_whole_number_stays_exact(t_ns):
         ({"count": 1.5}, "bad_argument", "count", "must be a whole number, not 1.5"),
         ({"count": 0}, "out_of_range", "count", "at least 1 and at most 10, not 0"),
         ({"count": 11}, "out_of_range", "count", "at least 1 and at most 10, not 11"),
-        ({"count": NAN}, "not_finite", "count", "no finite number"),
-        ({"count": INF}, "not_finite", "count", "no finite number"),
+        ({"count": NAN}, "not_finite", "count", "not a finite number"),
+        ({"count": INF}, "not_finite", "count", "not a finite number"),
         ({"count": 10**400}, "not_finite", "count", "too large"),
         ({"count": 1, "speed": 4}, "out_of_range", "speed", "at most 3 m/s, not 4"),
         ({"count": 1, "goal": [1, 2]}, "bad_shape", "goal", "a list of 3, not a list of 2"),
@@ -288,8 +288,8 @@ def test_commands_of_text_bytes_and_buffers(value, checked):
         ({"to": b"a50"}, "bad_argument", "must be a text, not bytes"),
         ({"to": None}, "bad_argument", "must be a text, not null"),
         ({"to": "\ud800"}, "bad_argument", "half a surrogate pair"),
-        ({"to": "x" * 9}, "too_large", "at most 8 bytes, here are 9"),
-        ({"to": "\u00e4" * 5}, "too_large", "at most 8 bytes, here are 10"),
+        ({"to": "x" * 9}, "too_large", "has 9 bytes; at most 8 are allowed"),
+        ({"to": "\u00e4" * 5}, "too_large", "has 10 bytes; at most 8 are allowed"),
         ({"payload": "text"}, "bad_argument", 'must be bytes, in JSON {"base64": "..."}, not a text'),
         ({"payload": [1, 2]}, "bad_argument", "not a list"),
         ({"payload": {"base64": "A"}}, "bad_argument", "Invalid base64"),
@@ -297,19 +297,19 @@ def test_commands_of_text_bytes_and_buffers(value, checked):
         ({"payload": {"x" * 100_000: 1}}, "bad_argument", "missing|unknown"),
         ({"payload": ROWS}, "bad_argument", "not a buffer"),
         ({"payload": {"dtype": "uint8", "shape": [1], "base64": "YQ=="}}, "bad_argument", "not a buffer"),
-        ({"payload": bytes(17)}, "too_large", "at most 16 bytes, here are 17: send it in pieces"),
+        ({"payload": bytes(17)}, "too_large", "has 17 bytes; at most 16 are allowed: send it in pieces"),
         ({"picture": 3}, "bad_argument", 'must be a buffer, in JSON {"dtype": "uint8", "shape": [...], "base64": "..."}, not'),
         ({"picture": "abc"}, "bad_argument", "not a text"),
-        ({"picture": b"abcd"}, "bad_argument", "are 3 bytes, here are 4"),
+        ({"picture": b"abcd"}, "bad_argument", "needs 3 bytes, but there are 4"),
         ({"picture": np.zeros((2, 3), np.int64)}, "bad_argument", "no buffer of int64"),
         ({"picture": Buffer(dtype="int8", shape=(2, 3), data=b"abcdef")}, "bad_shape", "must be uint8 nx3, not int8 [2, 3]"),
         ({"picture": Buffer(dtype="uint8", shape=(3, 2), data=b"abcdef")}, "bad_shape", "must be uint8 nx3, not uint8 [3, 2]"),
         ({"picture": Buffer(dtype="uint8", shape=(6,), data=b"abcdef")}, "bad_shape", "not uint8 [6]"),
         ({"picture": {"dtype": "uint8", "shape": [-1, 3], "base64": "YWJj"}}, "bad_argument", "whole numbers from 0"),
         ({"picture": {"dtype": "uint8", "shape": [2**31, 2**31], "base64": "YWJj"}}, "bad_argument", "here are 3"),
-        ({"picture": bytes(15)}, "too_large", "at most 12 bytes, here are 15"),
-        ({"wave": np.array([0.0, NAN], np.float32)}, "not_finite", "no finite number"),
-        ({"wave": {"dtype": "float32", "shape": [2], "base64": "AADAfwAAwH8="}}, "not_finite", "no finite number"),
+        ({"picture": bytes(15)}, "too_large", "has 15 bytes; at most 12 are allowed"),
+        ({"wave": np.array([0.0, NAN], np.float32)}, "not_finite", "not a finite number"),
+        ({"wave": {"dtype": "float32", "shape": [2], "base64": "AADAfwAAwH8="}}, "not_finite", "not a finite number"),
         ({"gain": b"abc"}, "bad_shape", "must be a number, not bytes"),
         ({"gain": {"base64": "YQ=="}}, "bad_shape", "must be a number, not a map"),
     ],
@@ -333,7 +333,7 @@ def test_no_bytes_hide_in_the_arguments_of_a_call(value):
     service = Service("world/echo", "Echo.", (Argument("value", "json", "anything"),))
     assert (
         refusal(checked_args, service, {"value": value}).text
-        == '"value" takes no bytes: send them as a text, in base64'
+        == '"value" must not hold bytes: send them as a text in base64'
     )
     assert checked_args(service, {"value": {"a": ["x"]}}) == {"value": {"a": ["x"]}}
 
@@ -348,7 +348,7 @@ def test_json_is_copied_and_has_a_form_in_json():
     assert checked["a"][1]["b"] is None
     fault = refusal(checked_args, service, {"value": given})
     assert (fault.code, fault.where) == ("bad_argument", "value")
-    assert '"value" has no form in JSON' in fault.text
+    assert '"value" cannot be written as JSON' in fault.text
 
 
 @pytest.mark.parametrize("numbers", [np.zeros(3), np.float64(1.0), np.ones((2, 3))])

@@ -44,7 +44,7 @@ def test_what_it_takes(value, text):
 
 def test_a_payload_that_is_too_long_is_refused_before_it_is_sent():
     world = world_of(PLACES, max_bytes=8)
-    with pytest.raises(Refused, match="at most 8 bytes, here are 9") as refused:
+    with pytest.raises(Refused, match="has 9 bytes; at most 8 are allowed") as refused:
         world.command("a/modem/send", destination=2, data=b"123456789")
     assert refused.value.fault.code == "too_large"
     assert world.parts["world/modems"].save().packets == ()
