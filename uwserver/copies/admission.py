@@ -6,8 +6,8 @@ from collections.abc import Collection, Iterator
 
 from uwserver.autopilot.status import StateSensor
 from uwserver.ports import Refused
-from uwserver.scenario.load.default_adapter import KIND
 from uwserver.scenario.load.resolved import Resolved
+from uwserver.scenario.load.scenario import DEFAULT_ADAPTER
 from uwserver.sensors.bank import BankSensor
 from uwserver.sensors.base import IdealSensor, Sensor
 from uwserver.sensors.modem import Modem
@@ -84,7 +84,7 @@ def _adapters(resolved: Resolved) -> Iterator[str]:
     """All but those of the kinds that are there where a file says nothing: they only let clients in, who have no way into this process."""
     for name, config in resolved.scenario.adapters.items():
         kind = config.__struct_config__.tag
-        if kind not in (KIND, "web"):
+        if kind not in (DEFAULT_ADAPTER, "web"):
             yield f"adapters.{name} ({kind})"
 
 

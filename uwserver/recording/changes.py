@@ -26,7 +26,6 @@ from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.solids.archive import pack, unpack
 from uwserver.scenario.solids.shapes import Materials, seabed_solid
 from uwserver.scenario.solids.tables import FlatSeabed
-from uwserver.scenario.vehicle.assembly import drafted
 from uwserver.scenario.vehicle.autopilot_checks import check_autopilot
 from uwserver.scenario.vehicle.checks import check_vehicle
 from uwserver.scenario.vehicle.entry import VehicleEntry
@@ -236,12 +235,11 @@ def _problems(whole: Mapping[str, Any], more: More) -> Iterator[str]:
     for name, parts in whole["vehicles"].items():
         told = report_below("vehicles", name)
         below = Converter(told, more).tree(parts["vehicle"], VehicleFile)
-        devices = msgspec.convert(parts["devices"], dict[str, ThrusterDevice])
-        draft = drafted(below, devices)
-        check_vehicle(draft, world, environment, told, nothing)
+        msgspec.convert(parts["devices"], dict[str, ThrusterDevice])  # refuses devices with wrong keys
+        check_vehicle(below, world, environment, told, nothing)
         autopilot = tree.at("vehicles", name, "autopilot").value
         if autopilot is not None and autopilot is not UNSET:
-            check_autopilot(autopilot, draft, ("vehicles", name, "autopilot"), world, report)
+            check_autopilot(autopilot, below, ("vehicles", name, "autopilot"), world, report)
         if below.value is not None:
             files[name] = below.value
     check_scenario(tree, report, nothing)

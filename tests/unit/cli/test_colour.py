@@ -49,7 +49,7 @@ def test_lines_without_a_place_stay_as_they_are(monkeypatch):
 
 
 def test_rates_that_are_proposed_are_whole_numbers(tank):
-    assert "the nearest that do are 6 and 8" in CliRunner().invoke(main, ["check", "tank.toml"]).output
+    assert "the nearest rates that do are 6 and 8" in CliRunner().invoke(main, ["check", "tank.toml"]).output
 
 
 def test_a_kind_is_found_by_one_of_its_words(tank):

@@ -157,7 +157,7 @@ def test_check_tells_all_faults_of_all_files_and_fails(folder: Path) -> None:
     result = run("check", "a.toml", "bluerov2_pool", "b.toml")
     assert result.exit_code == 1
     assert 'a.toml:2:1: unknown key "sede" (did you mean "seed"?)\n1 error\n' in result.stderr
-    assert "b.toml:1:10: no valid TOML: invalid value\n1 error\n" in result.stderr
+    assert "b.toml:1:10: not valid TOML: invalid value\n1 error\n" in result.stderr
     assert result.stdout.startswith("ok: bluerov2_pool: ")
 
 

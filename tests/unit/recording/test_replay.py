@@ -170,7 +170,7 @@ def test_a_chunk_that_grows_without_end_is_not_unpacked(claimed: int, resolved, 
 
 
 @pytest.mark.parametrize(
-    ("make", "told"), [(os.mkfifo, "no plain file"), (Path.mkdir, "no plain file"), (lambda p: p.symlink_to(p), "Too many")]
+    ("make", "told"), [(os.mkfifo, "not a regular file"), (Path.mkdir, "not a regular file"), (lambda p: p.symlink_to(p), "Too many")]
 )  # fmt: skip
 def test_what_is_no_file_is_told_and_not_waited_for(make: Callable[[Path], object], told: str, tmp_path: Path):
     make(tmp_path / "run.mcap")

@@ -116,7 +116,7 @@ def test_errors_of_a_sensor_of_the_vehicle_file_override_it(builder: ScenarioBui
     ],
 )
 def test_a_vehicle_comes_before_its_parts(verb: Verb, builder: ScenarioBuilder) -> None:
-    with pytest.raises(ScenarioError, match=r'built: vehicles: no vehicle "row" added before \(did you mean "rov"\?\)'):
+    with pytest.raises(ScenarioError, match=r'built: vehicles: there is no vehicle "row" yet \(did you mean "rov"\?\)'):
         verb(builder)
 
 
@@ -192,6 +192,6 @@ def test_an_extension_that_fails_is_not_taken(beside: Path) -> None:
     with pytest.raises(ScenarioError, match=r'built: extensions: there is no Python file "none\.py"'):
         builder.extension("none.py")
     (beside / "bad.py").write_text("1 / 0\n")
-    with pytest.raises(ScenarioError, match=r"bad\.py:1:1: it failed while it was loaded: ZeroDivisionError"):
+    with pytest.raises(ScenarioError, match=r"bad\.py:1:1: running it failed: ZeroDivisionError"):
         builder.extension("bad.py")
     assert builder.build().extensions == ()

@@ -71,7 +71,7 @@ def test_numbers_that_are_none_are_found(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_something_else_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert "build() must give a UniformConfig, a ProfileConfig, or something with velocity()" in told(
+    assert "build() must return a UniformConfig, a ProfileConfig, or something with velocity()" in told(
         monkeypatch, staticmethod(lambda: 3)
     )
 

@@ -1,4 +1,4 @@
-"""What kinds of sensor and modifier there are, with fields, units, frames, keys and named devices: for `uwserver list` and the reference pages."""
+"""Lists the kinds of sensor and modifier with their fields, units, frames, keys and devices, for `uwserver list` and the reference pages."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from uwserver.sensors import Pose, SensorConfig, SensorTable
 
 
 class Output(NamedTuple):
-    """What a sensor of a kind tells: the sensor of `one_of_everything` that does, its port, and the settings of its service ``set``."""
+    """Output of a kind of sensor: doc and fields of its port, settings of its service ``set``, and an example sensor in `one_of_everything`."""
 
     example: str
     doc: str
@@ -28,7 +28,7 @@ class Output(NamedTuple):
 
 
 class Value(NamedTuple):
-    """One value of a device file, with its provenance; `key` is dotted."""
+    """One value of a device file, with its source; `key` is dotted."""
 
     key: str
     value: Any
@@ -45,7 +45,7 @@ class Device(NamedTuple):
 
 
 class SensorKind(NamedTuple):
-    """One kind of sensor: several outputs where a key decides what it tells."""
+    """One kind of sensor. It has several outputs if a key of its table decides what it measures."""
 
     kind: str
     table: type[Struct]
@@ -54,7 +54,7 @@ class SensorKind(NamedTuple):
 
 
 def sensor_kinds() -> dict[str, SensorKind]:
-    """All kinds, in the order of the union; what they tell is that of the scenario that has one of everything."""
+    """Return all kinds of sensor, in the order of the union. Their outputs come from the scenario `one_of_everything`."""
     found: dict[str, dict[tuple[str, ...], Output]] = {kind: {} for kind in kinds_of(SensorConfig)}
     for name, sensor in _examples():
         built = sensor.build(Pose())
@@ -66,25 +66,25 @@ def sensor_kinds() -> dict[str, SensorKind]:
 
 
 def modifier_kinds() -> dict[str, type[Struct]]:
-    """Tables of all modifiers by their kind."""
+    """Return the tables of all modifiers by their kind."""
     return kinds_of(ModifierConfig)
 
 
 def keys_of(table: type[Struct]) -> dict[str, str]:
-    """Own keys of a sensor's or modifier's table (not those that every sensor has), each with its default as a file would write it."""
+    """Return the keys of a sensor's or modifier's table, each with its default in file syntax; without the keys that all sensors have."""
     common = {info.name for info in fields(SensorTable)} if issubclass(table, SensorTable) else set()
     return {info.encode_name: _default(info) for info in fields(table) if info.name not in common}
 
 
 def first_sentence(component: Any) -> str:
-    """About a component: of its own doc, or of its module's where that only lists keys."""
+    """Return the first sentence of a component's docstring; that of its module if its own only lists keys."""
     own = inspect.getdoc(component) or ""
     doc = own if own and not own.startswith("Attributes") else inspect.getdoc(inspect.getmodule(component)) or ""
     return " ".join(doc.split("\n\n")[0].split()).partition(". ")[0].removesuffix(".")
 
 
 def _examples() -> Iterator[tuple[str, Any]]:
-    """Sensors of the scenario that has one of everything, by name; its adapters, which may not be installed, do not matter."""
+    """Yield the sensors of the scenario `one_of_everything` by name. Its adapters are left out, as they may not be installed."""
     document = read(shipped()["one_of_everything"])
     problems: list[str] = []
     raw = {**document.raw, "adapters": {}}

@@ -1,7 +1,7 @@
-"""A first model of a hull from its mesh alone: volume, centre and inertia by integration, added mass and damping by formula.
+"""Makes a first model of a hull from its mesh: volume, centre and inertia by integration, added mass and damping by formulas.
 
-B's axes are forward, right, down; the results refer to the centre of gravity. What is computed from the mesh is as good as the mesh; the formulas
-give a vehicle that behaves, until somebody measures it.
+The axes of B are forward, right, down; the results refer to the centre of gravity. Integrals are as good as the mesh. The formulas give a vehicle
+that behaves plausibly until somebody measures it.
 """
 
 from __future__ import annotations
@@ -19,30 +19,31 @@ from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.scenario.solids.assets import read_mesh
 
 BLUNT, SLENDER = 2.0, 6.0
-"""Length over width up to which a hull is blunt (an open frame, a box), and from which it is slender (a torpedo)."""
+"""Ratio of length to width up to which a hull is blunt (an open frame, a box), and that from which it is slender (a torpedo)."""
 DRAG_ACROSS, DRAG_SLENDER = 0.9, 0.25
-"""C_D over the area of the silhouette: of a blunt body or across, and of a slender one ahead with its fins."""
+"""C_D on the area of the silhouette: of a blunt body or across the flow, and of a slender body ahead with its fins."""
 TURNING = 6.0
-"""Drag of turning over that of bare strips, of blunt vehicles: 7.6 for BlueROV2 (Wu 2018), 5.4 for VideoRay Pro III (Wang): frame, thrusters."""
+"""Ratio of the drag of turning to that of bare strips, for blunt vehicles with frame and thrusters: 7.6 for BlueROV2 (Wu 2018), 5.4 for VideoRay
+Pro III (Wang)."""
 AT_REST = 0.1
-"""Linear drag over the quadratic at 1 m/s (1 rad/s): 0.09 to 0.15 for BlueROV2 (Wu 2018)."""
+"""Ratio of linear to quadratic drag at 1 m/s (1 rad/s): 0.09 to 0.15 for BlueROV2 (Wu 2018)."""
 RIGHTING = 0.1
-"""How far the centre of gravity lies below that of buoyancy, over the hull's height."""
+"""Distance of the centre of gravity below that of buoyancy, over the height of the hull."""
 
 
 @dataclass(frozen=True)
 class MeshHull:
-    """What a mesh gives, and what formulas make of it. SI; B at the centre of gravity.
+    """Model of a hull from a mesh, in SI. The origin of B is the centre of gravity.
 
     Attributes:
         volume: inside the mesh, m3.
         size: edges of the box around it.
-        center_of_buoyancy: from the centre of gravity.
-        box_center: middle of the box around it, from the centre of gravity.
-        cad_origin: the mesh file's own origin, from the centre of gravity.
+        center_of_buoyancy: in B.
+        box_center: middle of the box around it, in B.
+        cad_origin: origin of the mesh file, in B.
         second_moments: (3, 3) integral of x x^T over the volume about its centre, m5.
-        added_mass: (6) of 1000 kg/m3.
-        quadratic, linear, lift: (6) damping by |v| v, by v, and by |u| v, of 1000 kg/m3.
+        added_mass: (6) in water of 1000 kg/m3.
+        quadratic, linear, lift: (6) damping coefficients of |v| v, of v, and of |u| v, in water of 1000 kg/m3.
     """
 
     volume: float
@@ -57,21 +58,21 @@ class MeshHull:
     lift: FloatArray
 
     def inertia(self, mass_kg: float) -> FloatArray:
-        """(3, 3) about the centre, of that mass spread evenly over the volume."""
+        """Return the inertia (3, 3) about the centre if the mass is spread evenly over the volume."""
         spread = mass_kg / self.volume * self.second_moments
         return float(np.trace(spread)) * np.eye(3) - spread
 
 
 def mesh_hull(path: Path, scale: float, up: Literal["y", "z"] | None) -> MeshHull:
-    """The model of a mesh file.
+    """Return the model of a mesh file.
 
     Args:
-        path: of a file that `read_mesh` knows, with x ahead.
-        scale: m of one unit of the file.
-        up: its axis that points up; None: y for glTF, z for others.
+        path: of a file that `read_mesh` reads, with x ahead.
+        scale: length of one unit of the file, m.
+        up: axis of the file that points up; None: y for glTF, z for others.
 
     Raises:
-        BadSolid: the file cannot be read, is not closed, or is too large or small for a vehicle, and what to do.
+        BadSolid: the file cannot be read, is not closed, or is too large or small for a vehicle; the text says what to do.
     """
     warnings: list[str] = []
     tiles = read_mesh(path, up, scale, warnings.append)
@@ -82,10 +83,10 @@ def mesh_hull(path: Path, scale: float, up: Literal["y", "z"] | None) -> MeshHul
     size = high - low
     if not 0.05 <= float(size.max()) <= 50.0:
         text = f'"{path.name}" is {size[0]:.4g} m long, {size[1]:.4g} m wide and {size[2]:.4g} m high'
-        raise BadSolid(f"{text}: no vehicle is; give the unit of the file by --scale (0.001 for millimetres)")
+        raise BadSolid(f"{text}, unlike any vehicle: give the unit of the file by --scale (0.001 for millimetres)")
     volume, center, moments = _integrals(vertices, faces)
     gravity = center + np.array([0.0, 0.0, RIGHTING * size[2]])
-    # Of the ellipsoid with the same moments along the axes of B.
+    # Semi-axes of the ellipsoid with the same moments along the axes of B.
     half = np.sqrt(5.0 * np.diag(moments) / volume)
     areas = _silhouettes(vertices)
     quadratic = _quadratic(size, areas)
@@ -104,7 +105,7 @@ def mesh_hull(path: Path, scale: float, up: Literal["y", "z"] | None) -> MeshHul
 
 
 def ellipsoid_added_mass(half: FloatArray) -> FloatArray:
-    """(6) added mass of an ellipsoid over the water's density, from its semi-axes: Lamb, Hydrodynamics, articles 114 and 115."""
+    """Return the added mass (6) of an ellipsoid over the density of the water, from its semi-axes: Lamb, Hydrodynamics, articles 114 and 115."""
     from scipy.special import elliprd
 
     a, b, c = (float(axis) for axis in half)
@@ -117,7 +118,7 @@ def ellipsoid_added_mass(half: FloatArray) -> FloatArray:
 
 
 def _turning(volume: float, axes: tuple[float, float], alpha: FloatArray) -> float:
-    """About the third axis; nothing where the two are equal: the ellipsoid is round about it."""
+    """Return the added inertia about the third axis; 0 if the two are equal, as the ellipsoid is then round about it."""
     difference, total = axes[0] ** 2 - axes[1] ** 2, axes[0] ** 2 + axes[1] ** 2
     if abs(difference) < 1e-9 * total:
         return 0.0
@@ -126,13 +127,14 @@ def _turning(volume: float, axes: tuple[float, float], alpha: FloatArray) -> flo
 
 
 def slenderness(size: FloatArray) -> float:
-    """0 for a blunt hull, 1 for a slender one."""
+    """Return 0 for a blunt hull, 1 for a slender one, and values between."""
     ratio = float(size[0]) / math.sqrt(float(size[1] * size[2]))
     return min(max((ratio - BLUNT) / (SLENDER - BLUNT), 0.0), 1.0)
 
 
 def _quadratic(size: FloatArray, areas: FloatArray) -> FloatArray:
-    """(6) at 1000 kg/m3: C_D by silhouette; turning by strips, each at its own speed, 1/32 of the area times the cube of the length."""
+    """Return the quadratic damping (6) at 1000 kg/m3: C_D on the silhouette; turning by strips at their own speeds, which gives 1/32 of the area
+    times the cube of the length."""
     slender = slenderness(size)
     drag = np.array([DRAG_ACROSS + slender * (DRAG_SLENDER - DRAG_ACROSS), DRAG_ACROSS, DRAG_ACROSS])
     factor = TURNING + slender * (1.0 - TURNING)
@@ -143,21 +145,21 @@ def _quadratic(size: FloatArray, areas: FloatArray) -> FloatArray:
 
 
 def _lift(size: FloatArray) -> FloatArray:
-    """(6) at 1000 kg/m3: half the lift of flat plates of low aspect ratio (Jones, NACA 835), spread evenly over length and width."""
+    """Return the lift damping (6) at 1000 kg/m3: half that of flat plates of low aspect ratio (Jones, NACA 835), even over length and width."""
     length, width, height = (float(edge) for edge in size)
     sway, heave = (1000.0 * math.pi * span**2 / 8.0 for span in (height, width))
     return np.array([0.0, sway, heave, heave * width**2 / 12.0, heave * length**2 / 12.0, sway * length**2 / 12.0])
 
 
 def _silhouettes(vertices: FloatArray) -> FloatArray:
-    """(3) areas that the convex hull shows along x, y and z."""
+    """Return the areas (3) of the convex hull seen along x, y and z."""
     from scipy.spatial import ConvexHull as Quickhull
 
     return np.array([Quickhull(np.delete(vertices, axis, axis=1)).volume for axis in range(3)])
 
 
 def _integrals(vertices: FloatArray, faces: IntArray) -> tuple[float, FloatArray, FloatArray]:
-    """Volume, its centre, and (3, 3) the integral of x x^T about it, by tetrahedra from the middle of the box."""
+    """Return volume, its centre, and the integral (3, 3) of x x^T about that, by tetrahedra from the middle of the box."""
     start = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
     a, b, c = (vertices[faces[:, k]] - start for k in range(3))
     parts = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0

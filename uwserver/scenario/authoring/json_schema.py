@@ -1,4 +1,4 @@
-"""JSON Schema of the three kinds of file, for editors that complete and check TOML while it is typed."""
+"""JSON Schemas of scenario, vehicle and device files, for editors that complete and check TOML."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ FILES: dict[FileKind, type[msgspec.Struct]] = {"scenario": Scenario, "vehicle": 
 
 
 def json_schema(kind: FileKind) -> str:
-    """The schema as JSON text. Adapters are open in it: their keys depend on what is installed."""
+    """Return the schema as JSON text. It allows any keys in adapters, as these depend on what is installed."""
     schema = _devices() if kind == "device" else msgspec.json.schema(FILES[kind])
     return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
 
 
 def _devices() -> dict[str, Any]:
-    """Of thrusters, and of each kind of sensor, whose groups of properties hold the keys of its table with their provenance."""
+    """Return the schema of device files: of thrusters, and of each kind of sensor, whose groups of properties have keys and their source."""
     sensors = kinds_of(SensorConfig)
     types = (ThrusterDevice, SensorDevice, Sourced, *sensors.values())
     references, definitions = msgspec.json.schema_components(types, ref_template="#/$defs/{name}")

@@ -1,7 +1,8 @@
-"""A scenario from a Builder script of MORSE: what it builds, read from its text. The script is never executed.
+"""Converts a Builder script of MORSE to a scenario. The script is parsed, never executed.
 
-Read are statements at the top of the script: a robot or component is made (``imu = IMU()``), placed (``translate``, ``rotate``), given a rate
-(``frequency``) and fixed to a robot (``robot.append(imu)``). What else it says is told by its line, so that nothing is lost unseen.
+The statements at the top level of the script are read: they make a robot or component (``imu = IMU()``), place it (``translate``, ``rotate``), give
+it a rate (``frequency``) and attach it to a robot (``robot.append(imu)``). Every other statement is reported with its line, so that nothing is lost
+silently.
 """
 
 from __future__ import annotations
@@ -9,7 +10,8 @@ from __future__ import annotations
 import ast
 import json
 import math
-from collections.abc import Sequence
+import operator
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -18,9 +20,9 @@ from uwserver.scenario.files.convert import NAME
 from uwserver.units import deg
 
 LONGEST = 1 << 20
-"""Of a script, bytes."""
+"""Longest script, characters."""
 RATE_HZ = 240
-"""Of the physics, which every rate of a sensor divides."""
+"""Rate of the physics; every sensor rate divides it."""
 
 SENSORS = {
     "IMU": ["imu"],
@@ -45,9 +47,9 @@ SENSORS = {
     "Hokuyo": ["range_array", "beams = 241", "field_of_view_deg = 240"],
     "Sonar": ["scanning_sonar", 'profile = "ping360"'],
 }
-"""Class of MORSE, or of UW-MORSE, -> kind of ours, and further keys."""
+"""Our kind and further keys for each sensor class of MORSE or UW-MORSE."""
 TRUTH = {"Pose", "Velocity", "Accelerometer", "Odometry"}
-"""Classes that tell what no instrument could know."""
+"""Classes that give ground truth."""
 AUTOPILOT = {
     "MotionVW",
     "MotionXYW",
@@ -58,10 +60,10 @@ AUTOPILOT = {
     "Keyboard",
     "Joystick",
 }
-"""Classes that move a robot as if it had no dynamics: the autopilot does it here."""
+"""Classes that move a robot as if it had no dynamics; here the autopilot moves it."""
 ACTUATORS = {"ForceTorque": "force_torque", "ExternalForce": "force_torque", "Teleport": "teleport"}
 BATTERY = {"Battery"}
-QUIET = {
+HANDLED_METHODS = {
     "add_stream",
     "add_service",
     "add_default_interface",
@@ -71,15 +73,21 @@ QUIET = {
     "rotate",
     "frequency",
 }
-"""Methods that are read, or that a server with adapters needs not."""
+"""Methods that are converted, or that a server with adapters does not need."""
+
+
+_UNARY: Mapping[type[ast.unaryop], Callable[[float], float]] = {ast.USub: operator.neg, ast.UAdd: operator.pos}
+_BINARY: Mapping[type[ast.operator], Callable[[float, float], float]] = {
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
+}  # fmt: skip
 
 
 class Converted(NamedTuple):
-    """A scenario.
+    """A converted scenario.
 
     Attributes:
-        text: of its file.
-        remarks: what was not understood or is otherwise here, each with its line.
+        text: of the scenario file.
+        remarks: on what was not converted or is different here, each with its line.
     """
 
     text: str
@@ -87,12 +95,12 @@ class Converted(NamedTuple):
 
 
 class NoScript(Exception):
-    """The text is no script of Python; says why."""
+    """Raised if a text is not a Builder script; the text says why."""
 
 
 @dataclass
 class _Part:
-    """A robot or component that a script makes."""
+    """A robot or component that the script makes."""
 
     name: str
     cls: str
@@ -105,29 +113,29 @@ class _Part:
 
 
 def scenario_from(script: str, title: str, vehicle: str) -> Converted:
-    """A scenario that builds what a script of MORSE builds.
+    """Return a scenario that builds what a script of MORSE builds.
 
     Args:
         script: its text.
         title: of the scenario.
-        vehicle: model of every robot, as MORSE's have no hydrodynamics.
+        vehicle: model for every robot, as robots of MORSE have no hydrodynamics.
 
     Raises:
-        NoScript: it cannot be read, or makes no robot.
+        NoScript: the script cannot be read, or makes no robot.
     """
     if len(script) >= LONGEST:
-        raise NoScript(f"a script has less than {LONGEST} characters")
+        raise NoScript(f"it has {len(script)} characters; less than {LONGEST} are allowed")
     try:
         tree = ast.parse(script)
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
-        raise NoScript(f"this is no script of Python 3: {error}") from None
+        raise NoScript(f"it is not a Python 3 script: {error}") from None
     reader = _Reader()
     for statement in tree.body:
         reader.read(statement)
     robots = [part for part in reader.parts.values() if not part.is_part and not _is_component(part.cls)]
     if not robots:
         raise NoScript(
-            "it makes no robot: a Builder script says robot = ATRV(), and robot.append(...) for each component"
+            "it makes no robot: a Builder script has robot = ATRV(), and robot.append(...) for each component"
         )
     return Converted(_written(robots, title, vehicle, reader.remarks), sorted(reader.remarks, key=_line_of))
 
@@ -137,14 +145,14 @@ def _is_component(cls: str) -> bool:
 
 
 class _Reader:
-    """Statements to parts."""
+    """Reads statements, and collects parts and remarks."""
 
     def __init__(self) -> None:
         self.parts: dict[str, _Part] = {}
         self.remarks: list[str] = []
 
     def read(self, statement: ast.stmt) -> None:
-        """One statement at the top of the script."""
+        """Read one statement at the top level of the script."""
         if isinstance(statement, ast.Import | ast.ImportFrom | ast.Pass):
             return
         if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
@@ -156,7 +164,7 @@ class _Reader:
         self._remark(statement, f"not read: {_shown(statement)}")
 
     def _makes(self, statement: ast.Assign) -> bool:
-        """``imu = IMU()`` or ``imu = robot.append(IMU())``."""
+        """Read a statement such as ``imu = IMU()``; return whether it is one."""
         target, value = statement.targets[0], statement.value
         if len(statement.targets) != 1 or not isinstance(target, ast.Name) or not isinstance(value, ast.Call):
             return False
@@ -166,7 +174,7 @@ class _Reader:
         said = given.value if isinstance(given, ast.Constant) and isinstance(given.value, str) else None
         if value.func.id == "Environment":
             self._remark(
-                statement, f"the environment {said or ''} is not converted: [seabed] and [structures] take its place"
+                statement, f"the environment {said or ''} is not converted: use [seabed] and [structures] instead"
             )
             return True
         name = said if said is not None and NAME.fullmatch(said) else target.id
@@ -174,7 +182,7 @@ class _Reader:
         return True
 
     def _calls(self, call: ast.Call) -> bool:
-        """``imu.translate(...)``."""
+        """Read a statement such as ``imu.translate(...)``; return whether it could be read."""
         if not isinstance(call.func, ast.Attribute) or not isinstance(call.func.value, ast.Name):
             return False
         part = self.parts.get(call.func.value.id)
@@ -182,7 +190,9 @@ class _Reader:
             return call.func.value.id in ("env", "environment")
         verb = call.func.attr
         if verb in ("translate", "rotate"):
-            return self._moves(part, call, part.place if verb == "translate" else part.turn)
+            moved, numbers = part.place if verb == "translate" else part.turn, _numbers(call, ("x", "y", "z"))
+            moved[:] = [a + b for a, b in zip(moved, numbers or (0.0, 0.0, 0.0), strict=True)]
+            return numbers is not None
         if verb == "frequency":
             rate = _numbers(call, ("frequency",))
             if rate is None or not rate[0] > 0.0:
@@ -194,16 +204,8 @@ class _Reader:
                 return False
             part.parts.append(child)
             child.is_part = True
-        elif verb not in QUIET:
-            self._remark(call, f"{_shown(call)} has no equal here")
-        return True
-
-    def _moves(self, part: _Part, call: ast.Call, what: list[float]) -> bool:
-        numbers = _numbers(call, ("x", "y", "z"))
-        if numbers is None:
-            return False
-        for axis in range(3):
-            what[axis] += numbers[axis]
+        elif verb not in HANDLED_METHODS:
+            self._remark(call, f"{_shown(call)} has no equivalent here")
         return True
 
     def _remark(self, node: ast.stmt | ast.expr, text: str) -> None:
@@ -211,7 +213,7 @@ class _Reader:
 
 
 def _numbers(call: ast.Call, names: Sequence[str]) -> list[float] | None:
-    """Arguments that are numbers, or simple sums of such with pi; None where one is not."""
+    """Return the arguments of a call, which may be simple arithmetic with pi; None if one is anything else."""
     found = [0.0] * len(names)
     try:
         for at, each in enumerate(call.args):
@@ -226,15 +228,10 @@ def _numbers(call: ast.Call, names: Sequence[str]) -> list[float] | None:
 def _number(node: ast.expr) -> float:
     if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool):
         return float(node.value)
-    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
-        return -_number(node.operand) if isinstance(node.op, ast.USub) else _number(node.operand)
-    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub | ast.Mult | ast.Div):
-        a, b = _number(node.left), _number(node.right)
-        if isinstance(node.op, ast.Mult):
-            return a * b
-        if isinstance(node.op, ast.Div):
-            return a / b
-        return a + b if isinstance(node.op, ast.Add) else a - b
+    if isinstance(node, ast.UnaryOp) and type(node.op) in _UNARY:
+        return _UNARY[type(node.op)](_number(node.operand))
+    if isinstance(node, ast.BinOp) and type(node.op) in _BINARY:
+        return _BINARY[type(node.op)](_number(node.left), _number(node.right))
     if (isinstance(node, ast.Attribute) and node.attr == "pi") or (isinstance(node, ast.Name) and node.id == "pi"):
         return math.pi
     raise ValueError
@@ -270,7 +267,7 @@ def _robot(robot: _Part, vehicle: str, remarks: list[str]) -> list[str]:
     place = ned_from_enu(robot.place)
     if place[2] < 0.0:
         remarks.append(
-            f"line {robot.line}: {robot.name} began {-place[2]:g} m above the water and begins at its surface now"
+            f"line {robot.line}: {robot.name} started {-place[2]:g} m above the water; here it starts at the surface"
         )
         place = (place[0], place[1], 0.0)
     key = _key(robot.name)
@@ -301,7 +298,7 @@ def _part(vehicle: str, part: _Part, remarks: list[str]) -> list[str]:
     if part.cls in ACTUATORS:
         return ["", f"[vehicles.{vehicle}.override.actuators.{name}]", f'kind = "{ACTUATORS[part.cls]}"']
     if part.cls not in SENSORS:
-        remarks.append(f"line {part.line}: no component here does what {part.cls} did: {part.name} is left out")
+        remarks.append(f"line {part.line}: there is no equivalent of {part.cls} here: {part.name} is left out")
         return []
     kind, *more = SENSORS[part.cls]
     lines = [
@@ -319,7 +316,7 @@ def _part(vehicle: str, part: _Part, remarks: list[str]) -> list[str]:
 
 
 def _rate(wanted_hz: float) -> str:
-    """The nearest whole rate that divides that of the physics."""
+    """Return the nearest whole rate that divides that of the physics."""
     rates = [n for n in range(1, RATE_HZ + 1) if RATE_HZ % n == 0]
     return str(min(rates, key=lambda rate: abs(math.log(rate / wanted_hz))))
 

@@ -1,4 +1,4 @@
-"""The commented scenario that `uwserver new` writes."""
+"""The scenario with comments that `uwserver new` writes."""
 
 from __future__ import annotations
 
@@ -58,10 +58,10 @@ port = 7600
 
 
 def starter(name: str, vehicle: str) -> str:
-    """TOML text of a scenario with one vehicle.
+    """Return the TOML text of a scenario with one vehicle.
 
     Args:
-        name: file stem.
+        name: stem of the file name.
         vehicle: name of a shipped vehicle, or path of a vehicle file.
     """
     # A JSON string without line breaks is a TOML basic string.

@@ -1,4 +1,4 @@
-"""The vehicle file that `uwserver new --vehicle` writes: another vehicle's, with a hull of its own where a mesh gives one."""
+"""Writes the vehicle file of `uwserver new --vehicle`: a copy of a shipped one, with a hull from a mesh if there is one."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from uwserver.scenario.authoring.hull import (
 )
 
 SEA_WATER = 1025.0
-"""kg/m3, in which a vehicle of unknown mass is taken to be neutral."""
+"""Density in which a vehicle of unknown mass is assumed to be neutral, kg/m3."""
 
-_OF_THE_HULL = ("rigid_body", "buoyancy", "collision", "added_mass", "damping", "hull")
-_OF_THE_OTHER = ("published",)
-"""Figures of the real vehicle that the file began as: they say nothing of a new one."""
+_HULL_TABLES = ("rigid_body", "buoyancy", "collision", "added_mass", "damping", "hull")
+_DROPPED_TABLES = ("published",)
+"""Figures of the real vehicle that the file is copied from; they are not true of a new one."""
 _RIGHTING = (
     f"the centre of gravity is taken to lie {RIGHTING:g} of the height below: find it by hanging the vehicle up, or by its "
     "roll period"
@@ -50,18 +50,18 @@ def vehicle_starter(
     name: str, base: str, text: str, hull: MeshHull | None = None, mesh: str = "", mass_kg: float | None = None,
     reading: str = "",
 ) -> str:  # fmt: skip
-    """TOML text of a vehicle file.
+    """Return the TOML text of a vehicle file.
 
     Args:
         name: of the new vehicle.
-        base: name of the one it begins as.
-        text: of that one's file.
-        hull: in place of the other's hull.
-        mesh: its file, relative to the new one.
-        mass_kg: by the data sheet or the scales; None: what floats neutrally in sea water.
-        reading: keys of the mesh file as TOML lines (`up`, `scale`).
+        base: name of the vehicle that it is copied from.
+        text: of that vehicle's file.
+        hull: replaces the hull of that vehicle.
+        mesh: file of the hull, relative to the new file.
+        mass_kg: from a data sheet or scales; None: that of neutral buoyancy in sea water.
+        reading: keys for reading the mesh file, as TOML lines (`up`, `scale`).
     """
-    dropped = (*_OF_THE_OTHER, *(_OF_THE_HULL if hull else ()))
+    dropped = (*_DROPPED_TABLES, *(_HULL_TABLES if hull else ()))
     kept = [block for top, block in _blocks(text) if top and top not in dropped]
     head = _head(name, base, hull, mesh)
     body = [] if hull is None else list(_hull(hull, mesh, mass_kg, reading))
@@ -69,7 +69,7 @@ def vehicle_starter(
 
 
 def _blocks(text: str) -> Iterator[tuple[str, str]]:
-    """Each table with the comments above it, by its top name; "" for what stands before the first."""
+    """Yield each table with the comments above it, by its top name; "" for the text before the first table."""
     top, lines, above = "", list[str](), list[str]()
     for line in text.splitlines():
         if found := _HEADER.match(line):
@@ -121,7 +121,7 @@ def _hull(hull: MeshHull, mesh: str, mass_kg: float | None, reading: str) -> Ite
 
 
 def _water(hull: MeshHull, mesh: str) -> Iterator[str]:
-    """What the water does with it: by formula, all of it a guess."""
+    """Yield added mass, damping and hull derivatives from formulas, all with status "guess"."""
     slender = slenderness(np.array(hull.size))
     ahead, times = DRAG_ACROSS + slender * (DRAG_SLENDER - DRAG_ACROSS), TURNING + slender * (1.0 - TURNING)
     drag = f"C_D {ahead:.2g} ahead and {DRAG_ACROSS:g} across on the silhouette of the convex hull"
@@ -154,6 +154,6 @@ def _row(values: Sequence[float] | FloatArray) -> str:
 
 
 def _number(value: float) -> str:
-    """Six digits; nothing below a billionth, and no negative zero."""
+    """Return a number with six digits; below a billionth it is 0.0, without a sign."""
     text = f"{value:.6g}" if abs(value) >= 1e-9 else "0.0"
     return text if set(text) & set(".en") else text + ".0"

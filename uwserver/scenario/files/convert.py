@@ -1,4 +1,4 @@
-"""From raw TOML tables to a tree of typed tables, in which those with faults are holes: one fault does not hide the others."""
+"""Converts raw TOML tables to a tree of typed tables. A table with an error becomes a hole (None), so that one error does not hide others."""
 
 from __future__ import annotations
 
@@ -16,40 +16,44 @@ from uwserver.scenario.files.errors import KeyPath, closest, did_you_mean, sugge
 from uwserver.scenario.files.wording import expected, found
 
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
-"""What a table name must look like: it becomes a level of a path on every wire."""
+"""Form of a table name, which becomes one level of a path on every wire."""
 
 
 class Report(Protocol):
-    """Takes in one fault of the value at `path`; `at` is the key to point at where that is another one."""
+    """Reports one error or warning about the value at `path`; `at` is the key to point at if that is another one."""
 
     def __call__(self, path: KeyPath, text: str, at: KeyPath | None = None) -> None: ...
 
 
 More = Mapping[type, Mapping[str, Any]]
-"""Kinds beside those of a union: for all unions whose members derive from a base, Structs by their `kind`."""
+"""Additional kinds for unions, by base class: they belong to every union whose members derive from it. Structs by their `kind`."""
 NO_MORE: More = {}
 
 
 class Node(NamedTuple):
-    """What stands at a place of a file, converted.
+    """One converted value of a file, with all that is below it.
 
     Attributes:
-        value: typed; None where there is a fault in it or below it: a hole.
-        parts: of a table, what is given below it, holes too; and defaults that are tables.
+        value: typed; None (a hole) if it or anything below it has an error.
+        parts: of a table: all values that the file gives, holes too, and defaults that are tables.
     """
 
     value: Any
     parts: Mapping[str, Node] = {}
 
     def at(self, *path: str) -> Node:
-        """What stands further down; where nothing is given, a node without value and parts."""
+        """Return the node further down; one without value and parts if nothing is given there."""
         node = self
         for key in path:
             node = node.parts.get(key, _NOTHING)
         return node
 
+    def names(self, *path: str) -> tuple[str, ...]:
+        """Return the names in a table of tables further down, holes too."""
+        return tuple(self.at(*path).parts)
+
     def values(self, *path: str) -> dict[str, Any]:
-        """What stands in a table of tables further down, without its holes."""
+        """Return the values of a table of tables further down, without its holes."""
         return {name: part.value for name, part in self.at(*path).parts.items() if part.value is not None}
 
 
@@ -57,25 +61,25 @@ _NOTHING = Node(None)
 
 
 class Converter:
-    """Converts the raw tables of a file, each once, and tells every fault on the way instead of only the first."""
+    """Converts the raw tables of a file, each once, and reports every error on the way instead of only the first."""
 
-    def __init__(self, report: Report, more: More = NO_MORE, known: Known | None = None) -> None:
-        """Of one file.
+    def __init__(self, report: Report, more: More = NO_MORE, known: NodeCache | None = None) -> None:
+        """Make a converter for one file.
 
         Args:
-            report: takes in every fault.
-            more: kinds of an extension.
-            known: shared by the files that are loaded together: a table that several of them hold is converted, and its faults are told, once.
+            report: called for every error.
+            more: kinds from extensions.
+            known: nodes of the files that are loaded together: a table that several files share is converted, and its errors reported, once.
         """
         self.report = report
         self._more = more
-        self._known: Known = {} if known is None else known
+        self._known: NodeCache = {} if known is None else known
 
     def tree(self, raw: object, type_: Any, path: KeyPath = ()) -> Node:
-        """The raw value as a node; a hole after at least one report.
+        """Return the raw value as a node; a hole after at least one report.
 
         Args:
-            raw: what the TOML parser gave.
+            raw: from the TOML parser.
             type_: a Struct, a union of Structs tagged by `kind`, a dict of names to either, or anything that msgspec converts.
             path: where `raw` stands.
         """
@@ -87,9 +91,9 @@ class Converter:
         return self._known[key][0]
 
     def kind(self, raw: object, kinds: Mapping[str, Any], path: KeyPath) -> Node:
-        """The table as the Struct that its `kind` names."""
+        """Return the table as the Struct that its `kind` names."""
         if not isinstance(raw, dict):
-            return self._hole(path, f"expected a table, found {found(raw)}")
+            return self._no_table(raw, path)
         if "kind" not in raw:
             known = {info.encode_name for struct in kinds.values() for info in fields(struct)}
             meant = next((key for key in raw if key not in known and closest(key, ["kind"])), None)
@@ -113,7 +117,7 @@ class Converter:
             if len(members) == 1 and members[0].__struct_config__.tag is None:
                 return self._struct(raw, members[0], path)
             return self.kind(raw, kinds_of(Union[tuple(members)], self._more), path)  # noqa: UP007  # at run time
-        if len(members) > 1:  # numbers or arrays of them: what stands there says which is meant
+        if len(members) > 1:  # such as a number or an array of numbers: the raw value decides which is meant
             fitting = [member for member in members if _is_array(member) == isinstance(raw, (list, tuple))]
             return self._value(raw, fitting[0], path) if len(fitting) == 1 else self._leaf(raw, type_, path)
         (only,) = members
@@ -124,9 +128,9 @@ class Converter:
         return self._leaf(raw, only, path)
 
     def _struct(self, raw: object, struct: Any, path: KeyPath, tag: str | None = None) -> Node:
-        """`tag` is the key that chose the Struct."""
+        """Convert a table to a Struct; `tag` is the key that chose the Struct."""
         if not isinstance(raw, dict):
-            return self._hole(path, f"expected a table, found {found(raw)}")
+            return self._no_table(raw, path)
         infos = fields(struct)
         known = [info.encode_name for info in infos] + ([tag] if tag else [])
         unknown = [key for key in raw if key not in known]
@@ -152,12 +156,12 @@ class Converter:
             return Node(None, parts)
         try:
             return Node(struct(**values), parts)
-        except (ValueError, TypeError) as error:  # what a Struct checks by itself
+        except (ValueError, TypeError) as error:  # from checks of the Struct itself
             return self._hole(path, str(error), parts=parts)
 
     def _names(self, raw: object, type_: Any, path: KeyPath) -> Node:
         if not isinstance(raw, dict):
-            return self._hole(path, f"expected a table, found {found(raw)}")
+            return self._no_table(raw, path)
         parts: dict[str, Node] = {}
         faulty = False
         for name, value in raw.items():
@@ -186,38 +190,65 @@ class Converter:
             text += did_you_mean(raw, [str(value) for value in get_args(_strip(type_))])
         return self._hole(path, text)
 
+    def _no_table(self, raw: object, path: KeyPath) -> Node:
+        return self._hole(path, f"expected a table, found {found(raw)}")
+
     def _hole(self, path: KeyPath, text: str, at: KeyPath | None = None, parts: Mapping[str, Node] = {}) -> Node:
         self.report(path, text, at)
         return Node(None, parts)
 
 
-Known = dict[tuple[int, int], tuple[Node, object, Any]]
-"""Nodes by the identities of raw table and type, with these two, so that their identities stay theirs."""
+NodeCache = dict[tuple[int, int], tuple[Node, object, Any]]
+"""Nodes by the identities of the raw table and the type. Both are kept too: an identity is free for another object once its owner is gone."""
 
 
 def convert(raw: object, type_: Any, path: KeyPath, report: Report, more: More = NO_MORE) -> Any:
-    """The typed value alone, or None after at least one report; see `Converter`."""
+    """Return the typed value alone, or None after at least one report; see `Converter`."""
     return Converter(report, more).tree(raw, type_, path).value
 
 
 def check_name(path: KeyPath, report: Report) -> bool:
-    """Whether the last key can be a level of a path on every wire; reports it otherwise."""
+    """Return whether the last key can be one level of a path on every wire; report it otherwise."""
     name = str(path[-1])
     if NAME.fullmatch(name):
         return True
-    rule = "begin with a letter or _, go on with letters, digits, _ and - (it is part of a path)"
-    report(path, f'"{name}" cannot be a name: {rule}')
+    report(
+        path,
+        f'"{name}" cannot be a name: begin with a letter or _, then use letters, digits, _ and - (it is part of a path)',
+    )
     return False
+
+
+def check_known(name: str, known: Sequence[str], noun: str, path: KeyPath, report: Report) -> None:
+    """Report a name that is not among the known ones; `noun` says what it names."""
+    if name not in known:
+        report(path, f'no {noun} "{name}"{suggestion(name, known, "; there are: ")}')
+
+
+def check_members(names: Sequence[str], known: Sequence[str], noun: str, path: KeyPath, report: Report) -> None:
+    """Report those of a list of names that are not known or are repeated; `noun` says what one of them names."""
+    for k, name in enumerate(names):
+        check_known(name, known, noun, (*path, k), report)
+        if name in names[:k]:
+            report((*path, k), f'"{name}" is named twice')
+
+
+def is_one_of(table: msgspec.Struct, keys: Sequence[str], path: KeyPath, report: Report) -> bool:
+    """Return whether exactly one of two keys is given; report it otherwise."""
+    given = [key for key in keys if getattr(table, key) is not msgspec.UNSET]
+    if len(given) != 1:
+        report(path, f"give exactly one of {' and '.join(keys)}: {'both are given' if given else 'none is given'}")
+    return len(given) == 1
 
 
 @cache
 def fields(struct: Any) -> tuple[FieldInfo, ...]:
-    """Fields of a Struct with resolved types."""
+    """Return the fields of a Struct with resolved types."""
     return msgspec.structs.fields(struct)
 
 
 def kinds_of(type_: Any, more: More = NO_MORE) -> dict[str, Any]:
-    """Structs of a tagged union by their `kind`."""
+    """Return the Structs of a tagged union by their `kind`."""
     members = _members(type_)
     kinds = {str(member.__struct_config__.tag): member for member in members}
     for base, further in more.items():
@@ -227,7 +258,7 @@ def kinds_of(type_: Any, more: More = NO_MORE) -> dict[str, Any]:
 
 
 def _members(type_: Any) -> tuple[Any, ...]:
-    """Alternatives of a union that a TOML value can stand for."""
+    """Return those alternatives of a union that a TOML value can have."""
     alternatives = get_args(type_) if get_origin(type_) in (Union, UnionType) else (type_,)
     return tuple(member for member in alternatives if member not in (msgspec.UnsetType, type(None)))
 

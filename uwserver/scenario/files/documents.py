@@ -1,4 +1,4 @@
-"""Files on their way in: found, read and parsed, with the places of their keys."""
+"""Finds, reads and parses scenario, vehicle and device files, and keeps the place of every key."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ else:
 
 
 MOST_BYTES = 1 << 20
-"""Of a TOML file: a scenario of a thousand vehicles has 150 kB."""
+"""Largest TOML file, bytes: a scenario of a thousand vehicles has 150 kB."""
 
 
 @dataclass(frozen=True)
 class Document:
-    """One parsed file, or the like of one built in Python.
+    """A parsed file, or tables that were built in Python.
 
     Attributes:
-        label: the file as problems name it.
+        label: what problems call it: the path of the file, or the title of the scenario.
         raw: its top table.
-        locations: line and column of every key; (0, 0) without a file.
-        path: None without a file.
+        locations: line and column of every key; (0, 0) if there is no file.
+        path: of the file; None if there is none.
     """
 
     label: str
@@ -42,8 +42,13 @@ class Document:
     locations: Locations
     path: Path | None
 
+    @property
+    def folder(self) -> Path:
+        """Folder where relative file names of the document start: its own, or the working folder if it has no file."""
+        return Path.cwd() if self.path is None else self.path.parent
+
     def problem(self, path: KeyPath, text: str, at: KeyPath | None = None, severity: Severity = "error") -> Problem:
-        """A problem of the value at `path`, placed at the key `at` (default: `path`) or the nearest table around it."""
+        """Return a problem of the value at `path`. Its place is that of the key `at` (default: `path`), or of the nearest table around it."""
         place = path if at is None else at
         while place and place not in self.locations:
             place = place[:-1]
@@ -52,10 +57,10 @@ class Document:
 
 
 def read(path: Path) -> Document:
-    """The parsed file.
+    """Read and parse a file.
 
     Raises:
-        ScenarioError: it cannot be read, or is no TOML; the problem has the position.
+        ScenarioError: it cannot be read, or is not TOML; the problem has the position.
     """
     label = label_of(path)
     try:
@@ -65,59 +70,50 @@ def read(path: Path) -> Document:
         raise ScenarioError([Problem(label, 0, 0, "", f"cannot read it: {error.strerror}")]) from error
     except UnicodeDecodeError as error:
         before = error.object[: error.start].decode("utf-8", "replace")
-        text = f"byte 0x{error.object[error.start]:02x} is no UTF-8: save the file as UTF-8"
+        text = f"byte 0x{error.object[error.start]:02x} is not valid UTF-8: save the file as UTF-8"
         raise ScenarioError([Problem(label, *_end(before), "", text)]) from error
 
 
 _MOST_KEPT = 1 << 16
-"""Characters of a text whose tables are kept: the largest shipped file has half of them."""
+"""Longest text, in characters, whose tables are cached: the largest shipped file has half of that."""
 
 
 def parse(text: str, label: str, path: Path) -> Document:
-    """The parsed text; ScenarioError as `read`."""
+    """Parse a text; ScenarioError as `read`."""
     try:
-        raw, locations = _kept(text) if len(text) <= _MOST_KEPT else _parsed(text)
+        raw, locations = _cached(text) if len(text) <= _MOST_KEPT else _parsed(text)
         return Document(label, _copied(raw), locations, path)
-    except _TooManyParts as error:
-        what = f"no valid scenario: a key of {error.parts} parts; at most {MOST_PARTS}"
-        raise ScenarioError([Problem(label, *_end(text[: error.offset]), "", what)]) from None
     except RecursionError:
-        problem = Problem(label, 1, 1, "", "no valid TOML: nested too deeply")
+        line, column, reason = 1, 1, "nested too deeply"
     except ValueError as error:
         message = str(error)
         match = re.fullmatch(r"(.*) \(at line (\d+), column (\d+)\)", message, re.DOTALL)
         line, column = (int(match[2]), int(match[3])) if match else _end(text)
         reason = match[1] if match else message.removesuffix(" (at end of document)")
-        problem = Problem(label, line, column, "", f"no valid TOML: {reason[:1].lower()}{reason[1:]}")
-    raise ScenarioError([problem])
-
-
-class _TooManyParts(Exception):
-    def __init__(self, parts: int, offset: int) -> None:
-        super().__init__()
-        self.parts, self.offset = parts, offset
+    raise ScenarioError([Problem(label, line, column, "", f"not valid TOML: {reason[:1].lower()}{reason[1:]}")])
 
 
 def _parsed(text: str) -> tuple[dict[str, Any], Locations]:
     parts, offset = longest_key(text)
-    if parts > MOST_PARTS:  # the parser's time grows with the cube of them
-        raise _TooManyParts(parts, offset)
+    if parts > MOST_PARTS:  # the parser's time grows with the cube of their number
+        line, column = _end(text[:offset])
+        raise ValueError(f"a key has {parts} parts, at most {MOST_PARTS} are allowed (at line {line}, column {column})")
     return tomllib.loads(text), locate(text)
 
 
-_kept = lru_cache(maxsize=128)(_parsed)
-"""A process that builds many worlds reads the same vehicles and devices again and again."""
+# A process that builds many worlds reads the same vehicle and device files again and again.
+_cached = lru_cache(maxsize=128)(_parsed)
 
 
 def _copied(value: Any) -> Any:
-    """Tables and arrays of a parsed text, as if it were parsed once more."""
+    """Return a copy of parsed tables and arrays, so that callers cannot change the cached ones; quicker than `copy.deepcopy`."""
     if isinstance(value, dict):
         return {key: _copied(item) for key, item in value.items()}
     return [_copied(item) for item in value] if isinstance(value, list) else value
 
 
 def from_tables(raw: dict[str, Any], label: str) -> Document:
-    """A document that was built in Python: its keys have no positions."""
+    """Return a document for tables that were built in Python: its keys have no positions."""
     locations: Locations = {}
 
     def visit(value: object, path: KeyPath) -> None:
@@ -132,18 +128,18 @@ def from_tables(raw: dict[str, Any], label: str) -> Document:
 
 
 def shipped(folder: str = "") -> dict[str, Path]:
-    """Files of the package `uwserver_scenarios` by name: scenarios, or those of the folder "vehicles" or "devices"."""
+    """Return the shipped files by name: scenarios, or those of the folder "vehicles" or "devices"."""
     return {path.stem: path for path in sorted(_shipped(folder).glob("*.toml"))}
 
 
 def find(reference: str, folder: str, beside: Path, fail: Callable[[str], None]) -> Path | None:
-    """The file that a reference means: the name of a shipped one, or (with ``.toml`` or a slash) a path.
+    """Return the file that a reference means: the name of a shipped file, or a path (it has ``.toml`` or a slash).
 
     Args:
-        reference: as the user wrote it.
-        folder: "", "vehicles" or "devices" of the shipped files.
-        beside: folder that a relative path starts from.
-        fail: told in words why there is none.
+        reference: what the user wrote.
+        folder: of the shipped files: "", "vehicles" or "devices".
+        beside: folder where a relative path starts.
+        fail: called with the reason if there is no such file.
     """
     noun = {"": "scenario", "vehicles": "vehicle", "devices": "device"}[folder]
     if reference.endswith(".toml") or "/" in reference or "\\" in reference:
@@ -156,8 +152,10 @@ def find(reference: str, folder: str, beside: Path, fail: Callable[[str], None])
     if is_plain(path):
         return path
     names = list(shipped(folder))
-    hint, there = did_you_mean(reference, names), ", ".join(names) or "none"
-    fail(f'unknown {noun} "{reference}"{hint}; shipped: {there}; a file of your own needs its ".toml"')
+    hint = did_you_mean(reference, names)
+    fail(
+        f'unknown {noun} "{reference}"{hint}; shipped: {", ".join(names) or "none"}; for a file of your own write its path with ".toml"'
+    )
     return None
 
 
@@ -166,9 +164,9 @@ def _shipped(folder: str) -> Path:
 
 
 def label_of(path: Path) -> str:
-    """The path as a user would type it: relative where it lies below the working folder."""
+    """Return the path as a user would type it: relative if it lies below the working folder."""
     try:
-        # Links are left as they are: one may lead in a circle.
+        # abspath does not follow links as resolve() does: one may lead in a circle.
         absolute, here = Path(os.path.abspath(path)), Path.cwd()  # noqa: PTH100
     except ValueError:  # a NUL in the name
         return str(path)
@@ -176,18 +174,18 @@ def label_of(path: Path) -> str:
 
 
 def why_not(path: Path) -> str:
-    """What to put behind the word that there is no such file; "" where nothing at all is there."""
+    """Return why there is no such file, to be put behind that statement; "" if nothing at all is there."""
     try:
         path.stat()
     except FileNotFoundError:
-        return ": it is a link to nothing" if path.is_symlink() else ""
+        return ": it is a link to a file that does not exist" if path.is_symlink() else ""
     except OSError as error:
         return f": {error.strerror}"
     except ValueError as error:
-        return f": no file can have this name: {error}"
+        return f": a file cannot have this name: {error}"
     return f": {NOT_PLAIN}"
 
 
 def _end(text: str) -> tuple[int, int]:
-    """Line and column behind the last character."""
+    """Return line and column (from 1) just behind the last character."""
     return text.count("\n") + 1, len(text) - text.rfind("\n")

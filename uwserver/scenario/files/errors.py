@@ -1,4 +1,4 @@
-"""What is wrong with a scenario: all of it at once, each fault at its place."""
+"""Problems of a scenario: all of them are reported at once, each with its place in a file."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ KeyPath = tuple[str | int, ...]
 Severity = Literal["error", "warning"]
 
 _LONGEST_WORD = 100
-"""What is longer is no misspelt key, and costs much to compare."""
+"""Longer words, in characters, are not compared: they are hardly misspelt keys, and comparing them takes long."""
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
@@ -22,11 +22,11 @@ class Problem:
     """One fault or warning.
 
     Attributes:
-        file: the file as the user knows it; the name of the scenario for one built in Python.
-        line, column: where the key or the table stands, from 1; 0 where there is no file text.
-        path: key path in dotted form; "" for the file as a whole.
-        text: what is wrong and what to do.
-        severity: a warning does not stop a scenario.
+        file: path of the file as a user would type it, or the title of a scenario that was built in Python.
+        line, column: position of the key or table, counted from 1; 0 where there is no file text.
+        path: key path in dotted form; "" if the problem concerns the whole file.
+        text: what is wrong and what to do about it.
+        severity: a scenario with warnings runs, one with errors does not.
     """
 
     file: str
@@ -43,10 +43,10 @@ class Problem:
 
 
 class ScenarioError(Exception):
-    """A scenario that cannot run.
+    """Raised for a scenario that cannot run.
 
     Attributes:
-        problems: all faults, then all warnings, in the order of the files.
+        problems: all errors, then all warnings, in the order in which the files were read.
     """
 
     def __init__(self, problems: Iterable[Problem]) -> None:
@@ -57,7 +57,7 @@ class ScenarioError(Exception):
 
 
 def dotted(path: KeyPath) -> str:
-    """The path as TOML writes it, array indices in brackets: ``vehicles.rov.position_ned_m[2]``."""
+    """Return the path as TOML writes it, with array indices in brackets: ``vehicles.rov.position_ned_m[2]``."""
     text = ""
     for key in path:
         if isinstance(key, int):
@@ -71,7 +71,7 @@ def dotted(path: KeyPath) -> str:
 
 
 def closest(word: str, allowed: Sequence[str]) -> str | None:
-    """What was probably meant by a word that is not allowed; None where nothing is like it."""
+    """Return the allowed word that is most like a given one; None if none is similar."""
     if len(word) > _LONGEST_WORD:
         return None
     close = get_close_matches(word, allowed, 1) or [name for name in allowed if name.lower() == word.lower()]
@@ -80,11 +80,11 @@ def closest(word: str, allowed: Sequence[str]) -> str | None:
 
 
 def did_you_mean(word: str, allowed: Sequence[str]) -> str:
-    """A hint to put behind a word that is not allowed; "" where nothing is like it."""
+    """Return a hint such as `` (did you mean "box"?)`` for a word that is not allowed; "" if no allowed word is similar."""
     close = closest(word, allowed)
     return "" if close is None else f' (did you mean "{close}"?)'
 
 
 def suggestion(word: str, allowed: Sequence[str], lead: str = "; allowed: ") -> str:
-    """As `did_you_mean`; where nothing is like the word, all that is allowed."""
+    """Return the hint of `did_you_mean`, or a list of all allowed words if none is similar."""
     return did_you_mean(word, allowed) or f"{lead}{', '.join(allowed) or 'none'}"

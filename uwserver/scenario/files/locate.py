@@ -1,10 +1,11 @@
-"""Where keys stand in a TOML text that the parser has already accepted."""
+"""Finds the line and column of every key in a TOML text that the parser has already accepted."""
 
 from __future__ import annotations
 
 import re
 import sys
 from bisect import bisect_right
+from collections.abc import Iterator
 
 from uwserver.scenario.files.errors import KeyPath
 
@@ -14,25 +15,26 @@ else:
     import tomli as tomllib
 
 _TRIVIA = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
+_SEPARATOR = re.compile(r"(?:[ \t\r\n,]|#[^\n]*)*")
 _KEY = re.compile(r"""[A-Za-z0-9_-]+|"(?:\\.|[^"\\])*"|'[^']*'""")
 _STRING = re.compile(r'''"""(?:\\[\s\S]|[^\\])*?"{3,5}|\'\'\'[\s\S]*?'{3,5}|"(?:\\.|[^"\\])*"|'[^']*\'''')
 _BARE_VALUE = re.compile(r"[^,\]}#\r\n]+")  # numbers, booleans, and dates, which may hold a space
 
 MOST_PARTS = 32
-"""Of a dotted key or of a header."""
-_PART_OR_NOT = re.compile(rf"{_STRING.pattern}|#[^\n]*|[A-Za-z0-9_+-]+|[ \t]+|[\s\S]")
+"""Most parts of a dotted key or of a header."""
+_TOKEN = re.compile(rf"{_STRING.pattern}|#[^\n]*|[A-Za-z0-9_+-]+|[ \t]+|[\s\S]")
 
 Locations = dict[KeyPath, tuple[int, int]]
 
 
 def locate(text: str) -> Locations:
-    """Line and column (from 1, in characters) of every key and array element.
+    """Return line and column (from 1, in characters) of every key and array element.
 
-    A table that is only implied by dotted keys or headers stands where its name is first mentioned; an array element stands where its value
-    begins, an element of an array of tables at its header.
+    A table that exists only through dotted keys or headers is placed where its name first occurs. An array element is placed where its value
+    begins, and an element of an array of tables at its header.
 
     Args:
-        text: valid TOML; anything else gives places without meaning.
+        text: valid TOML; for other texts the places mean nothing.
     """
     scanner = _Scanner(text)
     scanner.document()
@@ -45,9 +47,12 @@ def locate(text: str) -> Locations:
 
 
 def longest_key(text: str) -> tuple[int, int]:
-    """Parts of the dotted key with most of them, and its offset; in any text, valid or not, in a time that grows as its length."""
+    """Return the number of parts of the longest dotted key, and its offset.
+
+    It works on any text, valid or not, in a time that is linear in its length.
+    """
     most, longest, parts, start, joined = 0, 0, 0, 0, False
-    for match in _PART_OR_NOT.finditer(text):
+    for match in _TOKEN.finditer(text):
         token = match.group()
         if token.isspace() and token != "\n":
             continue
@@ -67,30 +72,31 @@ def longest_key(text: str) -> tuple[int, int]:
 
 
 class _Scanner:
+    """A recursive-descent scanner over a TOML text. `found` holds the offset of each key."""
+
     def __init__(self, text: str) -> None:
         self._text = text
         self._at = 0
-        self._tables: dict[KeyPath, int] = {}  # elements so far of each array of tables
+        self._tables: dict[KeyPath, int] = {}  # number of elements so far of each array of tables
         self.found: dict[KeyPath, int] = {}
 
     def document(self) -> None:
         table: KeyPath = ()
-        self._skip()
+        self._take(_TRIVIA)
         while self._at < len(self._text):
             if self._text[self._at] == "[":
                 table = self._header()
             else:
                 self._pair(table)
-            self._skip()
+            self._take(_TRIVIA)
 
-    def _skip(self) -> None:
-        self._at = self._match(_TRIVIA)[1]
-
-    def _match(self, pattern: re.Pattern[str]) -> tuple[str, int]:
+    def _take(self, pattern: re.Pattern[str]) -> str:
+        """Step over what the pattern matches here, and return it."""
         match = pattern.match(self._text, self._at)
         if match is None:
             raise ValueError(f"no TOML at offset {self._at}")
-        return match.group(), match.end()
+        self._at = match.end()
+        return match.group()
 
     def _header(self) -> KeyPath:
         double = self._text.startswith("[[", self._at)
@@ -109,16 +115,14 @@ class _Scanner:
         return path
 
     def _keys(self) -> list[tuple[str, int]]:
-        """A dotted key, each part with its offset; leaves the position behind it and its blanks."""
+        """Read a dotted key and the blanks behind it; return each part with its offset."""
         keys: list[tuple[str, int]] = []
         while True:
-            self._skip()
-            raw, end = self._match(_KEY)
-            # The parser's own rules undo quotes and escapes.
-            key = next(iter(tomllib.loads(f"{raw} = 0"))) if raw[0] in "\"'" else raw
-            keys.append((key, self._at))
-            self._at = end
-            self._skip()
+            self._take(_TRIVIA)
+            start, raw = self._at, self._take(_KEY)
+            # The parser itself undoes quotes and escapes.
+            keys.append((next(iter(tomllib.loads(f"{raw} = 0"))) if raw[0] in "\"'" else raw, start))
+            self._take(_TRIVIA)
             if not self._text.startswith(".", self._at):
                 return keys
             self._at += 1
@@ -129,39 +133,27 @@ class _Scanner:
             path = (*path, key)
             self.found.setdefault(path, offset)
         self._at += 1  # the equals sign
-        self._skip()
+        self._take(_TRIVIA)
         self._value(path)
 
     def _value(self, path: KeyPath) -> None:
         start = self._text[self._at]
         if start == "[":
-            self._array(path)
+            for index, _ in enumerate(self._entries("]")):
+                element = (*path, index)
+                self.found[element] = self._at
+                self._value(element)
         elif start == "{":
-            self._inline_table(path)
+            for _ in self._entries("}"):
+                self._pair(path)
         else:
-            self._at = self._match(_STRING if start in "\"'" else _BARE_VALUE)[1]
+            self._take(_STRING if start in "\"'" else _BARE_VALUE)
 
-    def _array(self, path: KeyPath) -> None:
+    def _entries(self, end: str) -> Iterator[None]:
+        """Step to each entry of an array or inline table, whose content the caller reads, and then over its end."""
         self._at += 1
-        index = 0
-        while self._more("]"):
-            element = (*path, index)
-            self.found[element] = self._at
-            self._value(element)
-            index += 1
-
-    def _inline_table(self, path: KeyPath) -> None:
+        self._take(_SEPARATOR)
+        while self._text[self._at] != end:
+            yield
+            self._take(_SEPARATOR)
         self._at += 1
-        while self._more("}"):
-            self._pair(path)
-
-    def _more(self, end: str) -> bool:
-        """Step to the next entry of an array or inline table; False behind its end."""
-        self._skip()
-        if self._text[self._at] == ",":
-            self._at += 1
-            self._skip()
-        if self._text[self._at] == end:
-            self._at += 1
-            return False
-        return True

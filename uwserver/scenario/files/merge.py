@@ -1,4 +1,4 @@
-"""Raw tables put together, before anything of ours is known of them."""
+"""Merges raw tables, before their keys are checked."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from typing import Any
 
 
 def named(raw: Mapping[str, Any], table: str) -> dict[str, Any]:
-    """A table of tables; empty where something else stands."""
+    """Return the table of this name; an empty one if it is missing or not a table."""
     found = raw.get(table)
     return found if isinstance(found, dict) else {}
 
 
 def merged(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, Any]:
-    """The base with the keys of the override in it, table by table."""
+    """Return a copy of `base` in which the keys of `override` replace its own; tables on both sides are merged in the same way."""
     whole = dict(base)
     for key, value in override.items():
         below = whole.get(key)

@@ -1,4 +1,4 @@
-"""Types and values in the words of a TOML file, for error texts."""
+"""Describes types and values in words, for error texts."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from uwserver.scenario.files.documents import label_of
 
 
 def expected(type_: Any) -> str:
-    """What a value of this type looks like in the file, limits included."""
+    """Describe what a value of this type looks like in a file, limits included: ``a number greater than 0``."""
     return _expected(mi.type_info(type_))
 
 
 def found(raw: object) -> str:
-    """What stands in the file instead."""
+    """Describe the value that the file has instead: ``the string "abc"``."""
     if isinstance(raw, bool):
         return f"the boolean {str(raw).lower()}"
     if isinstance(raw, str):
@@ -27,23 +27,21 @@ def found(raw: object) -> str:
         return f"an array of {len(raw)}"
     if isinstance(raw, dict):
         return "a table"
-    if isinstance(raw, (int, float)):
-        return number(raw)
-    return f"a {type(raw).__name__}"
+    return number(raw) if isinstance(raw, (int, float)) else f"a {type(raw).__name__}"
 
 
 def number(raw: float) -> str:
-    """A number; very long integers are cut."""
+    """Write a number; of a very long integer only its length."""
     if isinstance(raw, int):
         return str(raw) if abs(raw) < 10**20 else f"an integer of {raw.bit_length()} bits"
     return repr(raw)
 
 
 def not_built(table: Struct, error: Exception) -> str:
-    """Why code of an extension could not make what a table declares, with the place in its file."""
+    """Say why an extension's code could not build what a table declares, with the file and line of the failure."""
     file, line = place_of(error)
-    kind, reason = table.__struct_config__.tag, f"{type(error).__name__}: {error}"
-    return f'a component of kind "{kind}" cannot be built ({label_of(Path(file))}:{line}): {reason}'
+    where, kind = f"{label_of(Path(file))}:{line}", table.__struct_config__.tag
+    return f'a component of kind "{kind}" cannot be built ({where}): {type(error).__name__}: {error}'
 
 
 def _expected(node: mi.Type) -> str:

@@ -1,4 +1,4 @@
-"""Checks of a scenario as a whole that no single key can show."""
+"""Checks of a scenario across its tables."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from uwserver.scenario.world.checks import check_earth, check_rate, check_time
 
 
 def check_scenario(tree: Node, report: Report, warn: Report) -> None:
-    """Time, names and ports.
+    """Check time, place, names, water and ports.
 
     Args:
-        tree: the file, of which only what has no faults is checked.
-        report, warn: take in faults and warnings.
+        tree: the scenario file; only what has no errors yet is checked.
+        report, warn: called for errors and warnings.
     """
     world, vehicles = tree.at("world").value, tree.at("vehicles").parts
     if world is not None:
@@ -24,8 +24,10 @@ def check_scenario(tree: Node, report: Report, warn: Report) -> None:
             if truth is not None:
                 check_rate(truth.rate_hz, world.rate_hz, ("vehicles", name, "truth", "rate_hz"), report)
     if "world" in vehicles:
-        text = '"world" cannot name a vehicle: the paths of the world\'s own services begin with it'
-        report(("vehicles", "world"), text)
+        report(
+            ("vehicles", "world"),
+            'a vehicle cannot be named "world", as paths of services begin with it: choose another name',
+        )
     check_environment(tree.at("environment"), report, warn)
     check_density(tree, report, warn)
     if tree.value is not None:
@@ -41,6 +43,8 @@ def _check_ports(scenario: Scenario, warn: Report) -> None:
         if not isinstance(port, int) or port == 0:
             continue
         if port in taken:
-            text = f"{taken[port]} uses port {port} too: unless one is TCP and one UDP, one of them cannot start"
-            warn(("adapters", name, "port"), text)
+            warn(
+                ("adapters", name, "port"),
+                f"{taken[port]} uses port {port} too: unless one is TCP and the other UDP, only one of them can start",
+            )
         taken.setdefault(port, f"adapters.{name}")

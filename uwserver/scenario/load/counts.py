@@ -1,4 +1,4 @@
-"""How many of anything a scenario may have: a small file can ask for more than is ever built."""
+"""Limits on the numbers of things in a scenario: a small file can ask for more than can be built."""
 
 from __future__ import annotations
 
@@ -17,54 +17,54 @@ from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.sensors import CameraConfig, MultibeamConfig, SensorConfig
 
 MOST_BODIES = 2000
-"""Vehicles, with all copies, and objects; also those that are not present at the start."""
+"""Most vehicles, copies included, and objects together; those that are not present at the start count too."""
 MOST_STRUCTURES = 2000
 MOST_WAITING = 512 << 20
-"""Bytes of readings that are measured and not yet delivered, of all sensors."""
+"""Most bytes of readings, of all sensors, that are measured but not delivered yet."""
 _READING, _SIGMAS = 2048, 6.0
-"""Bytes of a reading without its pictures (measured: 1 to 2 kB), and how far jitter may go."""
+"""Bytes of a reading without its pictures (1 to 2 kB were measured), and standard deviations of jitter that are counted."""
 MOST_COMPONENTS = 100_000
-"""Sensors with their further streams and modifiers, and actuators, of all vehicles."""
+"""Most sensors, further streams, modifiers and actuators of all vehicles together."""
 
 
 def check_tables(document: Document) -> None:
-    """Before anything that a scenario names is read.
+    """Check the numbers of vehicles, objects and structures, before any file that the scenario names is read.
 
     Raises:
-        ScenarioError: more vehicles and objects, or structures, than there may be.
+        ScenarioError: there are too many.
     """
     vehicles, objects = named(document.raw, "vehicles"), named(document.raw, "objects")
     copies = sum(_copies(entry) for entry in vehicles.values())
     bodies, structures = copies + len(objects), len(named(document.raw, "structures"))
     if bodies > MOST_BODIES:
         key = "vehicles" if copies >= len(objects) else "objects"
-        text = f"{copies} vehicles, copies counted, and {len(objects)} objects: at most {MOST_BODIES} together"
-        raise ScenarioError([document.problem((key,), f"{text}; spread them over several servers")])
+        text = f"{copies} vehicles, copies included, and {len(objects)} objects; at most {MOST_BODIES} together are allowed"
+        raise ScenarioError([document.problem((key,), f"{text}: spread them over several servers")])
     if structures > MOST_STRUCTURES:
-        text = f"{structures} structures: at most {MOST_STRUCTURES}; put several shapes into one mesh"
+        text = f"{structures} structures; at most {MOST_STRUCTURES} are allowed: put several shapes into one mesh"
         raise ScenarioError([document.problem(("structures",), text)])
 
 
 def check_components(scenario: Scenario, files: Mapping[str, VehicleFile], report: Report) -> None:
-    """Before any is built.
+    """Check the number of components of all vehicles, before any is built.
 
     Args:
-        scenario: whose vehicles may have copies.
-        files: of its tables of vehicles, by name.
-        report: takes in the fault.
+        scenario: typed; its vehicles may have copies.
+        files: vehicle file of each of its vehicle tables, by name.
+        report: called for the error.
     """
     counts = {name: _components(file) * _copies_of(scenario, name) for name, file in files.items()}
     if sum(counts.values()) > MOST_COMPONENTS:
         most = max(counts, key=counts.__getitem__)
-        text = f"{sum(counts.values())} sensors, streams, modifiers and actuators in all vehicles, {counts[most]} of them here"
-        report(("vehicles", most), f"{text}: at most {MOST_COMPONENTS}")
+        text = f"all vehicles have {sum(counts.values())} sensors, streams, modifiers and actuators, {counts[most]} of them here"
+        report(("vehicles", most), f"{text}; at most {MOST_COMPONENTS} are allowed")
 
 
 def check_delays(scenario: Scenario, files: Mapping[str, VehicleFile], report: Report) -> None:
-    """What sensors have measured and not yet delivered is kept: as much as they measure in their latency.
+    """Check the memory for readings that are measured but not delivered yet: those of the latency of each sensor.
 
     Args:
-        scenario, files, report: as of `check_components`.
+        scenario, files, report: as for `check_components`.
     """
     waiting = {
         (vehicle, name): _copies_of(scenario, vehicle) * _delay_of(sensor) * sensor.rate_hz * _bytes_of(sensor)
@@ -76,34 +76,32 @@ def check_delays(scenario: Scenario, files: Mapping[str, VehicleFile], report: R
         vehicle, name = max(waiting, key=waiting.__getitem__)
         sensor = files[vehicle].sensors[name]
         text = (
-            f"readings that wait for {_delay_of(sensor):g} s, {sensor.rate_hz:g} of them a second, are kept until then"
+            f"{sensor.rate_hz:g} readings a second wait in memory for {_delay_of(sensor):g} s; those of all sensors take "
+            f"about {total / 2**20:.0f} MB, at most {MOST_WAITING >> 20} are allowed: lower the latency or the rate"
         )
-        text += f": with those of all sensors about {total / 2**20:.0f} MB, at most {MOST_WAITING >> 20}"
-        report(("vehicles", vehicle, "sensors", name), f"{text}; lower the latency or the rate")
+        report(("vehicles", vehicle, "sensors", name), text)
 
 
 def _delay_of(sensor: SensorConfig) -> float:
-    """The longest of its streams, s."""
+    """Return the longest delay of its streams, s."""
     sides = [sensor.modifiers, *(stream.modifiers for stream in sensor.streams.values())]
     more = [sum(m.latency_s + _SIGMAS * m.jitter_s for m in side.values() if isinstance(m, Delay)) for side in sides]
     return (sensor.latency_s or 0.0) + max(more)
 
 
 def _bytes_of(sensor: SensorConfig) -> int:
-    """About those of one reading while it waits."""
+    """Return the approximate size of one reading while it waits."""
     if isinstance(sensor, CameraConfig):
         eyes = 1 if isinstance(sensor.baseline_m, UnsetType) else 2
-        return (
-            _READING
-            + eyes * {"rgb": 3, "mono": 1, "depth": 2, "segmentation": 2}[sensor.mode] * sensor.width * sensor.height
-        )
+        pixel_bytes = {"rgb": 3, "mono": 1, "depth": 2, "segmentation": 2}[sensor.mode]
+        return _READING + eyes * pixel_bytes * sensor.width * sensor.height
     if isinstance(sensor, MultibeamConfig):
         return _READING + {"counts": 1, "pressure": 4, "complex": 8}[sensor.output] * sensor.bins * sensor.beams
     return _READING + 32 * int(getattr(sensor, "bins", 0))
 
 
 def _copies(entry: Any) -> int:
-    """As the file says, which may be anything; what is no count is told later."""
+    """Return the number of copies that raw tables ask for. The tables may hold anything; a wrong count is reported later."""
     copies = entry.get("copies") if isinstance(entry, Mapping) else None
     count = copies.get("count") if isinstance(copies, Mapping) else 1
     return max(1, count) if isinstance(count, int) else 1

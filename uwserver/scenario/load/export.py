@@ -1,4 +1,4 @@
-"""A scenario as TOML again: as it was given, or with everything that it resolved to."""
+"""Writes a scenario as TOML: as it was given, or with everything that it resolved to."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ _NUMBERS = re.compile(r"\[\n(?:\s+[-+.\w]+,\n)+\s*\]")
 
 
 def to_toml(scenario: Scenario) -> str:
-    """The scenario file. Loading it gives an equal Scenario; keys at their defaults are left out."""
+    """Return the text of a scenario file. Loading it gives an equal Scenario; keys at their defaults are left out."""
     whole = tables(scenario)
-    whole.setdefault("adapters", {})  # a file without this table would get the default one
+    whole.setdefault("adapters", {})  # a file without this table would get the default adapter
     return _toml(whole)
 
 
 def explain(resolved: Resolved) -> str:
-    """The whole scenario as TOML, with every default written out, and each vehicle as it will be built.
+    """Return the whole scenario as TOML, with every default written out, and each vehicle as it will be built.
 
     `vehicles.<name>.file` is the vehicle file with overrides and the scenario's sensors merged in, `vehicles.<name>.devices` holds the
-    device files of its thrusters. To be read, not to be loaded. Warnings come first, as comments.
+    device files of its thrusters. Warnings come first, as comments. The text is for readers; it cannot be loaded.
     """
     whole = tables(resolved.scenario, defaults=True)
     whole["environment"]["density_kgpm3"] = resolved.scenario.environment.density
@@ -41,13 +41,13 @@ def explain(resolved: Resolved) -> str:
 
 
 def engine_named(scenario: Scenario) -> Scenario:
-    """The scenario with the engine that "auto" stands for here, so that a run elsewhere does not choose another."""
+    """Return the scenario with the engine that "auto" stands for here, so that a run on another machine uses the same."""
     world = msgspec.structs.replace(scenario.world, engine=chosen_engine(scenario.world.engine))
     return msgspec.structs.replace(scenario, world=world)
 
 
 def tables(table: msgspec.Struct, *, defaults: bool = False) -> dict[str, Any]:
-    """A Struct as plain tables, its `kind` first; keys without a value are left out, those at their defaults only if told."""
+    """Return a Struct as plain tables, its `kind` first, without keys that have no value, and without defaults unless `defaults`."""
     config = table.__struct_config__
     raw: dict[str, Any] = {str(config.tag_field): config.tag} if config.tag_field else {}
     for info in fields(type(table)):
@@ -60,7 +60,7 @@ def tables(table: msgspec.Struct, *, defaults: bool = False) -> dict[str, Any]:
 
 
 def identity(resolved: Resolved) -> str:
-    """SHA-256 of all that a state of a world of this scenario depends on: not of its adapters, its server, nor of how its time passes."""
+    """Return a SHA-256 of everything that a world state depends on. Adapters, the server and the clock do not count."""
     scenario = resolved.scenario
     world = tables(scenario.world, defaults=True)
     del world["clock"], world["engine"], world["threads"]
@@ -74,23 +74,18 @@ def identity(resolved: Resolved) -> str:
     }
     solids = {f"static/{name}": solid for name, solid in resolved.static.items()}
     solids |= {f"vehicles/{name}": v.solid for name, v in resolved.vehicles.items() if v.solid is not None}
-    _drop_looks(whole)
+    # Looks change pictures only, not the state.
+    for entry in [*whole["structures"].values(), *whole["objects"].values()]:
+        entry.pop("looks", None)
+    for entry in whole["vehicles"].values():
+        entry["file"].pop("looks", None)
     tracks = pack_tracks(resolved.tracks)
     text = msgspec.json.encode(whole, enc_hook=str) + pack(solids).encode() + tracks.encode()
     return hashlib.sha256(text).hexdigest()
 
 
-def _drop_looks(whole: dict[str, Any]) -> None:
-    """Nothing but pictures follows from what a thing looks like."""
-    for table in ("structures", "objects"):
-        for entry in whole[table].values():
-            entry.pop("looks", None)
-    for entry in whole["vehicles"].values():
-        entry["file"].pop("looks", None)
-
-
 def _toml(raw: dict[str, Any]) -> str:
-    """TOML with each vector on one line (no string holds a line break: they are written escaped)."""
+    """Return TOML with each vector on one line. Strings are safe: their line breaks are written escaped."""
     return _NUMBERS.sub(
         lambda match: " ".join(match[0].split()).replace("[ ", "[").replace(", ]", "]"), tomli_w.dumps(raw)
     )

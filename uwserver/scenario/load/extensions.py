@@ -1,5 +1,7 @@
-"""Python files beside a scenario that add kinds of sensor, modifier, actuator, current and fault. They are code: to load such a scenario is to
-run them."""
+"""Runs Python files that a scenario names, which add kinds of sensor, modifier, actuator, current and fault.
+
+Loading such a scenario runs its code.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,7 @@ _LISTS: Mapping[str, tuple[type, Any]] = {
     "CURRENTS": (CurrentTable, CurrentConfig),
     "FAULTS": (FaultTable, FaultConfig),
 }
-"""Names in the file that list its kinds: what these derive from, and the kinds that are there already."""
+"""Names in a file that list its kinds: their base class, and the union of the shipped kinds."""
 
 
 def extension_kinds(
@@ -39,52 +41,54 @@ def extension_kinds(
     add: Callable[[Problem], None],
     within: Path | None = None,
 ) -> More:
-    """Kinds of all extensions of a scenario. Runs their files.
+    """Run the extensions of a scenario and return their kinds.
 
     Args:
-        names: what the key `extensions` holds; anything but a list of names is told elsewhere.
-        beside: folder that they start from.
-        report: takes in faults of the scenario file.
-        add: takes in faults of the Python files, with their own places.
-        within: folder that they must lie in, links followed, so that who reads a scenario's folder has seen all that it runs; None: anywhere.
+        names: value of the key `extensions`; anything but a list of names is reported elsewhere.
+        beside: folder where relative names start.
+        report: called for errors of the scenario file.
+        add: called for errors of the Python files, which have their own places.
+        within: folder in which they must lie after links are followed, so that its reader has seen all code that the scenario runs; None:
+            anywhere.
     """
     more: dict[type, dict[str, Any]] = {base: {} for base, _ in _LISTS.values()}
     for k, name in enumerate(names if isinstance(names, (list, tuple)) else ()):
-        path = beside / name if isinstance(name, str) and name else None
-        if path is None:
+        if not isinstance(name, str) or not name:
             continue
+        path = beside / name
         if path.suffix != ".py" or not is_plain(path):
             report(("extensions", k), f'there is no Python file "{label_of(path)}"{why_not(path)}')
-            continue
-        if within is not None and not path.resolve().is_relative_to(within.resolve()):
-            text = f'"{label_of(path)}" is outside the folder of this file, and it is code: put it beside this file or below'
-            report(("extensions", k), text)
-            continue
-        for problem in _run_and_list(path.resolve(), more):
-            add(problem)
+        elif within is not None and not path.resolve().is_relative_to(within.resolve()):
+            report(
+                ("extensions", k),
+                f'"{label_of(path)}" is code that would be run, but lies outside the folder of this file: move it there or into a folder below',
+            )
+        else:
+            for problem in _run_and_list(path.resolve(), more):
+                add(problem)
     return more
 
 
 def _run_and_list(path: Path, more: dict[type, dict[str, Any]]) -> Iterator[Problem]:
-    """Run a file and add the kinds that it lists; yields its faults."""
+    """Run a file and add the kinds that it lists; yield its errors."""
     label = label_of(path)
     try:
         source = read_whole(path, MOST_BYTES).decode("utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        why = error.strerror if isinstance(error, OSError) else "it is no UTF-8"
+        why = error.strerror if isinstance(error, OSError) else "it is not valid UTF-8"
         yield Problem(label, 0, 0, "", f"cannot read it: {why}")
         return
     try:
         module = _run(path, source)
     except SyntaxError as error:
-        yield Problem(label, error.lineno or 0, error.offset or 0, "", f"no valid Python: {error.msg}")
+        yield Problem(label, error.lineno or 0, error.offset or 0, "", f"not valid Python: {error.msg}")
         return
     except (Exception, SystemExit) as error:  # noqa: BLE001 - a file of the user may fail in any way
-        text = f"it failed while it was loaded: {type(error).__name__}: {error}"
+        text = f"running it failed: {type(error).__name__}: {error}"
         yield Problem(label, place_of(error, str(path))[1], 1, "", text)
         return
     if not any(hasattr(module, name) for name in _LISTS):
-        text = f"it adds nothing: list its kinds in {', '.join(_LISTS)}, as SENSORS = (MySensorTable,)"
+        text = f"it adds no kinds: list them in {', '.join(_LISTS)}, for example SENSORS = (MySensorTable,)"
         yield Problem(label, 1, 1, "", text)
     for name, (base, union) in _LISTS.items():
         listed = getattr(module, name, ())
@@ -102,35 +106,35 @@ def _run_and_list(path: Path, more: dict[type, dict[str, Any]]) -> Iterator[Prob
 
 
 def _run(path: Path, source: str) -> types.ModuleType:
-    # By hand: nothing is written beside the user's file, and what was changed is run as it is now.
+    # Not by an import: that would write a cache beside the user's file, and could run an older version from it.
     module = types.ModuleType(f"uwserver_extension_{hashlib.sha256(str(path).encode()).hexdigest()[:16]}")
     module.__file__ = str(path)
-    sys.modules[module.__name__] = module  # where msgspec looks up the annotations of its Structs
+    sys.modules[module.__name__] = module  # msgspec looks up annotations of Structs there
     exec(compile(source, str(path), "exec"), module.__dict__)
     return module
 
 
 def _fault(kind: Any, base: type, taken: Mapping[str, Any]) -> str:
-    """Why a class cannot be a kind; "" if it can."""
+    """Return why a class cannot be a kind; "" if it can."""
     if not isinstance(kind, type) or not issubclass(kind, base):
-        return f"{kind!r} does not derive from {_public(base)}: see the shipped kinds"
+        return f"{kind!r} does not derive from {_public(base)}: derive it as the shipped kinds do"
     tag = str(kind.__struct_config__.tag)  # type: ignore[attr-defined]  # it is a Struct
     if not callable(getattr(kind, "build", None)):
-        return f"{kind.__name__} has no build(): see the shipped kinds"
-    if tag == kind.__name__:  # what msgspec makes of none
-        return f'{kind.__name__} has no tag, which is its kind in files: class {kind.__name__}({base.__name__}, tag="...", ...)'
+        return f"{kind.__name__} has no method build(): add one as the shipped kinds have it"
+    if tag == kind.__name__:  # msgspec's default if the class gives none
+        return f'{kind.__name__} has no tag, which names its kind in files: write class {kind.__name__}({base.__name__}, tag="...", ...)'
     if tag in taken:
-        return f'there is a kind "{tag}" already: give {kind.__name__} another tag'
+        return f'there is a kind "{tag}" already: give the class {kind.__name__} another tag'
     return ""
 
 
 def _public(base: type) -> str:
-    """The name to import it by: a package's where that hands it on."""
+    """Return the name to import a class by: from the package if that exports it, else from its module."""
     package = base.__module__.rpartition(".")[0]
     return f"{package if hasattr(sys.modules[package], base.__name__) else base.__module__}.{base.__name__}"
 
 
 def _line_of(source: str, pattern: str) -> int:
-    """Where it stands at the beginning of a line; 1 if nowhere."""
+    """Return the first line that begins with the pattern; 1 if none does."""
     found = re.search(rf"^(?:{pattern})", source, re.M)
     return source.count("\n", 0, found.start()) + 1 if found else 1

@@ -1,4 +1,4 @@
-"""Packages that a scenario needs beyond those that every installation has, and the one command that installs them."""
+"""Finds packages that a scenario needs but that are not installed, and the command that installs them."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.solids.tables import GridSeabed
 
 _OWN = re.compile(r"uwserver(?:\[(\w+)\])?")
-"""What this distribution brings itself, which `pip install uwserver` mends, or one of its extras."""
+"""Requirement for this distribution itself or one of its extras."""
 _SOLID = "uwserver[solid]"
 _ENGINES = {
     AUTO: ("pybullet or coal", _SOLID),
     "bullet": ("pybullet", "pybullet"),
     "coal": ("coal", "uwserver[coal]"),
 }
-"""What is missing where an engine for contacts is, and the requirement, by its name in `[world]`."""
+"""What is missing without an engine for contacts, and the requirement, by the name of the engine in `[world]`."""
 
 
 def missing_extras(scenario: Scenario, is_solid: bool) -> str:
-    """What is not installed of all that a scenario needs, and what to type; "" where nothing is missing.
+    """Return which packages are missing for a scenario, with the command that installs them; "" if none is missing.
 
     Args:
         scenario: typed.
@@ -40,11 +40,13 @@ def missing_extras(scenario: Scenario, is_solid: bool) -> str:
     if not absent:
         return ""
     names = dict.fromkeys(module.partition(".")[0] for module in absent)
-    return f"not installed: {', '.join(names)}; all that this scenario needs: {install_command(absent.values())}"
+    return (
+        f"not installed: {', '.join(names)}; install all that this scenario needs: {install_command(absent.values())}"
+    )
 
 
 def install_command(requirements: Iterable[str]) -> str:
-    """One line for a shell that installs all of them, our own extras together."""
+    """Return one shell command that installs all requirements, with our own extras in one requirement."""
     wanted = sorted(set(requirements))
     own = [found[1] for each in wanted if (found := _OWN.fullmatch(each))]
     extras = ",".join(extra for extra in own if extra)
@@ -54,7 +56,7 @@ def install_command(requirements: Iterable[str]) -> str:
 
 
 def _needed(scenario: Scenario, is_solid: bool) -> Mapping[str, str]:
-    """Requirement by module."""
+    """Return the requirement of each module that the scenario needs."""
     needed: dict[str, str] = {}
     if is_solid or scenario.objects or scenario.structures or scenario.seabed is not UNSET:
         needed |= {"scipy": _SOLID}
@@ -71,5 +73,5 @@ def _needed(scenario: Scenario, is_solid: bool) -> Mapping[str, str]:
 def _is_there(module: str) -> bool:
     try:
         return find_spec(module) is not None
-    except ImportError:  # what it stands in is missing, or broken
+    except ImportError:  # the package around it is missing or broken
         return False

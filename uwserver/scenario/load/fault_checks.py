@@ -1,4 +1,4 @@
-"""Checks of the faults of a scenario against its vehicles."""
+"""Checks the faults of a scenario against its vehicles."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from uwserver.world.faults.timeline import MAX_FAULTS
 
 
 def check_faults(scenario: Node, vehicles: Mapping[str, VehicleFile], environment: Environment, report: Report) -> None:
-    """Targets, members and sizes of the faults of a scenario whose vehicles could all be read; `vehicles` by table."""
+    """Check targets, members and sizes of all faults, once all vehicles could be read; `vehicles` by table."""
     targets = _targets(scenario, vehicles, environment)
     before: list[FaultConfig] = []
     for name, fault in scenario.values("faults").items():
@@ -35,10 +35,10 @@ def check_faults(scenario: Node, vehicles: Mapping[str, VehicleFile], environmen
                 if part is fault:
                     report((*path, key), text)
                 else:
-                    report(path, f'it comes to a "{part.__struct_config__.tag}" that cannot be: {key}: {text}')
+                    report(path, f'it results in a "{part.__struct_config__.tag}" fault with an error: {key}: {text}')
             before.append(part)
         if len(before) > MAX_FAULTS:
-            report(path, f"with it there are more than the {MAX_FAULTS} faults that a world can have: leave some out")
+            report(path, f"a world can have at most {MAX_FAULTS} faults, and this is one too many: remove some")
             return
 
 

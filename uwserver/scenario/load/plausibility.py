@@ -1,4 +1,4 @@
-"""What is allowed in a scenario, and hardly meant: told as warnings, so that nobody has to find it out from how the run looks."""
+"""Warns of settings that are allowed but probably not intended."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.solids.objects import volume
 from uwserver.table import Vector3
 
-FLOATS = 1.5
-"""Buoyancy over weight of a vehicle, fully under water, from which it is a surface vessel."""
+SURFACE_VESSEL = 1.5
+"""Ratio of buoyancy, fully submerged, to weight from which a vehicle counts as a surface vessel."""
 _SOURCES: Mapping[str, frozenset[str]] = {
     "attitude": frozenset({"attitude", "imu", "motion_capture"}),
     "heading": frozenset({"attitude", "motion_capture"}),
@@ -27,7 +27,7 @@ _SOURCES: Mapping[str, frozenset[str]] = {
     "position": frozenset({"dvl", "gps", "usbl", "lbl", "motion_capture"}),
     "altitude": frozenset({"altimeter", "dvl"}),
 }
-"""Kinds of sensor from which the autopilot can have what a mode needs."""
+"""Kinds of sensor that can give the autopilot what a mode needs."""
 
 
 class _Body(NamedTuple):
@@ -36,8 +36,8 @@ class _Body(NamedTuple):
     Attributes:
         path: of its table.
         position: in N, m.
-        radius: of a ball of its volume, m.
-        belongs_above: whether it may well begin above the water: a surface vessel, or something that is dropped.
+        radius: of a ball of the same volume, m.
+        belongs_above: whether a start above the water is plausible: for a surface vessel, or an object that is dropped.
     """
 
     path: KeyPath
@@ -53,28 +53,28 @@ def check_plausible(
     objects: Mapping[str, ResolvedObject],
     warn: Report,
 ) -> None:
-    """Warn of what was hardly meant.
+    """Warn of everything in a scenario that is probably not intended.
 
     Args:
         scenario: typed.
-        vehicles: by table; several where it has copies.
+        vehicles: by table; several if the table has copies.
         objects: by name.
-        warn: takes in the warnings.
+        warn: called for warnings.
     """
     bodies = [*_vehicle_bodies(scenario, vehicles), *_object_bodies(objects)]
     _check_above(bodies, warn)
     _check_apart(bodies, warn)
     for key, group in vehicles.items():
-        for vehicle in group:
-            _check_sensors(key, vehicle, warn)
-            break  # those of one table are alike
+        _check_sensors(key, next(iter(group)), warn)  # vehicles of one table have the same sensors
 
 
 def check_reachable(scenario: Scenario, warn: Report) -> None:
-    """Warn of a file with an empty table of adapters."""
+    """Warn of an empty table of adapters."""
     if not scenario.adapters:
-        text = 'there are none, so nobody can reach the simulation: take this table out for TCP port 7600, or add one with kind = "sockets"'
-        warn(("adapters",), text)
+        warn(
+            ("adapters",),
+            "there is no adapter, so nobody can reach the simulation: remove this table for TCP port 7600, or add an adapter",
+        )
 
 
 def _vehicle_bodies(scenario: Scenario, vehicles: Mapping[str, Iterable[ResolvedVehicle]]) -> Iterator[_Body]:
@@ -83,7 +83,7 @@ def _vehicle_bodies(scenario: Scenario, vehicles: Mapping[str, Iterable[Resolved
         for vehicle in group:
             displaced = vehicle.vehicle.buoyancy.volume_m3
             if vehicle.entry.present and displaced > 0.0 and not vehicle.entry.is_external:
-                floats = density * displaced > FLOATS * vehicle.vehicle.rigid_body.mass_kg
+                floats = density * displaced > SURFACE_VESSEL * vehicle.vehicle.rigid_body.mass_kg
                 position = vehicle.entry.position_ned_m
                 yield _Body(("vehicles", key), vehicle.name, position, _radius(displaced), floats)
 
@@ -104,12 +104,17 @@ def _check_above(bodies: Iterable[_Body], warn: Report) -> None:
         z = body.position[2]
         if z < -body.radius and not body.belongs_above and body.path not in told:
             told.add(body.path)
-            text = f"{-z:g} m above the water, from where it falls; z is down: did you mean {-z:+g}?"
-            warn((*body.path, "position_ned_m", 2), text)
+            warn(
+                (*body.path, "position_ned_m", 2),
+                f"it starts {-z:g} m above the water and will fall; z points down: did you mean {-z:+g}?",
+            )
 
 
 def _check_apart(bodies: Iterable[_Body], warn: Report) -> None:
-    """No body's centre may lie within another; told once for two tables. Sorted by x, so that a thousand vehicles take no million steps."""
+    """Warn of bodies whose centre lies within another body, once for each pair of tables.
+
+    Bodies are sorted by x, so that a thousand vehicles do not need a million comparisons.
+    """
     line = sorted(bodies, key=lambda body: body.position[0])
     told: set[tuple[KeyPath, KeyPath]] = set()
     for k, one in enumerate(line):
@@ -120,22 +125,24 @@ def _check_apart(bodies: Iterable[_Body], warn: Report) -> None:
                 late, early = (one, other) if one.path == other.path else sorted((one, other), reverse=True)
                 if (late.path, early.path) not in told:
                     told.add((late.path, early.path))
-                    text = (
-                        f"{late.name} and {early.name} begin in one place, and push each other apart: move one of them"
+                    warn(
+                        (*late.path, "position_ned_m"),
+                        f"{late.name} and {early.name} start at the same place and push each other apart: move one of them",
                     )
-                    warn((*late.path, "position_ned_m"), text)
 
 
 def _check_sensors(key: str, vehicle: ResolvedVehicle, warn: Report) -> None:
     sensors = vehicle.vehicle.sensors
     if not sensors and isinstance(vehicle.entry.truth, UnsetType) and not vehicle.entry.is_external:
-        text = "it has no sensor, so nothing can be read of it: `uwserver list sensors` shows what there is"
-        warn(("vehicles", key, "sensors"), text)
+        warn(
+            ("vehicles", key, "sensors"),
+            "it has no sensor, so clients can read nothing from it: add one (`uwserver list sensors` shows all kinds), or a table `truth`",
+        )
     autopilot = vehicle.entry.autopilot
     if isinstance(autopilot, UnsetType):
         return
     kinds = {str(sensor.__struct_config__.tag) for sensor in sensors.values()}
     for need in NEEDS[autopilot.mode]:
         if not _SOURCES[need] & kinds:
-            warn(("vehicles", key, "autopilot", "mode"), f'"{autopilot.mode}" cannot work: {REMEDY[need]}')
+            warn(("vehicles", key, "autopilot", "mode"), f'the mode "{autopilot.mode}" cannot work: {REMEDY[need]}')
             return

@@ -1,4 +1,4 @@
-"""What loading a scenario gives: every file read, every reference followed, every check passed."""
+"""The result of loading a scenario: all files are read, all references resolved, all checks passed."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ class ResolvedVehicle:
     """One vehicle of the scenario.
 
     Attributes:
-        name: its table name.
+        name: of the vehicle.
         entry: its table in the scenario.
-        vehicle: the vehicle file with `override` and the entry's sensors merged in, disabled components taken out.
+        vehicle: the vehicle file with `override` and the entry's sensors merged in, without disabled components.
         devices: device of each thruster, by the thruster's name.
-        solid: its collision shapes in B; None without any, and of a ghost.
+        solid: collision shapes in B; None for a ghost and if there are no shapes.
         looks: a checked .glb file; b"" without one.
-        ghost: collision shapes of a ghost, by which viewers draw it.
+        ghost: collision shapes of a ghost, which viewers draw.
         track: of an external vehicle that follows a log, in simulation time.
-        off: names of its sensors that are not enabled.
+        off: names of its disabled sensors.
     """
 
     name: str
@@ -46,21 +46,18 @@ class ResolvedVehicle:
 
     @property
     def external_ports(self) -> tuple[str, ...]:
-        """Names of the ports of an external vehicle, beside its truth."""
+        """Names of the ports of an external vehicle, without those of its truth."""
         if not self.entry.is_external:
             return ()
         compared = () if isinstance(self.entry.compare_with, UnsetType) else ("difference",)
-        return ("state", *compared, *(() if self.track is not None else self._commanded))
-
-    @property
-    def _commanded(self) -> tuple[str, ...]:
-        file = self.vehicle
-        return ("pose", "actuators") if file.thrusters or file.fins or file.propellers else ("pose",)
+        turns = self.vehicle.thrusters or self.vehicle.fins or self.vehicle.propellers
+        commanded = ("pose", "actuators") if turns else ("pose",)
+        return ("state", *compared, *(() if self.track is not None else commanded))
 
 
 @dataclass(frozen=True)
 class ResolvedObject:
-    """One free object of the scenario: its table, its body in the scenario's water, and its shape in B."""
+    """One free object of the scenario: its table, its kernel parameters in the scenario's water, and its shape in B."""
 
     name: str
     entry: ObjectEntry
@@ -74,16 +71,16 @@ class Resolved:
     """A scenario ready to build.
 
     Attributes:
-        name: file stem, or the name given by the builder.
+        name: stem of the file name; the title if it was built in Python.
         scenario: the typed file.
         vehicles: in the order of the file.
-        path: the file; None for one built in Python.
-        warnings: what a user should know, though the scenario runs.
+        path: of the file; None if it was built in Python.
+        warnings: problems that do not stop the scenario.
         static: seabed and structures, in N, by name.
         objects: free objects, in the order of the file.
-        materials: name of each material's number.
+        materials: names of the materials, in the order of their numbers.
         looks: checked .glb files of structures, by name.
-        missing: packages that a server of it needs and that are not installed, and what to type; "" where nothing is missing.
+        missing: packages that are needed but not installed, with the command that installs them; "" if none is missing.
     """
 
     name: str
@@ -99,13 +96,13 @@ class Resolved:
 
     @property
     def is_solid(self) -> bool:
-        """Whether anything can touch anything; what is spawned later does not count."""
+        """Whether anything can touch anything. Bodies that are spawned later do not count."""
         moving = [vehicle.solid for vehicle in self.vehicles.values()] + [body.solid for body in self.objects.values()]
         return bool(self.static) or sum(solid is not None for solid in moving) > 1
 
     @property
     def solids(self) -> dict[str, Solid]:
-        """All collision shapes, also of ghosts, by table and name."""
+        """All collision shapes, those of ghosts too, by table and name."""
         found = {f"static/{name}": solid for name, solid in self.static.items()}
         found |= {f"objects/{name}": body.solid for name, body in self.objects.items()}
         found |= {f"vehicles/{name}": v.solid for name, v in self.vehicles.items() if v.solid is not None}
@@ -113,5 +110,5 @@ class Resolved:
 
     @property
     def tracks(self) -> dict[str, PoseTrack]:
-        """What external vehicles follow, by name; of those that follow a log."""
+        """Tracks of the external vehicles that follow a log, by name."""
         return {name: v.track for name, v in self.vehicles.items() if v.track is not None}

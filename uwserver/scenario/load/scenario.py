@@ -1,10 +1,11 @@
-"""A scenario by name, by file or as an object: read, merged, typed and checked, with every fault told at once."""
+"""Loads a scenario by name, by file or from an object: reads, merges, converts and checks it, and reports all errors at once."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping
-from functools import partial
+from dataclasses import replace
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +13,12 @@ import msgspec
 from msgspec import UnsetType
 
 from uwserver.autopilot.config import AutopilotConfig
-from uwserver.scenario.files.convert import Converter, Known, Node, Report, check_name
+from uwserver.scenario.files.convert import Converter, Node, NodeCache, Report, check_known, check_name
 from uwserver.scenario.files.documents import Document, find, from_tables, read
-from uwserver.scenario.files.errors import KeyPath, Problem, ScenarioError, Severity, suggestion
+from uwserver.scenario.files.errors import KeyPath, Problem, ScenarioError, Severity
 from uwserver.scenario.files.merge import named
 from uwserver.scenario.load.checks import check_scenario
 from uwserver.scenario.load.counts import check_components, check_delays, check_tables
-from uwserver.scenario.load.default_adapter import with_default_adapter
 from uwserver.scenario.load.export import tables
 from uwserver.scenario.load.extensions import extension_kinds
 from uwserver.scenario.load.extras import missing_extras
@@ -28,7 +28,7 @@ from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.load.solids import SolidFiles
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.actuator_checks import check_actuators
-from uwserver.scenario.vehicle.assembly import Draft, MergedFile, drafted, merged_file
+from uwserver.scenario.vehicle.assembly import MergedFile, merged_file
 from uwserver.scenario.vehicle.autopilot_checks import check_autopilot
 from uwserver.scenario.vehicle.checks import check_vehicle
 from uwserver.scenario.vehicle.copies import check_names, entries
@@ -46,24 +46,26 @@ from uwserver.units import rad
 from uwserver.world.external.track import PoseTrack
 
 MOST_PROBLEMS = 200
-"""Told at once, warnings too; a file with more is not what it was meant to be."""
+"""Most problems that are reported, warnings included. The search ends there, as each may cost a search for a similar word."""
+DEFAULT_ADAPTER = "sockets"
+"""Kind of the adapter of a scenario file without a table `adapters`."""
 
 
 def load(source: str | Path | Scenario, *, adapters: Mapping[str, type]) -> Resolved:
-    """A scenario that is ready to build.
+    """Return a scenario that is ready to build.
 
     Args:
         source: name of a shipped scenario, path of a .toml file, or a Scenario.
         adapters: configuration type (a Struct tagged by `kind`) of each installed adapter, by kind.
 
     Raises:
-        ScenarioError: all faults of the scenario and of the files it names, and the warnings.
+        ScenarioError: it or one of its files has errors; the exception has all errors and warnings.
     """
     return _Load(_open(source), adapters).result()
 
 
 def scenario_tree(raw: dict[str, Any], adapters: Mapping[str, type], converter: Converter) -> Node:
-    """The scenario by its tables, its adapters as their own types; its value is a `Scenario`, or None after at least one report."""
+    """Return the converted scenario, with adapters as their own types; its value is a `Scenario`, or None after at least one report."""
     tree = converter.tree(raw, Scenario)
     tables = named(raw, "adapters")
     typed = {name: converter.kind(table, adapters, ("adapters", name)).value for name, table in tables.items()}
@@ -74,7 +76,7 @@ def scenario_tree(raw: dict[str, Any], adapters: Mapping[str, type], converter: 
 
 
 def _on_earth(tree: Node) -> Node:
-    """A scenario's tables with the gravity of its place on the Earth, and whether that turns, written out: a recording tells them."""
+    """Return a scenario with gravity and `earth` filled in from its place on the Earth, so that a recording has them in full."""
     world: WorldTable | None = tree.at("world").value
     environment: Environment | None = tree.at("environment").value
     if world is None or environment is None:
@@ -84,6 +86,16 @@ def _on_earth(tree: Node) -> Node:
     scenario = None if tree.value is None else msgspec.structs.replace(tree.value, world=world, environment=placed)
     parts = {"world": Node(world, tree.at("world").parts), "environment": Node(placed, tree.at("environment").parts)}
     return Node(scenario, {**tree.parts, **parts})
+
+
+def with_default_adapter(document: Document, adapters: Mapping[str, type]) -> Document:
+    """Return the file with `[adapters.sockets]` at its defaults, TCP port 7600, if it has no table `adapters`.
+
+    An empty table stays empty: nothing listens then. A scenario from Python stays as it is too, as it mostly runs in its own process.
+    """
+    if document.path is None or "adapters" in document.raw or DEFAULT_ADAPTER not in adapters:
+        return document
+    return replace(document, raw={**document.raw, "adapters": {DEFAULT_ADAPTER: {"kind": DEFAULT_ADAPTER}}})
 
 
 def _open(source: str | Path | Scenario) -> Document:
@@ -98,21 +110,21 @@ def _open(source: str | Path | Scenario) -> Document:
 
 
 class _Load:
-    """One run through all files. Collects problems; `result` raises them or gives what was read."""
+    """One run through all files of a scenario. It collects problems; `result` raises them or returns what was read."""
 
     def __init__(self, document: Document, adapters: Mapping[str, type]) -> None:
         self._problems: list[Problem] = []
         self._document = document
-        self._files: dict[Path, Document | None] = {}
-        self._models: dict[Path, Document] = {}
-        self._devices: dict[Path, ThrusterDevice | None] = {}
-        self._profiles: dict[Path, Mapping[str, Any] | None] = {}
+        # Files that several vehicles name are read, and their errors reported, once.
+        self._read = cache(self._read_file)
+        self._model = cache(self._read_model)
+        self._device = cache(self._read_device)
+        self._profile = cache(self._read_profile)
         check_tables(document)
-        beside = document.path.parent if document.path else Path.cwd()
         given, report = document.raw.get("extensions"), self._report(document)
-        within = document.path.parent if document.path else None
-        self._more = extension_kinds(given, beside, report, self._problems.append, within)
-        self._known: Known = {}
+        within = None if document.path is None else document.folder
+        self._more = extension_kinds(given, document.folder, report, self._problems.append, within)
+        self._known: NodeCache = {}
         self._document = document = with_default_adapter(self._with_profiles(document), adapters)
         self._tree = _on_earth(scenario_tree(document.raw, adapters, self._converter(document)))
         self._world: WorldTable | None = self._tree.at("world").value
@@ -122,7 +134,7 @@ class _Load:
         self._solids = SolidFiles(document, self._tree, self._report(document), self._warn(document))
 
     def result(self) -> Resolved:
-        """The resolved scenario; ScenarioError if there was any fault."""
+        """Return the resolved scenario; raise ScenarioError if there was any error."""
         report = self._report(self._document)
         for name, entry in named(self._document.raw, "vehicles").items():
             if isinstance(entry, dict):
@@ -166,8 +178,8 @@ class _Load:
         )
 
     def _vehicle_of(self, key: str, name: str, entry: VehicleEntry, file: VehicleFile) -> ResolvedVehicle:
-        """One of the vehicles of a table that has no faults."""
-        solids, looks = self._solids, self._looks(("vehicles", key))
+        """Return one of the vehicles of a table that has no errors."""
+        solids, looks = self._solids, self._solids.looks.get(("vehicles", key), b"")
         track = self._tracks.get(key)
         whole, devices = self._vehicles[key]
         off = () if whole is None else tuple(sensor for sensor in whole.sensors if sensor not in file.sensors)
@@ -175,29 +187,24 @@ class _Load:
             name, entry, file, devices, solids.vehicles.get(key), looks, solids.ghosts.get(key), track, off
         )
 
-    def _looks(self, owner: tuple[str, str]) -> bytes:
-        return self._solids.looks.get(owner, b"")
-
     def _vehicle(self, name: str, entry: Mapping[str, Any]) -> None:
         document, path = self._document, ("vehicles", name, "model")
         model = entry.get("model")
         if not isinstance(model, str) or not model:
             return
-        beside = document.path.parent if document.path else Path.cwd()
-        file = self._model(find(model, "vehicles", beside, lambda text: self._report(document)(path, text)))
+        file = self._model(find(model, "vehicles", document.folder, partial(self._report(document), path)))
         if file is None:
             return
         merged = merged_file(document, name, entry, file)
         tree = self._converter(merged).tree(merged.raw, VehicleFile)
         devices = self._thruster_devices(merged)
-        draft = drafted(tree, devices)
         before = self._errors()
-        self._check_others(draft, merged)
-        check_vehicle(draft, self._world, self._environment, self._report(merged), self._warn(merged))
+        self._check_others(tree, merged)
+        check_vehicle(tree, self._world, self._environment, self._report(merged), self._warn(merged))
         autopilot: AutopilotConfig | None = self._tree.at("vehicles", name, "autopilot").value
         if autopilot is not None:
             place: KeyPath = ("vehicles", name, "autopilot")
-            check_autopilot(autopilot, draft, place, self._world, self._report(document))
+            check_autopilot(autopilot, tree, place, self._world, self._report(document))
         self._solids.read_vehicle(name, merged, tree, self._report(merged), self._warn(merged))
         self._follow(name)
         self._vehicles[name] = tree.value, devices
@@ -206,19 +213,20 @@ class _Load:
             check_actuators(_without_disabled(tree.value), devices, self._environment, self._report(merged))
 
     def _follow(self, name: str) -> None:
-        """What an external vehicle follows."""
+        """Check an external vehicle, and read the log that it follows."""
         report = self._report(self._document)
         check_external(name, self._tree, report)
         entry: VehicleEntry | None = self._tree.at("vehicles", name).value
         if entry is None or not entry.is_external:
             return
         if entry.solid and name not in self._solids.vehicles:
-            text = f'"{entry.model}" has no collision shapes, so nothing of it can be solid: take another model, or solid = false'
-            report(("vehicles", name, "solid"), text)
+            report(
+                ("vehicles", name, "solid"),
+                f'"{entry.model}" has no collision shapes, so it cannot be solid: choose another model, or set solid = false',
+            )
         if not isinstance(entry.log, UnsetType):
-            beside = self._document.path.parent if self._document.path else Path.cwd()
             try:
-                self._tracks[name], remarks = read_track(entry, beside)
+                self._tracks[name], remarks = read_track(entry, self._document.folder)
             except ValueError as error:
                 report(("vehicles", name, "log"), str(error))
                 return
@@ -228,19 +236,18 @@ class _Load:
     def _errors(self) -> int:
         return sum(problem.severity == "error" for problem in self._problems)
 
-    def _check_others(self, draft: Draft, merged: MergedFile) -> None:
-        """Beacons sit on vehicles that there are, and trainings look at structures that there are."""
-        vehicles, there = tuple(self._tree.at("vehicles").parts), tuple(self._tree.at("structures").parts)
-        for name, sensor in draft.sensors.items():
+    def _check_others(self, tree: Node, merged: MergedFile) -> None:
+        """Check that the vehicles which carry beacons and the structures which trainings look at exist."""
+        vehicles, structures, report = (
+            self._tree.names("vehicles"),
+            self._tree.names("structures"),
+            self._report(merged),
+        )
+        for name, sensor in tree.values("sensors").items():
             for beacon, vehicle in carriers(sensor):
-                if vehicle not in vehicles:
-                    path: KeyPath = ("sensors", name, "beacons", beacon, "vehicle")
-                    text = f'no vehicle "{vehicle}"{suggestion(vehicle, vehicles, "; there are: ")}'
-                    self._report(merged)(path, text)
+                check_known(vehicle, vehicles, "vehicle", ("sensors", name, "beacons", beacon, "vehicle"), report)
             for place, structure in looked_at(sensor).items():
-                if structure not in there:
-                    text = f'no structure "{structure}"{suggestion(structure, there, "; there are: ")}'
-                    self._report(merged)(("sensors", name, *place), text)
+                check_known(structure, structures, "structure", ("sensors", name, *place), report)
 
     def _thruster_devices(self, merged: MergedFile) -> dict[str, ThrusterDevice]:
         devices: dict[str, ThrusterDevice] = {}
@@ -255,52 +262,40 @@ class _Load:
                 devices[name] = device
         return devices
 
-    def _device(self, path: Path | None) -> ThrusterDevice | None:
-        if path is None:
+    def _read_device(self, path: Path | None) -> ThrusterDevice | None:
+        document = self._read(path)
+        if document is None:
             return None
-        if path not in self._devices:
-            document = self._read(path)
-            device = None
-            if document is not None:
-                tree = self._converter(document).tree(document.raw, ThrusterDevice)
-                device = tree.value
-                check_device(tree, self._report(document))
-            self._devices[path] = device
-        return self._devices[path]
+        tree = self._converter(document).tree(document.raw, ThrusterDevice)
+        check_device(tree, self._report(document))
+        device: ThrusterDevice | None = tree.value
+        return device
 
-    def _model(self, path: Path | None) -> Document | None:
-        """A vehicle file with its sensors' device files filled in; the same raw tables each time, so that they are converted once."""
+    def _read_model(self, path: Path | None) -> Document | None:
+        """Return a vehicle file with its sensors' device files filled in; the same raw tables each time, so that they are converted once."""
         file = self._read(path)
-        if path is None or file is None:
-            return None
-        if path not in self._models:
-            self._models[path] = self._with_profiles(file)
-        return self._models[path]
+        return None if file is None else self._with_profiles(file)
 
     def _with_profiles(self, document: Document) -> Document:
-        """The file with the sensors' device files filled in."""
+        """Return the file with its sensors' device files filled in."""
         report = self._report(document)
-        beside = document.path.parent if document.path else Path.cwd()
+        return expanded(
+            document,
+            lambda name, place: self._profile(find(name, "devices", document.folder, partial(report, place))),
+            report,
+        )
 
-        def keys_of(reference: str, place: KeyPath) -> Mapping[str, Any] | None:
-            path = find(reference, "devices", beside, partial(report, place))
-            if path is not None and path not in self._profiles:
-                file = self._read(path)
-                self._profiles[path] = None if file is None else check_profile(file.raw, self._report(file), self._more)
-            return None if path is None else self._profiles[path]
+    def _read_profile(self, path: Path | None) -> Mapping[str, Any] | None:
+        """Return the keys that the device file of a sensor gives."""
+        file = self._read(path)
+        return None if file is None else check_profile(file.raw, self._report(file), self._more)
 
-        return expanded(document, keys_of, report)
-
-    def _read(self, path: Path | None) -> Document | None:
-        if path is None:
+    def _read_file(self, path: Path | None) -> Document | None:
+        try:
+            return None if path is None else read(path)
+        except ScenarioError as error:
+            self._problems.extend(error.problems)
             return None
-        if path not in self._files:
-            self._files[path] = None
-            try:
-                self._files[path] = read(path)
-            except ScenarioError as error:
-                self._problems.extend(error.problems)
-        return self._files[path]
 
     def _converter(self, place: Document | MergedFile) -> Converter:
         return Converter(self._report(place), self._more, self._known)
@@ -308,8 +303,8 @@ class _Load:
     def _report(self, place: Document | MergedFile, severity: Severity = "error") -> Report:
         def report(path: KeyPath, text: str, at: KeyPath | None = None) -> None:
             self._problems.append(place.problem(path, text, at, severity))
-            if len(self._problems) >= MOST_PROBLEMS:  # each may cost a search for what was meant
-                last = Problem(self._document.label, 0, 0, "", f"{MOST_PROBLEMS} faults: the rest is not looked at")
+            if len(self._problems) >= MOST_PROBLEMS:
+                last = Problem(self._document.label, 0, 0, "", f"{MOST_PROBLEMS} problems: the rest was not checked")
                 raise ScenarioError([*_in_order(self._problems), last])
 
         return report
@@ -328,7 +323,7 @@ def _without_disabled(vehicle: VehicleFile) -> VehicleFile:
 
 
 def _in_order(problems: Iterable[Problem]) -> tuple[Problem, ...]:
-    """Without repetitions, errors first, by file (in the order they were met) and place."""
+    """Return the problems without repetitions: errors first, by file (in the order of reading) and place."""
     unique = list(dict.fromkeys(problems))
     files = list(dict.fromkeys(problem.file for problem in unique))
     return tuple(sorted(unique, key=lambda p: (p.severity == "warning", files.index(p.file), p.line, p.column)))

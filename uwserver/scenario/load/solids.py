@@ -1,4 +1,4 @@
-"""The solid things of one scenario: tables and files read, and checked against each other."""
+"""Reads the solid parts of a scenario (seabed, structures, objects, vehicles) from tables and files, and checks them against each other."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from msgspec import UNSET, UnsetType
+from msgspec import UnsetType
 
 from uwserver.physics.collision.engine import AUTO
 from uwserver.physics.geometry.shapes import (
@@ -24,7 +24,7 @@ from uwserver.physics.geometry.shapes import (
     TriangleMesh,
 )
 from uwserver.physics.kernel.arrays import FloatArray
-from uwserver.scenario.files.convert import Node, Report, check_name
+from uwserver.scenario.files.convert import Node, Report, check_name, is_one_of
 from uwserver.scenario.files.documents import Document
 from uwserver.scenario.files.errors import KeyPath
 from uwserver.scenario.load.resolved import ResolvedObject
@@ -47,14 +47,14 @@ from uwserver.scenario.world.tables import WorldTable
 
 
 class SolidFiles:
-    """Reads what could be read, so that one fault does not hide the others.
+    """Solids of one scenario. Everything without errors is read, so that one error does not hide others.
 
     Attributes:
         static: seabed and structures, in N, by name.
         objects: free objects by name.
         vehicles: collision shapes of vehicles by name.
-        ghosts: those of external vehicles that nothing touches.
-        looks: .glb files of vehicles and structures, by table and name.
+        ghosts: collision shapes of external vehicles that nothing can touch.
+        looks: .glb files by table and name.
         materials: numbers of materials.
     """
 
@@ -66,7 +66,7 @@ class SolidFiles:
         self.looks: dict[tuple[str, str], bytes] = {}
         self.materials = Materials()
         self._scenario, self._report = scenario, report
-        self._folder = document.path.parent if document.path else Path.cwd()
+        self._folder = document.folder
         self._reported = False
         world: WorldTable | None = scenario.at("world").value
         self._engine = world.engine if world is not None else AUTO
@@ -75,7 +75,7 @@ class SolidFiles:
             table: Structure | None = node.value
             path: KeyPath = ("structures", name)
             if name == "seabed":
-                report(path, '"seabed" is the table [seabed]: choose another name')
+                report(path, "the table [seabed] has this name already: choose another name")
             elif table is not None and self._engines(path, report):
                 made = partial(structure_solid, name, table, self._folder, self.materials, partial(warn, path))
                 self._add_static(path, name, made)
@@ -85,7 +85,7 @@ class SolidFiles:
             self._read_object(name, node.value, scenario.at("environment").value)
 
     def read_vehicle(self, name: str, merged: MergedFile, tree: Node, report: Report, warn: Report) -> None:
-        """The collision shapes and looks of a vehicle, whose merged file gave the tree."""
+        """Read the collision shapes and looks of a vehicle; `tree` is its converted file."""
         if tree.value is not None:
             self._read_looks(("vehicles", name), tree.value.looks, merged.folder_of(("looks",)), report, ("looks",))
         tables: dict[str, Collision] = tree.values("collision")
@@ -104,23 +104,23 @@ class SolidFiles:
             report(path, str(error))
 
     def check_places(self) -> None:
-        """Vehicles and objects must not begin inside something."""
+        """Report vehicles and objects that start inside a solid."""
         for table in ("vehicles", "objects"):
             for key, _, p in starts(self._scenario, table):
-                if self._is(key, "external"):  # whose place is not for us to judge
+                if p is None or self._is(key, "external"):  # poses of external vehicles come from outside
                     continue
-                for solid in self.static.values() if p is not None else ():
+                for solid in self.static.values():
                     what = _buried(solid, np.array(p))
                     if what is not None:
-                        self._report((table, key, "position_ned_m"), f'it begins inside "{solid.name}": {what}')
+                        self._report((table, key, "position_ned_m"), f'it starts inside "{solid.name}": {what}')
 
     def check_engines(self) -> None:
-        """What can touch something needs the engines; one vehicle alone does not."""
+        """Report missing engines if several vehicles can touch each other; one alone needs none."""
         if sum(key in self.vehicles for key, _, _ in starts(self._scenario, "vehicles")) > 1:
             self._engines(("vehicles",), self._report)
 
     def _is(self, name: str, what: Literal["external", "solid"]) -> bool:
-        """Whether the table of a vehicle says so."""
+        """Return whether the table of a vehicle has kind = "external", or solid = true."""
         node = self._scenario.at("vehicles", name)
         return node.at("kind").value == "external" if what == "external" else node.at("solid").value is True
 
@@ -136,13 +136,13 @@ class SolidFiles:
         if not check_name(path, self._report):
             return
         if name == "world" or name in self._scenario.at("vehicles").parts:
-            self._report(path, f'"{name}" is taken, as paths begin with it: choose another name')
+            self._report(
+                path,
+                f'"{name}" is taken, as paths of {"services" if name == "world" else "a vehicle"} begin with it: choose another name',
+            )
         if table is None or environment is None or not self._engines(path, self._report):
             return
-        given = [key for key in ("mass_kg", "density_kgpm3") if getattr(table, key) is not UNSET]
-        if len(given) != 1:
-            found = "both are given" if given else "none is given"
-            self._report(path, f"give exactly one of mass_kg and density_kgpm3: {found}")
+        if not is_one_of(table, ("mass_kg", "density_kgpm3"), path, self._report):
             return
         solid = object_solid(name, table, self.materials)
         self._read_looks(path, table.looks, self._folder, self._report)
@@ -152,7 +152,7 @@ class SolidFiles:
     def _read_looks(
         self, owner: KeyPath, looks: str | UnsetType, folder: Path, report: Report, place: KeyPath | None = None
     ) -> None:
-        """What viewers show of a vehicle, a structure or an object."""
+        """Read the file that viewers show of a vehicle, a structure or an object."""
         if isinstance(looks, UnsetType):
             return
         try:
@@ -167,16 +167,16 @@ class SolidFiles:
             self._report(path, str(error))
 
     def _check_memory(self) -> None:
-        """All files together, of which each alone fits."""
+        """Report if all files together take too much memory; each alone has been checked."""
         counts = {name: sum(_triangles(placed) for placed in solid.shapes) for name, solid in self.static.items()}
         try:
-            check_memory("what is solid", sum(counts.values()))
+            check_memory("seabed and structures", sum(counts.values()))
         except BadSolid as error:
             largest = max(counts, key=counts.__getitem__)
             self._report(("seabed",) if largest == "seabed" else ("structures", largest), str(error))
 
     def _engines(self, path: KeyPath, report: Report) -> bool:
-        """Whether all that solids need is installed; says so once."""
+        """Return whether the packages that solids need are installed; report it once if not."""
         missing = missing_engines(self._engine)
         if missing is not None and not self._reported:
             self._reported = True
@@ -189,18 +189,18 @@ def _triangles(placed: Placed) -> int:
 
 
 def _buried(solid: Solid, p: FloatArray) -> str | None:
-    """In words how p (3, N) is inside a static solid; None if it is not."""
+    """Say how a point p (3, in N) is inside a static solid and what to do; None if it is outside."""
     meshes = [placed.shape for placed in solid.shapes if isinstance(placed.shape, TriangleMesh)]
     if solid.name == "seabed" and meshes:
         depths = [d for mesh in meshes if (d := _depth_under(mesh, p[0], p[1])) is not None]
         if depths and p[2] > min(depths):
-            return f"the seabed there is {min(depths):.2f} m deep"
+            return f"the seabed is {min(depths):.2f} m deep there; choose a smaller depth"
         return None
     for placed in solid.shapes:
         local = placed.R.T @ (p - placed.p)
         if isinstance(placed.shape, HalfSpace) and local[2] > 0.0:
-            return f"the seabed is {placed.p[2]:.2f} m deep"
-        if not isinstance(placed.shape, HalfSpace | TriangleMesh) and _inside(placed, local):
+            return f"the seabed is {placed.p[2]:.2f} m deep; choose a smaller depth"
+        if not isinstance(placed.shape, HalfSpace | TriangleMesh) and _is_inside(placed, local):
             return "choose another position"
     closed = [mesh for mesh in meshes if mesh.oriented]
     if closed and sum(_winding(mesh, solid.shapes[0].R.T @ (p - solid.shapes[0].p)) for mesh in closed) > 0.5:
@@ -208,7 +208,7 @@ def _buried(solid: Solid, p: FloatArray) -> str | None:
     return None
 
 
-def _inside(placed: Placed, x: FloatArray) -> bool:
+def _is_inside(placed: Placed, x: FloatArray) -> bool:
     shape = placed.shape
     if isinstance(shape, Box):
         return bool((np.abs(x) < shape.half).all())
@@ -219,14 +219,14 @@ def _inside(placed: Placed, x: FloatArray) -> bool:
 
         return bool(Delaunay(shape.points).find_simplex(x) >= 0)
     if isinstance(shape, Capsule):
-        along = x[0] - min(max(x[0], -shape.half_length), shape.half_length)
-        return bool(along**2 + x[1] ** 2 + x[2] ** 2 < shape.radius**2)
+        along = max(abs(x[0]) - shape.half_length, 0.0)
+        return math.hypot(along, x[1], x[2]) < shape.radius
     assert not isinstance(shape, HalfSpace | TriangleMesh)
     return bool(abs(x[0]) < shape.half_length and math.hypot(x[1], x[2]) < shape.radius)
 
 
 def _depth_under(mesh: TriangleMesh, north: float, east: float) -> float | None:
-    """Depth of a seabed at a place, m; None beside it."""
+    """Return the depth of a seabed mesh at a place, m; None outside its area."""
     corners = mesh.vertices[mesh.faces]
     a, u, v = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     x, y = north - a[:, 0], east - a[:, 1]
@@ -240,7 +240,7 @@ def _depth_under(mesh: TriangleMesh, north: float, east: float) -> float | None:
 
 
 def _winding(mesh: TriangleMesh, p: FloatArray) -> float:
-    """How often a closed surface goes around p: 1 inside, 0 outside. Van Oosterom and Strackee 1983."""
+    """Return the winding number of a closed surface about p: 1 inside, 0 outside. By solid angles: van Oosterom and Strackee 1983."""
     corners = mesh.vertices[mesh.faces] - p
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))

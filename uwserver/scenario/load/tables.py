@@ -1,7 +1,7 @@
-"""The scenario file: one typed, frozen `Scenario`. Numbers as in the file: SI, but degrees where a key says `deg`.
+"""The scenario file: one typed, frozen `Scenario`. Numbers are as in the file: SI, but degrees where a key says `deg`.
 
-Names of vehicles, sensors, actuators, modifiers and adapters are table names chosen by the user; they are the path on every wire. What a
-component's table may hold is declared beside the component itself (`uwserver.sensors`, `uwserver.actuators`, `uwserver.modifiers`).
+Names of vehicles, sensors, actuators, modifiers and adapters are table names that the user chooses; they make the paths on every wire. The keys of
+a component's table are declared beside the component (`uwserver.sensors`, `uwserver.actuators`, `uwserver.modifiers`).
 """
 
 from __future__ import annotations
@@ -19,19 +19,21 @@ from uwserver.world.faults import FaultConfig
 
 
 class Server(Table, kw_only=True, frozen=True):
-    """Attributes:
-    name: how the server calls itself.
-    metrics_bind, metrics_port: address of ``/health`` and ``/metrics`` (HTTP); port 0 takes a free one.
-    metrics: serve them.
-    allowed_hosts: names by which these may be asked, beside addresses and localhost; "*" for any. A web page whose name was made to point
-        here (DNS rebinding) could read them otherwise.
-    state_folder: where clients may save and load states of the world as files (``world/save``, ``world/load``), beside this file unless it
-        is absolute; at most 64 of them; default: nowhere.
-    recordings: where clients may record to (``recording/start``): a folder, of the one in which the server is started unless it is absolute,
-        that is made when it is needed; at most 256 files; "" for nowhere.
-    recordings_mb: that all recordings in it may have together, MB.
-    web: serve the web view in `uwserver run` (http://127.0.0.1:7680/, or the next free port), unless an adapter of kind `web` says where.
-    uvloop: run the event loop of libuv, which answers faster under load; needs the extra `uvloop`.
+    """Settings of the server.
+
+    Attributes:
+        name: of the server, which it tells its clients.
+        metrics_bind, metrics_port: address of ``/health`` and ``/metrics`` (HTTP); port 0 takes a free one.
+        metrics: whether to serve them.
+        allowed_hosts: host names that requests for them may use, in addition to addresses and localhost; "*" for any. This keeps a web page
+            whose name was made to point here (DNS rebinding) from reading them.
+        state_folder: folder where clients may save and load world states (``world/save``, ``world/load``), relative to this file; at most 64
+            files; default: none.
+        recordings: folder where clients may record to (``recording/start``), relative to the folder in which the server was started. It is
+            made when it is needed; at most 256 files; "" for none.
+        recordings_mb: largest total size of all recordings in that folder, MB.
+        web: whether `uwserver run` serves the web view (http://127.0.0.1:7680/, or the next free port) if there is no adapter of kind `web`.
+        uvloop: whether to use the event loop of libuv, which answers faster under load; needs the extra `uvloop`.
     """
 
     name: Name = "uwserver"
@@ -47,13 +49,13 @@ class Server(Table, kw_only=True, frozen=True):
 
 
 class Scenario(Table, kw_only=True, frozen=True):
-    """A whole scenario file. `adapters` holds each adapter's own configuration type, chosen by its `kind`.
+    """A whole scenario file. `adapters` holds the configuration type of each adapter, chosen by its `kind`.
 
-    A file without a table `adapters` is served by `sockets` on TCP port 7600; with an empty one nobody can reach it.
+    A file without a table `adapters` is served by `sockets` on TCP port 7600; with an empty table nobody can reach it.
 
     Attributes:
-        extensions: Python files, in the folder of this one or below, with further kinds of sensor, modifier, actuator, current and fault. They
-            are run: do not load what you do not trust.
+        extensions: Python files, in the folder of this file or below, that add kinds of sensor, modifier, actuator, current and fault. They are
+            run: do not load a scenario that you do not trust.
     """
 
     schema: Literal[1]

@@ -1,4 +1,4 @@
-"""Solid things as one line of text, for a recording: what was read from mesh and grid files must not depend on those files later."""
+"""Packs solids into one line of text, so that a recording does not depend on the mesh and grid files later."""
 
 from __future__ import annotations
 
@@ -15,33 +15,46 @@ from uwserver.physics.geometry.shapes import Placed, Shape, Solid
 
 _KINDS: Mapping[str, type[Any]] = {kind.__name__: kind for kind in get_args(Shape)}
 LARGEST_BYTES = 1 << 30
-"""No archive that is unpacked may be larger."""
+"""Largest size of an archive after it is unpacked."""
 
 
 def pack(solids: Mapping[str, Solid]) -> str:
-    """Solids by name, compressed; `unpack` gives the same bits."""
-    plain = {name: _solid_to(solid) for name, solid in solids.items()}
-    packed = msgspec.msgpack.encode(plain)
-    return base64.b85encode(zstandard.ZstdCompressor().compress(packed)).decode()
+    """Pack solids by name; `unpack` returns them bit for bit."""
+    return compressed({name: _solid_to(solid) for name, solid in solids.items()})
 
 
 def unpack(text: str) -> dict[str, Solid]:
-    """The solids of `pack`.
+    """Return the solids that `pack` packed.
 
     Raises:
-        ValueError: the text is none of `pack`'s.
+        ValueError: the text does not come from `pack`.
     """
     try:
-        compressed = base64.b85decode(text)
-        if (
-            zstandard.frame_content_size(compressed) > LARGEST_BYTES
-        ):  # where it is told, the decompressor knows no limit
-            raise ValueError(f"the solid things have more than {LARGEST_BYTES} bytes")
-        packed = zstandard.ZstdDecompressor().decompress(compressed, max_output_size=LARGEST_BYTES)
-        plain = msgspec.msgpack.decode(packed)
+        plain = msgspec.msgpack.decode(decompressed(text))
         return {name: _solid_from(table) for name, table in plain.items()}
-    except (zstandard.ZstdError, msgspec.MsgspecError, KeyError, TypeError, AttributeError) as error:
-        raise ValueError(f"the solid things cannot be read: {error}") from error
+    except (ValueError, KeyError, TypeError, AttributeError) as error:  # msgspec's errors are ValueErrors
+        raise ValueError(f"the solids cannot be read: {error}") from error
+
+
+def compressed(plain: object) -> str:
+    """Return a value as MessagePack, compressed, in one line of text."""
+    return base64.b85encode(zstandard.ZstdCompressor().compress(msgspec.msgpack.encode(plain))).decode()
+
+
+def decompressed(text: str) -> bytes:
+    """Return the MessagePack of a text from `compressed`.
+
+    Raises:
+        ValueError: the text does not come from there, or unpacks to more than `LARGEST_BYTES`.
+    """
+    data = base64.b85decode(text)
+    try:
+        # Where the frame gives its size, the decompressor ignores max_output_size.
+        if zstandard.frame_content_size(data) > LARGEST_BYTES:
+            raise ValueError(f"they have more than {LARGEST_BYTES} bytes")
+        return zstandard.ZstdDecompressor().decompress(data, max_output_size=LARGEST_BYTES)
+    except zstandard.ZstdError as error:
+        raise ValueError(str(error)) from error
 
 
 def _solid_to(solid: Solid) -> dict[str, Any]:

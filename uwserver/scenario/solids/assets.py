@@ -1,4 +1,4 @@
-"""Mesh files on their way in: read by trimesh, turned into our frames, checked, and cut to what the engines hold."""
+"""Reads mesh files with trimesh, turns them into our frames, checks them, and splits them into tiles of the size that the engines take."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ import numpy as np
 from uwserver.physics.geometry.shapes import HULL_POINTS, TILE_TRIANGLES, BadSolid, ConvexHull, TriangleMesh, has_area
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.scenario.files.opening import read_whole
-from uwserver.scenario.solids.mesh_checks import MOST_BYTES, MOST_TRIANGLES, Beside, checked
+from uwserver.scenario.solids.mesh_checks import MOST_BYTES, MOST_TRIANGLES, SiblingFiles, checked
 
 FORMATS = (".glb", ".gltf", ".obj", ".stl", ".ply")
 
 _FROM_UP: dict[str, FloatArray] = {
-    # FLU to FRD, and the axes of glTF (y up, z out of the picture) to FRD; x stays x.
+    # From FLU to FRD, and from the axes of glTF (y up, z out of the picture) to FRD; x stays x.
     "z": np.diag([1.0, -1.0, -1.0]),
     "y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
 }
 Warn = Any
-"""Called with a text that the user should read, though the scenario runs."""
+"""Called with the text of a warning."""
 
 
 def read_mesh(path: Path, up: Literal["y", "z"] | None, scale: float, warn: Warn) -> tuple[TriangleMesh, ...]:
-    """The triangles of a file as they are, in tiles that the engines hold.
+    """Return the triangles of a file, in tiles of a size that the engines take.
 
     Args:
         path: of the file.
-        up: the asset's axis that points up; None: y for glTF, z for others.
-        scale: m of one unit.
-        warn: takes texts about what was mended or is doubtful.
+        up: axis of the file that points up; None: y for glTF, z for others.
+        scale: length of one unit of the file, m.
+        warn: called with texts about what was repaired or is doubtful.
 
     Raises:
         BadSolid: the file is missing, unreadable, empty, too large, or has vertices that are not finite.
@@ -40,20 +40,22 @@ def read_mesh(path: Path, up: Literal["y", "z"] | None, scale: float, warn: Warn
     vertices, faces = _turned(mesh, path, up, scale)
     sound = has_area(vertices, faces)
     if not sound.all():
-        warn(f'"{path.name}": {int((~sound).sum())} of {len(faces)} triangles have no area and are dropped')
+        warn(f'"{path.name}": {int((~sound).sum())} of {len(faces)} triangles have no area and are left out')
         faces = faces[sound]
     if not len(faces):
         raise BadSolid(f'"{path.name}" has no triangle with an area')
     closed = is_closed(faces)
     if not closed:
-        warn(f'"{path.name}" is not closed: it is a sheet without thickness, and what is inside it is not pushed out')
+        warn(
+            f'"{path.name}" is not closed: it acts as a sheet without thickness, and bodies inside it are not pushed out'
+        )
     elif _volume(vertices, faces) < 0.0:
         faces = faces[:, ::-1]
     return tiles(vertices, np.ascontiguousarray(faces), closed)
 
 
 def read_hull(path: Path, up: Literal["y", "z"] | None, scale: float, warn: Warn) -> ConvexHull:
-    """The convex hull of a file; of one with very many corners those that reach farthest in `HULL_POINTS` directions.
+    """Return the convex hull of a file. If it has more than `HULL_POINTS` corners, the farthest ones in as many directions are kept.
 
     Raises:
         BadSolid: as `read_mesh`; or the points span no volume.
@@ -67,24 +69,25 @@ def read_hull(path: Path, up: Literal["y", "z"] | None, scale: float, warn: Warn
         if len(corners) <= HULL_POINTS:
             return ConvexHull(corners)
         k = np.arange(HULL_POINTS) + 0.5
-        # Fibonacci's even spread of directions over a sphere.
+        # Directions spread evenly over a sphere: Fibonacci's spiral.
         z, turn = 1.0 - 2.0 * k / HULL_POINTS, np.pi * (1.0 + np.sqrt(5.0)) * k
         ring = np.sqrt(1.0 - z * z)
         directions = np.stack([ring * np.cos(turn), ring * np.sin(turn), z], axis=1)
         kept = corners[np.unique((corners @ directions.T).argmax(axis=0))]
         planes = Quickhull(kept).equations
     except QhullError as error:
-        raise BadSolid(f'the points of "{path.name}" span no volume') from error
+        raise BadSolid(f'the points of "{path.name}" span no volume: use a mesh with a thickness') from error
     lost = float((corners @ planes[:, :3].T + planes[:, 3]).max())
-    fewer = f"from {len(corners)} to {len(kept)} corners"
-    warn(f'the hull of "{path.name}" is simplified {fewer}: up to {lost:.3g} m are cut off')
+    warn(
+        f'the hull of "{path.name}" is simplified from {len(corners)} to {len(kept)} corners: up to {lost:.3g} m are cut off'
+    )
     return ConvexHull(kept)
 
 
 def is_closed(faces: IntArray) -> bool:
-    """Whether every edge is run through as often one way as the other: a surface without border, wound all alike.
+    """Return whether the surface has no border and is wound consistently: each edge is used equally often in both directions.
 
-    Solids that touch in an edge are closed too.
+    Solids that touch along an edge count as closed.
     """
     starts, ends = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     count = int(faces.max()) + 1
@@ -93,7 +96,7 @@ def is_closed(faces: IntArray) -> bool:
 
 
 def tiles(vertices: FloatArray, faces: IntArray, oriented: bool) -> tuple[TriangleMesh, ...]:
-    """A mesh in parts of at most `TILE_TRIANGLES`, halved along its longest axis as often as needed."""
+    """Return a mesh in tiles of at most `TILE_TRIANGLES`; it is halved along its longest axis as often as needed."""
     if len(faces) <= TILE_TRIANGLES:
         used, numbers = np.unique(faces, return_inverse=True)
         return (TriangleMesh(np.ascontiguousarray(vertices[used]), numbers.reshape(-1, 3).astype(np.int64), oriented),)
@@ -106,7 +109,7 @@ def tiles(vertices: FloatArray, faces: IntArray, oriented: bool) -> tuple[Triang
 
 def _read(path: Path) -> Any:
     if path.suffix.lower() not in FORMATS:
-        raise BadSolid(f'"{path.name}" is of no known kind: use {", ".join(FORMATS)}')
+        raise BadSolid(f'"{path.name}" has an unknown file type: use {", ".join(FORMATS)}')
     try:
         data = checked(path, read_whole(path, MOST_BYTES))
     except OSError as error:
@@ -116,22 +119,24 @@ def _read(path: Path) -> Any:
     except ImportError as error:
         raise BadSolid('mesh files need the extra "solid": pip install "uwserver[solid]"') from error
     try:
-        kind, beside = path.suffix.lower()[1:], cast("Any", Beside(path))
+        kind, beside = path.suffix.lower()[1:], cast("Any", SiblingFiles(path))
         scene = trimesh.load_scene(io.BytesIO(data), kind, resolver=beside, process=False, skip_materials=True)
         mesh = scene.to_mesh()
-        if np.isfinite(mesh.vertices).all():  # the caller tells otherwise
+        if np.isfinite(mesh.vertices).all():  # otherwise the caller reports it
             mesh.merge_vertices(merge_tex=True, merge_norm=True)
     except BadSolid:
         raise
     except MemoryError as error:
-        text = f'there is too little memory for "{path.name}", {len(data) / 1e6:.0f} MB: simplify it'
-        raise BadSolid(text) from error
+        raise BadSolid(
+            f'there is too little memory for "{path.name}" ({len(data) / 1e6:.0f} MB): simplify it'
+        ) from error
     except Exception as error:  # a parser of foreign files may raise anything
         raise BadSolid(f'cannot read "{path.name}": {type(error).__name__}: {error}') from error
     return mesh
 
 
 def _turned(mesh: Any, path: Path, up: Literal["y", "z"] | None, scale: float) -> tuple[FloatArray, IntArray]:
+    """Return checked vertices in our frame, m, and faces."""
     faces = np.asarray(mesh.faces, dtype=np.int64)
     if not len(faces):
         raise BadSolid(f'"{path.name}" has no triangles')

@@ -1,4 +1,4 @@
-"""Grids of depth on their way in: .npy in metres, NetCDF in latitude and longitude; triangulated and tiled."""
+"""Reads grids of depth (.npy in metres, NetCDF in latitude and longitude), and splits them into triangles and tiles."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ from uwserver.scenario.solids.tables import GridSeabed
 from uwserver.units import deg, rad
 
 MOST_POINTS = 4_000_000
-"""Of a grid after `extent_m`: 8 million triangles."""
+"""Most points of a grid within `extent_m`: 8 million triangles."""
 MOST_BYTES = 1_000_000_000
-"""Of a classic NetCDF file."""
+"""Largest classic NetCDF file."""
 DEEPEST_M = 20_000.0
-"""Below the sea, or above it: no place on Earth is."""
+"""Largest distance from sea level, up or down; no place on Earth is farther."""
 _DEGREE = rad(1.0) * 6_356_752.0
-"""The shortest degree of latitude or longitude that is not shortened by its latitude, m."""
+"""Shortest degree of latitude on the Earth, m; a degree of longitude at the equator is longer."""
 _HALF_TURN = deg(math.pi)
 TILE_CELLS = int((TILE_TRIANGLES / 2) ** 0.5)
-"""Cells along the edge of a tile."""
+"""Most cells along the edge of a tile."""
 
 
 class Grid(NamedTuple):
-    """Points (n, m) of a seabed in N: rows to the north, columns to the east; depth positive down, m."""
+    """Points (n, m) of a seabed in N, m: rows to the north, columns to the east; depth positive down."""
 
     north: FloatArray
     east: FloatArray
@@ -45,7 +45,7 @@ class Grid(NamedTuple):
 
 
 def read_grid(table: GridSeabed, path: Path, origin: tuple[float, float] | None) -> Grid:
-    """The grid that a table names.
+    """Read the grid that a table names.
 
     Args:
         table: of the scenario.
@@ -53,7 +53,7 @@ def read_grid(table: GridSeabed, path: Path, origin: tuple[float, float] | None)
         origin: latitude and longitude (deg) of N's origin, if the scenario has them.
 
     Raises:
-        BadSolid: missing, unreadable, of wrong form or size, without its variables, or with depths that are not finite.
+        BadSolid: the file is missing, unreadable, of a wrong form or size, lacks a variable, or has depths that are not finite.
     """
     if not is_plain(path):
         raise BadSolid(f'there is no grid file "{path}"{why_not(path)}')
@@ -63,26 +63,26 @@ def read_grid(table: GridSeabed, path: Path, origin: tuple[float, float] | None)
     elif suffix in (".nc", ".grd"):
         grid = _from_netcdf(table, path, origin)
     else:
-        raise BadSolid(f'"{path.name}" is of no known kind: use .npy or .nc')
+        raise BadSolid(f'"{path.name}" has an unknown file type: use .npy or .nc')
     if table.extent_m is not UNSET:
         grid = _within(grid, table.extent_m)
     if min(grid.depth.shape) < 2:
         rows, columns = grid.depth.shape
-        raise BadSolid(f'"{path.name}" has {rows} x {columns} points in reach: at least 2 x 2')
+        raise BadSolid(f'"{path.name}" has {rows} x {columns} points within extent_m; at least 2 x 2 are needed')
     if grid.depth.size > MOST_POINTS:
         raise _too_many(path, grid.depth.size)
     bad = int((~np.isfinite(grid.depth)).sum())
     if bad:
-        raise BadSolid(f'{bad} of {grid.depth.size} depths in "{path.name}" are not finite: fill them')
+        raise BadSolid(f'{bad} of {grid.depth.size} depths in "{path.name}" are not finite: fill these gaps')
     far = int((np.abs(grid.depth) > DEEPEST_M).sum())
     if far:
-        text = f"are more than {DEEPEST_M:g} m from sea level: fill them, or give the fill value and scale of the file"
+        text = f"are more than {DEEPEST_M:g} m from sea level: fill these gaps, or set fill value and scale in the file"
         raise BadSolid(f'{far} of {grid.depth.size} depths in "{path.name}" {text}')
     return grid
 
 
 def triangulate(grid: Grid) -> tuple[TriangleMesh, ...]:
-    """Two triangles a cell, outside up, in tiles of at most `TILE_CELLS` cells a side.
+    """Return two triangles for each cell, with their outside up, in tiles of at most `TILE_CELLS` cells a side.
 
     Neighbouring tiles repeat the points of their border exactly, so there is no gap.
     """
@@ -102,7 +102,7 @@ def triangulate(grid: Grid) -> tuple[TriangleMesh, ...]:
 
 def _from_numpy(table: GridSeabed, path: Path) -> Grid:
     if table.spacing_m is UNSET:
-        raise BadSolid(f'"{path.name}" needs spacing_m, the distances of its rows and columns')
+        raise BadSolid(f'"{path.name}" needs spacing_m: give the distance of its rows and that of its columns')
     try:
         with opened(path) as file:
             whole = Array.of(file)
@@ -123,7 +123,7 @@ def _from_numpy(table: GridSeabed, path: Path) -> Grid:
 def _in_reach(
     table: GridSeabed, spacing: tuple[float, float], shape: tuple[int, int]
 ) -> tuple[list[slice], list[FloatArray]]:
-    """Rows and columns worth reading, and where they lie in N, m. The file may be much larger than what is in reach."""
+    """Return the rows and columns to read, and their places in N, m. The file may be much larger than the part within `extent_m`."""
     extent = [(n - 1) * step for n, step in zip(shape, spacing, strict=True)]
     first = [-0.5 * e for e in extent] if table.origin_north_east_m is UNSET else list(table.origin_north_east_m)
     part: list[slice] = []
@@ -131,7 +131,7 @@ def _in_reach(
     for f, step, n in zip(first, spacing, shape, strict=True):
         low, high = 0, n
         if table.extent_m is not UNSET:
-            # More than `_within` keeps, as the places are rounded; then as it does.
+            # A little more than `_within` keeps, as the places are rounded; then exactly what it keeps.
             low = int(min(max(math.floor((-table.extent_m - f) / step) - 2, 0), n))
             high = int(min(max(math.ceil((table.extent_m - f) / step) + 3, low), n, low + MOST_POINTS + 9))
             near = low + np.flatnonzero(np.abs(f + step * np.arange(low, high)) <= table.extent_m)
@@ -143,25 +143,30 @@ def _in_reach(
 
 def _from_netcdf(table: GridSeabed, path: Path, origin: tuple[float, float] | None) -> Grid:
     if origin is None:
-        raise BadSolid(f'"{path.name}" is in latitude and longitude: give origin_lat_deg and origin_lon_deg in [world]')
+        raise BadSolid(
+            f'"{path.name}" is in latitude and longitude, so N needs a place: give origin_lat_deg and origin_lon_deg in [world]'
+        )
     with _opened(path) as variables:
         names = (table.latitude, table.longitude, table.variable)
         missing = [name for name in names if name not in variables]
         if missing:
             there = ", ".join(sorted(variables)) or "none"
-            raise BadSolid(f'"{path.name}" has no variable {" and no ".join(missing)}; there are: {there}')
+            text = f'"{path.name}" has no variable {" and no ".join(missing)}; there are: {there}'
+            raise BadSolid(f"{text}; name them by variable, latitude and longitude")
         for name in names:
             _check_variable(path, name, variables[name])
         axes = [_scaled(variables[name], np.s_[...]) for name in names[:2]]
         shape = tuple(variables[table.variable].shape)
         if any(axis.ndim != 1 for axis in axes) or shape != tuple(len(axis) for axis in axes):
-            raise BadSolid(f'"{path.name}": {table.variable} is {shape}, and not latitudes by longitudes')
+            raise BadSolid(
+                f'"{path.name}": {table.variable} has the shape {shape}, but must be latitudes by longitudes'
+            )
         for name, axis in zip(names, axes, strict=False):
             steps = np.diff(axis)
             if not (np.isfinite(axis).all() and ((steps > 0.0).all() or (steps < 0.0).all())):
-                raise BadSolid(f'"{path.name}": {name} does not rise or fall all along')
+                raise BadSolid(f'"{path.name}": {name} must rise from value to value, or fall')
             if len(axis) and np.abs(axis).max() > 4.0 * _HALF_TURN:
-                raise BadSolid(f'"{path.name}": {name} is up to {np.abs(axis).max():g} and not in degrees')
+                raise BadSolid(f'"{path.name}": {name} must be in degrees, but goes up to {np.abs(axis).max():g}')
         part = _window(axes, origin, table)
         points = math.prod(len(axis[p]) for axis, p in zip(axes, part, strict=True))
         if points > MOST_POINTS:
@@ -180,11 +185,13 @@ def _from_netcdf(table: GridSeabed, path: Path, origin: tuple[float, float] | No
 
 
 def _too_many(path: Path, points: object) -> BadSolid:
-    return BadSolid(f'"{path.name}" has {points} points: take at most {MOST_POINTS}, by extent_m or by thinning')
+    return BadSolid(
+        f'"{path.name}" has {points} points; at most {MOST_POINTS} are allowed: set extent_m, or thin the grid out'
+    )
 
 
 def _window(axes: list[FloatArray], origin: tuple[float, float], table: GridSeabed) -> tuple[slice, slice]:
-    """Rows and columns worth reading; a little more than `extent_m`, which is cut exactly later."""
+    """Return the rows and columns to read: a little more than `extent_m`, to which `_within` reduces them exactly."""
     if table.extent_m is UNSET:
         return slice(None), slice(None)
     reach = 1.05 * float(table.extent_m) / _DEGREE
@@ -199,17 +206,15 @@ def _window(axes: list[FloatArray], origin: tuple[float, float], table: GridSeab
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
-    """The variables of a NetCDF file; scipy reads the classic form (version 3), h5netcdf the one on HDF5 (version 4)."""
+    """Open a NetCDF file and give its variables. scipy reads the classic form (version 3), h5netcdf the one on HDF5 (version 4)."""
     try:
         with opened(path) as file:
             classic = file.read(3) == b"CDF"
             size = os.fstat(file.fileno()).st_size
     except OSError as error:
         raise BadSolid(f'cannot read "{path.name}": {error.strerror}') from error
-    if classic and size > MOST_BYTES:  # which scipy reads whole
-        text = (
-            f"has {size / 1e6:.0f} MB: at most {MOST_BYTES / 1e6:.0f} MB, or as NetCDF 4, of which a part can be read"
-        )
+    if classic and size > MOST_BYTES:  # scipy reads the whole file
+        text = f"has {size / 1e6:.0f} MB; at most {MOST_BYTES / 1e6:.0f} MB are allowed: save it as NetCDF 4, which is read in parts"
         raise BadSolid(f'"{path.name}" {text}')
     modules = ("scipy.io",) if classic else ("h5netcdf", "h5py")
     try:
@@ -223,7 +228,7 @@ def _opened(path: Path) -> Iterator[Any]:
                 yield file.variables
         else:
             with below[0].File(path, "r") as whole:
-                # What h5netcdf asks first: where this fails, one that it has begun to open would write a traceback when it is forgotten.
+                # h5netcdf reads this attribute first. If it failed there, its half-opened object would print a traceback when it is deleted.
                 whole.attrs.get("_nc3_strict")
                 with reader.File(whole, "r") as file:
                     yield file.variables
@@ -234,23 +239,25 @@ def _opened(path: Path) -> Iterator[Any]:
 
 
 def _check_variable(path: Path, name: str, variable: Any) -> None:
-    """Refuse what costs memory without end however small the file is, or reads other files.
+    """Check that a variable reads no other files, and that a small file cannot ask for unlimited memory.
 
     Raises:
-        BadSolid: see there.
+        BadSolid: it does.
     """
     dataset = getattr(variable, "_h5ds", None)  # h5netcdf has no public name for it
     if dataset is not None and (dataset.external or dataset.is_virtual):
-        raise BadSolid(f'"{path.name}": the values of {name} are in other files: copy them into this one')
+        raise BadSolid(f'"{path.name}": the values of {name} are in other files: copy them into this file')
     if math.prod(getattr(variable, "chunks", None) or ()) > MOST_POINTS:
-        raise BadSolid(f'"{path.name}": {name} is in chunks of {variable.chunks}: at most {MOST_POINTS} points each')
+        raise BadSolid(
+            f'"{path.name}": {name} is in chunks of {variable.chunks}; at most {MOST_POINTS} points are allowed: save it with smaller chunks'
+        )
     if len(variable.shape) == 1 and variable.shape[0] > MOST_POINTS:
         raise _too_many(path, variable.shape[0])
 
 
 def _scaled(variable: Any, part: Any) -> FloatArray:
-    """A part of a variable, scaled as it says; fill values are NaN."""
-    # Two libraries, two names.
+    """Return a part of a variable, scaled by its attributes; fill values become NaN."""
+    # h5netcdf has attrs; scipy has the attributes on the variable itself.
     attributes = variable.attrs if hasattr(variable, "attrs") else vars(variable)
     values = np.array(variable[part], dtype=np.float64)
     for name in ("_FillValue", "missing_value"):
@@ -264,11 +271,10 @@ def _number(attribute: Any) -> float:
 
 
 def _within(grid: Grid, extent: float) -> Grid:
-    """Rows and columns that come within `extent` (m) of the origin to north and east, and one more around them for the border."""
+    """Return the rows and columns that come within `extent` (m) of the origin to north and east, and one more on each side for the border."""
     rows = np.flatnonzero((np.abs(grid.north) <= extent).any(axis=1))
     columns = np.flatnonzero((np.abs(grid.east) <= extent).any(axis=0))
     if not len(rows) or not len(columns):
-        text = f"no point of the grid is within {extent:g} m of N's origin"
-        raise BadSolid(f"{text}: check origin_lat_deg, origin_lon_deg")
+        raise BadSolid(f"no point of the grid is within {extent:g} m of the origin of N: check the origin and extent_m")
     part = np.s_[max(rows[0] - 1, 0) : rows[-1] + 2, max(columns[0] - 1, 0) : columns[-1] + 2]
     return Grid(*(values[part] for values in grid))

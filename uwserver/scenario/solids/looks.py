@@ -1,4 +1,4 @@
-"""Looks: glTF files that show what a thing looks like, for viewers alone. Checked before anybody gets them; never decoded here."""
+"""Looks: glTF files that viewers show instead of shapes. They are checked before they are served, and never decoded here."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ from uwserver.scenario.files.opening import read_whole
 
 MOST_BYTES = 16 << 20
 MOST_JSON = 2 << 20
-"""Bytes of the description in a file."""
+"""Most bytes of the JSON part of a file."""
 MOST_NODES = 20_000
 MOST_VALUES = 6_000_000
-"""Elements of all accessors: 2 million triangles."""
+"""Most elements of all accessors: 2 million triangles."""
 EXTENSIONS = frozenset((
     "KHR_materials_unlit", "KHR_materials_emissive_strength", "KHR_materials_ior", "KHR_materials_specular", "KHR_materials_clearcoat",
     "KHR_materials_transmission", "KHR_mesh_quantization", "KHR_texture_transform",
 ))  # fmt: skip
-"""Extensions that a file may require: what a page can show without further decoders."""
+"""Extensions that a file may require: those that a web page can show without further decoders."""
 
 _HEAD, _CHUNK = struct.Struct("<4sII"), struct.Struct("<I4s")
 
 
 def read_looks(path: Path) -> bytes:
-    """The whole file.
+    """Return the bytes of a checked file.
 
     Raises:
-        BadSolid: it is missing, too large, or not one self-contained .glb of glTF 2.0; the text says what to do.
+        BadSolid: it is missing, too large, or not a self-contained .glb of glTF 2.0; the text says what to do.
     """
     if path.suffix.lower() != ".glb":
-        raise BadSolid(f'"{path.name}" is no .glb: looks are one binary file of glTF 2.0, with its pictures in it')
+        raise BadSolid(f'"{path.name}" is not a .glb: looks must be one binary glTF 2.0 file that contains its images')
     try:
         data = read_whole(path, MOST_BYTES)
     except OSError as error:
@@ -46,80 +46,83 @@ def read_looks(path: Path) -> bytes:
 
 
 def check_glb(data: bytes) -> None:
-    """Refuse what is no self-contained .glb of a bounded size (glTF 2.0, section 4).
+    """Check that bytes are a self-contained .glb of a bounded size (glTF 2.0, section 4).
 
     Raises:
-        BadSolid: says what is wrong.
+        BadSolid: they are not; the text says what is wrong.
     """
     if len(data) < _HEAD.size + _CHUNK.size:
-        raise BadSolid("it is too short for a .glb")
+        raise BadSolid("it is too short for a .glb: export it again")
     magic, version, length = _HEAD.unpack_from(data)
     if magic != b"glTF" or version != 2:
-        raise BadSolid("it does not begin as a .glb of glTF 2.0 does")
+        raise BadSolid("it does not begin like a .glb of glTF 2.0: export it again")
     if length != len(data):
-        raise BadSolid(f"its head says {length} bytes, it has {len(data)}: it was cut off, or something was added")
+        raise BadSolid(f"its header says {length} bytes, but it has {len(data)}: export it again")
     size, kind = _CHUNK.unpack_from(data, _HEAD.size)
     begin = _HEAD.size + _CHUNK.size
     if kind != b"JSON" or begin + size > len(data):
-        raise BadSolid("its first part is no description that fits into it")
+        raise BadSolid("its first chunk is not JSON, or ends beyond the file: export it again")
     if size > MOST_JSON:
-        raise BadSolid(f"its description has {size} bytes: at most {MOST_JSON}")
+        raise BadSolid(f"its JSON has {size} bytes; at most {MOST_JSON} are allowed: simplify it")
     try:
         told = msgspec.json.decode(data[begin : begin + size])
     except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
-        raise BadSolid(f"its description is no JSON: {error}") from error
+        raise BadSolid(f"its first chunk is not JSON: {error}") from error
     binary = _binary_size(data, begin + size)
     if not isinstance(told, dict):
-        raise BadSolid("its description is no object")
+        raise BadSolid("its JSON is not an object: export it again")
     _check_description(told, binary)
 
 
 def _binary_size(data: bytes, begin: int) -> int:
-    """Bytes of the second part; 0 where there is none."""
+    """Return the size of the second chunk, bytes; 0 if there is none."""
     if begin == len(data):
         return 0
     if begin + _CHUNK.size > len(data):
-        raise BadSolid("it ends in the head of a part")
+        raise BadSolid("it ends within the header of a chunk: export it again")
     size, kind = _CHUNK.unpack_from(data, begin)
     if kind != b"BIN\0" or begin + _CHUNK.size + size > len(data):
-        raise BadSolid("its second part is no binary one that fits into it")
+        raise BadSolid("its second chunk is not binary, or ends beyond the file: export it again")
     return int(size)
 
 
 def _check_description(told: dict[str, Any], binary: int) -> None:
+    """Check the JSON part of a file; `binary` is the size of its second chunk, bytes."""
     for part in ("buffers", "images"):
         if any("uri" in each for each in _listed(told, part)):
-            raise BadSolid(f'its "{part}" lie outside: export it with everything embedded')
+            raise BadSolid(f'its "{part}" are in other files: export it with everything embedded')
     required = told.get("extensionsRequired", [])
     named = required if isinstance(required, list) else ["?"]
     foreign = [str(name)[:100] for name in named if not isinstance(name, str) or name not in EXTENSIONS]
     if foreign:
-        raise BadSolid(f"it needs {', '.join(foreign)}, which viewers here do not know: export it without")
+        raise BadSolid(f"it needs {', '.join(foreign)}, which the viewers do not support: export it without")
     if len(_listed(told, "nodes")) > MOST_NODES:
-        raise BadSolid(f"it has {len(_listed(told, 'nodes'))} nodes: join them to at most {MOST_NODES}")
+        raise BadSolid(f"it has {len(_listed(told, 'nodes'))} nodes; at most {MOST_NODES} are allowed: join some")
     buffers = [_whole(each, "byteLength") for each in _listed(told, "buffers")]
     if len(buffers) > 1 or sum(buffers) > binary:
-        raise BadSolid("its buffers do not fit into its binary part")
+        raise BadSolid("its buffers do not fit into its binary chunk: export it again")
     for view in _listed(told, "bufferViews"):
         if _whole(view, "byteOffset") + _whole(view, "byteLength") > binary:
-            raise BadSolid("a view of its buffer ends beyond it")
+            raise BadSolid("one of its buffer views ends beyond the buffer: export it again")
         _whole(view, "byteStride")
+    values = 0
     for accessor in _listed(told, "accessors"):
         _whole(accessor, "byteOffset")
-    values = sum(_whole(each, "count") for each in _listed(told, "accessors"))
+        values += _whole(accessor, "count")
     if values > MOST_VALUES:
-        raise BadSolid(f"it has {values} vertices and corners: simplify it to at most {MOST_VALUES}")
+        raise BadSolid(f"it has {values} vertices and corners; at most {MOST_VALUES} are allowed: simplify it")
 
 
 def _listed(told: dict[str, Any], name: str) -> list[dict[str, Any]]:
     found = told.get(name, [])
     if not isinstance(found, list) or not all(isinstance(each, dict) for each in found):
-        raise BadSolid(f'its "{name}" are no list of objects')
+        raise BadSolid(f'its "{name}" is not a list of objects: export it again')
     return found
 
 
 def _whole(table: dict[str, Any], name: str) -> int:
+    """Return a size or offset, 0 if it is missing."""
     number = table.get(name, 0)
     if not isinstance(number, int) or isinstance(number, bool) or number < 0:
-        raise BadSolid(f'a "{name}" in it is no size')
+        raise BadSolid(f'a "{name}" in it is not a whole number of at least 0: export it again')
     return number

@@ -1,4 +1,4 @@
-"""Whether the triangles of a scenario fit into memory: asked before they are made, as the engines end the process where they get none."""
+"""Checks that the triangles of a scenario fit into memory, before they are made: the engines end the process if they get no memory."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from pathlib import Path
 from uwserver.physics.geometry.shapes import BadSolid
 
 TRIANGLE_BYTES = 800
-"""Of a triangle while it is loaded; measured with a mesh file of a million triangles. Those of a seabed take half as much."""
+"""Bytes of one triangle while it is loaded, measured with a mesh file of a million triangles. Those of a seabed take half as much."""
 RESERVE_BYTES = 300_000_000
-"""For kernels and everything else."""
+"""Memory for kernels and everything else."""
 FEW_TRIANGLES = 100_000
-"""So many always fit, or nothing does."""
+"""Up to this number no check is made."""
 _GROUPS = (
     ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
     ("/sys/fs/cgroup/memory/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.usage_in_bytes"),
@@ -21,25 +21,25 @@ _GROUPS = (
 
 
 def check_memory(name: str, triangles: int) -> None:
-    """Refuse what would not fit beside what is there already.
+    """Check that triangles fit into the free memory.
 
     Args:
-        name: of the file, or of what is meant.
-        triangles: of all that is to be loaded.
+        name: of the file, or of what is loaded.
+        triangles: number that is to be loaded.
 
     Raises:
-        BadSolid: too many for the memory that is free; the text says how much is needed.
+        BadSolid: they do not fit; the text says how much memory is needed.
     """
     if triangles <= FEW_TRIANGLES:
         return
     needed, free = triangles * TRIANGLE_BYTES + RESERVE_BYTES, free_bytes()
     if free is not None and needed > free:
-        text = f"{triangles} triangles, which take {needed / 1e9:.1f} GB of memory, and {max(free, 0) / 1e9:.1f} GB are free"
-        raise BadSolid(f'"{name}" has {text}: take a part of it, thin it out, or allow more memory')
+        text = f"{triangles} triangles, which need {needed / 1e9:.1f} GB of memory, but {max(free, 0) / 1e9:.1f} GB are free"
+        raise BadSolid(f'"{name}" has {text}: use a part of it, thin it out, or allow more memory')
 
 
 def free_bytes() -> int | None:
-    """What this process may still take: of the machine, of its limit of address space and of its container; None where nobody tells."""
+    """Return the memory that this process may still take, by the limits of machine, address space and container; None if none is known."""
     found = [_of_machine(), _of_limit(), *(_of_group(Path(most), Path(used)) for most, used in _GROUPS)]
     return min((free for free in found if free is not None), default=None)
 

@@ -1,4 +1,4 @@
-"""Colours of things that nobody gave a look."""
+"""Colours of things without a `looks` file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MATERIALS: dict[str, Colour] = {
     "steel": (0.33, 0.36, 0.39),
     "plastic": (0.75, 0.45, 0.08),
 }
-"""By the name of a material, as `environment.materials` has them."""
+"""Colours by the name of a material, as in `environment.materials`."""
 COATS: dict[str, Colour] = {
     "tiles": (0.52, 0.77, 0.82),
     "paint": (0.87, 0.45, 0.02),
@@ -26,21 +26,21 @@ COATS: dict[str, Colour] = {
     "zinc": (0.62, 0.65, 0.66),
     "rust": (0.30, 0.09, 0.03),
 }
-"""Of materials that sound knows nothing of; as the page paints them."""
+"""Colours of materials without acoustic properties, as in the web view."""
 CLEAN = frozenset((*COATS, "steel", "plastic"))
-"""On which neither sand lies nor anything grows."""
+"""Materials without sand or growth on them."""
 SEABED: Colour = MATERIALS["sand"]
 STRUCTURE: Colour = MATERIALS["concrete"]
 VEHICLE: Colour = (0.85, 0.62, 0.08)
-"""The yellow of most hulls: seen farthest under water."""
+"""The yellow of most hulls."""
 OBJECT: Colour = (0.45, 0.28, 0.12)
 
 
 def colour_of(material: str, otherwise: Colour) -> Colour:
-    """Of a material; `otherwise` for one that has none."""
+    """Return the colour of a material; `otherwise` if it has none."""
     return MATERIALS.get(material) or COATS.get(material, otherwise)
 
 
 def grey() -> Colour:
-    """Of a shape that nobody says anything of."""
+    """Return the default colour of a shape."""
     return ShapeView("sphere").colour

@@ -1,4 +1,4 @@
-"""From the tables of solid things to engine-free solids; reads the files that they name."""
+"""Converts the tables of solids to shapes that do not depend on an engine; reads the files that they name."""
 
 from __future__ import annotations
 
@@ -30,41 +30,41 @@ Warn = Callable[[str], None]
 
 
 class Materials:
-    """Numbers of materials by name, in the order in which they were met."""
+    """Numbers of materials by name, in the order of their first use."""
 
     def __init__(self) -> None:
         self._numbers: dict[str, int] = {}
 
     def number(self, name: str) -> int:
-        """The number of a material, a new one for a new name."""
+        """Return the number of a material; a new name gets the next number."""
         return self._numbers.setdefault(name, len(self._numbers))
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Name of each number."""
+        """Names of the materials in the order of their numbers."""
         return tuple(self._numbers)
 
 
 def missing_engines(engine: str = AUTO) -> str | None:
-    """What to do before a world can hold something solid; None if all is there.
+    """Return what to install before a world can hold solids; None if everything is installed.
 
     Args:
-        engine: of contacts, as in `[world]`.
+        engine: for contacts, as in `[world]`.
     """
     if find_spec("scipy") is None:
-        return 'something solid needs scipy: pip install "uwserver[solid]"'
+        return 'solids need the package scipy: pip install "uwserver[solid]"'
     missing = missing_engine(engine)
-    return f"something solid needs an engine for contacts: {missing}" if missing else None
+    return f"solids need an engine for contacts: {missing}" if missing else None
 
 
 def seabed_solid(table: Seabed, folder: Path, origin: tuple[float, float] | None, materials: Materials) -> Solid:
-    """The seabed, in N.
+    """Return the seabed, in N.
 
     Args:
         table: of the scenario.
         folder: where relative file names start.
         origin: latitude and longitude (deg) of N's origin, if the scenario has them.
-        materials: takes in the material.
+        materials: the material is added to them.
 
     Raises:
         BadSolid: see `read_grid`.
@@ -76,7 +76,7 @@ def seabed_solid(table: Seabed, folder: Path, origin: tuple[float, float] | None
 
 
 def structure_solid(name: str, table: Structure, folder: Path, materials: Materials, warn: Warn) -> Solid:
-    """A structure, in N. Raises BadSolid: see `read_mesh` and `read_hull`."""
+    """Return a structure, in N. Raises BadSolid: see `read_mesh` and `read_hull`."""
     q = Pose.from_degrees(table.attitude_rpy_deg).q
     shapes = tuple(Placed(shape, table.position_ned_m, q) for shape in _shapes(table, folder, warn))
     return _solid(name, shapes, table, materials)
@@ -90,7 +90,7 @@ def collision_solid(
     materials: Materials,
     warn: Warn,
 ) -> Solid:
-    """The collision shapes of a vehicle, in B; `folders` says where the file name of each starts. Raises BadSolid: see `read_hull`."""
+    """Return the collision shapes of a vehicle, in B; `folders` has the folder of each file name. Raises BadSolid: see `read_hull`."""
     shapes = tuple(
         Placed(shape, table.center_frd_m, Pose.from_degrees(table.rpy_deg).q)
         for key, table in tables.items()
@@ -100,7 +100,7 @@ def collision_solid(
 
 
 def object_solid(name: str, table: ObjectEntry, materials: Materials) -> Solid:
-    """A free object, in its own B."""
+    """Return a free object, in its own B."""
     return _solid(name, tuple(Placed(shape) for shape in _shapes(table, Path(), lambda text: None)), table, materials)
 
 

@@ -1,4 +1,4 @@
-"""Tables of solid things: seabed, structures, free objects, and the collision shapes of a vehicle."""
+"""Tables of the seabed, structures, free objects, and the collision shapes of a vehicle."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ Edges = tuple[Positive, Positive, Positive]
 
 
 class Contact(Table, kw_only=True, frozen=True):
-    """How a surface touches, and what it is for sensors.
+    """Contact properties and material of a surface.
 
     Attributes:
-        friction: Coulomb coefficient; two surfaces have the geometric mean of theirs.
-        restitution: of two surfaces the larger counts.
-        material: a name; sensors tell materials apart.
+        friction: Coulomb coefficient; a contact has the geometric mean of its two surfaces.
+        restitution: a contact has the larger value of its two surfaces.
+        material: name of the material, which decides what sonars and cameras see.
     """
 
     friction: NonNegative = 0.5
@@ -27,7 +27,7 @@ class Contact(Table, kw_only=True, frozen=True):
 
 
 class FlatSeabed(Contact, tag="flat", tag_field="kind", kw_only=True, frozen=True):
-    """A level seabed without end."""
+    """A level seabed without borders."""
 
     depth_m: float
 
@@ -36,14 +36,13 @@ class GridSeabed(Contact, tag="grid", tag_field="kind", kw_only=True, frozen=Tru
     """A seabed from a grid of depths.
 
     Attributes:
-        file: `.npy`: an array of rows to the north and columns to the east; `.nc`: NetCDF with latitude and longitude, as of GEBCO. Relative
-            to the scenario file.
-        values: whether the file's numbers are depths (m, positive down) or elevations (m, positive up); default: depth in .npy, elevation
-            in .nc.
-        spacing_m: of rows and columns; .npy only.
-        origin_north_east_m: position of the first row and column in N; .npy only. Default: the grid's middle is N's origin.
+        file: relative to the scenario file. `.npy`: an array with rows to the north and columns to the east; `.nc`: NetCDF with latitude and
+            longitude, as from GEBCO.
+        values: whether the numbers are depths (m, positive down) or elevations (m, positive up); default: depth in .npy, elevation in .nc.
+        spacing_m: distance of rows and of columns; .npy only.
+        origin_north_east_m: position in N of the first row and column; .npy only. Default: the middle of the grid is at the origin of N.
         variable, latitude, longitude: names in the .nc file.
-        extent_m: takes only what is not farther north, south, east or west of N's origin.
+        extent_m: reads only what is at most this far north, south, east or west of the origin of N.
     """
 
     file: Name
@@ -57,11 +56,11 @@ class GridSeabed(Contact, tag="grid", tag_field="kind", kw_only=True, frozen=Tru
 
 
 class InScenario(Contact, kw_only=True, frozen=True):
-    """Where something stands in N.
+    """Place of something in N.
 
     Attributes:
-        looks: a .glb file that viewers show instead of the shape, relative to the scenario file: y up, x forward, in m, about the origin of
-            the shape.
+        looks: a .glb file, relative to the scenario file, that viewers show instead of the shape: y up, x forward, in m, with its origin at
+            that of the shape.
     """
 
     looks: Name | UnsetType = UNSET
@@ -70,26 +69,26 @@ class InScenario(Contact, kw_only=True, frozen=True):
 
 
 class BoxStructure(InScenario, tag="box", tag_field="kind", kw_only=True, frozen=True):
-    """A box; `size_m` are its whole edges."""
+    """A box; `size_m` has its full edge lengths."""
 
     size_m: Edges
 
 
 class SphereStructure(InScenario, tag="sphere", tag_field="kind", kw_only=True, frozen=True):
-    """A ball."""
+    """A sphere."""
 
     radius_m: Positive
 
 
 class CylinderStructure(InScenario, tag="cylinder", tag_field="kind", kw_only=True, frozen=True):
-    """A cylinder about its axis x."""
+    """A cylinder along its x axis."""
 
     radius_m: Positive
     length_m: Positive
 
 
 class CapsuleStructure(InScenario, tag="capsule", tag_field="kind", kw_only=True, frozen=True):
-    """A cylinder of `length_m` about its axis x with a half ball at each end."""
+    """A cylinder of `length_m` along its x axis with a hemisphere at each end."""
 
     radius_m: Positive
     length_m: Positive
@@ -100,8 +99,8 @@ class AssetStructure(InScenario, kw_only=True, frozen=True):
 
     Attributes:
         file: `.glb`, `.gltf`, `.obj`, `.stl` or `.ply`, relative to the scenario file.
-        up: the asset's axis that points up. Its axis x stays x. Default: y for glTF, z for others.
-        scale: metres of one of the asset's units.
+        up: axis of the file that points up. Its axis x stays x. Default: y for glTF, z for others.
+        scale: length of one unit of the file, m.
     """
 
     file: Name
@@ -110,7 +109,7 @@ class AssetStructure(InScenario, kw_only=True, frozen=True):
 
 
 class MeshStructure(AssetStructure, tag="mesh", tag_field="kind", kw_only=True, frozen=True):
-    """A triangle mesh as it is. One that is not closed is a sheet without thickness."""
+    """A triangle mesh as it is. A mesh that is not closed acts as a sheet without thickness."""
 
 
 class HullStructure(AssetStructure, tag="hull", tag_field="kind", kw_only=True, frozen=True):
@@ -118,40 +117,40 @@ class HullStructure(AssetStructure, tag="hull", tag_field="kind", kw_only=True, 
 
 
 class OnVehicle(Table, kw_only=True, frozen=True):
-    """Where a shape sits on the vehicle."""
+    """Place of a shape on the vehicle."""
 
     center_frd_m: Vector3 = (0.0, 0.0, 0.0)
     rpy_deg: Vector3 = (0.0, 0.0, 0.0)
 
 
 class BoxCollision(OnVehicle, tag="box", tag_field="kind", kw_only=True, frozen=True):
-    """A box; `size_m` are its whole edges."""
+    """A box; `size_m` has its full edge lengths."""
 
     size_m: Edges
 
 
 class SphereCollision(OnVehicle, tag="sphere", tag_field="kind", kw_only=True, frozen=True):
-    """A ball."""
+    """A sphere."""
 
     radius_m: Positive
 
 
 class CylinderCollision(OnVehicle, tag="cylinder", tag_field="kind", kw_only=True, frozen=True):
-    """A cylinder about its axis x."""
+    """A cylinder along its x axis."""
 
     radius_m: Positive
     length_m: Positive
 
 
 class CapsuleCollision(OnVehicle, tag="capsule", tag_field="kind", kw_only=True, frozen=True):
-    """A cylinder of `length_m` about its axis x with a half ball at each end."""
+    """A cylinder of `length_m` along its x axis with a hemisphere at each end."""
 
     radius_m: Positive
     length_m: Positive
 
 
 class HullCollision(OnVehicle, tag="hull", tag_field="kind", kw_only=True, frozen=True):
-    """The convex hull of a mesh file; keys as of a structure. What moves is made of convex shapes: give a hollow thing several."""
+    """The convex hull of a mesh file; keys as for a structure. Moving bodies consist of convex shapes: describe a hollow one by several."""
 
     file: Name
     up: Literal["y", "z"] | UnsetType = UNSET
@@ -159,9 +158,9 @@ class HullCollision(OnVehicle, tag="hull", tag_field="kind", kw_only=True, froze
 
 
 class FreeObject(InScenario, kw_only=True, frozen=True):
-    """Something that drifts, sinks and is pushed; homogeneous, so its origin is its centre. Give `mass_kg` or `density_kgpm3`.
+    """Something that drifts, sinks and can be pushed. It is homogeneous, so its origin is its centre. Give `mass_kg` or `density_kgpm3`.
 
-    With `present = false` it is not there at the start; ``world/spawn`` can add objects like it.
+    With `present = false` it is left out at the start; ``world/spawn`` can add objects like it later.
 
     Its added mass and drag follow from its form; docs/how-to/seabed-and-structures.md has the coefficients.
     """
@@ -174,19 +173,19 @@ class FreeObject(InScenario, kw_only=True, frozen=True):
 
 
 class BoxObject(FreeObject, tag="box", tag_field="kind", kw_only=True, frozen=True):
-    """A box; `size_m` are its whole edges."""
+    """A box; `size_m` has its full edge lengths."""
 
     size_m: Edges
 
 
 class SphereObject(FreeObject, tag="sphere", tag_field="kind", kw_only=True, frozen=True):
-    """A ball."""
+    """A sphere."""
 
     radius_m: Positive
 
 
 class CylinderObject(FreeObject, tag="cylinder", tag_field="kind", kw_only=True, frozen=True):
-    """A cylinder about its axis x."""
+    """A cylinder along its x axis."""
 
     radius_m: Positive
     length_m: Positive

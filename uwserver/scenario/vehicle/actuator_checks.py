@@ -1,4 +1,4 @@
-"""Checks of actuators of an extension: they are built once on a body of their own, as code of the user may fail in any way."""
+"""Checks the actuators of extensions. Each is built once on a trial body, as a user's code may fail in any way."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from uwserver.scenario.water.tables import Environment
 def check_actuators(
     vehicle: VehicleFile, devices: Mapping[str, ThrusterDevice], environment: Environment, report: Report
 ) -> None:
-    """That they can be built, go to neutral, and can be saved.
+    """Check that they can be built, go to neutral, and can be saved.
 
     Args:
-        vehicle, devices, environment: without faults.
-        report: takes in faults.
+        vehicle, devices, environment: without errors.
+        report: called for errors.
     """
     own = own_actuators(vehicle)
     if not own:
@@ -39,7 +39,7 @@ def check_actuators(
 
 
 def check_memory(memory: object) -> None:
-    """ValueError unless it is None or can be saved: a Struct that comes back from its bytes."""
+    """Raise ValueError unless the memory is None, or a Struct that can be encoded and decoded again."""
     if memory is None:
         return
     if not isinstance(memory, Struct) or msgpack.decode(msgpack.encode(memory), type=type(memory)) != memory:

@@ -1,4 +1,4 @@
-"""From the tables of fins, propellers, ballast and hull to kernel parameters, in the scenario's water."""
+"""Converts the tables of fins, propellers, ballasts and hull to kernel parameters, in the water of the scenario."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from uwserver.physics.dynamics.appendage_params import (
     ServoParams,
     WeightParams,
 )
-from uwserver.scenario.vehicle.appendage_tables import Ballast, CrossFlow, Fin, Foil, Hull, MovingMass, ShaftPropeller
+from uwserver.scenario.vehicle.appendage_tables import Ballast, Fin, Foil, Hull, MovingMass, ShaftPropeller
 from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.scenario.vehicle.wageningen import b4_70
 from uwserver.scenario.water.tables import Environment
 from uwserver.units import rad
 
 TERM = re.compile(r"([XYZKMN])([uvwpqr])([uvwpqr])(d{0,2})")
-"""A derivative's name: axis, two velocities, power of the angle."""
+"""Name of a derivative: axis, two velocities, power of the angle."""
 
 
 def appendages(vehicle: VehicleFile, environment: Environment) -> Appendages:
-    """All of a checked vehicle."""
+    """Return all appendages of a checked vehicle."""
     rho, g = environment.density, environment.gravity
     servos = [_fin_servo(f"fins.{name}", fin) for name, fin in vehicle.fins.items()]
     servos += [
@@ -48,9 +48,8 @@ def appendages(vehicle: VehicleFile, environment: Environment) -> Appendages:
         ServoParams(f"moving_masses.{name}", m.min_position_m, m.max_position_m, m.rate_mps, m.time_constant_s)
         for name, m in vehicle.moving_masses.items()
     ]
-    surfaces: dict[str, Foil] = {f"fins.{name}": fin for name, fin in vehicle.fins.items()}
     foils = [_foil(foil, "", rho) for foil in vehicle.foils.values()]
-    foils += [_foil(fin, servo, rho) for servo, fin in surfaces.items() if fin.area_m2 > 0.0]
+    foils += [_foil(fin, f"fins.{name}", rho) for name, fin in vehicle.fins.items() if fin.area_m2 > 0.0]
     weights = [_ballast(b, f"ballasts.{name}", rho * g) for name, b in vehicle.ballasts.items()]
     weights += [_moving_mass(m, f"moving_masses.{name}", g) for name, m in vehicle.moving_masses.items()]
     return Appendages(
@@ -73,7 +72,7 @@ def _fin_servo(name: str, fin: Fin) -> ServoParams:
 
 
 def lift_slope(foil: Foil) -> float:
-    """dC_L/dalpha, 1/rad; a foil has a slope or an aspect ratio, `appendage_checks` sees to it."""
+    """Return dC_L/dalpha, 1/rad, of a foil with a slope or an aspect ratio (`appendage_checks` ensures one)."""
     if not isinstance(foil.lift_slope_prad, UnsetType):
         return foil.lift_slope_prad
     ratio = 0.0 if isinstance(foil.aspect_ratio, UnsetType) else foil.aspect_ratio
@@ -101,7 +100,7 @@ def _foil(foil: Foil, servo: str, rho: float) -> FoilParams:
 
 
 def quadrant_series(propeller: ShaftPropeller) -> Series:
-    """Its series in four quadrants; none of one that has a curve."""
+    """Return the Fourier series of a propeller in four quadrants; an empty one if it has a curve."""
     if not isinstance(propeller.curve, UnsetType):
         return ()
     if not isinstance(propeller.quadrants, UnsetType):
@@ -166,15 +165,12 @@ def _hull(vehicle: VehicleFile, rho: float) -> Iterator[HullParams]:
         a, b, c, d, e, f = (scale * value for value in slow.diagonal)
         yield HullParams(slow=(a, b, c, d, e, f), fade=1.0 / slow.fading_mps)
     if not isinstance(hull.cross_flow, UnsetType):
-        yield _cross_flow(hull.cross_flow, rho)
-
-
-def _cross_flow(table: CrossFlow, rho: float) -> HullParams:
-    return HullParams(
-        length=table.length_m,
-        center=table.center_m,
-        strips=table.strips,
-        sway=0.5 * rho * table.sway_drag * table.height_m,
-        heave=0.5 * rho * table.heave_drag * table.width_m,
-        joint=table.joint,
-    )
+        table = hull.cross_flow
+        yield HullParams(
+            length=table.length_m,
+            center=table.center_m,
+            strips=table.strips,
+            sway=0.5 * rho * table.sway_drag * table.height_m,
+            heave=0.5 * rho * table.heave_drag * table.width_m,
+            joint=table.joint,
+        )

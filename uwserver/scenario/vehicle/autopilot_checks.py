@@ -1,4 +1,4 @@
-"""Checks of a vehicle's built-in autopilot."""
+"""Checks the built-in autopilot of a vehicle."""
 
 from __future__ import annotations
 
@@ -18,24 +18,23 @@ from uwserver.actuators import (
 )
 from uwserver.autopilot.config import AutopilotConfig
 from uwserver.autopilot.gains import Gains
-from uwserver.scenario.files.convert import Report, convert, fields
+from uwserver.scenario.files.convert import Node, Report, convert, fields
 from uwserver.scenario.files.errors import KeyPath, suggestion
-from uwserver.scenario.vehicle.assembly import Draft
 from uwserver.scenario.world.checks import check_rate
 from uwserver.scenario.world.tables import WorldTable
 
 
 def check_autopilot(
-    config: AutopilotConfig, draft: Draft, path: KeyPath, world: WorldTable | None, report: Report
+    config: AutopilotConfig, vehicle: Node, path: KeyPath, world: WorldTable | None, report: Report
 ) -> None:
-    """Rates, names and values of gains, and whether there is something to steer with.
+    """Check the rates, the names and values of gains, and that the autopilot can steer the vehicle.
 
     Args:
         config: the table in the scenario.
-        draft: the merged vehicle.
+        vehicle: the merged vehicle file, as a `VehicleFile`.
         path: of the table.
-        world: of the scenario; None where it has faults.
-        report: takes in faults.
+        world: of the scenario; None if it has errors.
+        report: called for errors.
     """
     for key in ("rate_hz", "state_rate_hz"):
         rate = getattr(config, key)
@@ -48,16 +47,18 @@ def check_autopilot(
             report(place, f'unknown gain "{name}"{suggestion(name, tuple(types))}')
         else:
             convert(value, types[name], place, report)
-    for table, present in (("sensors", draft.sensors), ("actuators", draft.actuators)):
-        if "autopilot" in present:
-            report(path, f'"autopilot" in {table} would have the path of the built-in one: rename it')
-    if not is_steerable(draft.actuators):
-        text = "the vehicle has nothing that the autopilot could steer with: it takes thrusters, a force_torque, or fins and a propeller"
-        report(path, text)
+    for table in ("sensors", "actuators"):
+        if "autopilot" in vehicle.values(table):
+            report(path, f'"autopilot" in {table} would have the same path as the built-in autopilot: rename it')
+    if not is_steerable(vehicle.values("actuators")):
+        report(
+            path,
+            "it cannot steer this vehicle: it needs actuators for thrusters, a force_torque, or fins and a propeller",
+        )
 
 
 def is_steerable(actuators: Mapping[str, ActuatorConfig]) -> bool:
-    """Whether the autopilot can control a vehicle with these: thrusters or a wrench, or fins and a propeller."""
+    """Return whether the autopilot can control a vehicle with these: thrusters or a wrench, or fins and a propeller."""
     kinds = {type(config) for config in actuators.values() if config.enabled}
     hovers = {ThrusterConfig, ThrustersConfig, ForceTorqueConfig} & kinds
     return bool(hovers or ({FinConfig, FinsConfig} & kinds and PropellerConfig in kinds))

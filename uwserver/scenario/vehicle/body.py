@@ -1,4 +1,4 @@
-"""From a vehicle file to kernel parameters: matrices about the body origin, in the scenario's water."""
+"""Converts a vehicle file to kernel parameters: matrices about the body origin, in the water of the scenario."""
 
 from __future__ import annotations
 
@@ -35,13 +35,14 @@ from uwserver.scenario.vehicle.tables import (
     ThrusterDevice,
     VehicleFile,
 )
-from uwserver.scenario.vehicle.tables import NearBoundary as NearBoundaryTable
 from uwserver.scenario.water.tables import Environment
 from uwserver.units import rad
 
+_NEAR_FORMS = {"cylinder": NEAR_CYLINDER, "sphere": NEAR_SPHERE}
+
 
 class Matrices(NamedTuple):
-    """(6, 6) each, about the body origin, at the file's reference densities."""
+    """Mass and damping matrices, (6, 6) each, about the body origin, at the reference densities of the file."""
 
     M_RB: FloatArray
     M_A: FloatArray
@@ -51,7 +52,7 @@ class Matrices(NamedTuple):
 
 
 def matrices(vehicle: VehicleFile) -> Matrices:
-    """The matrices as the file has them; M_A is not made symmetric here."""
+    """Return the matrices as the file has them; M_A may be asymmetric."""
     damping = vehicle.damping
     return Matrices(
         _rigid_body(vehicle.rigid_body),
@@ -63,17 +64,18 @@ def matrices(vehicle: VehicleFile) -> Matrices:
 
 
 def buoyancy_and_weight(vehicle: VehicleFile, environment: Environment) -> tuple[float, float]:
-    """Buoyancy fully submerged, and weight, N."""
+    """Return the buoyancy when fully submerged, and the weight, N."""
     g = environment.gravity
     return environment.density * g * vehicle.buoyancy.volume_m3, g * vehicle.rigid_body.mass_kg
 
 
 def body_params(vehicle: VehicleFile, devices: Mapping[str, ThrusterDevice], environment: Environment) -> BodyParams:
-    """Kernel parameters of a checked vehicle: M_A and damping scaled to the water's density, M_A made symmetric where the file says so."""
+    """Return the kernel parameters of a checked vehicle. M_A and damping are scaled to the density of the water, and M_A is made symmetric."""
     M = matrices(vehicle)
     M_A = 0.5 * (M.M_A + M.M_A.T) * (environment.density / vehicle.added_mass.reference_density_kgpm3)
     scale = environment.density / vehicle.damping.reference_density_kgpm3
     buoyancy, weight = buoyancy_and_weight(vehicle, environment)
+    near = vehicle.added_mass.near_boundary
     return BodyParams(
         M_RB=M.M_RB,
         M_A=M_A,
@@ -94,16 +96,16 @@ def body_params(vehicle: VehicleFile, devices: Mapping[str, ThrusterDevice], env
         appendages=appendages(vehicle, environment),
         wrenches=1 + len(own_actuators(vehicle)),
         length=None if isinstance(vehicle.buoyancy.length_m, UnsetType) else vehicle.buoyancy.length_m,
-        near=_near(vehicle.added_mass.near_boundary),
+        near=NearBoundary() if isinstance(near, UnsetType) else NearBoundary(_NEAR_FORMS[near.form], near.radius_m),
     )
 
 
 Made = tuple[VehicleFile, Mapping[str, ThrusterDevice]]
-"""A checked vehicle, and the devices of its thrusters."""
+"""A checked vehicle, and the device of each of its thrusters."""
 
 
 def params_by_name(vehicles: Mapping[str, Made], environment: Environment) -> dict[str, BodyParams]:
-    """`body_params` of several vehicles. Those that differ in what they sense alone have the same ones: a world makes their rows once."""
+    """Return `body_params` of several vehicles by name. Vehicles that differ only in sensors share one object, so a world makes their rows once."""
     known: dict[int, BodyParams] = {}
     alike: dict[bytes, BodyParams] = {}
     for vehicle, devices in vehicles.values():
@@ -117,19 +119,19 @@ def params_by_name(vehicles: Mapping[str, Made], environment: Environment) -> di
 
 
 def own_actuators(vehicle: VehicleFile) -> dict[str, ActuatorConfig]:
-    """Its actuators of kinds of an extension, by name."""
+    """Return those actuators of a vehicle, by name, whose kind comes from an extension."""
     shipped = get_args(ActuatorConfig)
     return {name: config for name, config in vehicle.actuators.items() if type(config) not in shipped}
 
 
 def own_rows(hydro: Hydrodynamics, vehicle: VehicleFile, row: int) -> dict[str, Body]:
-    """The rows of a vehicle's body that its actuators may write: one `Body` for the shipped kinds, under "", and for each actuator
-    of an extension one with a wrench of its own, under its name.
+    """Return the rows of a vehicle that its actuators may write: one `Body` for all shipped kinds under "", and for each actuator of an extension
+    one with a wrench of its own under its name.
 
     Args:
         hydro: arrays of the world.
         vehicle: a checked vehicle.
-        row: of its body, which was added.
+        row: of its body, which has been added already.
     """
     first, wrench, first_servo = (int(hydro.bodies[f"{kind}_first"][row]) for kind in ("thruster", "wrench", "servo"))
     thrusters = {thruster: first + k for k, thruster in enumerate(vehicle.thrusters)}
@@ -144,7 +146,7 @@ def own_rows(hydro: Hydrodynamics, vehicle: VehicleFile, row: int) -> dict[str, 
 
 
 def thruster_params(name: str, thruster: Thruster, device: ThrusterDevice, density: float) -> ThrusterParams:
-    """One propulsor from its place on the vehicle and its device, in water of a density (kg/m3)."""
+    """Return the parameters of one thruster from its place on the vehicle and its device, in water of a density (kg/m3)."""
     sense = {"right": -1.0, "left": 1.0, "none": 0.0}[thruster.handedness]
     propeller = device.propeller
     stopped = 0.0 if thruster.damping_includes_stopped else propeller.stopped_drag
@@ -166,7 +168,7 @@ def thruster_params(name: str, thruster: Thruster, device: ThrusterDevice, densi
 
 
 def force_table(device: ThrusterDevice) -> ForceTable:
-    """Static force against command, a curve for each voltage of a checked device, in rising order of voltage."""
+    """Return static force against command of a checked device: a curve for each voltage, in rising order of voltage."""
     curves = {
         table.voltage_V: tuple(zip(table.commands, table.forces_N, strict=True)) for table in device.tables.values()
     }
@@ -179,11 +181,12 @@ def force_table(device: ThrusterDevice) -> ForceTable:
 
 @lru_cache(maxsize=64)
 def _shared(table: ForceTable) -> ForceTable:
-    """The same for all thrusters of one kind: of a hundred vehicles it would take 140 kB each."""
+    """Return one object for all equal tables: a table takes 140 kB per vehicle, and there may be a hundred vehicles."""
     return table
 
 
 def _curve(curve: ForceCurve, coefficients: tuple[float, ...]) -> tuple[tuple[float, float], ...]:
+    """Return points of the curve: the device's shape from each limit to the dead band, and zero within it."""
     low, high = curve.dead_band
     n = (TABLE_SIZE - 2) // 2
     full, forward, reverse = _odd(coefficients, 1.0), curve.max_forward_N, curve.max_reverse_N
@@ -197,7 +200,7 @@ def _odd(coefficients: tuple[float, ...], v: float) -> float:
 
 
 def lag(table: LagTable) -> Lag:
-    """The lag of a checked table; a transfer function of lower order is padded by leading zeros.
+    """Return the lag of a checked table; a numerator of lower order is padded with zeros.
 
     Raises:
         ValueError: the denominator is not of third order.
@@ -212,12 +215,6 @@ def lag(table: LagTable) -> Lag:
     b = [c / lead for c in reversed(table.numerator)] + [0.0] * (3 - len(table.numerator))
     a = [c / lead for c in reversed(table.denominator[1:])]
     return Lag(tuple(b), tuple(a))
-
-
-def _near(table: NearBoundaryTable | UnsetType) -> NearBoundary:
-    if isinstance(table, UnsetType):
-        return NearBoundary()
-    return NearBoundary({"cylinder": NEAR_CYLINDER, "sphere": NEAR_SPHERE}[table.form], table.radius_m)
 
 
 def _shape(shape: BoxShape | SphereShape) -> BuoyancyShape:
@@ -236,8 +233,8 @@ def _rigid_body(body: RigidBody) -> FloatArray:
     else:
         raise ValueError("a rigid body needs inertia_kgm2 or inertia_matrix_kgm2")
     if body.inertia_about == "origin":
-        S2 = rigid_body_inertia(body.mass_kg, np.zeros((3, 3)), body.center_of_mass_frd_m)[3:, 3:]
-        inertia = inertia - S2
+        # Back from the origin to the centre of mass, by the parallel axis theorem.
+        inertia = inertia - rigid_body_inertia(body.mass_kg, np.zeros((3, 3)), body.center_of_mass_frd_m)[3:, 3:]
     return rigid_body_inertia(body.mass_kg, inertia, body.center_of_mass_frd_m)
 
 

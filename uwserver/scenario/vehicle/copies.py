@@ -1,4 +1,4 @@
-"""Several vehicles alike from one table: their names and places."""
+"""Names and places of the vehicles that one table with `copies` stands for."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ _AT_THE_ORIGIN = Node((0.0, 0.0, 0.0))
 
 
 def places(name: str, first: Vector3, copies: Copies | UnsetType) -> Iterator[tuple[str, Vector3]]:
-    """Name and position in N of each vehicle of a table; of the table alone if it has no copies.
+    """Yield name and position in N of each vehicle of a table; the table itself is the only one if it has no copies.
 
     Args:
         name: of the table.
-        first: `position_ned_m`, m.
+        first: `position_ned_m` of the table, m.
         copies: of the table.
     """
     if isinstance(copies, UnsetType):
@@ -34,13 +34,13 @@ def places(name: str, first: Vector3, copies: Copies | UnsetType) -> Iterator[tu
 
 
 def entries(name: str, entry: VehicleEntry) -> dict[str, VehicleEntry]:
-    """The table of each vehicle, none of which has copies any more."""
+    """Return the table of each single vehicle, by name."""
     each = places(name, entry.position_ned_m, entry.copies)
     return {own_name: replace(entry, position_ned_m=p, copies=UNSET) for own_name, p in each}
 
 
 def starts(scenario: Node, table: str) -> Iterator[tuple[str, str, Vector3 | None]]:
-    """Table, name and position of each of the `vehicles` or `objects` of a scenario that may have faults; None where no position stands."""
+    """Yield table, name and position of each of the `vehicles` or `objects`; the position is None if it has an error."""
     for key, entry in scenario.at(table).parts.items():
         first = entry.parts.get("position_ned_m", _AT_THE_ORIGIN).value
         copies = entry.at("copies").value
@@ -51,10 +51,13 @@ def starts(scenario: Node, table: str) -> Iterator[tuple[str, str, Vector3 | Non
 
 
 def check_names(scenario: Node, report: Report) -> None:
-    """No two vehicles or objects may have one name."""
+    """Report vehicles and objects that have the same name."""
     taken: dict[str, str] = {}
     for table in ("vehicles", "objects"):
         for key, name, _ in starts(scenario, table):
             owner = taken.setdefault(name, key)
             if owner != key:
-                report((table, key), f'"{name}" is a vehicle of the table "{owner}" already: choose another name')
+                report(
+                    (table, key),
+                    f'"{name}" is already the name of a vehicle or object of the table "{owner}": choose another name',
+                )

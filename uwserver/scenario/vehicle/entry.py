@@ -1,4 +1,4 @@
-"""A vehicle in a scenario: where it is, what it is made of, and how many there are."""
+"""The table of a vehicle in a scenario: which model it is, where it starts, and how many copies there are."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class Copies(Table, kw_only=True, frozen=True):
     """Several vehicles from one table, ``<name>_1``, ``<name>_2`` and so on, in rows to the north and columns to the east.
 
     Attributes:
-        count: of vehicles.
-        columns: vehicles in a row; default: as many as makes a square.
-        spacing_m: of rows and columns; the first vehicle is at `position_ned_m`.
+        count: how many vehicles.
+        columns: vehicles in a row; default: about as many as there are rows.
+        spacing_m: distance of rows and of columns; the first vehicle is at `position_ned_m`.
     """
 
     count: Annotated[int, Meta(ge=1, le=1000)]
@@ -28,16 +28,16 @@ class Copies(Table, kw_only=True, frozen=True):
 
 
 class VehicleEntry(Following, kw_only=True, frozen=True):
-    """One vehicle of the scenario, or several alike.
+    """One vehicle of the scenario, or several copies of it.
 
     Attributes:
-        kind: "simulated", or "external" for one that follows poses from a log or from elsewhere; the keys from `log` to `rate_hz` are for that.
+        kind: "simulated", or "external" for a vehicle that follows poses from a log or another source; the keys from `log` to `rate_hz` are for that.
         model: name of a shipped vehicle file, or the path of one relative to the scenario file.
-        copies: several of them in a grid; default: one, with the name of the table.
-        present: False keeps it out at the start; ``world/spawn`` can add vehicles like it.
-        override: tables of the vehicle file, key by key replaced for this vehicle.
-        sensors: added to those of the vehicle file (same name: replaces it; ``enabled = false`` removes it).
-        autopilot: the built-in one; default: none.
+        copies: several vehicles in a grid; default: one vehicle, with the name of the table.
+        present: false leaves it out at the start; ``world/spawn`` can add vehicles like it later.
+        override: keys of the vehicle file with other values for this vehicle.
+        sensors: added to those of the vehicle file. One with the same name replaces it; ``enabled = false`` removes it.
+        autopilot: the built-in autopilot; default: none.
     """
 
     model: Name

@@ -1,4 +1,4 @@
-"""Device files of sensors: values of a named device, each with its source, which fill a sensor's table where the user gives none."""
+"""Device files of sensors. They hold the values of a named device, with sources, for keys that the user does not give."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from msgspec import field
 
 from uwserver.scenario.files.convert import NO_MORE, Converter, More, Report, convert, kinds_of
 from uwserver.scenario.files.documents import Document
-from uwserver.scenario.files.errors import KeyPath
+from uwserver.scenario.files.errors import KeyPath, dotted
 from uwserver.scenario.files.merge import merged, named
 from uwserver.scenario.vehicle.appendage_tables import Sourced
 from uwserver.sensors import SensorConfig
@@ -18,8 +18,8 @@ from uwserver.table import Name, Table
 
 _PROVENANCE = Sourced.__struct_fields__
 _BEACONS = {"beacons": {"beacon": {"position_ned_m": [0.0, 0.0, 0.0]}}}
-_OF_THE_USE: dict[str, dict[str, Any]] = {"lbl": _BEACONS, "usbl": _BEACONS, "rpm": {"members": ["t1"]}}
-"""Keys that a sensor needs and no device has, as they say where it is used; by kind."""
+_KEYS_OF_USE: dict[str, dict[str, Any]] = {"lbl": _BEACONS, "usbl": _BEACONS, "rpm": {"members": ["t1"]}}
+"""Keys that a sensor needs but a device file cannot have, as they depend on its use; by kind. With them a device file can be checked alone."""
 
 
 class SensorDevice(Table, kw_only=True, frozen=True):
@@ -28,7 +28,7 @@ class SensorDevice(Table, kw_only=True, frozen=True):
     Attributes:
         kind: of the sensor.
         title: maker and product.
-        properties: groups of the sensor's keys; each group says `source` and `status` of its values.
+        properties: groups of keys of the sensor's table; each group has `source` and `status` for its values.
     """
 
     schema: Literal[1]
@@ -39,7 +39,7 @@ class SensorDevice(Table, kw_only=True, frozen=True):
 
 
 def check_profile(raw: Mapping[str, Any], report: Report, more: More = NO_MORE) -> dict[str, Any] | None:
-    """The keys of the sensor's table that a device file gives, with its `kind`; None after at least one report."""
+    """Return the keys of the sensor's table that a device file gives, with its `kind`; None after at least one report."""
     device: SensorDevice | None = convert(raw, SensorDevice, (), report)
     if device is None:
         return None
@@ -55,10 +55,10 @@ def check_profile(raw: Mapping[str, Any], report: Report, more: More = NO_MORE) 
             if key in _PROVENANCE:
                 continue
             if isinstance(value, dict) and isinstance(keys.get(key), dict):
-                keys[key] = merged(keys[key], value)  # parts of one table, each part with its own source
+                keys[key] = merged(keys[key], value)  # one table may be given in parts, each with its own source
                 continue
             if key in keys:
-                report((*path, key), f'"{key}" is given twice, also at {".".join(map(str, places[key]))}')
+                report((*path, key), f'"{key}" is given twice, also at {dotted(places[key])}: remove one of them')
                 fine = False
             keys.setdefault(key, value)
             places.setdefault(key, (*path, key))
@@ -67,7 +67,7 @@ def check_profile(raw: Mapping[str, Any], report: Report, more: More = NO_MORE) 
         place = path if at is None else at
         report((*places[str(place[0])], *place[1:]) if place and place[0] in places else (), text)
 
-    table = {"rate_hz": 1.0, **_OF_THE_USE.get(device.kind, {}), **keys}
+    table = {"rate_hz": 1.0, **_KEYS_OF_USE.get(device.kind, {}), **keys}
     sensor = Converter(placed, more).kind(table, kinds_of(SensorConfig, more), ()).value
     return keys if fine and sensor is not None else None
 
@@ -75,12 +75,12 @@ def check_profile(raw: Mapping[str, Any], report: Report, more: More = NO_MORE) 
 def expanded(
     document: Document, keys_of: Callable[[str, KeyPath], Mapping[str, Any] | None], report: Report
 ) -> Document:
-    """A scenario or vehicle file in which each sensor with a `profile` has the device's keys, its own first.
+    """Return a scenario or vehicle file in which each sensor with a `profile` also has the keys of that device. Its own keys win.
 
     Args:
         document: the file.
-        keys_of: the keys of a device (see `check_profile`) by its name and the place that names it; None after a report.
-        report: of the file.
+        keys_of: returns the keys of a device (see `check_profile`) by its name and the place that names it; None after a report.
+        report: called for errors of the file.
     """
     raw = dict(document.raw)
     for table, path in _sensor_tables(raw):
@@ -90,12 +90,13 @@ def expanded(
                 continue
             here: KeyPath = (*path, name, "profile")
             keys = keys_of(reference, here)
-            if keys is None:
-                continue
-            if sensor.get("kind", keys["kind"]) != keys["kind"]:  # an override may leave it out
-                report(here, f'"{reference}" is a device of kind "{keys["kind"]}", not of "{sensor.get("kind")}"')
-                continue
-            _put(raw, (*path, name), merged(keys, sensor))
+            if keys is not None and sensor.get("kind", keys["kind"]) != keys["kind"]:  # an override may leave it out
+                report(
+                    here,
+                    f'"{reference}" is a device of kind "{keys["kind"]}", but this sensor is of kind "{sensor["kind"]}"',
+                )
+            elif keys is not None:
+                _put(raw, (*path, name), merged(keys, sensor))
     return replace(document, raw=raw)
 
 
@@ -108,7 +109,7 @@ def _sensor_tables(raw: Mapping[str, Any]) -> Iterator[tuple[dict[str, Any], Key
 
 
 def _put(raw: dict[str, Any], path: KeyPath, value: Any) -> None:
-    """Set a value below; the tables on the way are copied, as they belong to whoever parsed or built them."""
+    """Set a value below. The tables on the way are copied, as they are shared with the original document."""
     for key in path[:-1]:
         raw[str(key)] = dict(raw[str(key)])
         raw = raw[str(key)]

@@ -1,4 +1,4 @@
-"""Checks of one sensor of a vehicle, and of its errors."""
+"""Checks one sensor of a vehicle and its modifiers."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ from typing import get_args
 
 from uwserver.modifiers import Modifier, ModifierConfig, Stream
 from uwserver.ports import Field
-from uwserver.scenario.files.convert import Report
-from uwserver.scenario.files.errors import KeyPath, suggestion
+from uwserver.scenario.files.convert import Node, Report, check_known, check_members
+from uwserver.scenario.files.errors import KeyPath
 from uwserver.scenario.files.wording import not_built
-from uwserver.scenario.vehicle.appendage_checks import check_member
-from uwserver.scenario.vehicle.assembly import Draft
 from uwserver.scenario.world.checks import check_rate
 from uwserver.scenario.world.epoch import instant, year_of
 from uwserver.scenario.world.magnetic import WMM_YEARS
@@ -19,41 +17,47 @@ from uwserver.sensors import CompoundConfig, Pose, RpmConfig, Sensor, SensorConf
 from uwserver.world.services import SENSOR_SERVICES
 
 
-def check_mount(draft: Draft, mount: str, path: KeyPath, report: Report) -> None:
-    """Whether the vehicle has a mount that something at this key sits on."""
-    mounts = draft.names("mounts")
-    if mount not in mounts:
-        report(path, f'no mount "{mount}"{suggestion(mount, mounts, "; there are: ")}')
+def check_mount(vehicle: Node, mount: str, path: KeyPath, report: Report) -> None:
+    """Report a mount that the vehicle does not have."""
+    check_known(mount, vehicle.names("mounts"), "mount", path, report)
 
 
-def check_sensor(draft: Draft, name: str, sensor: SensorConfig, world: WorldTable | None, report: Report) -> None:
-    """Rate, mount, parts and errors of a sensor; whether it can be built, where it is of an extension.
+def enabled(vehicle: Node, table: str) -> tuple[str, ...]:
+    """Return the names of the enabled sensors or actuators of a vehicle; one that has errors counts as enabled."""
+    parts = vehicle.at(table).parts.items()
+    return tuple(name for name, part in parts if part.at("enabled").value is not False)
+
+
+def check_sensor(vehicle: Node, name: str, sensor: SensorConfig, world: WorldTable | None, report: Report) -> None:
+    """Check the rate, mount, members and modifiers of a sensor, and that a sensor of an extension can be built.
 
     Args:
-        draft: the merged vehicle.
+        vehicle: the merged vehicle file, as a `VehicleFile`.
         name, sensor: of the vehicle.
-        world: of the scenario; None where it has faults.
-        report: takes in faults.
+        world: of the scenario; None if it has errors.
+        report: called for errors.
     """
     path: KeyPath = ("sensors", name)
     if world is not None:
         check_rate(sensor.rate_hz, world.rate_hz, (*path, "rate_hz"), report)
         if getattr(sensor, "needs_origin", False):
             _check_origin(world, path, report)
-    _check_parts(draft, sensor, path, report)
+    _check_members(vehicle, sensor, path, report)
     if isinstance(sensor.mount, str):
-        check_mount(draft, sensor.mount, (*path, "mount"), report)
+        check_mount(vehicle, sensor.mount, (*path, "mount"), report)
         for key in ("position_frd_m", "rpy_deg"):
-            if key in draft.tree.at("sensors", name).parts:
-                text = f'a sensor on the mount "{sensor.mount}" has no {key} of its own: remove one of the two'
-                report((*path, key), text)
+            if key in vehicle.at("sensors", name).parts:
+                report(
+                    (*path, key),
+                    f'the mount "{sensor.mount}" sets the place of this sensor: remove either mount or {key}',
+                )
     modifiers: dict[KeyPath, ModifierConfig] = {(*path, "modifiers", key): m for key, m in sensor.modifiers.items()}
     for stream_name, stream in sensor.streams.items():
         place: KeyPath = (*path, "streams", stream_name)
         if stream_name in SENSOR_SERVICES:
-            report(place, f'"{stream_name}" is the name of a service of the sensor: choose another name')
+            report(place, f'a service of the sensor is named "{stream_name}": choose another name for the stream')
         modifiers |= {(*place, "modifiers", key): m for key, m in stream.modifiers.items()}
-    # A shipped kind can always be built, and is where the world is: only what its errors need to know of it is asked for now.
+    # A shipped kind can always be built, and is built with the world. It is built here only if modifiers need to know its fields.
     if not modifiers and type(sensor) in get_args(SensorConfig):
         return
     ports = _fields(sensor, path, report)
@@ -64,36 +68,30 @@ def check_sensor(draft: Draft, name: str, sensor: SensorConfig, world: WorldTabl
 
 def _check_origin(world: WorldTable, path: KeyPath, report: Report) -> None:
     if world.origin is None:
-        report(path, "needs to know where N lies: give [world] origin_lat_deg and origin_lon_deg")
+        report(path, "needs to know where on the Earth N lies: give origin_lat_deg and origin_lon_deg in [world]")
     try:
         year = year_of(instant(world.epoch_utc))
     except ValueError:
-        return  # told elsewhere
+        return  # reported elsewhere
     first, last = WMM_YEARS
     if not first <= year < last:
-        text = f"the magnetic model holds from {first} to {last - 1}, [world] epoch_utc is in {int(year)}"
-        report(path, text)
+        report(path, f"the magnetic model holds from {first} to {last - 1}, but epoch_utc in [world] is in {int(year)}")
 
 
-def _check_parts(draft: Draft, sensor: SensorConfig, path: KeyPath, report: Report) -> None:
+def _check_members(vehicle: Node, sensor: SensorConfig, path: KeyPath, report: Report) -> None:
     if isinstance(sensor, RpmConfig):
         for k, member in enumerate(sensor.members):
-            check_member(member, draft.names("thrusters"), "thruster", (*path, "members", k), report)
-    if not isinstance(sensor, CompoundConfig):
-        return
-    present = [name for name in draft.enabled("sensors") if name != path[-1]]
-    for k, member in enumerate(sensor.members):
-        place: KeyPath = (*path, "members", k)
-        if member not in present:
-            report(place, f'no sensor "{member}"{suggestion(member, present, "; there are: ")}')
-        elif isinstance(draft.sensors.get(member), CompoundConfig):
-            report(place, f'"{member}" is a compound sensor itself')
-        if member in sensor.members[:k]:
-            report(place, f'"{member}" is named twice')
+            check_known(member, vehicle.names("thrusters"), "thruster", (*path, "members", k), report)
+    if isinstance(sensor, CompoundConfig):
+        present = [name for name in enabled(vehicle, "sensors") if name != path[-1]]
+        check_members(sensor.members, present, "sensor", (*path, "members"), report)
+        for k, member in enumerate(sensor.members):
+            if member in present and isinstance(vehicle.at("sensors", member).value, CompoundConfig):
+                report((*path, "members", k), f'"{member}" is a compound sensor too: name its members instead')
 
 
 def _fields(sensor: SensorConfig, path: KeyPath, report: Report) -> tuple[Field, ...] | None:
-    """Of the sensor's port; None after a report, which only a kind of an extension needs."""
+    """Return the fields of the sensor's port; None after a report, which only an extension's kind can cause."""
     try:
         built: object = sensor.build(Pose())
         if not isinstance(built, Sensor):
@@ -106,11 +104,11 @@ def _fields(sensor: SensorConfig, path: KeyPath, report: Report) -> tuple[Field,
 
 
 def check_fields(fields: object) -> None:
-    """ValueError unless these can be the fields of a port."""
+    """Raise ValueError unless these can be the fields of a port."""
     if not isinstance(fields, tuple) or not fields or not all(isinstance(field, Field) for field in fields):
         raise ValueError("its fields must be a tuple of uwserver.ports.Field")
     if len({field.name for field in fields}) < len(fields):
-        raise ValueError("two of its fields have one name")
+        raise ValueError("two of its fields have the same name")
 
 
 def _check_modifier(

@@ -1,6 +1,6 @@
-"""The vehicle file: rigid body, hydrodynamics, thrusters, mounts, actuators and sensors, each number with its source and status.
+"""The vehicle file: rigid body, hydrodynamics, thrusters, mounts, actuators and sensors. Each number has a source and a status.
 
-Tables of fins, propellers, ballast and hull stand in `appendage_tables`.
+The tables of fins, propellers, ballasts and the hull are in `appendage_tables`.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ class RigidBody(Sourced, kw_only=True, frozen=True):
 
     Attributes:
         center_of_mass_frd_m: r_g.
-        inertia_kgm2: (Ixx, Iyy, Izz) about the point of `inertia_about`; or `inertia_matrix_kgm2`, with the products of inertia as they stand
-            in the matrix (Ixy negative of the product).
+        inertia_kgm2: (Ixx, Iyy, Izz) about the point that `inertia_about` names. Give this or `inertia_matrix_kgm2`, whose off-diagonal elements
+            are the negative products of inertia.
     """
 
     mass_kg: Positive
@@ -46,26 +46,26 @@ class RigidBody(Sourced, kw_only=True, frozen=True):
 
 
 class BoxShape(Table, tag="box", tag_field="kind", kw_only=True, frozen=True):
-    """A box of the displaced volume, axes along B."""
+    """A box that displaces water, with its edges along the axes of B."""
 
     size_m: tuple[Positive, Positive, Positive]
     center_frd_m: Vector3 = (0.0, 0.0, 0.0)
 
 
 class SphereShape(Table, tag="sphere", tag_field="kind", kw_only=True, frozen=True):
-    """A sphere of the displaced volume."""
+    """A sphere that displaces water."""
 
     radius_m: Positive
     center_frd_m: Vector3 = (0.0, 0.0, 0.0)
 
 
 class Buoyancy(Sourced, kw_only=True, frozen=True):
-    """Displaced volume and its centre r_b. `shapes` give its form near the surface: they are moved and weighted together so that all of
-    them submerged displace `volume_m3` at `center_frd_m`. Without shapes the vehicle is always submerged.
+    """Displaced volume and its centre r_b. `shapes` describe its form near the surface. They are shifted and scaled together so that, fully
+    submerged, they displace `volume_m3` at `center_frd_m`. Without shapes the vehicle is always submerged.
 
     Attributes:
-        length_m: of the hull along x, over which it feels waves, as of a hull of one section throughout; 0: it feels them at `center_frd_m`
-            alone. Default: by the second moment of the shapes along their longest axis, which is the edge of a box; 0 without shapes.
+        length_m: length of the hull along x over which waves act, as on a hull of constant section; 0: they act at `center_frd_m` only.
+            Default: from the second moment of the shapes along their longest axis (for a box: its edge); 0 without shapes.
     """
 
     volume_m3: Annotated[float, Meta(ge=0)]
@@ -75,19 +75,19 @@ class Buoyancy(Sourced, kw_only=True, frozen=True):
 
 
 class Coefficients(Sourced, kw_only=True, frozen=True):
-    """A 6x6 matrix, whole or by its diagonal (surge, sway, heave, roll, pitch, yaw), of positive magnitudes, SI."""
+    """A 6x6 matrix of positive magnitudes in SI, given in full or by its diagonal (surge, sway, heave, roll, pitch, yaw)."""
 
     diagonal: Six | UnsetType = UNSET
     matrix: Matrix6 | UnsetType = UNSET
 
 
 class NearBoundary(Sourced, kw_only=True, frozen=True):
-    """How added mass changes near the surface and above a flat seabed, by the method of images; for a hull that lies about level.
+    """How added mass changes near the surface and above a flat seabed, by the method of images. It holds for a hull that is about level.
 
     Attributes:
-        form: what the hull is taken for: a cylinder along x, which changes all but surge and roll, or a sphere, which changes surge, sway and
-            heave.
-        radius_m: of it; depth and height are those of `center_frd_m` of the buoyancy.
+        form: what the hull is approximated by: a cylinder along x, which changes all axes but surge and roll, or a sphere, which changes surge,
+            sway and heave.
+        radius_m: of that form; its depth and height are those of `center_frd_m` of the buoyancy.
     """
 
     form: Literal["cylinder", "sphere"]
@@ -98,7 +98,7 @@ class AddedMass(Coefficients, kw_only=True, frozen=True):
     """M_A at `reference_density_kgpm3`; `symmetrise` accepts a published asymmetric matrix and takes its symmetric part.
 
     Attributes:
-        near_boundary: how it changes near surface and bottom; default: not at all.
+        near_boundary: how added mass changes near the surface and the seabed; default: not at all.
     """
 
     reference_density_kgpm3: Positive = 1025.0
@@ -109,7 +109,7 @@ class AddedMass(Coefficients, kw_only=True, frozen=True):
 class Damping(Table, kw_only=True, frozen=True):
     """D(nu_r) nu_r = (linear + at_rest) nu_r + quadratic (|nu_r| nu_r) + |u_r| speed nu_r, at `reference_density_kgpm3`.
 
-    `at_rest` is added to `linear` where a source leaves an axis undamped at rest.
+    `at_rest` is added to `linear`; use it where a source leaves an axis undamped at rest.
     """
 
     reference_density_kgpm3: Positive = 1025.0
@@ -120,12 +120,12 @@ class Damping(Table, kw_only=True, frozen=True):
 
 
 class Mount(Table, kw_only=True, frozen=True):
-    """A named place on the vehicle where sensors sit.
+    """A named place on the vehicle that carries sensors.
 
     Attributes:
-        tilt_deg: how far a servo tilts the cameras on it about its y axis, up positive: lowest and highest; an actuator of kind
-            ``camera_mount`` commands it. Other sensors stay where they are.
-        tilt_rate_degps: how fast.
+        tilt_deg: lowest and highest tilt of the cameras on it about its y axis, positive up; an actuator of kind ``camera_mount`` commands
+            it. Other sensors on the mount do not tilt.
+        tilt_rate_degps: speed of the tilt.
     """
 
     position_frd_m: Vector3 = (0.0, 0.0, 0.0)
@@ -135,11 +135,11 @@ class Mount(Table, kw_only=True, frozen=True):
 
 
 class Lamp(Sourced, kw_only=True, frozen=True):
-    """A lamp on a mount, which shines along the mount's x axis.
+    """A lamp on a mount. It shines along the x axis of the mount.
 
     Attributes:
         mount: name of one of the vehicle's mounts.
-        cone_deg: whole angle of its light in water.
+        cone_deg: full angle of its light in water.
         lumens: luminous flux at full brightness.
     """
 
@@ -149,21 +149,21 @@ class Lamp(Sourced, kw_only=True, frozen=True):
 
 
 class Thruster(Sourced, kw_only=True, frozen=True):
-    """Where a propulsor sits and which device it is.
+    """Place of a thruster on the vehicle, and its device.
 
     Attributes:
-        device: name of a shipped device file (``t200``), or the path of one relative to the vehicle file.
-        axis_frd: direction of the force at a positive command; normalised at load.
-        handedness: sense of the propeller seen along `axis_frd` at a positive command: right (clockwise), left, or none (no reaction torque).
-        voltage_V: supply; default from the device.
-        installed_factor: installed thrust over the device's open-water thrust.
-        inflow_factor: scales the device's loss of thrust with the inflow.
-        damping_includes_stopped: whether the vehicle's damping has the drag of its stopped thrusters, as that of a towed or an identified
-            vehicle has. If not, each adds its device's `stopped_drag`.
-        ventilates: loses thrust near the surface by ventilation too, 1 - 0.675 (1 - 0.769 h/R)^1.258 down to h = 1.3 R, and not only by
-            the part of its disc that is out of the water.
-        cross_flow_loss_s2pm2: c in exp(-c V_t^2), the part of the thrust that a stream V_t across the axis leaves, as it bends the jet to the
-            hull (tunnel thrusters).
+        device: name of a shipped device file (``t200``), or path of a device file relative to the vehicle file.
+        axis_frd: direction of the force at a positive command, of any length.
+        handedness: sense of rotation, seen along `axis_frd` at a positive command: right (clockwise), left, or none (no reaction torque).
+        voltage_V: supply voltage; default: that of the device.
+        installed_factor: ratio of installed thrust to the open-water thrust of the device.
+        inflow_factor: scales the loss of thrust with the inflow that the device file gives.
+        damping_includes_stopped: whether the damping of the vehicle includes the drag of its stopped thrusters, as it does when it was found by
+            towing or identification. If not, each thruster adds `stopped_drag` of its device.
+        ventilates: whether ventilation reduces the thrust near the surface, by the factor 1 - 0.675 (1 - 0.769 h/R)^1.258 down to h = 1.3 R.
+            The part of its disc that is out of the water always reduces it.
+        cross_flow_loss_s2pm2: c in exp(-c V_t^2), the part of the thrust that is left in a stream V_t across the axis, which bends the jet
+            towards the hull (tunnel thrusters).
     """
 
     device: Name
@@ -179,11 +179,11 @@ class Thruster(Sourced, kw_only=True, frozen=True):
 
 
 class Autopilot(Sourced, kw_only=True, frozen=True):
-    """How the built-in autopilot controls the vehicle, in scenarios that have one.
+    """Gains of the built-in autopilot for this vehicle, for scenarios that use it.
 
     Attributes:
         gains: those that differ from the defaults.
-        max_wrench: surge, sway, heave (N), roll, pitch, yaw (N m) that a vehicle without thrusters is given at most.
+        max_wrench: largest surge, sway, heave (N), roll, pitch, yaw (N m) for a vehicle without thrusters.
     """
 
     gains: Gains = Gains()
@@ -194,15 +194,15 @@ Quantity = Literal[
     "ahead_speed_mps", "astern_speed_mps", "sway_speed_mps", "descent_mps", "ascent_mps", "turning_diameter_m", "turn_rate_degps",
     "spot_turn_rate_degps", "roll_period_s", "pitch_period_s", "glide_speed_mps", "glide_angle_deg", "bollard_ahead_N", "bollard_down_N",
 ]  # fmt: skip
-"""What is known of a real vehicle's behaviour; the unit stands in the name."""
+"""Published figures of a real vehicle; the name ends in the unit."""
 
 
 class Published(Sourced, kw_only=True, frozen=True):
-    """A figure of the real vehicle, beside which `uwserver manoeuvres` puts that of this file. The simulation does not use it.
+    """A published figure of the real vehicle, which `uwserver manoeuvres` compares with this file. The simulation does not use it.
 
     Attributes:
-        throttle: part of full thrust at which it was found.
-        rudder_deg: of a turn; default: that of the manoeuvre.
+        throttle: part of full thrust at which the figure was found.
+        rudder_deg: rudder angle of a turn; default: that of the manoeuvre.
     """
 
     quantity: Quantity
@@ -215,8 +215,8 @@ class VehicleFile(Table, kw_only=True, frozen=True):
     """A whole vehicle file.
 
     Attributes:
-        looks: a .glb file that viewers show instead of the shapes, relative to this file: y up, x forward, in m, about the origin of B.
-        published: figures of the real vehicle, as ``[[published]]``.
+        looks: a .glb file, relative to this file, that viewers show instead of the shapes: y up, x forward, in m, with its origin at that of B.
+        published: figures of the real vehicle, one ``[[published]]`` each.
     """
 
     schema: Literal[1]
@@ -245,11 +245,11 @@ class VehicleFile(Table, kw_only=True, frozen=True):
 
 
 class MeasuredCurve(Sourced, kw_only=True, frozen=True):
-    """Static force at one supply voltage as measured: straight lines between the points.
+    """Measured static force at one supply voltage, linear between the points.
 
     Attributes:
-        commands: rising from -1 to 1; the edges of the dead band are among them.
-        forces_N: of each command, not falling; 0 within the dead band.
+        commands: rising from -1 to 1; include the edges of the dead band.
+        forces_N: one for each command, not falling; 0 within the dead band.
     """
 
     voltage_V: Positive
@@ -258,7 +258,7 @@ class MeasuredCurve(Sourced, kw_only=True, frozen=True):
 
 
 class ForceCurve(Sourced, kw_only=True, frozen=True):
-    """Static force at one supply voltage of which only limits and dead band are known, with the device's `shape` between them."""
+    """Static force at one supply voltage of which only limits and dead band are known. Between them the device's `shape` applies."""
 
     voltage_V: Positive
     max_forward_N: Positive
@@ -267,14 +267,14 @@ class ForceCurve(Sourced, kw_only=True, frozen=True):
 
 
 class Shape(Sourced, kw_only=True, frozen=True):
-    """Force over its maximum as an odd polynomial: sum of coefficients[k] v**(2k+1), v = 0 at the edge of the dead band, 1 at full command,
-    scaled to 1 at v = 1."""
+    """Force over its maximum as an odd polynomial: the sum of coefficients[k] v**(2k+1), scaled to 1 at v = 1. v is 0 at the edge of the dead band
+    and 1 at full command."""
 
     coefficients: tuple[float, ...]
 
 
 class LagTable(Sourced, kw_only=True, frozen=True):
-    """Either `time_constant_s`, or the transfer function numerator / denominator, coefficients from the highest power of s down."""
+    """Lag of the force: `time_constant_s`, or the transfer function numerator / denominator, coefficients from the highest power of s down."""
 
     time_constant_s: Positive | UnsetType = UNSET
     numerator: tuple[float, ...] | UnsetType = UNSET
@@ -282,11 +282,13 @@ class LagTable(Sourced, kw_only=True, frozen=True):
 
 
 class Propeller(Sourced, kw_only=True, frozen=True):
-    """Attributes:
-    diameter_m: of the disc.
-    torque_per_force_m: reaction torque per newton of thrust.
-    inflow_sqrtN_spm: k in T = T0 - k sqrt(|T0|) V_a, which goes down to zero with the inflow and up to 2 T0 against it.
-    stopped_drag: of the stopped propeller, over half the density, the area of the disc and the square of the speed along the axis.
+    """Propeller of a thruster.
+
+    Attributes:
+        diameter_m: of the disc.
+        torque_per_force_m: reaction torque per newton of thrust.
+        inflow_sqrtN_spm: k in T = T0 - k sqrt(|T0|) V_a. T falls to zero at most with the inflow, and rises to 2 T0 at most against it.
+        stopped_drag: drag coefficient of the stopped propeller, on the area of the disc and the speed along the axis.
     """
 
     diameter_m: Positive
@@ -301,8 +303,8 @@ class Electric(Sourced, kw_only=True, frozen=True):
     Attributes:
         power_WpN15: electric power is this times |T|**1.5.
         speed_radpspN05: shaft speed is this times sqrt(|T|).
-        reverse_power_WpN15: the same of negative thrust; as forward unless given.
-        reverse_speed_radpspN05: the same of negative thrust; as forward unless given.
+        reverse_power_WpN15: the same for negative thrust; default: as forward.
+        reverse_speed_radpspN05: the same for negative thrust; default: as forward.
     """
 
     power_WpN15: Positive
@@ -312,11 +314,11 @@ class Electric(Sourced, kw_only=True, frozen=True):
 
 
 class ThrusterDevice(Table, kw_only=True, frozen=True):
-    """A device file of a thruster: force curves of one or several supply voltages, linear in the voltage between them.
+    """A device file of a thruster: force curves at one or several supply voltages, linear in the voltage between them.
 
     Attributes:
-        tables: curves that are measured point by point.
-        curves: those of which the limits are known; they need `shape`.
+        tables: curves that were measured point by point.
+        curves: curves of which only the limits are known; they need `shape`.
     """
 
     schema: Literal[1]

@@ -1,8 +1,7 @@
-"""Tracks of external vehicles: read from their logs, in simulation time, and as text for a recording."""
+"""Reads the tracks of external vehicles from logs, shifts them to simulation time, and packs them as text for a recording."""
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping as MappingOf
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,8 +10,8 @@ from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
-import zstandard
 from msgspec import UnsetType
+from numpy.typing import NDArray
 
 from uwserver.frames import rotate
 from uwserver.logfiles import Log, LogError
@@ -20,7 +19,9 @@ from uwserver.logfiles.joined_log import open_parts
 from uwserver.logfiles.mapping import Mapping, read_mapping
 from uwserver.logfiles.poses import motion_of, pose_tracks
 from uwserver.logfiles.rules import commanded, mapping_of
+from uwserver.physics.kernel.arrays import IntArray
 from uwserver.scenario.files.errors import closest
+from uwserver.scenario.solids.archive import compressed, decompressed
 from uwserver.scenario.vehicle.external import Following
 from uwserver.scenario.world.epoch import instant, nanoseconds
 from uwserver.units import NANOSECONDS
@@ -28,25 +29,23 @@ from uwserver.world.external.motion import Kind, Motion
 from uwserver.world.external.track import PoseTrack, cleaned
 
 MOST_POSES = 4_000_000
-"""Of one track: eleven hours at 100 Hz."""
-LARGEST_BYTES = 1 << 30
-"""No archive of tracks that is unpacked may be larger."""
-_WITH_SPEED = 10
-"""Numbers of a pose with its velocity."""
+"""Most poses of one track: eleven hours at 100 Hz."""
+_WITH_VELOCITY = 10
+"""Number of values of a pose with its velocity."""
 Fields = MappingOf[str, Any]
 
 
 class BadTrack(ValueError):
-    """A log that gives no track; the text names the file, says why, and what to do."""
+    """Raised if a log gives no track; the text names the file, the reason, and what to do."""
 
 
 class Logged(NamedTuple):
-    """Poses of a log on its own clock.
+    """Poses of a log on the clock of the log.
 
     Attributes:
-        track: whose times are those of the log.
-        epoch_ns: UTC of the time 0 of that clock, ns since 1970; None where the log does not know it.
-        remarks: sentences about what was left out.
+        track: poses, with times of the log.
+        epoch_ns: UTC of time 0 of that clock, ns since 1970; None if the log does not know it.
+        remarks: sentences about messages that were left out.
     """
 
     track: PoseTrack
@@ -55,14 +54,14 @@ class Logged(NamedTuple):
 
 
 def read_track(entry: Following, folder: Path) -> tuple[PoseTrack, tuple[str, ...]]:
-    """The track of an external vehicle in simulation time, and sentences that warn.
+    """Return the track of an external vehicle in simulation time, and warnings.
 
     Args:
-        entry: its table, with a log.
-        folder: where relative names begin.
+        entry: table of the vehicle, with a log.
+        folder: where relative file names start.
 
     Raises:
-        BadTrack: the log cannot be read, has no such poses, or does not know its UTC where `start` needs it.
+        BadTrack: the log cannot be read, has no such poses, or does not know its UTC although `start` needs it.
     """
     path = folder / str(entry.log)
     logged = read_log(path, entry, folder)
@@ -73,7 +72,7 @@ def read_track(entry: Following, folder: Path) -> tuple[PoseTrack, tuple[str, ..
 
 
 def read_log(path: Path, entry: Following, folder: Path) -> Logged:
-    """Poses of a log of any format on its own clock; raises BadTrack."""
+    """Return the poses of a log of any format, on its own clock; raises BadTrack."""
     name = None if isinstance(entry.track, UnsetType) else entry.track
     try:
         log = open_parts(path)
@@ -92,10 +91,10 @@ def read_log(path: Path, entry: Following, folder: Path) -> Logged:
 
 
 def _mapped(log: Log, mapping: Mapping, name: str | None) -> Logged:
-    """A track by the name that the mapping gives it, or the only one."""
+    """Return the track that the mapping names so; without a name the only one."""
     names = list(mapping.tracks)
     if name is None and len(names) != 1:
-        raise BadTrack(f'{log.path}: say which poses by track = "...": {_there(names)}')
+        raise BadTrack(f'{log.path}: name the poses to follow by track = "...": {_there(names)}')
     if name is not None and name not in names:
         topics = [topic for topic in log.topics if closest(name, [topic])]
         text = f'{log.path}: no track "{name}": {_there(names + topics)}'
@@ -108,26 +107,26 @@ def _mapped(log: Log, mapping: Mapping, name: str | None) -> Logged:
 
 
 def _there(names: Sequence[str]) -> str:
-    return f"there are {', '.join(names)}" if names else "there is none that is known by itself"
+    return f"there are {', '.join(names)}" if names else "no topic of it is known to hold poses"
 
 
 def _port(log: Log, topic: str) -> Logged | None:
-    """Poses of a port with p_NB (or p_N) and q_NB, of a recording of ours or of messages alike; None where none holds a pose."""
+    """Return the poses of a topic with p_NB (or p_N) and q_NB, of our recordings or of similar messages; None if no message holds a pose."""
     times, numbers, missing, speeds = list[int](), list[list[float]](), 0, True
     for datum in log.read({topic}):
         pose = _pose(datum.value)
         if pose is None:
             missing += 1
             continue
-        true = datum.value.get("t_ns")  # a sample is sent when it is delivered, which may be later than it was true
+        true = datum.value.get("t_ns")  # the time of measurement, which may be earlier than that of delivery
         times.append(true if log.kind == "uwserver" and type(true) is int else datum.t_ns)
         numbers.append(pose)
-        speeds = speeds and len(pose) == _WITH_SPEED
+        speeds = speeds and len(pose) == _WITH_VELOCITY
         if len(times) > MOST_POSES:
             raise BadTrack(f'{log.path}: more than {MOST_POSES} poses in "{topic}": cut the log into parts')
     if not numbers:
         return None
-    told = (f'{missing} messages of "{topic}" hold no pose',) if missing else ()
+    told = (f'{missing} messages of "{topic}" hold no pose and were left out',) if missing else ()
     table = np.array([row if speeds else row[:7] for row in numbers])
     try:
         clean, left_out = cleaned(
@@ -142,7 +141,7 @@ def _port(log: Log, topic: str) -> Logged | None:
 
 
 def _pose(message: Fields) -> list[float] | None:
-    """Position, attitude and, where it is told, velocity in N of a message; None where it holds no pose."""
+    """Return position, attitude and, if given, velocity in N of a message; None if it holds no pose."""
     value = message.get("value", message)
     if message.get("valid") is False or not isinstance(value, MappingOf):
         return None
@@ -163,38 +162,41 @@ def _vector(value: Fields, names: Sequence[str], size: int) -> list[float] | Non
 
 
 def in_simulation_time(logged: Logged, entry: Following) -> PoseTrack:
-    """The poses as they happen in a run.
+    """Return the poses with times of the simulation.
 
     Raises:
-        ValueError: `start` needs a UTC that the log does not know; or all of it lies outside of any run.
+        ValueError: `start` needs a UTC that the log does not know, or all poses lie before the start of the run.
     """
     track, start = logged.track, entry.start
     if start == "first":
         first = int(track.t_ns[0])
     elif isinstance(start, str):
         if logged.epoch_ns is None:
-            raise ValueError(f'it does not know its UTC, so start = "{start}" means nothing: use "first", or seconds')
+            raise ValueError(
+                f'the log does not know its UTC, so start = "{start}" cannot be found in it: use "first", or seconds'
+            )
         first = nanoseconds(instant(start)) - logged.epoch_ns
     else:
         first = round(start * NANOSECONDS)
-    # In exact integers as far as it goes: at speed 1 the times of a log are kept to the nanosecond.
-    passed = track.t_ns - first
-    scaled = passed if entry.speed == 1.0 else np.rint(passed / entry.speed).astype(np.int64)
-    t_ns = scaled + round(entry.offset_s * NANOSECONDS)
+    t_ns, keep = _shifted(track.t_ns, first, entry)
     if int(t_ns[-1]) < 0:
-        raise ValueError(
-            f"its last pose lies {-int(t_ns[-1]) / NANOSECONDS:g} s before the start of the run: look at start and offset_s"
-        )
-    keep = np.append(np.diff(t_ns) > 0, True)  # at a high speed two poses may fall on one nanosecond
+        early = -int(t_ns[-1]) / NANOSECONDS
+        raise ValueError(f"its last pose lies {early:g} s before the start of the run: check start and offset_s")
     v = None if track.v_N is None else track.v_N[keep] * entry.speed
-    motion = None if track.motion is None else _in_simulation_time(track.motion, first, entry)
+    motion = track.motion
+    if motion is not None:
+        times, moved = _shifted(motion.t_ns, first, entry)
+        motion = Motion(times[moved], motion.names, motion.kinds, motion.values[moved])
     return PoseTrack(t_ns[keep], track.p_NB[keep], track.q_NB[keep], v, motion)
 
 
-def _in_simulation_time(motion: Motion, first_ns: int, entry: Following) -> Motion:
-    t_ns = np.rint((motion.t_ns - first_ns) / entry.speed).astype(np.int64) + round(entry.offset_s * NANOSECONDS)
-    keep = np.append(np.diff(t_ns) > 0, np.ones(min(len(t_ns), 1), np.bool_))
-    return Motion(t_ns[keep], motion.names, motion.kinds, motion.values[keep])
+def _shifted(t_ns: IntArray, first_ns: int, entry: Following) -> tuple[IntArray, NDArray[np.bool_]]:
+    """Return times of a log as simulation times, and which of them are left: at a high speed two may fall on the same nanosecond."""
+    passed = t_ns - first_ns
+    # Division would round: at speed 1 the times of a log are kept to the nanosecond.
+    scaled = passed if entry.speed == 1.0 else np.rint(passed / entry.speed).astype(np.int64)
+    times = scaled + round(entry.offset_s * NANOSECONDS)
+    return times, np.append(np.diff(times) > 0, np.ones(min(len(times), 1), np.bool_))
 
 
 class _PackedMotion(msgspec.Struct, array_like=True):
@@ -205,7 +207,7 @@ class _PackedMotion(msgspec.Struct, array_like=True):
 
 
 class _Packed(msgspec.Struct, array_like=True):
-    """Bytes of a track's arrays; older ones have no motion."""
+    """The arrays of a track as bytes. Older recordings have no motion."""
 
     t_ns: bytes
     p_NB: bytes
@@ -215,28 +217,23 @@ class _Packed(msgspec.Struct, array_like=True):
 
 
 def pack(tracks: MappingOf[str, PoseTrack]) -> str:
-    """Tracks by name as one line of text; `unpack` gives the same bits.
+    """Pack tracks by name into one line of text; `unpack` returns them bit for bit.
 
-    A recording holds them, so that it can be run again without the logs, which may be large, private, or gone.
+    A recording holds this text, so that it can be run again without the logs, which may be large, private, or lost.
     """
-    plain = {name: _packed(track) for name, track in tracks.items()}
-    return base64.b85encode(zstandard.ZstdCompressor().compress(msgspec.msgpack.encode(plain))).decode()
+    return compressed({name: _packed(track) for name, track in tracks.items()})
 
 
 def unpack(text: str) -> dict[str, PoseTrack]:
-    """The tracks of `pack`.
+    """Return the tracks that `pack` packed.
 
     Raises:
-        ValueError: the text is none of `pack`'s.
+        ValueError: the text does not come from `pack`.
     """
     try:
-        data = base64.b85decode(text)
-        if zstandard.frame_content_size(data) > LARGEST_BYTES:
-            raise ValueError(f"they have more than {LARGEST_BYTES} bytes")
-        packed = zstandard.ZstdDecompressor().decompress(data, max_output_size=LARGEST_BYTES)
-        plain = msgspec.msgpack.decode(packed, type=dict[str, _Packed])
+        plain = msgspec.msgpack.decode(decompressed(text), type=dict[str, _Packed])
         return {name: _track_of(packed) for name, packed in plain.items()}
-    except (zstandard.ZstdError, ValueError) as error:  # msgspec's errors are ValueErrors
+    except ValueError as error:  # msgspec's errors are ValueErrors
         raise ValueError(f"the tracks of external vehicles cannot be read: {error}") from error
 
 
@@ -256,7 +253,7 @@ def _track_of(packed: _Packed) -> PoseTrack:
         t_ns, names = np.frombuffer(moved.t_ns, np.int64), moved.names
         values = np.frombuffer(moved.values).reshape(len(t_ns), len(names))
         if len(moved.kinds) != len(names) or (np.diff(t_ns) <= 0).any():
-            raise ValueError("what the actuators of a track give does not fit together")
+            raise ValueError("the actuator values of a track do not fit their names and times")
         motion = Motion(t_ns, names, moved.kinds, values)
     places = np.frombuffer(packed.p_NB).reshape(-1, 3), np.frombuffer(packed.q_NB).reshape(-1, 4)
     return PoseTrack(np.frombuffer(packed.t_ns, np.int64), *places, speeds, motion)

@@ -1,10 +1,10 @@
-"""The Wageningen B4-70 in four quadrants: Fourier series of C_T* and C_Q* over the advance angle.
+"""The Wageningen B4-70 propeller in four quadrants: Fourier series of C_T* and C_Q* over the advance angle.
 
-Four blades, blade area ratio 0.7. The coefficients are those of Roddy, Hess and Faller, "Neural network predictions of the 4-quadrant Wageningen
-propeller series", NSWCCD-50-TR-2006/004, appendix B, who fitted 31 terms to the measurements of van Lammeren, van Manen and Oosterveld,
-"The Wageningen B-screw series", SNAME 77, 1969; the numbers as in the ShipSIM library for Modelica. For a pitch ratio of 1 the 21 terms of the
-latter differ by up to 0.025 in C_T* and 0.008 in C_Q*. Their set for 0.6 is left out: its torque is 17 % above the series' own open-water
-polynomial, while between 0.5 and 0.8 it is met within 5 %.
+It has four blades and a blade area ratio of 0.7. The coefficients are those of Roddy, Hess and Faller, "Neural network predictions of the
+4-quadrant Wageningen propeller series", NSWCCD-50-TR-2006/004, appendix B. They fitted 31 terms to the measurements of van Lammeren, van Manen and
+Oosterveld, "The Wageningen B-screw series", SNAME 77, 1969. The numbers are copied from the ShipSIM library for Modelica. For a pitch ratio of 1
+the 21 terms of the 1969 paper differ by up to 0.025 in C_T* and 0.008 in C_Q*. The set for 0.6 is left out: its torque is 17 % above the
+open-water polynomial of the series, while interpolation between 0.5 and 0.8 meets that within 5 %.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from uwserver.physics.dynamics.appendage_params import Series
 
 
 def b4_70(pitch_ratio: float) -> Series:
-    """The series for a pitch ratio of 0.5 to 1.4, linear between those that were measured.
+    """Return the series for a pitch ratio of 0.5 to 1.4, linear between the measured ratios.
 
-    Forces are linear in the coefficients, so no ratio between two has a propeller that gives more power than its shaft takes.
+    Forces are linear in the coefficients. So if no measured propeller gives more power than its shaft takes, no propeller in between does.
     """
     table = np.array([[row.split() for row in block.split(",")] for block in _PUBLISHED.values()], np.float64)
     table *= 0.01, 0.01, -0.001, -0.001  # published are 100 C_T* and -1000 C_Q*
@@ -77,4 +77,4 @@ _PUBLISHED = {
     -0.16191 -0.27402 -0.34224 -0.71063, -0.34163 0.0092732 -0.67856 0.078099, 0.025212 0.11064 0.8999 0.70479,
     0.0046286 -0.017769 0.8462 -0.66394, -0.20432 0.0064717 -0.084567 -0.61846""",
 }
-"""By pitch ratio: 31 times A_T, B_T, A_Q, B_Q."""
+"""31 rows A_T, B_T, A_Q, B_Q, by pitch ratio."""

@@ -1,4 +1,4 @@
-"""Currents and waves of a scenario as the arrays of a sea."""
+"""Makes the water of a scenario, with currents and waves as the arrays of a sea."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from uwserver.physics.kernel.layout import PROFILE_SIZE, WAVE_SIZE, SeaRows
 from uwserver.scenario.water.tables import Environment
 from uwserver.units import rad
 
-_LONG = 1e-12
-"""Wave number (rad/m) of the tide: a wave without period and so long that it is flat, which forces and sensors then see alike."""
+_TIDE_WAVE_NUMBER = 1e-12
+"""Wave number (rad/m) of the tide. It is a wave without a period, so long that it is flat; so forces and sensors see the same level."""
 
 Streams = Callable[[str], np.random.Generator]
-"""The random stream of a path."""
+"""Returns the random stream of a path."""
 
 
 def water_of(environment: Environment, rate_hz: float, streams: Streams) -> Water:
-    """The water of a scenario at t = 0, with a sea where the scenario has more than a uniform, steady current."""
+    """Return the water of a scenario at t = 0, with a `Sea` if it has more than a uniform, steady current."""
     flows = {name: flow_of(current) for name, current in environment.currents.items()}
     steady = [environment.current.velocity_ned_mps]
     steady += [flow.velocity_ned_mps for flow in flows.values() if isinstance(flow, UniformConfig)]
@@ -59,7 +59,9 @@ def _sea(
         direction = rad(environment.waves.direction_deg)
         waves = wave_rows(environment.waves, direction, environment.gravity, streams("environment/waves"))
     if environment.surface_level_m:
-        waves = np.concatenate([waves, [(_LONG, 0.0, _LONG, 0.0, environment.surface_level_m, 0.0, np.inf)]])
+        waves = np.concatenate(
+            [waves, [(_TIDE_WAVE_NUMBER, 0.0, _TIDE_WAVE_NUMBER, 0.0, environment.surface_level_m, 0.0, np.inf)]]
+        )
     rows = np.concatenate(profiles)
     if not (len(rows) or len(waves) or drifts):
         return None

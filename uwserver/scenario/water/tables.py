@@ -1,4 +1,4 @@
-"""The table `environment`: water, currents and waves."""
+"""The table `environment`: water, daylight, currents and waves."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from uwserver.table import NonNegative, Probability, Table, Vector3
 from uwserver.units import STANDARD_ATMOSPHERE_PA, rad
 
 SEA_WATER_KGPM3 = 1025.0
-"""Density where nobody says what the water is like."""
+"""Default density of the water."""
 GRAVITY_MPS2 = 9.81
-"""Gravity where nobody says where on the Earth it is."""
+"""Gravity if the scenario has no place on the Earth."""
 
 
 class Current(Table, kw_only=True, frozen=True):
-    """Uniform, steady current; `velocity_ned_mps` is the water's velocity in N."""
+    """A uniform, steady current; `velocity_ned_mps` is the velocity of the water in N."""
 
     velocity_ned_mps: Vector3 = (0.0, 0.0, 0.0)
 
 
 class DaylightTable(Table, kw_only=True, frozen=True):
-    """Light from above, which cameras see; nothing else follows from it.
+    """Light from above. Only cameras use it.
 
     Attributes:
         illuminance_lux: on the surface; 100000 at noon, 10000 under clouds, 0 at night.
         sun_elevation_deg: above the horizon.
-        sun_azimuth_deg: from north over east.
-        sky: part of the light that comes from all of the sky; 1 for an overcast one.
+        sun_azimuth_deg: clockwise from north.
+        sky: part of the light that comes from the whole sky; 1 if it is overcast.
     """
 
     illuminance_lux: Annotated[float, Meta(ge=0, le=200_000)] = 60_000.0
@@ -44,7 +44,7 @@ class DaylightTable(Table, kw_only=True, frozen=True):
 
     @property
     def daylight(self) -> Daylight:
-        """In radians."""
+        """The same in radians."""
         return Daylight(self.illuminance_lux, rad(self.sun_elevation_deg), rad(self.sun_azimuth_deg), self.sky)
 
 
@@ -52,18 +52,18 @@ class Environment(Table, kw_only=True, frozen=True):
     """Water and gravity. The sea surface at rest is the plane z = 0 of N.
 
     Attributes:
-        density_kgpm3: which forces act with, at every depth; default: that of `water` at the surface, or 1025.
-        gravity_mps2: at the surface; default: that of the ellipsoid at `[world] origin_lat_deg` (WGS 84, Somigliana), or 9.81. Weight, buoyancy,
-            pressure, waves and accelerometers all have it.
-        gravity_growth_pm: relative growth per metre of depth; default: 2.26e-7 (TEOS-10) on a rotating Earth, else 0.
-        surface_level_m: of the still surface above z = 0, as the tide has it.
-        water: temperature and salinity over depth, from which sea water's density, pressure, sound speed and absorption follow (TEOS-10);
-            default: uniform water of `density_kgpm3` and `temperature_degc` under p = rho g h.
-        water_type: how clear it is, by Jerlov: I, IA, IB, II and III of the open sea, 1C, 3C, 5C, 7C and 9C of coasts. What is seen follows it,
-            and nothing else does.
+        density_kgpm3: density with which forces act, at every depth; default: that of `water` at the surface, or 1025.
+        gravity_mps2: gravity at the surface, for weight, buoyancy, pressure, waves and accelerometers; default: that of the ellipsoid at
+            `[world] origin_lat_deg` (WGS 84, Somigliana), or 9.81.
+        gravity_growth_pm: relative growth of gravity per metre of depth; default: 2.26e-7 (TEOS-10) on a rotating Earth, else 0.
+        surface_level_m: height of the still surface above z = 0, such as that of the tide.
+        water: temperature and salinity over depth, from which density, pressure, sound speed and absorption follow (TEOS-10); default: uniform
+            water of `density_kgpm3` and `temperature_degc` under p = rho g h.
+        water_type: clarity of the water by Jerlov: I, IA, IB, II and III for the open sea, 1C, 3C, 5C, 7C and 9C for coasts. Only cameras and
+            pictures use it.
         daylight: light from above.
         current: uniform, steady current.
-        currents: more of them, by name; all add up.
+        currents: more currents, by name; all currents add up.
         waves: of the surface; default: none.
     """
 
@@ -81,11 +81,11 @@ class Environment(Table, kw_only=True, frozen=True):
     waves: WavesConfig | UnsetType = UNSET
 
     def on_earth(self, latitude: float | None, rotating: bool) -> Environment:
-        """The same with the gravity of a place on the Earth where none is given, written out.
+        """Return the same table with gravity filled in; where none is given, from the place on the Earth.
 
         Args:
-            latitude: of N's origin, rad; None where nobody says.
-            rotating: whether the Earth turns and is round.
+            latitude: of N's origin, rad; None if there is none.
+            rotating: whether the Earth rotates and is round.
         """
         gravity, growth = self.gravity, self.growth
         if latitude is not None and isinstance(self.gravity_mps2, UnsetType):

@@ -1,4 +1,4 @@
-"""The magnetic field about the origin of N, from the World Magnetic Model; computed once, at load."""
+"""Computes the magnetic field about the origin of N by the World Magnetic Model, once at load."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from uwserver.frames import Vec3
 from uwserver.units import deg
 
 WMM_YEARS = (2025, 2030)
-"""First year of the model in use, and the one that it no longer holds for."""
+"""First year of the model, and the first year after it."""
 _TESLA = 1e-9
 _STEP = 1000.0
-"""Distance (m) over which the gradient is taken."""
+"""Distance to each side over which the gradient is taken, m."""
 
 
 def magnetic_about(latitude: float, longitude: float, year: float) -> tuple[Vec3, Vec3, Vec3, Vec3]:
-    """`Earth.magnetic` of the World Magnetic Model, at mean sea level.
+    """Return `Earth.magnetic` by the World Magnetic Model, at mean sea level.
 
     Args:
         latitude, longitude: of the origin, rad.
-        year: UTC, with its fraction; the model holds for 2025 to 2029.
+        year: UTC, with its fraction; the model holds from 2025 to 2029.
 
     Raises:
         ValueError: the year is outside the model.

@@ -81,7 +81,7 @@ def test_what_is_no_recording_of_ours_is_refused(tmp_path: Path, content: bytes 
 
 
 def test_a_folder_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(OSError, match="no plain file"):
+    with pytest.raises(OSError, match="not a regular file"):
         read_recording(tmp_path)
 
 

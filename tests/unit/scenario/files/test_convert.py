@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 import pytest
 
-from uwserver.scenario.files.convert import Converter, Known, Node, convert
+from uwserver.scenario.files.convert import Converter, Node, NodeCache, convert
 from uwserver.scenario.files.errors import KeyPath, dotted
 from uwserver.table import Positive, Table
 
@@ -84,7 +84,7 @@ def test_all_faults_are_told() -> None:
         ("members", "expected an array of at least 1 (a string each), found an array of 0"),
         ("shapes.r", 'missing key "radius"'),
         ("shapes.1.mode", 'expected one of "a", "b", found the string "c"'),
-        ("shapes.1", '"1" cannot be a name: begin with a letter or _, go on with letters, digits, _ and - (it is part of a path)'),
+        ("shapes.1", '"1" cannot be a name: begin with a letter or _, then use letters, digits, _ and - (it is part of a path)'),
         ("shapes.t.kind", 'unknown kind "triangle"; allowed: round, square'),
         ("shapes.u", "expected a table, found 3"),
         ("rows[0]", "expected an array of 2 (a whole number each), found an array of 3"),
@@ -156,7 +156,7 @@ def test_a_table_that_refuses_itself_keeps_its_parts() -> None:
 
 def test_a_table_of_two_files_is_converted_and_told_once() -> None:
     told: list[str] = []
-    known: Known = {}
+    known: NodeCache = {}
     shared = {"kind": "round", "radius": -1}
 
     def report(path: KeyPath, text: str, at: KeyPath | None = None) -> None:
@@ -170,7 +170,7 @@ def test_a_table_of_two_files_is_converted_and_told_once() -> None:
 
 
 def test_a_table_that_is_read_as_two_types_is_converted_as_each() -> None:
-    known: Known = {}
+    known: NodeCache = {}
     raw = {"low": 1.0, "high": 2.0}
     converter = Converter(lambda *_: None, known=known)
     assert converter.tree(raw, Limits).value == Limits(low=1.0, high=2.0)

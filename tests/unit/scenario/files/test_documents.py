@@ -71,12 +71,12 @@ def test_a_mark_of_utf_8_at_the_beginning_does_not_matter(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("content", "text"),
     [
-        (b"a = 1\nb = \xff\n", "a.toml:2:5: byte 0xff is no UTF-8: save the file as UTF-8"),
-        (b"\xe4", "a.toml:1:1: byte 0xe4 is no UTF-8"),
-        (b"a =", "a.toml:1:4: no valid TOML: invalid value"),
-        (b"a = 1\na = 2\n", "a.toml:2:6: no valid TOML: cannot overwrite a value"),
-        (b'a = "x', "a.toml:1:7: no valid TOML: unterminated string"),
-        (b"x = " + b"[" * 9000, "a.toml:1:1: no valid TOML: nested too deeply"),
+        (b"a = 1\nb = \xff\n", "a.toml:2:5: byte 0xff is not valid UTF-8: save the file as UTF-8"),
+        (b"\xe4", "a.toml:1:1: byte 0xe4 is not valid UTF-8"),
+        (b"a =", "a.toml:1:4: not valid TOML: invalid value"),
+        (b"a = 1\na = 2\n", "a.toml:2:6: not valid TOML: cannot overwrite a value"),
+        (b'a = "x', "a.toml:1:7: not valid TOML: unterminated string"),
+        (b"x = " + b"[" * 9000, "a.toml:1:1: not valid TOML: nested too deeply"),
     ],
 )
 def test_what_cannot_be_read_is_told_with_its_position(
@@ -147,7 +147,7 @@ def test_what_is_not_there_is_told_with_what_is(
     assert find(reference, folder, tmp_path, failures.append) is None
     (told,) = failures
     assert told.startswith(text)
-    assert told.endswith('a file of your own needs its ".toml"') == ("shipped" in told)
+    assert told.endswith('for a file of your own write its path with ".toml"') == ("shipped" in told)
 
 
 def test_a_shipped_name_of_another_folder_is_not_found(tmp_path: Path, failures: list[str]) -> None:

@@ -21,7 +21,7 @@ WORDS = ("rate_hz", "mount", "latency_s", "enabled")
     ("problem", "text"),
     [
         (Problem("a.toml", 3, 7, "world.rate_hz", "too fast"), "a.toml:3:7: world.rate_hz: too fast"),
-        (Problem("a.toml", 3, 7, "", "no valid TOML"), "a.toml:3:7: no valid TOML"),
+        (Problem("a.toml", 3, 7, "", "not valid TOML"), "a.toml:3:7: not valid TOML"),
         (Problem("built", 0, 0, "world", "wrong"), "built: world: wrong"),
         (Problem("built", 0, 0, "", "cannot read it"), "built: cannot read it"),
         (Problem("a.toml", 1, 1, "x", "odd", "warning"), "a.toml:1:1: x: warning: odd"),

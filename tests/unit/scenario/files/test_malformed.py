@@ -30,11 +30,11 @@ class Case(NamedTuple):
 # Lines of the good files (conftest.py): tank has 9, tiny has 42, motor has 27.
 CASES = {
     # syntax and encoding
-    "no value": Case("tank", "schema = 1", "schema =", "tank.toml:1:9", "no valid TOML: invalid value"),
+    "no value": Case("tank", "schema = 1", "schema =", "tank.toml:1:9", "not valid TOML: invalid value"),
     "key twice": Case("tank", 'title = "tank"', "schema = 1", "tank.toml:2:11", "cannot overwrite a value"),
-    "open string": Case("tank", "port = 7600\n", 'port = "7600', "tank.toml:9:13", "no valid TOML: unterminated string"),
+    "open string": Case("tank", "port = 7600\n", 'port = "7600', "tank.toml:9:13", "not valid TOML: unterminated string"),
     "nested deeply": Case("tank", "", "x = " + "[" * 5000, "tank.toml:1:1", "nested too deeply"),
-    "vehicle syntax": Case("tiny", "mass_kg = 10.0", "mass_kg = 10,0", "tiny.toml:8:13", "no valid TOML"),
+    "vehicle syntax": Case("tiny", "mass_kg = 10.0", "mass_kg = 10,0", "tiny.toml:8:13", "not valid TOML"),
     # keys
     "unknown top table": Case("tank", "[adapters.tcp]", "[adapter.tcp]", "tank.toml:7:2", 'unknown key "adapter" (did you mean "adapters"?)'),
     "unknown key, list": Case("tank", 'title = "tank"', "xyzzy = 1", "tank.toml:2:1", "allowed: schema, title, extensions, seed, world"),
@@ -72,33 +72,33 @@ CASES = {
     "adapter is a value": Case("tank", "[adapters.tcp]\nkind = \"sockets\"\nport", "[adapters]\ntcp", "tank.toml:8:1: adapters.tcp", "expected a table, found 7600"),
     "bad name": Case("tank", "", SENSOR.replace("s0", '"s/0"'), 'tank.toml:10:23: vehicles.rov.sensors."s/0"', '"s/0" cannot be a name'),
     "bad adapter name": Case("tank", "[adapters.tcp]", '[adapters."1"]', "tank.toml:7:11: adapters.1", "cannot be a name"),
-    "vehicle named world": Case("tank", "[vehicles.rov]", "[vehicles.world]", "tank.toml:4:11: vehicles.world", "cannot name a vehicle"),
+    "vehicle named world": Case("tank", "[vehicles.rov]", "[vehicles.world]", "tank.toml:4:11: vehicles.world", "a vehicle cannot be named"),
     # references
     "unknown vehicle": Case("tank", "./tiny.toml", "bluerov2_havy", "tank.toml:5:1: vehicles.rov.model", 'unknown vehicle "bluerov2_havy" (did you mean "bluerov2_heavy"?)'),
     "no vehicle file": Case("tank", "./tiny.toml", "./tinny.toml", "tank.toml:5:1: vehicles.rov.model", 'there is no vehicle file "tinny.toml"'),
     "unknown device": Case("tiny", "./motor.toml", "t2000", "tiny.toml:32:1: thrusters.left.device", 'unknown device "t2000" (did you mean "t200"?)'),
     # time
-    "rate": Case("tank", "", SENSOR.replace("60", "100"), "tank.toml:12:1: vehicles.rov.sensors.s0.rate_hz", "100 Hz does not divide the physics rate of 240 Hz: the nearest that do are 80 and 120"),
+    "rate": Case("tank", "", SENSOR.replace("60", "100"), "tank.toml:12:1: vehicles.rov.sensors.s0.rate_hz", "100 Hz does not divide the physics rate of 240 Hz: the nearest rates that do are 80 and 120"),
     "rate too high": Case("tank", "", SENSOR.replace("60", "480"), "tank.toml:12:1: vehicles.rov.sensors.s0.rate_hz", "above the physics rate of 240 Hz: use at most 240"),
     "rate in the vehicle": Case("tiny", "rate_hz = 120", "rate_hz = 7", "tiny.toml:41:1: sensors.imu.rate_hz", "6 and 8"),
-    "truth rate": Case("tank", "", "[vehicles.rov.truth]\nrate_hz = 50", "tank.toml:11:1: vehicles.rov.truth.rate_hz", "the nearest that do are 48 and 60"),
+    "truth rate": Case("tank", "", "[vehicles.rov.truth]\nrate_hz = 50", "tank.toml:11:1: vehicles.rov.truth.rate_hz", "the nearest rates that do are 48 and 60"),
     "epoch": Case("tank", "", "[world]\nepoch_utc = '2026-01-01'", "tank.toml:11:1: world.epoch_utc", 'write it as "2026-01-01T00:00:00Z"'),
     "epoch in no month": Case("tank", "", "[world]\nepoch_utc = '2026-13-01T00:00:00Z'", "tank.toml:11:1: world.epoch_utc", "month must be in 1..12"),
-    "epoch in no zone": Case("tank", "", "[world]\nepoch_utc = '2026-01-01T00:00:00.5+24:30'", "tank.toml:11:1: world.epoch_utc", "is no instant"),
+    "epoch in no zone": Case("tank", "", "[world]\nepoch_utc = '2026-01-01T00:00:00.5+24:30'", "tank.toml:11:1: world.epoch_utc", "is not an instant"),
     "lockstep": Case("tank", "", "[world.clock]\nmode = 'lockstep'", "tank.toml:10:8: world.clock", "needs lockstep_clients"),
     "lockstep twice": Case("tank", "", "[world.clock]\nlockstep_clients = ['a', 'a']", "tank.toml:11:1: world.clock.lockstep_clients", "named twice"),
     "max_speed": Case("tank", "", "[world.clock]\nmax_speed = 1.0", "tank.toml:11:1: world.clock.max_speed", "for mode \"lockstep\""),
     # across the tables of a vehicle
     "unknown mount": Case("tank", "", SENSOR + 'mount = "nos"', "tank.toml:13:1: vehicles.rov.sensors.s0.mount", 'no mount "nos" (did you mean "nose"?)'),
-    "mount and position": Case("tiny", 'mount = "nose"', 'mount = "nose"\nrpy_deg = [0, 0, 0]', "tiny.toml:43:1: sensors.imu.rpy_deg", "remove one of the two"),
+    "mount and position": Case("tiny", 'mount = "nose"', 'mount = "nose"\nrpy_deg = [0, 0, 0]', "tiny.toml:43:1: sensors.imu.rpy_deg", "remove either mount or rpy_deg"),
     "unknown member": Case("tiny", 'kind = "thrusters"', 'kind = "thrusters"\nmembers = ["left", "right"]', "tiny.toml:38:20: actuators.thrusters.members[1]", 'no thruster "right"; there are: left'),
     "member twice": Case("tiny", 'kind = "thrusters"', 'kind = "thrusters"\nmembers = ["left", "left"]', "tiny.toml:38:20: actuators.thrusters.members[1]", "named twice"),
     "single member": Case("tiny", 'kind = "thrusters"', 'kind = "thruster"\nmember = "lift"', "tiny.toml:38:1: actuators.thrusters.member", '(did you mean "left"?)'),
     "modifier field": Case("tank", "", NOISE + 'kind = "white_noise"\nfield = "f_s"', "tank.toml:15:1: vehicles.rov.sensors.s0.modifiers.noise.field", 'no field "f_s" to modify here, there are: f_S, w_S, temperature'),
     "modifier size": Case("tank", "", NOISE + 'kind = "bias"\nfield = "f_S"\nvalue = [1, 2]', "tank.toml:13:36: vehicles.rov.sensors.s0.modifiers.noise", "needs one number or 3"),
     "modifier element": Case("tank", "", NOISE + 'kind = "bias"\nfield = "f_S"\nvalue = [1, 2, true]', "tank.toml:16:16: vehicles.rov.sensors.s0.modifiers.noise.value[2]", "expected a number, found the boolean true"),
-    "one name, two parts": Case("tiny", "[sensors.imu]", "[sensors.thrusters]", "tiny.toml:36:12: actuators.thrusters", 'a sensor has the name "thrusters" too'),
-    "sensor named truth": Case("tank", "", SENSOR.replace("s0", "truth"), "tank.toml:10:23: vehicles.rov.sensors.truth", '"truth" is taken'),
+    "one name, two parts": Case("tiny", "[sensors.imu]", "[sensors.thrusters]", "tiny.toml:36:12: actuators.thrusters", 'a sensor is named "thrusters" too'),
+    "sensor named truth": Case("tank", "", SENSOR.replace("s0", "truth"), "tank.toml:10:23: vehicles.rov.sensors.truth", 'the server itself uses paths with "truth"'),
     "two inertias": Case("tiny", "inertia_kgm2 =", "inertia_matrix_kgm2 = [[1,0,0],[0,1,0],[0,0,1]]\ninertia_kgm2 =", "tiny.toml:5:2: rigid_body", "exactly one of inertia_kgm2 and inertia_matrix_kgm2: both are given"),
     "no diagonal": Case("tiny", "diagonal = [5, 6, 7, 0.1, 0.1, 0.1]\n\n[damping", "\n[damping", "tiny.toml:16:2: added_mass", "exactly one of diagonal and matrix: none is given"),
     "no damping form": Case("tiny", "diagonal = [5, 6, 7, 0.1, 0.1, 0.1]\n\n[mounts", "\n[mounts", "tiny.toml:21:10: damping.linear", "none is given"),
@@ -112,14 +112,14 @@ CASES = {
     "override key": Case("tank", "", "[vehicles.rov.override.rigid_body]\nmas_kg = 11", "tank.toml:11:1: vehicles.rov.override.rigid_body", '(did you mean "mass_kg"?)'),
     "override value": Case("tank", "", "[vehicles.rov.override.sensors.imu]\nrate_hz = -1", "tank.toml:11:1: vehicles.rov.override.sensors.imu.rate_hz", "greater than 0, found -1"),
     # devices
-    "dead band": Case("motor", "[-0.07, 0.07]", "[0.01, 0.07]", "motor.toml:17:1: curves.v16.dead_band", "(0.01, 0.07) must lie inside (-1, 1), with 0 in it"),
+    "dead band": Case("motor", "[-0.07, 0.07]", "[0.01, 0.07]", "motor.toml:17:1: curves.v16.dead_band", "(0.01, 0.07) must lie inside (-1, 1) and hold 0"),
     "two lags": Case("motor", "time_constant_s = 0.1", "time_constant_s = 0.1\nnumerator = [1]\ndenominator = [1, 1]", "motor.toml:19:2: lag", "exactly one form"),
     "half a lag": Case("motor", "time_constant_s = 0.1", "numerator = [1]", "motor.toml:19:2: lag", "exactly one form"),
     "order of the lag": Case("motor", "time_constant_s = 0.1", "numerator = [1]\ndenominator = [1, 1]", "motor.toml:19:2: lag", "needs 4 denominator"),
     "unstable lag": Case("motor", "time_constant_s = 0.1", "numerator = [1]\ndenominator = [1, 1, 1, -1]", "motor.toml:23:1: lag.denominator", "unstable"),
     "shape": Case("motor", "[1.0, 2.0]", "[1.0, -2.0]", "motor.toml:9:1: shape.coefficients", "must be greater than 0"),
     "device key": Case("motor", "diameter_m", "diameter_mm", "motor.toml:27:1: propeller", '(did you mean "diameter_m"?)'),
-    "voltage twice": Case("motor", "", "[curves.b]\nsource='x'\nstatus='guess'\nvoltage_V=16\nmax_forward_N=1\nmax_reverse_N=1\ndead_band=[0,0]", "motor.toml:31:1: curves.b.voltage_V", 'the curve "v16" is for 16 V too'),
+    "voltage twice": Case("motor", "", "[curves.b]\nsource='x'\nstatus='guess'\nvoltage_V=16\nmax_forward_N=1\nmax_reverse_N=1\ndead_band=[0,0]", "motor.toml:31:1: curves.b.voltage_V", 'the curve "v16" is for 16 V too: remove one of the two'),
 }  # fmt: skip
 
 
@@ -172,7 +172,7 @@ def test_the_count_follows_the_faults(write: Write, files: dict[str, str], adapt
 def test_a_file_that_is_no_text(write: Write, adapters: Mapping[str, type]) -> None:
     path = write()
     path.write_bytes(b'schema = 1\ntitle = "\xc3\xa4\xff"\n')
-    assert problems(path, adapters) == ["tank.toml:2:11: byte 0xff is no UTF-8: save the file as UTF-8"]
+    assert problems(path, adapters) == ["tank.toml:2:11: byte 0xff is not valid UTF-8: save the file as UTF-8"]
 
 
 def test_windows_line_ends_and_byte_order_mark_change_no_position(
@@ -204,9 +204,9 @@ def test_missing_scenario_file(write: Write, adapters: Mapping[str, type]) -> No
         ("tiny", "volume_m3 = 0.0098", "volume_m3 = 0.009",
          "tiny.toml:11:2: buoyancy: warning: the vehicle sinks with 7.603 N (buoyancy 90.5 N, weight 98.1 N)"),
         ("tank", "port = 7600", 'port = 9600',
-         "tank.toml:9:1: adapters.tcp.port: warning: server.metrics_port uses port 9600 too: unless one is TCP and one UDP, one of them cannot start"),
+         "tank.toml:9:1: adapters.tcp.port: warning: server.metrics_port uses port 9600 too: unless one is TCP and the other UDP, only one of them can start"),
         ("tank", "[adapters.tcp]", "[adapters.b]\nkind = 'sockets'\nport = 7600\n[adapters.tcp]",
-         "tank.toml:12:1: adapters.tcp.port: warning: adapters.b uses port 7600 too: unless one is TCP and one UDP, one of them cannot start"),
+         "tank.toml:12:1: adapters.tcp.port: warning: adapters.b uses port 7600 too: unless one is TCP and the other UDP, only one of them can start"),
         ("tiny", "diagonal = [5, 6, 7, 0.1, 0.1, 0.1]\n\n[damping",
          "matrix = [[5,0,0,0,0.5,0],[0,6,0,0,0,0],[0,0,7,0,0,0],[0,0,0,1,0,0],[0.3,0,0,0,1,0],[0,0,0,0,0,1]]\nsymmetrise = true\n\n[damping",
          "tiny.toml:16:2: added_mass: warning: M_A is not symmetric, its symmetric part is used: (1,5) is 0.5 but (5,1) is 0.3"),

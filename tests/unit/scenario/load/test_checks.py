@@ -63,7 +63,7 @@ def test_a_faulty_vehicle_does_not_hide_its_truth(told) -> None:
 
 
 def test_no_vehicle_is_called_world(told) -> None:
-    text = 'vehicles.world: "world" cannot name a vehicle: the paths of the world\'s own services begin with it'
+    text = 'vehicles.world: a vehicle cannot be named "world", as paths of services begin with it: choose another name'
     assert told(vehicles={"world": {"model": "x"}}) == ([text], [])
 
 
@@ -94,7 +94,7 @@ def test_ports_that_differ_pass(told) -> None:
 def test_a_port_that_two_use_is_doubted_with_the_first(told) -> None:
     errors, warnings = told({"a": Served(port=7600), "b": Served(port=7600), "c": Served(port=7600)})
     assert errors == []
-    text = "adapters.a uses port 7600 too: unless one is TCP and one UDP, one of them cannot start"
+    text = "adapters.a uses port 7600 too: unless one is TCP and the other UDP, only one of them can start"
     assert warnings == [f"adapters.b.port: {text}", f"adapters.c.port: {text}"]
 
 

@@ -47,7 +47,7 @@ def test_the_extras_of_adapters_are_named(without, adapters, scenario, hidden, c
     assert load(scenario, adapters=adapters).missing == ""
     without(hidden)
     assert load(scenario, adapters=adapters).missing == (
-        f"not installed: {hidden}; all that this scenario needs: {command}"
+        f"not installed: {hidden}; install all that this scenario needs: {command}"
     )
 
 
@@ -69,11 +69,11 @@ def test_faults_of_missing_engines_come_with_the_command_for_everything(without)
     done = CliRunner().invoke(main, ["check", "bluerov2_qgc", "pool_inspection"])
     assert done.exit_code == 1
     assert (
-        'not installed: pymavlink, pybullet or coal; all that this scenario needs: pip install "uwserver[solid]"'
+        'not installed: pymavlink, pybullet or coal; install all that this scenario needs: pip install "uwserver[solid]"'
         in done.output
     )
     assert (
-        'warning: not installed: pybullet or coal; all that this scenario needs: pip install "uwserver[solid]"'
+        'warning: not installed: pybullet or coal; install all that this scenario needs: pip install "uwserver[solid]"'
         in done.output
     )
 
@@ -109,7 +109,7 @@ def test_adapters_name_what_they_need_as_they_are_set(adapters):
     ("engine", "missing"),
     [
         ("auto", ""),
-        ("bullet", "not installed: pybullet; all that this scenario needs: pip install pybullet"),
+        ("bullet", "not installed: pybullet; install all that this scenario needs: pip install pybullet"),
         ("coal", ""),
     ],
 )

@@ -147,7 +147,7 @@ def test_it_is_given_what_there_is_to_fail(made) -> None:
         (lambda fault, targets, rng: [], "build() must give a tuple of faults of shipped kinds, not []"),
         (lambda fault, targets, rng: (fault,), "build() must give a tuple of faults of shipped kinds, not (Made("),
         (lambda fault, targets, rng: 1 / 0, "ZeroDivisionError: division by zero"),
-        (lambda fault, targets, rng: (ThrusterDead(target="x"),), 'it comes to a "thruster_dead" that cannot be: target: no actuator of thrusters "x"'),
+        (lambda fault, targets, rng: (ThrusterDead(target="x"),), 'it results in a "thruster_dead" fault with an error: target: no actuator of thrusters "x"'),
     ],
 )  # fmt: skip
 def test_one_that_does_not_is_told(parts: Any, told_of: str, made) -> None:
@@ -162,4 +162,4 @@ def test_a_world_has_room_for_some_faults_only(made) -> None:
 
     assert made(many, count=2) == []
     (line,) = made(many, count=3)
-    assert line == "faults.f2: with it there are more than the 256 faults that a world can have: leave some out"
+    assert line == "faults.f2: a world can have at most 256 faults, and this is one too many: remove some"

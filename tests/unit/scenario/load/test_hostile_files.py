@@ -100,9 +100,9 @@ def loop(path: Path) -> None:
 
 
 SPECIAL: dict[str, tuple[Make, str]] = {
-    "pipe": (os.mkfifo, "no plain file"),
-    "folder": (Path.mkdir, "no plain file"),
-    "device": (lambda path: path.symlink_to("/dev/zero"), "no plain file"),
+    "pipe": (os.mkfifo, "not a regular file"),
+    "folder": (Path.mkdir, "not a regular file"),
+    "device": (lambda path: path.symlink_to("/dev/zero"), "not a regular file"),
     "socket": (endpoint, ""),
     "loop of links": (loop, "Too many levels of symbolic links"),
     "link to nothing": (lambda path: path.symlink_to("nowhere"), ""),
@@ -129,24 +129,24 @@ PLACES = {
 
 STL = b"\0" * 80
 CASES: dict[str, tuple[str, Make, str]] = {
-    "npy that announces a terabyte": ("a.npy", lambda p: npy(p, "(1000000, 1000000)"), "but only 0 follow"),
-    "npy of a terabyte": ("a.npy", lambda p: npy(p, "(350000, 350000)", size=1 << 40), "take at most 4000000"),
-    "npy of minus one": ("a.npy", lambda p: npy(p, "(-1, -4)"), "but only 0 follow"),
+    "npy that announces a terabyte": ("a.npy", lambda p: npy(p, "(1000000, 1000000)"), "but has only 0"),
+    "npy of a terabyte": ("a.npy", lambda p: npy(p, "(350000, 350000)", size=1 << 40), "at most 4000000"),
+    "npy of minus one": ("a.npy", lambda p: npy(p, "(-1, -4)"), "but has only 0"),
     "npy of objects": ("a.npy", lambda p: npy(p, "(2, 2)", "'|O'"), "array of numbers"),
-    "npy with a nested head": ("a.npy", lambda p: npy(p, "(" * 90), "is no .npy array"),
-    "npy whose head has gigabytes": ("a.npy", lambda p: sparse(p, 1 << 33, b"\x93NUMPY\x02\x00\xff\xff\xff\xff"), "is no .npy array"),
-    "npy that is an archive": ("a.npy", archive, "is no .npy array"),
+    "npy with a nested head": ("a.npy", lambda p: npy(p, "(" * 90), "is not an array in .npy format"),
+    "npy whose head has gigabytes": ("a.npy", lambda p: sparse(p, 1 << 33, b"\x93NUMPY\x02\x00\xff\xff\xff\xff"), "is not an array in .npy format"),
+    "npy that is an archive": ("a.npy", archive, "is not an array in .npy format"),
     "NetCDF with a lying dimension": ("a.nc", classic_netcdf, 'cannot read "a.nc"'),
     "NetCDF of gigabytes": ("a.nc", lambda p: sparse(p, 1 << 33, b"CDF\x01"), "at most 1000 MB"),
-    "NetCDF with an endless axis": ("a.nc", lambda p: hdf5(p, shape=(10**9, 4), chunks=(64, 4)), "take at most 4000000"),
+    "NetCDF with an endless axis": ("a.nc", lambda p: hdf5(p, shape=(10**9, 4), chunks=(64, 4)), "at most 4000000"),
     "NetCDF with endless chunks": ("a.nc", lambda p: hdf5(p, shape=(4096, 4096), chunks=(4096, 4096), compression="gzip"), "is in chunks of"),
     "NetCDF whose values are elsewhere": ("a.nc", external, "are in other files"),
-    "STL that lies": ("a.stl", lambda p: p.write_bytes(STL + struct.pack("<I", 99) + b"\xff" * 50), "announces 99 triangles, 5034 bytes, and it has 134"),
-    "STL that lies and says solid": ("a.stl", lambda p: p.write_bytes(b"solid".ljust(80, b"\xfe") + b"\xff" * 60), "is no STL"),
+    "STL that lies": ("a.stl", lambda p: p.write_bytes(STL + struct.pack("<I", 99) + b"\xff" * 50), "declares 99 triangles in 5034 bytes, but it has 134"),
+    "STL that lies and says solid": ("a.stl", lambda p: p.write_bytes(b"solid".ljust(80, b"\xfe") + b"\xff" * 60), "is not an STL"),
     "STL of a billion": ("a.stl", lambda p: sparse(p, 84 + 50 * 10**9, STL + struct.pack("<I", 10**9)), "at most 500000000"),
-    "PLY of a billion": ("a.ply", lambda p: p.write_bytes(b"ply\nformat binary_little_endian 1.0\nelement vertex 1000000000\nproperty float x\nend_header\n"), "announces 1000000000"),
-    "PLY of less than nothing": ("a.ply", lambda p: p.write_bytes(b"ply\nformat ascii 1.0\nelement face -5\nend_header\n"), "announces -5"),
-    "PLY without end": ("a.ply", lambda p: p.write_bytes(b"ply\n" + b"comment\n" * 10000), "no header"),
+    "PLY of a billion": ("a.ply", lambda p: p.write_bytes(b"ply\nformat binary_little_endian 1.0\nelement vertex 1000000000\nproperty float x\nend_header\n"), "declares 1000000000"),
+    "PLY of less than nothing": ("a.ply", lambda p: p.write_bytes(b"ply\nformat ascii 1.0\nelement face -5\nend_header\n"), "declares -5"),
+    "PLY without end": ("a.ply", lambda p: p.write_bytes(b"ply\n" + b"comment\n" * 10000), "does not begin with a header"),
     "OBJ of points": ("a.obj", lambda p: p.write_bytes(b"v 0 0 0\n" * 6_000_001), "6000001 vertices"),
     "OBJ of nonsense": ("a.obj", lambda p: p.write_bytes(b"v a b c\nf 1 2 3\n"), 'cannot read "a.obj"'),
     "OBJ with corners it lacks": ("a.obj", lambda p: p.write_bytes(b"v 0 0 0\nf 1 2 1000000000\n"), "a.obj"),
@@ -154,18 +154,18 @@ CASES: dict[str, tuple[str, Make, str]] = {
     "glTF with entries of nothing": ("a.gltf", lambda p: p.write_bytes(accessor(count=10**6, componentType=5126, type="VEC3")), "accessor without data"),
     "glTF that repeats itself": ("a.gltf", lambda p: p.write_bytes(bomb(40)), "a node with two parents"),
     "glTF of another folder": ("a.gltf", lambda p: p.write_bytes(gltf(nodes=[], buffers=[{"uri": "../x.bin", "byteLength": 9}])), "not in its own folder"),
-    "glTF with a pipe": ("a.gltf", lambda p: (os.mkfifo(p.parent / "x.bin"), p.write_bytes(gltf(nodes=[], buffers=[{"uri": "x.bin", "byteLength": 9}]))), "no plain file"),
+    "glTF with a pipe": ("a.gltf", lambda p: (os.mkfifo(p.parent / "x.bin"), p.write_bytes(gltf(nodes=[], buffers=[{"uri": "x.bin", "byteLength": 9}]))), "not a regular file"),
     "glTF nested deeply": ("a.gltf", lambda p: p.write_bytes(b'{"nodes":' + b"[" * 100_000), "export it again"),
-    "GLB cut short": ("a.glb", lambda p: p.write_bytes(struct.pack("<4sIII4s", b"glTF", 2, 1 << 31, 1 << 31, b"JSON")), "no GLB"),
-    "TOML with a key of 50000 parts": ("a.toml", lambda p: p.write_text(".".join(["a"] * 50_000) + " = 1"), "a key of 50000 parts; at most 32"),
-    "TOML with a header of 50000 parts": ("a.toml", lambda p: p.write_text(f"[{'.'.join(['a'] * 50_000)}]"), "a key of 50000 parts"),
-    "TOML with 10000 keys": ("a.toml", lambda p: p.write_text("".join(f"sensor{k} = 1\n" for k in range(10_000))), f"{MOST_PROBLEMS} faults: the rest is not looked at"),
+    "GLB cut short": ("a.glb", lambda p: p.write_bytes(struct.pack("<4sIII4s", b"glTF", 2, 1 << 31, 1 << 31, b"JSON")), "not a GLB"),
+    "TOML with a key has 50000 parts": ("a.toml", lambda p: p.write_text(".".join(["a"] * 50_000) + " = 1"), "a key has 50000 parts, at most 32"),
+    "TOML with a header of 50000 parts": ("a.toml", lambda p: p.write_text(f"[{'.'.join(['a'] * 50_000)}]"), "a key has 50000 parts"),
+    "TOML with 10000 keys": ("a.toml", lambda p: p.write_text("".join(f"sensor{k} = 1\n" for k in range(10_000))), f"{MOST_PROBLEMS} problems: the rest was not checked"),
     "TOML with a key of a megabyte": ("a.toml", lambda p: p.write_text("a" * 1_000_000 + " = 1"), "unknown key"),
-    "TOML of many tables": ("a.toml", lambda p: p.write_text("".join(f"[sensors.s{k}]\n" for k in range(5000))), "faults"),
+    "TOML of many tables": ("a.toml", lambda p: p.write_text("".join(f"[sensors.s{k}]\n" for k in range(5000))), "problems"),
     "TOML nested deeply": ("a.toml", lambda p: p.write_text("a = " + "{b = " * 20_000), "nested too deeply"),
     "TOML larger than any": ("a.toml", lambda p: p.write_text("#" * (documents.MOST_BYTES + 1)), "at most 1048576"),
-    "Python that ends the process": ("a.py", lambda p: p.write_text("raise SystemExit(3)"), "it failed while it was loaded: SystemExit: 3"),
-    "Python that is no text": ("a.py", lambda p: p.write_bytes(b"\xff\xfe\x00"), "no UTF-8"),
+    "Python that ends the process": ("a.py", lambda p: p.write_text("raise SystemExit(3)"), "running it failed: SystemExit: 3"),
+    "Python that is no text": ("a.py", lambda p: p.write_bytes(b"\xff\xfe\x00"), "not valid UTF-8"),
 }  # fmt: skip
 
 FILES = [(name, make, phrase, None) for name, make, phrase in CASES.values()]
@@ -197,7 +197,7 @@ def test_a_scenario_itself(what: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("model", "phrase"),
-    [(r"./a\u0000.toml", "no file can have this name"), ("./" + "a" * 5000 + ".toml", "File name too long"), ("./a.toml/b.toml", "")],
+    [(r"./a\u0000.toml", "a file cannot have this name"), ("./" + "a" * 5000 + ".toml", "File name too long"), ("./a.toml/b.toml", "")],
 )  # fmt: skip
 def test_names_that_no_file_can_have(model: str, phrase: str, tmp_path: Path) -> None:
     (tmp_path / "a.toml").touch()
@@ -234,7 +234,7 @@ def test_an_extension_outside_the_folder_is_not_run(tmp_path: Path) -> None:
     )
     told, lines = refused(folder / "it.toml")
     assert [line.split(": ")[1] for line in lines[:3]] == [f"extensions[{k}]" for k in range(3)]
-    assert told.count("put it beside this file or below") == 3
+    assert told.count("move it there or into a folder below") == 3
     assert not (tmp_path / "ran").exists()
 
 

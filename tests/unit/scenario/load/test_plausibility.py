@@ -32,7 +32,7 @@ def warned(tmp_path: Path, adapters: Mapping[str, type]):
 
 def test_a_vehicle_in_the_air_is_told_with_what_was_meant(warned):
     (warning,) = warned(HEAD, rov("a", 0, 0, -5))
-    assert warning.startswith("vehicles.a.position_ned_m[2]: 5 m above the water")
+    assert warning.startswith("vehicles.a.position_ned_m[2]: it starts 5 m above the water")
     assert warning.endswith("did you mean +5?")
     assert not warned(HEAD, rov("a", 0, 0, 5))
     assert not warned(HEAD, rov("a", 0, 0, -0.05))  # still floats, half out
@@ -52,7 +52,7 @@ def test_a_vehicle_that_is_not_there_yet_is_not_judged(warned):
 
 def test_two_bodies_in_one_place(warned):
     (warning,) = warned(HEAD, rov("a", 0, 0, 5), rov("b", 0.1, 0, 5))
-    assert warning.startswith("vehicles.b.position_ned_m: b and a begin in one place")
+    assert warning.startswith("vehicles.b.position_ned_m: b and a start at the same place")
     assert not warned(HEAD, rov("a", 0, 0, 5), rov("b", 1, 0, 5))
     assert not warned(HEAD, rov("a", 0, 0, 5), rov("b", 0, 1, 5))
 
@@ -62,7 +62,7 @@ def test_an_object_in_a_vehicle(warned):
         '[objects.crate]\nkind = "box"\nsize_m = [1.0, 1.0, 1.0]\nmass_kg = 1100\nposition_ned_m = [0.0, 0.0, 5.3]\n'
     )
     (warning,) = warned(HEAD, rov("a", 0, 0, 5), crate)
-    assert warning.startswith("vehicles.a.position_ned_m: a and crate begin in one place")
+    assert warning.startswith("vehicles.a.position_ned_m: a and crate start at the same place")
 
 
 def test_copies_of_one_table_in_one_place_are_told_once(warned):
@@ -89,7 +89,7 @@ def test_a_vehicle_without_a_sensor(warned):
 )
 def test_a_mode_that_no_sensor_serves(warned, mode, lacks):
     (warning,) = warned(HEAD, rov("a", 0, 0, 5, more=f'[vehicles.a.autopilot]\nmode = "{mode}"\n'))
-    assert warning.startswith(f'vehicles.a.autopilot.mode: "{mode}" cannot work: no {lacks}')
+    assert warning.startswith(f'vehicles.a.autopilot.mode: the mode "{mode}" cannot work: no {lacks}')
 
 
 def test_a_mission_without_a_position(warned):
@@ -104,7 +104,7 @@ def test_a_mission_without_a_position(warned):
 
 def test_a_file_that_nobody_can_reach(warned):
     (warning,) = warned("schema = 1\n[adapters]\n", rov("a", 0, 0, 5))
-    assert warning.startswith("adapters: there are none, so nobody can reach the simulation")
+    assert warning.startswith("adapters: there is no adapter, so nobody can reach the simulation")
     assert not warned("schema = 1\n", rov("a", 0, 0, 5))  # gets the default one
 
 

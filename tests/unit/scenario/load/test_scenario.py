@@ -191,7 +191,7 @@ def test_builder_gives_what_the_file_gives(write: Write, adapters: Adapters) -> 
         (lambda b: b.environment(densty_kgpm3=1000), r'built: environment: unknown key "densty_kgpm3" \(did you mean "density_kgpm3"'),
         (lambda b: b.world(rate_hz="fast"), r"built: world.rate_hz: expected a number"),
         (lambda b: b.vehicle("world rov", "x"), r'vehicles."world rov": "world rov" cannot be a name'),
-        (lambda b: b.sensor("row", "s", "imu"), r'built: vehicles: no vehicle "row" added before \(did you mean "rov"'),
+        (lambda b: b.sensor("row", "s", "imu"), r'built: vehicles: there is no vehicle "row" yet \(did you mean "rov"'),
         (lambda b: b.sensor("rov", "s", "imuu"), r'sensors.s.kind: unknown kind "imuu" \(did you mean "imu"\?\)'),
         (lambda b: b.sensor("rov", "s", "imu"), r'sensors.s: missing key "rate_hz"'),
         (lambda b: b.modifier("rov", "depth", "n", "bias", field="depth", vale=1), r'did you mean "value"'),

@@ -175,10 +175,10 @@ def test_tangent_plane_against_the_length_of_the_meridian():
         ('file = "line.npy"\nspacing_m = [1, 1]', "rows and columns"),
         ('file = "thin.npy"\nspacing_m = [1, 1]', "at least 2 x 2"),
         ('file = "nan.npy"\nspacing_m = [1, 1]', "1 of 9 depths"),
-        ('file = "words.npy"\nspacing_m = [1, 1]', "no .npy array"),
+        ('file = "words.npy"\nspacing_m = [1, 1]', "not an array in .npy format"),
         ('file = "good.npy"', "needs spacing_m"),
         ('file = "good.npy"\nspacing_m = [1, 0]', "greater than 0"),
-        ('file = "good.tif"\nspacing_m = [1, 1]', "no known kind"),
+        ('file = "good.tif"\nspacing_m = [1, 1]', "unknown file type"),
         ('file = "good.npy"\nspacing_m = [1, 1]\norigin_north_east_m = [900, 0]\nextent_m = 5', "no point of the grid"),
         ('file = "good.nc"', "origin_lat_deg"),
     ],
@@ -201,7 +201,7 @@ def test_bad_grids(problems, tmp_path, keys, text):
     ("change", "text"),
     [
         ({"names": ("y", "x", "z")}, "no variable lat"),
-        ({"lat": np.array([63.0, 63.2, 63.1])}, "does not rise"),
+        ({"lat": np.array([63.0, 63.2, 63.1])}, "must rise"),
         (None, "cannot read"),
     ],
 )
@@ -223,7 +223,7 @@ def test_an_engine_that_is_not_installed_and_one_that_is_none(problems, monkeypa
 
 
 def test_half_an_origin(problems):
-    assert "none of the two" in problems("[world]\norigin_lat_deg = 63.1\n")
+    assert "give both or none" in problems("[world]\norigin_lat_deg = 63.1\n")
 
 
 # -- mesh files -------------------------------------------------------------------------------------------------------------------------
@@ -293,12 +293,12 @@ def test_open_and_degenerate_meshes_are_told(loaded, tmp_path):
     ("name", "content", "text"),
     [
         ("none.obj", None, "cannot read"),
-        ("a.step", "x", "no known kind"),
+        ("a.step", "x", "unknown file type"),
         ("nan.obj", "v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n", "not finite"),
         ("empty.obj", "# nothing\n", "empty.obj"),
         ("points.obj", "v 0 0 0\nv 1 0 0\n", "points.obj"),
         ("flat.obj", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "no triangle with an area"),
-        ("bad.glb", "glTF rubbish", "cannot read"),
+        ("bad.glb", "glTF rubbish", "is not a GLB"),
         ("bad.stl", "solid\nfacet rubbish", "bad.stl"),
         ("beyond.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "beyond.obj"),
     ],
@@ -350,7 +350,7 @@ def test_a_vehicle_inside_something_is_refused(problems, tmp_path, text):
         text = text.replace("[-1, 0, 6]", "[0.5, 0, 5]")
     found = problems(text)
     assert "vehicles.rov.position_ned_m" in found
-    assert "begins inside" in found
+    assert "starts inside" in found
 
 
 def test_a_vehicle_under_a_grid_is_refused_and_above_it_not(loaded, problems, slope):

@@ -97,7 +97,7 @@ def packed(plain: object) -> str:
     ],
 )
 def test_what_holds_no_solids_is_refused(plain: object) -> None:
-    with pytest.raises(ValueError, match="the solid things cannot be read"):
+    with pytest.raises(ValueError, match="the solids cannot be read"):
         unpack(packed(plain))
 
 
@@ -105,6 +105,6 @@ def test_an_archive_that_would_grow_without_end_is_refused(monkeypatch: pytest.M
     text = pack({"it": Solid("it", (Placed(TriangleMesh(np.zeros((50_000, 3)), MESH.faces)),))})
     monkeypatch.setattr(archive, "LARGEST_BYTES", 100_000)
     stream = zstandard.ZstdCompressor(write_content_size=False).compress(b"\0" * 1_000_000)
-    with pytest.raises(ValueError, match="the solid things cannot be read"):
+    with pytest.raises(ValueError, match="the solids cannot be read"):
         unpack(base64.b85encode(stream).decode())
     assert len(text) < 100_000, "it is small only until it is unpacked"

@@ -31,7 +31,7 @@ def test_a_file_that_is_cut_while_it_is_read_is_told(tmp_path: Path) -> None:
     with (tmp_path / "a.npy").open("rb") as file:
         array = Array.of(file)
         (tmp_path / "a.npy").open("wb").close()
-        with pytest.raises(NoArray, match="was cut while it was read"):
+        with pytest.raises(NoArray, match="became shorter while it was read"):
             array.read(file, slice(500, 1000), slice(0, 100))
 
 

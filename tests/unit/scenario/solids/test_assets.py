@@ -85,7 +85,9 @@ def test_an_open_one_is_a_sheet_and_told(file) -> None:
     (mesh,) = read_mesh(file(CORNERS, TETRAHEDRON[:3]), None, 1.0, warned.append)
     assert not mesh.oriented
     (text,) = warned
-    assert text == '"it.obj" is not closed: it is a sheet without thickness, and what is inside it is not pushed out'
+    assert (
+        text == '"it.obj" is not closed: it acts as a sheet without thickness, and bodies inside it are not pushed out'
+    )
 
 
 def test_triangles_without_area_are_dropped_and_counted(file) -> None:
@@ -93,7 +95,7 @@ def test_triangles_without_area_are_dropped_and_counted(file) -> None:
     vertices = np.concatenate([CORNERS, [[2.0, 0, 0], [3.0, 0, 0]]])
     faces = np.concatenate([TETRAHEDRON, [[0, 1, 4], [1, 4, 5]]])
     (mesh,) = read_mesh(file(vertices, faces), None, 1.0, warned.append)
-    assert warned == ['"it.obj": 2 of 6 triangles have no area and are dropped']
+    assert warned == ['"it.obj": 2 of 6 triangles have no area and are left out']
     assert len(mesh.faces) == 4
     assert mesh.oriented
     assert len(mesh.vertices) == 4, "vertices that no triangle uses go too"
@@ -125,14 +127,14 @@ def test_what_cannot_be_read_is_refused(read: Any, file, tmp_path: Path, monkeyp
         return str(caught.value)
 
     assert refused(tmp_path / "none.obj") == f'cannot read "{tmp_path / "none.obj"}": No such file or directory'
-    assert refused(tmp_path / "a.step") == '"a.step" is of no known kind: use .glb, .gltf, .obj, .stl, .ply'
+    assert refused(tmp_path / "a.step") == '"a.step" has an unknown file type: use .glb, .gltf, .obj, .stl, .ply'
     (tmp_path / "bad.stl").write_bytes(b"\0" * 90)
     assert "bad.stl" in refused(tmp_path / "bad.stl")
     good = file(CORNERS, TETRAHEDRON)
     monkeypatch.setattr(assets, "MOST_TRIANGLES", 3)
     assert refused(good) == '"it.obj" has 4 triangles: simplify it to at most 3'
     monkeypatch.setattr(assets, "MOST_BYTES", 10)
-    assert refused(good) == f'cannot read "{good}": it has {good.stat().st_size} bytes: at most 10'
+    assert refused(good) == f'cannot read "{good}": it has {good.stat().st_size} bytes; at most 10 are allowed'
 
 
 def test_the_suffix_may_be_in_capitals(file) -> None:

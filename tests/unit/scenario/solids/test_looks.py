@@ -56,12 +56,12 @@ def test_a_plain_one_is_taken(tmp_path: Path) -> None:
         ({"buffers": [{"byteLength": 37}]}, "do not fit"),
         ({"buffers": [{"byteLength": 18}, {"byteLength": 18}]}, "do not fit"),
         ({"bufferViews": [{"byteOffset": 4, "byteLength": 36}]}, "beyond"),
-        ({"bufferViews": [{"byteLength": -1}]}, "no size"),
-        ({"bufferViews": [{"byteLength": 36, "byteStride": -(1 << 20)}]}, "no size"),
-        ({"accessors": [{"count": 3, "byteOffset": -1}]}, "no size"),
+        ({"bufferViews": [{"byteLength": -1}]}, "not a whole number"),
+        ({"bufferViews": [{"byteLength": 36, "byteStride": -(1 << 20)}]}, "not a whole number"),
+        ({"accessors": [{"count": 3, "byteOffset": -1}]}, "not a whole number"),
         ({"accessors": [{"count": 10**9}]}, "simplify"),
         ({"nodes": [{}] * 20_001}, "nodes"),
-        ({"nodes": {}}, "no list"),
+        ({"nodes": {}}, "not a list"),
     ],
 )
 def test_what_a_viewer_could_stumble_over_is_refused(change: dict[str, Any], said: str) -> None:
@@ -83,7 +83,7 @@ def test_files_of_other_kinds_and_sizes_are_refused(tmp_path: Path, monkeypatch:
     path = tmp_path / "x.glb"
     path.write_bytes(glb())
     monkeypatch.setattr(looks, "MOST_BYTES", 100)
-    for name, said in (("x.glb", "at most 100"), ("x.gltf", "no .glb"), ("y.glb", "cannot read")):
+    for name, said in (("x.glb", "at most 100"), ("x.gltf", "not a .glb"), ("y.glb", "cannot read")):
         with pytest.raises(BadSolid, match=said):
             read_looks(tmp_path / name)
 

@@ -33,7 +33,7 @@ def test_what_fits_is_taken_and_what_does_not_is_refused_with_its_size(monkeypat
     monkeypatch.setattr(memory, "free_bytes", lambda: 2 * GIGABYTE)
     most = (2 * GIGABYTE - RESERVE_BYTES) // TRIANGLE_BYTES
     check_memory("a.npy", most)
-    with pytest.raises(BadSolid, match=r'"a.npy" has \d+ triangles, which take 2.0 GB of memory, and 2.0 GB are free'):
+    with pytest.raises(BadSolid, match=r'"a.npy" has \d+ triangles, which need 2.0 GB of memory, but 2.0 GB are free'):
         check_memory("a.npy", most + 1)
 
 
@@ -68,7 +68,7 @@ def test_a_scenario_that_does_not_fit_is_refused_at_its_key(
         monkeypatch.setattr("uwserver.scenario.solids.bathymetry.check_memory", lambda *_: None)
     load(path, adapters={})
     monkeypatch.setattr(memory, "free_bytes", lambda: 400_000_000)
-    with pytest.raises(ScenarioError, match=r"seabed: .* triangles, which take 0.4 GB of memory") as caught:
+    with pytest.raises(ScenarioError, match=r"seabed: .* triangles, which need 0.4 GB of memory") as caught:
         load(path, adapters={})
     assert len(caught.value.problems) == 1
 
@@ -85,4 +85,4 @@ def test_a_process_with_little_memory_says_so_and_does_not_crash(tmp_path: Path)
     run = [sys.executable, "-c", code, str(grid(tmp_path, 2000, 2000))]
     done = subprocess.run(run, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
-    assert "8000000 triangles, which take 6.7 GB of memory" in done.stdout
+    assert "8000000 triangles, which need 6.7 GB of memory" in done.stdout

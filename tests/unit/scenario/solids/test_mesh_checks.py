@@ -31,7 +31,7 @@ def test_a_sound_file_is_read_and_counted(kind: str, tmp_path: Path, monkeypatch
     assert np.ptp(mesh.vertices, axis=0) == pytest.approx([4.0, 2.0, 1.0])
     assert len(mesh.faces) == 12
     monkeypatch.setattr(mesh_checks, "MOST_TRIANGLES", 11)
-    with pytest.raises(BadSolid, match=r"12 triangles: simplify it to at most 11"):
+    with pytest.raises(BadSolid, match=r"12 triangles; at most 11 are allowed: simplify it"):
         checked(path, path.read_bytes())
 
 

@@ -8,9 +8,7 @@ from typing import Any
 import pytest
 
 from uwserver.scenario.files.documents import Document, parse
-from uwserver.scenario.vehicle.assembly import MergedFile, drafted, merged_file
-from uwserver.scenario.vehicle.tables import RigidBody, Thruster, VehicleFile
-from uwserver.sensors import ImuConfig
+from uwserver.scenario.vehicle.assembly import MergedFile, merged_file
 
 FILE = """\
 name = "tiny"
@@ -137,39 +135,3 @@ def test_a_file_name_of_a_built_scenario_starts_in_the_working_folder(
     built = Document(built.label, built.raw, built.locations, None)
     merged = merged_file(built, "rov", built.raw["vehicles"]["rov"], file)
     assert merged.folder_of(("thrusters", "right", "device")) == tmp_path
-
-
-# -- the draft --------------------------------------------------------------------------------------------------------------------------
-
-
-def test_a_draft_of_a_good_vehicle_has_everything(tree_of, raw_vehicle, motor) -> None:
-    draft = drafted(tree_of(raw_vehicle, VehicleFile), {"left": motor})
-    assert isinstance(draft.rigid_body, RigidBody)
-    assert draft.rigid_body.mass_kg == 10.0
-    assert isinstance(draft.thrusters["left"], Thruster)
-    assert isinstance(draft.sensors["imu"], ImuConfig)
-    assert draft.devices == {"left": motor}
-    assert draft.hull is not None
-    assert draft.fins == draft.ballasts == {}
-
-
-def test_one_fault_does_not_hide_the_others(tree_of, raw_vehicle) -> None:
-    raw_vehicle["rigid_body"]["mass_kg"] = "heavy"
-    raw_vehicle["sensors"]["odd"] = {"kind": "imu", "rate_hz": 0}
-    raw_vehicle["sensors"]["off"] = {"kind": "imu", "rate_hz": 60, "enabled": False}
-    raw_vehicle["thrusters"] = 3
-    draft = drafted(tree_of(raw_vehicle, VehicleFile), {})
-    assert draft.rigid_body is None
-    assert draft.buoyancy is not None
-    assert list(draft.sensors) == ["imu", "off"]
-    assert draft.names("sensors") == ("imu", "odd", "off")
-    assert draft.enabled("sensors") == ("imu", "odd")
-    assert draft.thrusters == {}
-    assert draft.names("thrusters") == draft.enabled("thrusters") == ()
-
-
-def test_what_cannot_be_read_whether_it_is_enabled_counts_as_enabled(tree_of, raw_vehicle) -> None:
-    raw_vehicle["sensors"]["odd"] = {"kind": "imu", "rate_hz": 60, "enabled": "no"}
-    raw_vehicle["sensors"]["none"] = 3
-    draft = drafted(tree_of(raw_vehicle, VehicleFile), {})
-    assert draft.enabled("sensors") == ("imu", "odd", "none")

@@ -18,7 +18,6 @@ from uwserver.actuators import (
     ThrustersConfig,
 )
 from uwserver.autopilot.config import AutopilotConfig
-from uwserver.scenario.vehicle.assembly import drafted
 from uwserver.scenario.vehicle.autopilot_checks import check_autopilot, is_steerable
 from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.scenario.world.tables import WorldTable
@@ -33,7 +32,7 @@ def told(raw_vehicle, tree_of, report):
 
     def check(world: WorldTable | None = WORLD, config: Any = None, **tables: Any) -> list[str]:
         tree = tree_of({**raw_vehicle, **tables}, VehicleFile)
-        check_autopilot(msgspec.convert(config or {}, AutopilotConfig), drafted(tree, {}), PATH, world, report)
+        check_autopilot(msgspec.convert(config or {}, AutopilotConfig), tree, PATH, world, report)
         lines: list[str] = report.lines
         return lines
 
@@ -74,13 +73,13 @@ def test_values_of_gains_are_checked_as_in_the_vehicle_file(value: float, told) 
 @pytest.mark.parametrize("table", ["sensors", "actuators"])
 def test_nothing_else_may_have_its_path(table: str, told, raw_vehicle) -> None:
     own = {"sensors": {"kind": "imu", "rate_hz": 60}, "actuators": {"kind": "teleport"}}[table]
-    text = f'"autopilot" in {table} would have the path of the built-in one: rename it'
+    text = f'"autopilot" in {table} would have the same path as the built-in autopilot: rename it'
     assert told(**{table: {**raw_vehicle[table], "autopilot": own}}) == [f"vehicles.rov.autopilot: {text}"]
 
 
 def test_without_anything_to_steer_with_it_is_refused(told) -> None:
     (line,) = told(actuators={"move": {"kind": "teleport"}})
-    assert line.startswith("vehicles.rov.autopilot: the vehicle has nothing that the autopilot could steer with")
+    assert line.startswith("vehicles.rov.autopilot: it cannot steer this vehicle")
 
 
 FIN, FINS = FinConfig(member="rudder"), FinsConfig()

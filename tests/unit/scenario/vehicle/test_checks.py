@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from uwserver.scenario.vehicle.assembly import drafted
 from uwserver.scenario.vehicle.checks import check_vehicle
 from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.scenario.water.tables import Environment
@@ -35,7 +34,7 @@ def told(raw_vehicle, tree_of, report, warn):
                 del raw_vehicle[name]
         tree = tree_of(raw_vehicle, VehicleFile)
         report.lines.clear()  # what conversion tells has tests of its own
-        check_vehicle(drafted(tree, {}), WorldTable(), environment, report, warn)
+        check_vehicle(tree, WorldTable(), environment, report, warn)
         lines: list[str] = report.lines
         return lines
 
@@ -188,7 +187,9 @@ def test_members_of_actuators(actuator: dict[str, Any], lines: list[str], told) 
 
 
 def test_without_thrusters_there_are_none_to_command(told) -> None:
-    assert told(thrusters=None) == ["actuators.thrusters: the vehicle has no thrusters to command"]
+    assert told(thrusters=None) == [
+        "actuators.thrusters: the vehicle has no thrusters to command: add some under [thrusters]"
+    ]
 
 
 def test_a_faulty_thruster_is_there_all_the_same(told) -> None:
@@ -197,14 +198,14 @@ def test_a_faulty_thruster_is_there_all_the_same(told) -> None:
 
 def test_a_sensor_and_an_actuator_need_two_names(told) -> None:
     imu, off = {"kind": "imu", "rate_hz": 60}, {"kind": "imu", "rate_hz": 60, "enabled": False}
-    text = 'actuators.thrusters: a sensor has the name "thrusters" too: both would have one path; rename one'
+    text = 'actuators.thrusters: a sensor is named "thrusters" too, so both would have the same path: rename one'
     assert told(sensors={"thrusters": imu}) == [text]
     assert told(sensors={"thrusters": off}) == []
 
 
 @pytest.mark.parametrize("name", ["truth", "world"])
 def test_names_of_the_server_s_own_paths(name: str, told) -> None:
-    text = f'"{name}" is taken by the server\'s own paths: choose another name'
+    text = f'the server itself uses paths with "{name}": choose another name'
     assert told(sensors={name: {"kind": "imu", "rate_hz": 60}}) == [f"sensors.{name}: {text}"]
     assert told(sensors={}, actuators={name: {"kind": "teleport"}}) == [f"actuators.{name}: {text}"]
 

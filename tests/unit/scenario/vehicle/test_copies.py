@@ -89,14 +89,14 @@ def test_bad_copies_are_told_once_and_where(told):
     ]
     assert "missing key" in told("copies = { spacing_m = [1, 1] }")
     assert "spacing_m" in told("copies = { count = 2, spacing_m = [0, 1] }")
-    assert 'vehicles.rov_2: "rov_2" is a vehicle of the table "rov" already' in told(
+    assert 'vehicles.rov_2: "rov_2" is already the name of a vehicle or object of the table "rov"' in told(
         'copies = { count = 2 }\n[vehicles.rov_2]\nmodel = "./tiny.toml"\n'
     )
 
 
 def test_a_copy_inside_the_seabed_is_told(told):
     seabed = '[seabed]\nkind = "flat"\ndepth_m = 20\n[structures.rock]\nkind = "sphere"\nradius_m = 1.0\nposition_ned_m = [1, 7, 5]\n'
-    assert 'begins inside "rock"' in told("copies = { count = 2 }\n" + seabed)
+    assert 'starts inside "rock"' in told("copies = { count = 2 }\n" + seabed)
 
 
 def test_without_the_engines_one_vehicle_runs_and_two_are_told_what_to_install(loaded, told, monkeypatch):

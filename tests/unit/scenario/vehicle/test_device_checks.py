@@ -46,18 +46,18 @@ def test_a_good_device_passes(told) -> None:
 
 @pytest.mark.parametrize("coefficients", [[0.0], [1.0, -1.0], [-2.0, 1.0], []])
 def test_full_command_must_push(coefficients: list[float], told) -> None:
-    text = "shape.coefficients: their sum, the force at full command, must be greater than 0"
+    text = "shape.coefficients: their sum, which is the force at full command, must be greater than 0"
     assert told(shape={**SOURCE, "coefficients": coefficients}) == [text]
 
 
 def test_a_device_needs_a_curve_and_has_room_for_some(told) -> None:
-    assert told(curves={}) == ["curves: needs 1 to 8 force curves, found 0"]
+    assert told(curves={}) == ["curves: a device needs 1 to 8 force curves (under [curves] or [tables]), found 0"]
     many = {f"c{k}": curve(voltage_V=10 + k) for k in range(9)}
-    assert told(curves=many) == ["curves: needs 1 to 8 force curves, found 9"]
+    assert told(curves=many) == ["curves: a device needs 1 to 8 force curves (under [curves] or [tables]), found 9"]
     del many["c8"]
     assert told(curves=many) == []
-    assert told(curves=None) == ["curves: needs 1 to 8 force curves, found 0"]
-    assert told(curves=3) == ["curves: needs 1 to 8 force curves, found 0"]
+    assert told(curves=None) == ["curves: a device needs 1 to 8 force curves (under [curves] or [tables]), found 0"]
+    assert told(curves=3) == ["curves: a device needs 1 to 8 force curves (under [curves] or [tables]), found 0"]
 
 
 @pytest.mark.parametrize(
@@ -67,7 +67,7 @@ def test_a_device_needs_a_curve_and_has_room_for_some(told) -> None:
 def test_the_dead_band_holds_zero(band: list[float], fits: bool, told) -> None:
     lines = told(curves={"a": curve(dead_band=band)})
     low, high = band
-    text = f"curves.a.dead_band: ({low:g}, {high:g}) must lie inside (-1, 1), with 0 in it"
+    text = f"curves.a.dead_band: ({low:g}, {high:g}) must lie inside (-1, 1) and hold 0"
     assert lines == ([] if fits else [text])
 
 
@@ -77,7 +77,7 @@ def points(commands: list[float], forces: list[float], voltage: float = 12.0) ->
 
 def test_measured_points_need_no_shape_and_limits_do(told) -> None:
     assert told(tables={"a": points([-1, 0, 1], [-5, 0, 5])}, shape=None, curves=None) == []
-    text = "curves: need a shape, the force between dead band and limits; or give measured points as tables"
+    text = "curves: curves need the table [shape], the force between dead band and limits; or give measured points under [tables]"
     assert told(tables={"a": points([-1, 0, 1], [-5, 0, 5])}, shape=None) == [text]
 
 
@@ -93,10 +93,18 @@ def test_measured_points_need_no_shape_and_limits_do(told) -> None:
             [0.0] * 49,
             ": needs 2 to 48 commands and a force for each, found 49 commands and 49 forces",
         ),
-        ([-0.9, 0, 1], [-5, 0, 5], ".commands: must rise from -1 to 1"),
-        ([-1, 0, 0, 1], [-5, 0, 0, 5], ".commands: must rise from -1 to 1"),
-        ([-1, 0, 1], [-5, 1, 0], ".forces_N: must not fall, from at most 0 to at least 0"),
-        ([-1, 0, 1], [1, 2, 3], ".forces_N: must not fall, from at most 0 to at least 0"),
+        ([-0.9, 0, 1], [-5, 0, 5], ".commands: commands must rise from -1 to 1"),
+        ([-1, 0, 0, 1], [-5, 0, 0, 5], ".commands: commands must rise from -1 to 1"),
+        (
+            [-1, 0, 1],
+            [-5, 1, 0],
+            ".forces_N: forces must not fall from value to value; the first must be at most 0, the last at least 0",
+        ),
+        (
+            [-1, 0, 1],
+            [1, 2, 3],
+            ".forces_N: forces must not fall from value to value; the first must be at most 0, the last at least 0",
+        ),
     ],
 )
 def test_measured_points_rise_over_the_whole_command(
@@ -108,14 +116,18 @@ def test_measured_points_rise_over_the_whole_command(
 
 def test_tables_and_curves_share_their_voltages_and_their_room(told) -> None:
     table = points([-1, 0, 1], [-5, 0, 5], 16.0)
-    assert told(tables={"t": table}, curves={"a": curve()}) == ['curves.a.voltage_V: the curve "t" is for 16 V too']
+    assert told(tables={"t": table}, curves={"a": curve()}) == [
+        'curves.a.voltage_V: the curve "t" is for 16 V too: remove one of the two'
+    ]
     many = {f"c{k}": curve(voltage_V=20 + k) for k in range(8)}
-    assert told(tables={"t": table}, curves=many) == ["curves: needs 1 to 8 force curves, found 9"]
+    assert told(tables={"t": table}, curves=many) == [
+        "curves: a device needs 1 to 8 force curves (under [curves] or [tables]), found 9"
+    ]
 
 
 def test_two_curves_of_one_voltage_are_told_with_the_first(told) -> None:
     lines = told(curves={"a": curve(), "b": curve(voltage_V=12), "c": curve(), "d": curve()})
-    assert lines == [f'curves.{name}.voltage_V: the curve "a" is for 16 V too' for name in "cd"]
+    assert lines == [f'curves.{name}.voltage_V: the curve "a" is for 16 V too: remove one of the two' for name in "cd"]
 
 
 def test_a_faulty_curve_counts_but_is_left_out(told) -> None:
@@ -153,7 +165,7 @@ def test_the_order_of_a_transfer_function(numerator: list[float], denominator: l
 def test_a_lag_is_stable(denominator: list[float], stable: bool, told) -> None:
     """Roots (-1, -2, -3), (1, -2, -3), on the imaginary axis, and three times -1."""
     lines = told(lag={**SOURCE, "numerator": [1.0], "denominator": denominator})
-    text = "lag.denominator: the lag is unstable: all roots need a negative real part"
+    text = "lag.denominator: the lag is unstable: all roots of the denominator need a negative real part"
     assert lines == ([] if stable else [text])
 
 

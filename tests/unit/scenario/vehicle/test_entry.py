@@ -61,7 +61,7 @@ def test_what_is_overridden_is_not_looked_at_here(entry) -> None:
         ({"copies": {"count": 2, "spacing_m": [0, 1]}}, "vehicles.rov.copies.spacing_m[0]: expected a number greater than 0, found 0"),
         ({"copies": {"count": 2, "columns": 0}}, "vehicles.rov.copies.columns: expected a whole number of at least 1, found 0"),
         ({"truth": {"rate_hz": 0}}, "vehicles.rov.truth.rate_hz: expected a number greater than 0, found 0"),
-        ({"sensors": {"1": {"kind": "imu", "rate_hz": 1}}}, 'vehicles.rov.sensors.1: "1" cannot be a name: begin with a letter or _, go on with letters, digits, _ and - (it is part of a path)'),
+        ({"sensors": {"1": {"kind": "imu", "rate_hz": 1}}}, 'vehicles.rov.sensors.1: "1" cannot be a name: begin with a letter or _, then use letters, digits, _ and - (it is part of a path)'),
         ({"sensors": {"s": {"kind": "imu"}}}, 'vehicles.rov.sensors.s: missing key "rate_hz"'),
         ({"autopilot": {"mode": "dance"}}, "vehicles.rov.autopilot.mode: expected one of"),
     ],

@@ -112,7 +112,7 @@ def test_faults_of_the_reference(tmp_path, profile, told):
 def test_kinds_must_agree(tmp_path):
     path = tmp_path / "x.toml"
     path.write_text(SCENARIO.format(profile="a50", more="").replace('kind = "dvl"', 'kind = "imu"'))
-    with pytest.raises(ScenarioError, match='a device of kind "dvl", not of "imu"'):
+    with pytest.raises(ScenarioError, match='a device of kind "dvl", but this sensor is of kind "imu"'):
         load(path, adapters={})
 
 

@@ -9,8 +9,7 @@ import pytest
 
 from uwserver.ports import Field
 from uwserver.scenario.files.convert import Converter
-from uwserver.scenario.vehicle.assembly import drafted
-from uwserver.scenario.vehicle.sensor_checks import check_fields, check_sensor
+from uwserver.scenario.vehicle.sensor_checks import check_fields, check_sensor, enabled
 from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.scenario.world.tables import WorldTable
 from uwserver.sensors import IdealSensor, Pose, Scope, SensorTable
@@ -48,8 +47,7 @@ def told(raw_vehicle, report):
         raw_vehicle["sensors"] = {**raw_vehicle["sensors"], **others, "s0": {"rate_hz": 60, **sensor}}
         tree = Converter(report, {SensorTable: {"odd": OddConfig}}).tree(raw_vehicle, VehicleFile)
         report.lines.clear()  # what conversion tells has tests of its own
-        draft = drafted(tree, {})
-        check_sensor(draft, "s0", draft.sensors["s0"], world, report)
+        check_sensor(tree, "s0", tree.values("sensors")["s0"], world, report)
         lines: list[str] = report.lines
         return lines
 
@@ -61,7 +59,7 @@ def told(raw_vehicle, report):
 
 @pytest.mark.parametrize(
     ("rate", "line"),
-    [(60, None), (0.5, None), (500, "500 Hz is above the physics rate of 240 Hz: use at most 240"), (50, "50 Hz does not divide the physics rate of 240 Hz: the nearest that do are 48 and 60")],
+    [(60, None), (0.5, None), (500, "500 Hz is above the physics rate of 240 Hz: use at most 240"), (50, "50 Hz does not divide the physics rate of 240 Hz: the nearest rates that do are 48 and 60")],
 )  # fmt: skip
 def test_a_rate_falls_on_ticks(rate: float, line: str | None, told) -> None:
     assert told({"kind": "imu", "rate_hz": rate}) == ([] if line is None else [f"sensors.s0.rate_hz: {line}"])
@@ -73,10 +71,10 @@ def test_a_rate_falls_on_ticks(rate: float, line: str | None, told) -> None:
     [
         (ON_EARTH, None),
         (None, None),
-        (WorldTable(), "needs to know where N lies: give [world] origin_lat_deg and origin_lon_deg"),
-        (WorldTable(origin_lat_deg=63.4), "needs to know where N lies: give [world] origin_lat_deg and origin_lon_deg"),
-        (WorldTable(origin_lat_deg=1, origin_lon_deg=1, epoch_utc="2024-12-31T00:00:00Z"), "the magnetic model holds from 2025 to 2029, [world] epoch_utc is in 2024"),
-        (WorldTable(origin_lat_deg=1, origin_lon_deg=1, epoch_utc="2030-01-01T00:00:00Z"), "the magnetic model holds from 2025 to 2029, [world] epoch_utc is in 2030"),
+        (WorldTable(), "needs to know where on the Earth N lies: give origin_lat_deg and origin_lon_deg in [world]"),
+        (WorldTable(origin_lat_deg=63.4), "needs to know where on the Earth N lies: give origin_lat_deg and origin_lon_deg in [world]"),
+        (WorldTable(origin_lat_deg=1, origin_lon_deg=1, epoch_utc="2024-12-31T00:00:00Z"), "the magnetic model holds from 2025 to 2029, but epoch_utc in [world] is in 2024"),
+        (WorldTable(origin_lat_deg=1, origin_lon_deg=1, epoch_utc="2030-01-01T00:00:00Z"), "the magnetic model holds from 2025 to 2029, but epoch_utc in [world] is in 2030"),
         (WorldTable(origin_lat_deg=1, origin_lon_deg=1, epoch_utc="once"), None),
     ],
 )  # fmt: skip
@@ -97,7 +95,7 @@ def test_a_mount_is_there(told) -> None:
 
 @pytest.mark.parametrize("key", ["position_frd_m", "rpy_deg"])
 def test_a_mount_or_a_place_of_its_own(key: str, told) -> None:
-    text = f'a sensor on the mount "nose" has no {key} of its own: remove one of the two'
+    text = f'the mount "nose" sets the place of this sensor: remove either mount or {key}'
     assert told({"kind": "imu", "mount": "nose", key: [0, 0, 0]}) == [f"sensors.s0.{key}: {text}"]
     assert told({"kind": "imu", key: [1, 2, 3]}) == []
 
@@ -121,7 +119,7 @@ DEPTH = {"kind": "pressure", "rate_hz": 60}
         (["imu", "deep"], {"depth": DEPTH}, ['members[1]: no sensor "deep" (did you mean "depth"?)']),
         (["s0"], {}, ['members[0]: no sensor "s0"; there are: imu']),
         (["depth"], {"depth": {**DEPTH, "enabled": False}}, ['members[0]: no sensor "depth"; there are: imu']),
-        (["all"], {"all": {"kind": "compound", "rate_hz": 60, "members": ["imu"]}}, ['members[0]: "all" is a compound sensor itself']),
+        (["all"], {"all": {"kind": "compound", "rate_hz": 60, "members": ["imu"]}}, ['members[0]: "all" is a compound sensor too: name its members instead']),
         (["imu", "imu"], {}, ['members[1]: "imu" is named twice']),
         (["depth"], {"depth": {"kind": "pressure", "rate_hz": 0}}, []),
     ],
@@ -157,7 +155,7 @@ def test_errors_of_further_streams_are_checked_too(told) -> None:
 
 @pytest.mark.parametrize("name", ["activate", "deactivate", "get", "set"])
 def test_a_stream_cannot_have_the_name_of_a_service(name: str, told) -> None:
-    text = f'"{name}" is the name of a service of the sensor: choose another name'
+    text = f'a service of the sensor is named "{name}": choose another name for the stream'
     assert told({"kind": "imu", "streams": {name: {}}}) == [f"sensors.s0.streams.{name}: {text}"]
 
 
@@ -191,7 +189,7 @@ def test_a_good_kind_is_built_once(odd, monkeypatch) -> None:
             type("X", (Odd,), {"fields": ["x"]}),
             "ValueError: its fields must be a tuple of uwserver.ports.Field",
         ),
-        (type("X", (Odd,), {"fields": Odd.fields * 2}), "ValueError: two of its fields have one name"),
+        (type("X", (Odd,), {"fields": Odd.fields * 2}), "ValueError: two of its fields have the same name"),
     ],
 )
 def test_a_kind_that_cannot_be_built_is_told(made: Any, reason: str, odd) -> None:
@@ -204,3 +202,27 @@ def test_a_kind_that_cannot_be_built_is_told(made: Any, reason: str, odd) -> Non
 def test_what_are_no_fields(fields: object) -> None:
     with pytest.raises(ValueError, match=r"must be a tuple of uwserver\.ports\.Field"):
         check_fields(fields)
+
+
+# -- which are enabled ------------------------------------------------------------------------------------------------------------------
+
+
+def test_one_error_does_not_hide_the_others(tree_of, raw_vehicle) -> None:
+    raw_vehicle["rigid_body"]["mass_kg"] = "heavy"
+    raw_vehicle["sensors"]["odd"] = {"kind": "imu", "rate_hz": 0}
+    raw_vehicle["sensors"]["off"] = {"kind": "imu", "rate_hz": 60, "enabled": False}
+    raw_vehicle["thrusters"] = 3
+    tree = tree_of(raw_vehicle, VehicleFile)
+    assert tree.at("rigid_body").value is None
+    assert tree.at("buoyancy").value is not None
+    assert list(tree.values("sensors")) == ["imu", "off"]
+    assert tree.names("sensors") == ("imu", "odd", "off")
+    assert enabled(tree, "sensors") == ("imu", "odd")
+    assert tree.values("thrusters") == {}
+    assert tree.names("thrusters") == enabled(tree, "thrusters") == ()
+
+
+def test_a_component_with_errors_counts_as_enabled(tree_of, raw_vehicle) -> None:
+    raw_vehicle["sensors"]["odd"] = {"kind": "imu", "rate_hz": 60, "enabled": "no"}
+    raw_vehicle["sensors"]["none"] = 3
+    assert enabled(tree_of(raw_vehicle, VehicleFile), "sensors") == ("imu", "odd", "none")

@@ -54,10 +54,10 @@ def test_good_currents_and_waves_pass(environment, report, warn) -> None:
 @pytest.mark.parametrize(
     ("keys", "lines"),
     [
-        ({"depth_m": [0, 5, 5]}, ["depth_m[2]: 5 m does not lie below 5 m: the depths must rise"]),
-        ({"depth_m": [9, 5, 1]}, ["depth_m[1]: 5 m does not lie below 9 m: the depths must rise", "depth_m[2]: 1 m does not lie below 5 m: the depths must rise"]),
-        ({"depth_m": [0, 5]}, ["velocity_ned_mps: has 3 velocities for 2 depths: one a depth is needed"]),
-        ({"depth_m": [5, 0]}, ["velocity_ned_mps: has 3 velocities for 2 depths: one a depth is needed", "depth_m[1]: 0 m does not lie below 5 m: the depths must rise"]),
+        ({"depth_m": [0, 5, 5]}, ["depth_m[2]: 5 m is not below 5 m: each depth must be greater than the one before"]),
+        ({"depth_m": [9, 5, 1]}, ["depth_m[1]: 5 m is not below 9 m: each depth must be greater than the one before", "depth_m[2]: 1 m is not below 5 m: each depth must be greater than the one before"]),
+        ({"depth_m": [0, 5]}, ["velocity_ned_mps: 3 velocities for 2 depths: give one for each depth"]),
+        ({"depth_m": [5, 0]}, ["velocity_ned_mps: 3 velocities for 2 depths: give one for each depth", "depth_m[1]: 0 m is not below 5 m: each depth must be greater than the one before"]),
     ],
 )  # fmt: skip
 def test_depths_of_a_profile(keys: dict[str, Any], lines: list[str], environment, report) -> None:
@@ -110,7 +110,7 @@ def test_what_a_kind_of_an_extension_comes_to_is_checked(
 
 def test_waves_need_gravity(environment, report) -> None:
     environment(waves=WAVES, gravity_mps2=0)
-    text = "environment.waves: waves need gravity: set environment.gravity_mps2 above 0, or take them out"
+    text = "environment.waves: waves need gravity: set environment.gravity_mps2 above 0, or remove [environment.waves]"
     assert report.lines == [text]
 
 
@@ -132,8 +132,8 @@ def test_seas_that_would_break_are_doubted(
     assert report.lines == []
     assert len(warn.lines) == steep
     if steep:
-        assert warn.lines[0].startswith(f"environment.waves.significant_height_m: {height:g} m in waves of ")
-        assert warn.lines[0].endswith(" m is steeper than 1/16: a real sea would break")
+        assert warn.lines[0].startswith(f"environment.waves.significant_height_m: waves {height:g} m high and ")
+        assert warn.lines[0].endswith(" m long are steeper than 1/16: a real sea would break")
 
 
 # -- density ----------------------------------------------------------------------------------------------------------------------------
@@ -151,7 +151,7 @@ def test_forces_act_with_a_density_that_the_water_has(given: float, fits: bool, 
     density({"density_kgpm3": given, "water": SEA})
     assert bool(report.lines) != fits
     assert all(line.startswith("environment.density_kgpm3: forces would act with") for line in report.lines)
-    assert all(line.endswith(": leave density_kgpm3 out, or change the water") for line in report.lines)
+    assert all(line.endswith(": remove density_kgpm3, or change the water") for line in report.lines)
 
 
 def test_the_default_fits_its_own_water(density, report, warn) -> None:

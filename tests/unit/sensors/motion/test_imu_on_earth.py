@@ -228,5 +228,5 @@ def test_a_place_on_the_earth_gives_gravity_and_turns():
 def test_an_earth_that_turns_needs_a_place():
     with pytest.raises(ScenarioError, match='give origin_lat_deg and origin_lon_deg, or earth = "flat"'):
         load(ScenarioBuilder("nowhere").world(earth="rotating").build(), adapters={})
-    with pytest.raises(ScenarioError, match="or none of the two"):
+    with pytest.raises(ScenarioError, match="or give both or none"):
         load(ScenarioBuilder("nowhere").world(origin_lat_deg=3.0).build(), adapters={})
