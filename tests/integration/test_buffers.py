@@ -459,7 +459,7 @@ def test_a_saved_state_holds_pictures_and_goes_on_the_same():
 def test_a_saved_reading_that_is_none_of_the_sensor_is_refused(values):
     check_values(HEARD.fields, SAMPLES[1].value)
     check_values(HEARD.fields, SAMPLES[2].value)
-    with pytest.raises(ValueError, match="another type or shape"):
+    with pytest.raises(ValueError, match="the wrong type or shape"):
         check_values(HEARD.fields, values)
 
 

@@ -540,7 +540,7 @@ def test_a_vehicle_without_anything_to_steer_with_is_refused():
     b = ScenarioBuilder("wrong", adapters={})
     off = {"thrusters": {"enabled": False}}
     b.vehicle("v", "bluerov2", autopilot={}, override={"actuators": off})
-    with pytest.raises(ScenarioError, match="nothing that the autopilot could steer with"):
+    with pytest.raises(ScenarioError, match="it cannot steer this vehicle"):
         load(b.build(), adapters={})
 
 

@@ -73,5 +73,5 @@ def test_heading_hold_wants_the_compass_alone(fly):
 def test_a_glider_has_nothing_to_steer_with():
     b = ScenarioBuilder("glider", adapters={})
     b.vehicle("v", "slocum", autopilot={})
-    with pytest.raises(ScenarioError, match="nothing that the autopilot could steer with"):
+    with pytest.raises(ScenarioError, match="it cannot steer this vehicle"):
         load(b.build(), adapters={})

@@ -227,7 +227,7 @@ def test_a_sensor_of_the_vehicle_file(tmp_path):
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("[vehicles.rov.sensors.x.streams.set]\n", 'x.toml:7:33: vehicles.rov.sensors.x.streams.set: "set" is the name of a service'),
+        ("[vehicles.rov.sensors.x.streams.set]\n", 'x.toml:7:33: vehicles.rov.sensors.x.streams.set: a service of the sensor is named "set"'),
         ("[vehicles.rov.sensors.x.streams.a]\nidel = true\n", 'unknown key "idel" (did you mean "ideal"?)'),
         ('[vehicles.rov.sensors.x.streams.a.modifiers.b]\nkind = "bias"\nfield = "depth"\n', 'no field "depth" to modify here'),
         ('[vehicles.rov.sensors.x.streams."a b"]\n', "cannot be a name"),

@@ -226,7 +226,7 @@ def test_a_place_on_the_earth_gives_gravity_and_turns():
 
 
 def test_an_earth_that_turns_needs_a_place():
-    with pytest.raises(ScenarioError, match='give origin_lat_deg and origin_lon_deg, or earth = "flat"'):
+    with pytest.raises(ScenarioError, match='give origin_lat_deg and origin_lon_deg, or set earth = "flat"'):
         load(ScenarioBuilder("nowhere").world(earth="rotating").build(), adapters={})
-    with pytest.raises(ScenarioError, match="or give both or none"):
+    with pytest.raises(ScenarioError, match="give both or none"):
         load(ScenarioBuilder("nowhere").world(origin_lat_deg=3.0).build(), adapters={})
