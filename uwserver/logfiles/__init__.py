@@ -1,4 +1,4 @@
-"""Log files of any origin: one reader a format behind `Log`, and the mapping that makes poses and samples of ports of them."""
+"""Readers for log files of many formats behind the interface `Log`, and mappings that turn logs into poses and port samples."""
 
 from uwserver.logfiles.log import Datum, Kind, Limits, Log, LogError, LogField, Topic, member
 from uwserver.logfiles.opening import open_log

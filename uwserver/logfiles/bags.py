@@ -1,33 +1,29 @@
-"""Bags of ROS 1 (.bag) and ROS 2 (a folder, or a .db3 file), by rosbags."""
+"""Reads bags of ROS 1 (.bag) and ROS 2 (a folder, or a .db3 file) with rosbags."""
 
 from __future__ import annotations
 
-import bz2
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-import lz4.frame
-import zstandard
-
 from uwserver.logfiles import mcap_file
+from uwserver.logfiles.decoding import Decoding, ros_decoding, undecoded
+from uwserver.logfiles.decompression import decompressed
 from uwserver.logfiles.foreign import foreign
-from uwserver.logfiles.log import Datum, Kind, Limits, Log, LogError, LogField, Topic
-from uwserver.logfiles.ros_messages import Definition, RosTypes
-from uwserver.logfiles.timebase import shortened
+from uwserver.logfiles.log import Datum, Kind, Limits, Log, LogError, Topic
+from uwserver.logfiles.timebase import FIRST_UTC_NS, shortened
 
-_FIRST_UTC_NS = 946_684_800_000_000_000
 _FILE_MODE = re.compile(rb"^\s*compression_mode:\s*[\"']?file", re.IGNORECASE | re.MULTILINE)
 _MOST_METADATA = 1 << 24
-_Decode = Callable[[bytes], Mapping[str, object]]
 
 
 def open_file(path: Path, limits: Limits) -> Log:
-    """The log in a bag.
+    """Open the log in a bag.
 
     Raises:
-        LogError: it is compressed as a whole, or asks for more than the limits.
+        LogError: its files are compressed as a whole, or it exceeds the limits.
     """
     if not path.is_dir() and path.suffix != ".db3":
         from rosbags.rosbag1 import Reader as Reader1
@@ -39,121 +35,101 @@ def open_file(path: Path, limits: Limits) -> Log:
         with (path / "metadata.yaml").open("rb") as about:
             text = about.read(_MOST_METADATA)
         if _FILE_MODE.search(text):
-            raise LogError(f"{path}: its files are compressed as a whole: unpack them (zstd -d) and try again")
+            raise LogError(f"{path}: its files are compressed as a whole: decompress them (zstd -d) and try again")
         files = sorted(path.glob("*.mcap"))
         if len(files) == 1:
             return mcap_file.open_file(files[0], limits)
         for file in files:
-            mcap_file.open_file(file, limits).close()  # refuses what claims too much
+            mcap_file.open_file(file, limits).close()  # refuses a file that exceeds the limits
     return _Bag(path, "rosbag2", Reader2(path), limits)
 
 
 class _Bag:
-    """A `Log` of an open rosbags reader."""
+    """A `Log` over a rosbags reader."""
 
     def __init__(self, path: Path, kind: Kind, reader: Any, limits: Limits) -> None:
         self.path = path
         self.kind: Kind = kind
-        self._reader, self._limits = reader, limits
-        self._unzips = False
+        self._reader, self._most_bytes = reader, limits.record_bytes
+        self._is_compressed = False
+        self._decodings: dict[int, Decoding] = {}
+        self.topics: dict[str, Topic] = {}
         reader.open()
         try:
             self._limit()
             if len(reader.connections) > limits.topics:
                 raise LogError(f"{path}: {len(reader.connections)} connections, more than {limits.topics}")
-            self._decoders: dict[int, _Decode] = {}
-            remarks: list[str] = []
-            self.topics: Mapping[str, Topic] = self._learn(remarks)
+            self.remarks = tuple(shortened(self._read_types()))
             self._begin = int(reader.start_time) if reader.message_count else 0
             self.start_ns, self.end_ns = 0, int(reader.end_time) - 1 - self._begin if reader.message_count else 0
-            self.epoch_ns = self._begin if self._begin >= _FIRST_UTC_NS else None
-            self.remarks = tuple(shortened(remarks))
+            self.epoch_ns = self._begin if self._begin >= FIRST_UTC_NS else None
         except BaseException:
             reader.close()
             raise
 
     def _limit(self) -> None:
-        """Let nothing unpack without a limit: chunks of ROS 1 here, messages of ROS 2 as they are read."""
+        """Replace the decompression of rosbags, which has no limit. ROS 1 compresses chunks, ROS 2 each message."""
         if self.kind == "bag":
             chunks = self._reader.chunks
             for place, chunk in chunks.items():
-                unpack = {"bz2": self._bz2, "lz4": self._lz4}.get(_compression(chunk.decompressor))
-                if unpack is not None:
-                    chunks[place] = chunk._replace(decompressor=unpack)
+                module = str(getattr(chunk.decompressor, "__module__", ""))
+                kind = "bz2" if "bz2" in module else "lz4" if "lz4" in module else ""
+                if kind:
+                    chunks[place] = chunk._replace(decompressor=partial(self._decompressed, kind))
         elif self._reader.compression_mode == "message":
-            self._unzips = True
+            self._is_compressed = True
             self._reader.storage.metadata = self._reader.storage.metadata._replace(compression_mode=None)
 
-    def _bz2(self, data: bytes) -> bytes:
-        unpack = bz2.BZ2Decompressor()
-        return self._whole(unpack.decompress(data, self._limits.record_bytes), unpack.eof)
+    def _decompressed(self, kind: str, data: bytes) -> bytes:
+        found = decompressed(kind, data, self._most_bytes)
+        if found is None:
+            raise LogError(f"{self.path}: a chunk is truncated, or decompresses to more than {self._most_bytes} bytes")
+        return found
 
-    def _lz4(self, data: bytes) -> bytes:
-        unpack = lz4.frame.LZ4FrameDecompressor()
-        return self._whole(unpack.decompress(data, max_length=self._limits.record_bytes), unpack.eof)
-
-    def _zstd(self, data: bytes) -> bytes:
-        found = zstandard.ZstdDecompressor().stream_reader(data).read(self._limits.record_bytes)
-        return self._whole(found, len(found) < self._limits.record_bytes)
-
-    def _whole(self, data: bytes, is_whole: bool) -> bytes:
-        if not is_whole:
-            raise LogError(f"{self.path}: a chunk is cut, or unpacks to more than {self._limits.record_bytes} bytes")
-        return data
-
-    def _learn(self, remarks: list[str]) -> dict[str, Topic]:
-        counts: dict[str, int] = {}
-        known: dict[tuple[str, str], tuple[tuple[LogField, ...], _Decode | None]] = {}
-        found: dict[str, Topic] = {}
+    def _read_types(self) -> list[str]:
+        """Fill `topics` and `_decodings`; return remarks about types that cannot be decoded."""
+        remarks: list[str] = []
+        known: dict[tuple[str, str], Decoding] = {}
         for connection in self._reader.connections:
             key = (connection.msgtype, connection.msgdef.data)
             if key not in known:
-                known[key] = self._type(connection, remarks)
-            fields, decode = known[key]
-            self._decoders[connection.id] = decode or (lambda data: {"data": bytes(data)})
-            counts[connection.topic] = counts.get(connection.topic, 0) + int(connection.msgcount)
-            found[connection.topic] = Topic(
-                connection.topic, connection.msgtype, fields, counts[connection.topic], None, None
-            )
-        return found
+                known[key] = self._decoding(connection, remarks)
+            topic, its = connection.topic, known[key]
+            self._decodings[connection.id] = its
+            count = int(connection.msgcount) + ((self.topics[topic].count or 0) if topic in self.topics else 0)
+            self.topics[topic] = Topic(topic, connection.msgtype, its.fields, count, None, None)
+        return remarks
 
-    def _type(self, connection: Any, remarks: list[str]) -> tuple[tuple[LogField, ...], _Decode | None]:
+    def _decoding(self, connection: Any, remarks: list[str]) -> Decoding:
         name = str(connection.msgtype)
         try:
             with foreign(Path(name), "its definition cannot be used"):
-                text, is_idl = connection.msgdef.data, connection.msgdef.format.name == "IDL"
-                types = RosTypes([Definition(name, text, is_idl)])
-                decode = types.decoder(name, self.kind == "bag")
-                if decode is None:
-                    raise LogError(f"{name}: the bag does not define it, and it is none of ROS")
-                return types.fields(name), decode
+                is_idl = connection.msgdef.format.name == "IDL"
+                found = ros_decoding(name, connection.msgdef.data, is_idl, self.kind == "bag")
+                if found is None:
+                    raise LogError(f"{name}: neither the bag nor ROS 2 Humble defines this type")
+                return found
         except LogError as error:
-            remarks.append(f"{error}: only the bytes of its messages are given")
-            return (LogField("data", "bytes"),), None
+            remarks.append(f"{error}: its messages are given as bytes")
+            return undecoded("")
 
     def read(
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[Datum]:
-        """As in `Log`."""
+        """Yield data, as `Log.read`."""
         chosen = [c for c in self._reader.connections if topics is None or c.topic in topics]
         start = None if start_ns is None else max(0, start_ns + self._begin)
         stop = None if end_ns is None else max(0, end_ns + self._begin + 1)
         newest = self._begin if start is None else start
-        if not chosen:
+        if not chosen:  # rosbags would take an empty list for all connections
             return
         with foreign(self.path, "a message cannot be read"):
             for connection, stamp, data in self._reader.messages(connections=chosen, start=start, stop=stop):
                 newest = max(newest, stamp)
-                content = self._zstd(bytes(data)) if self._unzips else data
-                yield Datum(newest - self._begin, connection.topic, self._decoders[connection.id](content))
+                content = self._decompressed("zstd", bytes(data)) if self._is_compressed else data
+                yield Datum(newest - self._begin, connection.topic, self._decodings[connection.id].decode(content))
 
     def close(self) -> None:
-        """As in `Log`."""
+        """Close the files, as `Log.close`."""
         if self._reader.is_open if self.kind == "rosbag2" else self._reader.bio:
             self._reader.close()
-
-
-def _compression(decompressor: Any) -> str:
-    """Which of the packers of ROS 1 a chunk used."""
-    module = str(getattr(decompressor, "__module__", ""))
-    return "bz2" if "bz2" in module else "lz4" if "lz4" in module else ""

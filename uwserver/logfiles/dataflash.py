@@ -1,7 +1,7 @@
-"""Dataflash logs of ArduPilot (.bin): records that describe themselves.
+"""Reads dataflash logs of ArduPilot (.bin), whose records describe themselves.
 
-A FMT record says how records of a type are laid out; UNIT, MULT and FMTU say their units. The letters of layouts are pymavlink's; records are
-found and unpacked here, as its reader prints what it does not like, and keeps every record as an object.
+A FMT record gives the layout of the records of a type; UNIT, MULT and FMTU records give their units. The type letters of layouts come from
+pymavlink. Its log reader is not used: it prints warnings, and keeps every record as an object.
 """
 
 from __future__ import annotations
@@ -10,7 +10,8 @@ import mmap
 import re
 import struct
 from array import array
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,7 +19,7 @@ import numpy as np
 
 from uwserver.logfiles.indexed import Decode, Entries, IndexedLog, Source, mapped
 from uwserver.logfiles.log import Limits, LogError, LogField
-from uwserver.logfiles.timebase import Timebase, time_base
+from uwserver.logfiles.timebase import LAST_NS, Timebase, time_base
 from uwserver.units import NANOSECONDS
 
 _FMT = 0x80
@@ -29,23 +30,29 @@ _PADDING = re.compile(rb"[\x00\xff]*")
 _GPS_EPOCH_NS = 315_964_800 * NANOSECONDS
 """1980-01-06."""
 _LEAP_NS = 18 * NANOSECONDS
-"""GPS time is ahead of UTC by so much since 2017."""
+"""GPS time has been ahead of UTC by this since 2017."""
 _WEEK_MS = 604_800_000
+_CLOCKS = {
+    ("TimeUS", "Q"): (struct.Struct("<Q").unpack_from, 1000),
+    ("TimeMS", "I"): (struct.Struct("<I").unpack_from, 1_000_000),
+}
+"""Name and letter of a first column that is a time: how it is unpacked, and the ns in its unit."""
 _PREFIXES = {1e-1: "d", 1e-2: "c", 1e-3: "m", 1e-6: "u", 1e-9: "n", 1.0: ""}
 
 
 class Layout(NamedTuple):
-    """How the records of one type are laid out.
+    """The layout of the records of one type.
 
     Attributes:
-        name: of the type.
-        length: of a record, with its three first bytes.
-        names: of the columns.
-        body: what unpacks the bytes after the first three.
-        letters: of the columns' types.
-        factors: that turn a stored number into one of its unit; None where it is stored so.
-        units: of the columns; "" where nobody says.
-        instance: index of the column that numbers the instances; -1 where there is none.
+        name: name of the type.
+        length: bytes of a record, with the first three (two marks and the type number).
+        names: names of the columns.
+        body: unpacks the bytes after the first three.
+        letters: type letters of the columns.
+        factors: factors from stored numbers to the units; None where numbers are stored in the unit.
+        units: units of the columns; "" where the log gives none.
+        clock: unpacks the time in the first column, with the ns that its unit has; None when the first column is no time.
+        instance: index of the column with the instance number; -1 without one.
     """
 
     name: str
@@ -54,50 +61,62 @@ class Layout(NamedTuple):
     body: struct.Struct
     letters: str
     factors: tuple[float | None, ...]
+    clock: tuple[Callable[[mmap.mmap, int], tuple[int, ...]], int] | None
     units: tuple[str, ...] = ()
     instance: int = -1
 
 
 def open_file(path: Path, limits: Limits) -> IndexedLog:
-    """The log in a .bin file.
+    """Open the log in a .bin file.
 
     Raises:
-        LogError: no record is described in it.
+        LogError: it describes no record, or contains no record with a time.
     """
-    data = mapped(path)
-    scan = _Scan(data)
-    if not scan.layouts:
-        lost = len(data)
-        data.close()
-        raise LogError(f"{path}: no FMT record in {lost} bytes: no dataflash log")
-    layouts = _with_units(scan, data)
-    stamps, places, types = _stamped(scan, data)
-    remarks = [f"{scan.lost} of {len(data)} bytes are no record, and left out"] if scan.lost else []
-    if scan.unusable:
-        remarks.append(f"types with layouts that cannot be read are left out: {', '.join(sorted(scan.unusable)[:8])}")
-    if not len(stamps):
-        data.close()
-        raise LogError(f"{path}: descriptions of records, but not one with a time")
-    base = time_base(stamps, utc=False)
-    sources, numbers = _sources(data, layouts, types, places)
-    if len(sources) > limits.topics:
-        raise LogError(f"{path}: {len(sources)} kinds of records, more than {limits.topics}")
-    base = base._replace(epoch_ns=_epoch(data, layouts, base, types, places))
-    return IndexedLog(path, "bin", sources, Entries(numbers, places), base, remarks=remarks, close=data.close)
+    with ExitStack() as stack:
+        data = stack.enter_context(closing(mapped(path)))
+        scan = _Scan(data)
+        if not scan.layouts:
+            raise LogError(f"{path}: no FMT record in {len(data)} bytes: not a dataflash log")
+        layouts = _with_units(scan, data)
+        all_stamps = np.frombuffer(scan.stamps, np.int64)
+        stamps = all_stamps[all_stamps >= 0]
+        places = np.frombuffer(scan.places, np.int64)[all_stamps >= 0]
+        types = np.frombuffer(scan.types, np.uint8)[all_stamps >= 0]
+        if not len(stamps):
+            raise LogError(f"{path}: the log describes records, but contains none with a time")
+        remarks = [f"{scan.lost} of {len(data)} bytes are no record and were skipped"] if scan.lost else []
+        if scan.unusable:
+            names = ", ".join(sorted(scan.unusable)[:8])
+            remarks.append(f"records of these types were skipped, because their layouts cannot be read: {names}")
+        base = time_base(stamps, utc=False)
+        sources, numbers = _sources(data, layouts, types, places)
+        if len(sources) > limits.topics:
+            raise LogError(f"{path}: {len(sources)} kinds of records, more than {limits.topics}")
+        base = base._replace(epoch_ns=_epoch(data, layouts, base, types, places))
+        close = stack.pop_all().close
+        return IndexedLog(path, "bin", sources, Entries(numbers, places), base, remarks=remarks, close=close)
 
 
 class _Scan:
-    """Types and places of all records; their layouts."""
+    """The layouts, and the types and places of all records.
+
+    Attributes:
+        layouts: by type number.
+        types, places: of each record that has a layout.
+        stamps: ns since boot of each of them: its own time, or that of the last record before it with a time; -1 before the first.
+        lost: number of bytes that belong to no record.
+        unusable: names of types whose layout cannot be read.
+    """
 
     def __init__(self, data: mmap.mmap) -> None:
         self.layouts: dict[int, Layout] = {}
-        self.types, self.places = array("B"), array("q")
+        self.types, self.places, self.stamps = array("B"), array("q"), array("q")
         self.lost = 0
         self.unusable: set[str] = set()
         lengths = [0] * 256
         lengths[_FMT] = _FMT_BYTES
-        at, end = 0, len(data)
-        find, add_type, add_place = _BEGIN.search, self.types.append, self.places.append
+        at, end, newest = 0, len(data), -1
+        find, add_type, add_place, add_stamp = _BEGIN.search, self.types.append, self.places.append, self.stamps.append
         while at + 3 <= end:
             first, second, type_ = data[at : at + 3]
             length = lengths[type_]
@@ -105,15 +124,18 @@ class _Scan:
                 if type_ == _FMT:
                     self._describe(data[at + 3 : at + length], lengths)
                 elif type_ in self.layouts:
+                    clock = self.layouts[type_].clock
+                    if clock is not None:
+                        newest = min(clock[0](data, at + 3)[0] * clock[1], LAST_NS)
                     add_type(type_)
                     add_place(at)
+                    add_stamp(newest)
                 at += length
                 continue
             found = find(data, at + 1)
             after = found.start() if found else end
-            # Pages of flash end in zeros or ones.
-            padding = _PADDING.fullmatch(data, at, after)
-            self.lost += 0 if padding else after - at
+            if not _PADDING.fullmatch(data, at, after):  # pages of flash are filled up with zeros or ones
+                self.lost += after - at
             at = after
 
     def _describe(self, body: bytes, lengths: list[int]) -> None:
@@ -128,91 +150,63 @@ class _Scan:
 
 
 def layout_of(name: str, length: int, letters: str, columns: str) -> Layout | None:
-    """The layout that a FMT record describes; None when it contradicts itself or has letters that nobody knows."""
+    """Return the layout that a FMT record describes; None when it contradicts itself or contains unknown type letters."""
     from pymavlink.DFReader import FORMAT_TO_STRUCT
 
     names = tuple(columns.split(",")) if columns else ()
     if not name.isidentifier() or not names or len(names) != len(letters) or len(set(names)) != len(names):
         return None
-    if any(letter not in FORMAT_TO_STRUCT for letter in letters):
-        return None
-    described: list[Any] = [FORMAT_TO_STRUCT[letter] for letter in letters]
+    described: list[Any] = [FORMAT_TO_STRUCT[letter] for letter in letters if letter in FORMAT_TO_STRUCT]
     body = struct.Struct("<" + "".join(code for code, _, _ in described))
-    if body.size + 3 != length:
+    if len(described) < len(letters) or body.size + 3 != length:
         return None
-    return Layout(name, length, names, body, letters, tuple(factor for _, factor, _ in described))
+    clock = _CLOCKS.get((names[0], letters[0]))
+    return Layout(name, length, names, body, letters, tuple(factor for _, factor, _ in described), clock)
 
 
 def _text(raw: bytes) -> str:
-    return raw.partition(b"\0")[0].decode("ascii", errors="replace")
+    return raw.partition(b"\0")[0].decode(errors="backslashreplace")
 
 
 def _with_units(scan: _Scan, data: mmap.mmap) -> dict[int, Layout]:
-    """The layouts with what UNIT, MULT and FMTU say of them."""
-    types = {layout.name: type_ for type_, layout in scan.layouts.items()}
-    all_types, all_places = np.frombuffer(scan.types, np.uint8), np.frombuffer(scan.places, np.int64)
+    """Return the layouts with the units and the instance column that UNIT, MULT and FMTU records give."""
+    types, places = np.frombuffer(scan.types, np.uint8), np.frombuffer(scan.places, np.int64)
 
-    def rows(name: str) -> list[dict[str, Any]]:
-        if name not in types:
-            return []
-        decode = _decoder(scan.layouts[types[name]], data)
-        return [dict(decode(at) or {}) for at in all_places[all_types == types[name]].tolist()]
+    def rows(name: str) -> Iterator[Any]:
+        for type_, layout in scan.layouts.items():
+            if layout.name == name:
+                yield from map(_decoder(layout, data), places[types == type_].tolist())
 
-    units = {
-        chr(row["Id"]): row["Label"] for row in rows("UNIT") if isinstance(row.get("Id"), int) and 0 <= row["Id"] < 128
-    }
-    factors = {
-        chr(row["Id"]): float(f"{row['Mult']:.7g}")
-        for row in rows("MULT")
-        if isinstance(row.get("Id"), int) and 0 <= row["Id"] < 128 and isinstance(row.get("Mult"), float)
-    }
+    def by_letter(name: str, column: str) -> dict[str, Any]:
+        known = (row for row in rows(name) if isinstance(row.get("Id"), int) and 0 <= row["Id"] < 128)
+        return {chr(row["Id"]): row.get(column) for row in known}
+
+    units, factors = by_letter("UNIT", "Label"), by_letter("MULT", "Mult")
     layouts = dict(scan.layouts)
     for row in rows("FMTU"):
         layout = layouts.get(row.get("FmtType", -1))
-        letters, more = row.get("UnitIds"), row.get("MultIds")
-        if layout is None or not isinstance(letters, str) or not isinstance(more, str):
-            continue
-        named = [
-            _scaled(str(units.get(letter, "")), factors.get(more[k : k + 1], 1.0), layout.factors[k])
-            for k, letter in enumerate(letters[: len(layout.names)])
-        ]
-        named += [""] * (len(layout.names) - len(named))
-        layouts[row["FmtType"]] = layout._replace(units=tuple(named), instance=letters[: len(layout.names)].find("#"))
+        letters, factor_letters = row.get("UnitIds"), row.get("MultIds")
+        if layout is not None and isinstance(letters, str) and isinstance(factor_letters, str):
+            named = tuple(
+                _scaled(units.get(letters[k : k + 1]), factors.get(factor_letters[k : k + 1]), own)
+                for k, own in enumerate(layout.factors)
+            )
+            layouts[row["FmtType"]] = layout._replace(units=named, instance=letters[: len(named)].find("#"))
     return layouts
 
 
-def _scaled(unit: str, factor: float, own: float | None) -> str:
-    """A unit as the values have it: columns whose letter holds a factor are given in the unit itself."""
-    if not unit or unit in ("instance", "UNKNOWN") or own is not None or factor in (0.0, 1.0):
-        return "" if unit in ("instance", "UNKNOWN") else unit
-    return _PREFIXES[factor] + unit if factor in _PREFIXES else f"{factor:.4g} {unit}"
-
-
-def _stamped(scan: _Scan, data: mmap.mmap) -> tuple[Any, Any, Any]:
-    """Stamps (ns since boot), places and types of all records that have a time, or come after one that has."""
-    stamps = array("q")
-    kept = array("q")
-    clocks: dict[int, tuple[struct.Struct, int]] = {}
-    for type_, layout in scan.layouts.items():
-        if layout.names[0] == "TimeUS" and layout.letters[0] == "Q":
-            clocks[type_] = (struct.Struct("<Q"), 1000)
-        elif layout.names[0] == "TimeMS" and layout.letters[0] == "I":
-            clocks[type_] = (struct.Struct("<I"), 1_000_000)
-    newest = -1
-    for k, (type_, at) in enumerate(zip(scan.types, scan.places, strict=True)):
-        clock = clocks.get(type_)
-        if clock is not None:
-            newest = min(clock[0].unpack_from(data, at + 3)[0] * clock[1], 1 << 62)
-        if newest >= 0:
-            stamps.append(newest)
-            kept.append(k)
-    chosen = np.frombuffer(kept, np.int64)
-    types, places = np.frombuffer(scan.types, np.uint8), np.frombuffer(scan.places, np.int64)
-    return np.frombuffer(stamps, np.int64), places[chosen], types[chosen]
+def _scaled(unit: str | None, factor: object, own: float | None) -> str:
+    """Return the unit of a column with its prefix. Columns whose type letter has a factor are given in the unit itself."""
+    if not unit or unit in ("instance", "UNKNOWN"):
+        return ""
+    scale = float(f"{factor:.7g}") if isinstance(factor, float) else 1.0
+    if own is not None or scale in (0.0, 1.0):
+        return unit
+    return _PREFIXES[scale] + unit if scale in _PREFIXES else f"{scale:.4g} {unit}"
 
 
 def _sources(data: mmap.mmap, layouts: Mapping[int, Layout], types: Any, places: Any) -> tuple[list[Source], Any]:
-    """The topics (``IMU[0]`` where a type has instances), and the number of that of each record."""
+    """Return the topics, ``IMU[0]`` for a type with instances, and the index of the topic of each record."""
     sources: list[Source] = []
     numbers = np.zeros(len(types), np.int32)
     for type_ in np.unique(types).tolist():
@@ -225,22 +219,16 @@ def _sources(data: mmap.mmap, layouts: Mapping[int, Layout], types: Any, places:
             numbers[rows] = len(sources)
             sources.append(Source(layout.name, layout.name, fields, decode))
             continue
-        skip = 3 + struct.calcsize("<" + "".join(_codes(layout.letters[: layout.instance])))
-        which = np.array([data[at + skip] for at in places[rows].tolist()], np.int32)
+        unpack, k = layout.body.unpack_from, layout.instance
+        which = np.array([unpack(data, at + 3)[k] for at in places[rows].tolist()], np.int32)
         for instance in np.unique(which).tolist():
             numbers[rows[which == instance]] = len(sources)
             sources.append(Source(f"{layout.name}[{instance}]", layout.name, fields, decode))
     return sources, numbers
 
 
-def _codes(letters: str) -> list[str]:
-    from pymavlink.DFReader import FORMAT_TO_STRUCT
-
-    return [str(FORMAT_TO_STRUCT[letter][0]) for letter in letters]
-
-
 def _decoder(layout: Layout, data: mmap.mmap) -> Decode:
-    unpack, names, size = layout.body.unpack_from, layout.names, layout.length
+    unpack, names = layout.body.unpack_from, layout.names
     special = [
         (k, name, None if factor is None else 1 / factor, letter)
         for k, (name, factor, letter) in enumerate(zip(names, layout.factors, layout.letters, strict=True))
@@ -248,7 +236,7 @@ def _decoder(layout: Layout, data: mmap.mmap) -> Decode:
     ]
 
     def decode(at: int) -> Mapping[str, object]:
-        values = unpack(data[at + 3 : at + size])
+        values = unpack(data, at + 3)
         found: dict[str, object] = dict(zip(names, values, strict=True))
         for k, name, divisor, letter in special:
             if divisor is not None:
@@ -256,14 +244,14 @@ def _decoder(layout: Layout, data: mmap.mmap) -> Decode:
             elif letter == "a":
                 found[name] = list(struct.unpack("<32h", values[k]))
             else:
-                found[name] = values[k].partition(b"\0")[0].decode(errors="backslashreplace")
+                found[name] = _text(values[k])
         return found
 
     return decode
 
 
 def _epoch(data: mmap.mmap, layouts: Mapping[int, Layout], base: Timebase, types: Any, places: Any) -> int | None:
-    """UTC of time 0 by the first fix of a GPS; None without one."""
+    """Return the UTC of time 0 from the first GPS fix; None without one."""
     for type_, layout in layouts.items():
         if layout.name != "GPS" or not {"GMS", "GWk", "Status"} <= set(layout.names):
             continue

@@ -1,4 +1,4 @@
-"""How messages on a channel of an MCAP file are decoded: JSON, protobuf, CDR and ROS 1, by the schema in the file."""
+"""Decodes the messages of MCAP channels (JSON, protobuf, CDR and ROS 1) by the schema in the file."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 import msgspec
 
 from uwserver.logfiles.log import LogField
-from uwserver.logfiles.ros_messages import Definition, RosTypes
+from uwserver.logfiles.ros_messages import RosTypes
 
 _DEEPEST = 8
 _MOST_FIELDS = 400
-_OF_PLAYERS = "uwserver-state"
-"""Where all bodies are, in a recording of ours: bytes for who plays it, of which nothing is lost here, as the same poses have ports."""
+_STATES = "uwserver-state"
+"""Encoding of the channel of body poses in our recordings. It is read by the player only; the same poses are in the ports."""
 _ABOUT = re.compile(r"; unit ([^;]+)|; frame ([^;]+)")
 _FOXGLOVE_UNITS = {
     "position": "m",
@@ -29,7 +29,7 @@ _FOXGLOVE_UNITS = {
 
 
 class Decoding(NamedTuple):
-    """What is known of a channel: its fields, what decodes a message, and a sentence when nothing does."""
+    """The fields of a channel, the function that decodes a message, and a remark when messages cannot be decoded."""
 
     fields: tuple[LogField, ...]
     decode: Callable[[bytes], Mapping[str, object]]
@@ -37,14 +37,14 @@ class Decoding(NamedTuple):
 
 
 def decoding(encoding: str, schema_name: str, schema_encoding: str, schema: bytes) -> Decoding:
-    """How to read a channel.
+    """Return how the messages of a channel are decoded.
 
     Args:
-        encoding: of its messages.
-        schema_name, schema_encoding, schema: as in the file, empty where there is none.
+        encoding: encoding of the messages.
+        schema_name, schema_encoding, schema: as in the file; empty when there is no schema.
 
     Raises:
-        Exception: the schema is damaged, whatever its parser raises; ImportError when a package is missing.
+        Exception: the schema is damaged; each parser raises its own exception. ImportError when a package is missing.
     """
     if encoding == "json":
         tree = msgspec.json.decode(schema) if schema_encoding == "jsonschema" and schema.strip() else {}
@@ -53,20 +53,25 @@ def decoding(encoding: str, schema_name: str, schema_encoding: str, schema: byte
         return _protobuf(schema_name, schema)
     if encoding in ("cdr", "ros1") and schema_encoding in ("ros2msg", "ros2idl", "ros1msg", ""):
         text = schema.decode(errors="replace")
-        types = RosTypes([Definition(schema_name, text, schema_encoding == "ros2idl")])
-        decode = types.decoder(schema_name, encoding == "ros1")
-        if decode is not None:
-            return Decoding(types.fields(schema_name), decode)
-    if encoding == _OF_PLAYERS:
-        return Decoding((LogField("data", "bytes"),), lambda data: {"data": data})
-    return undecoded(
-        f"messages are {encoding or 'of no encoding'} with a schema {schema_encoding or 'of none'}: only their bytes are given"
-    )
+        found = ros_decoding(schema_name, text, schema_encoding == "ros2idl", encoding == "ros1")
+        if found is not None:
+            return found
+    if encoding == _STATES:
+        return undecoded("")
+    pair = f"the encoding {encoding or '(none)'} with a schema of {schema_encoding or '(none)'}"
+    return undecoded(f"{pair} cannot be decoded: messages are given as bytes")
+
+
+def ros_decoding(name: str, text: str, is_idl: bool, is_ros1: bool) -> Decoding | None:
+    """Return how messages of a ROS type are decoded; None when its definition is unknown. Arguments and errors as `RosTypes`."""
+    types = RosTypes(name, text, is_idl)
+    decode = types.decoder(is_ros1)
+    return None if decode is None else Decoding(types.fields(), decode)
 
 
 def undecoded(remark: str) -> Decoding:
-    """Of messages that nobody can decode here: their bytes."""
-    return Decoding((LogField("data", "bytes"),), lambda data: {"data": data}, remark)
+    """Return a decoding that gives the bytes of each message."""
+    return Decoding((LogField("data", "bytes"),), lambda data: {"data": bytes(data)}, remark)
 
 
 def _json(data: bytes) -> Mapping[str, object]:
@@ -82,8 +87,6 @@ def _json_fields(node: object, prefix: str, depth: int) -> Iterator[LogField]:
         if not isinstance(entry, dict):
             continue
         path = f"{prefix}{name}"
-        kinds = entry.get("type", "")
-        words = [str(k) for k in (kinds if isinstance(kinds, list) else [kinds]) if k != "null"]
         if "properties" in entry and "contentEncoding" not in str(entry):
             yield from _json_fields(entry, f"{path}.", depth + 1)
             continue
@@ -91,10 +94,14 @@ def _json_fields(node: object, prefix: str, depth: int) -> Iterator[LogField]:
         unit = next((u for u, _ in about if u), "")
         frame = next((f for _, f in about if f), "")
         size = f"[{entry['maxItems']}]" if isinstance(entry.get("maxItems"), int) else ""
-        items = entry.get("items")
-        of = items.get("type", "") if isinstance(items, dict) else ""
-        type_ = "|".join(w for w in of if w != "null") if isinstance(of, list) else str(of)
-        yield LogField(path, f"{type_}{size}" if type_ else "|".join(words), unit, frame)
+        items = _json_type(entry.get("items"))
+        yield LogField(path, f"{items}{size}" if items else _json_type(entry), unit, frame)
+
+
+def _json_type(node: object) -> str:
+    """Return the type of a JSON schema without null, alternatives as ``a|b``; "" when it has none."""
+    types = node.get("type", "") if isinstance(node, dict) else ""
+    return "|".join(str(word) for word in (types if isinstance(types, list) else [types]) if word != "null")
 
 
 def _protobuf(name: str, schema: bytes) -> Decoding:
@@ -125,15 +132,14 @@ def _protobuf(name: str, schema: bytes) -> Decoding:
 
 
 def _plain(message: Any) -> dict[str, object]:
-    """A protobuf message as a dictionary; what is absent has its default, a nested message that is absent is left out."""
+    """Return a protobuf message as a dictionary. An absent scalar has its default value; an absent nested message is left out."""
     found: dict[str, object] = {}
     for field in message.DESCRIPTOR.fields:
         nested = field.message_type is not None
         if nested and field.message_type.GetOptions().map_entry:
-            entries = getattr(message, field.name)
             found[field.name] = {
                 str(key): _plain(entry) if hasattr(entry, "DESCRIPTOR") else entry
-                for key, entry in ((key, entries[key]) for key in entries)
+                for key, entry in getattr(message, field.name).items()
             }
         elif field.is_repeated:
             found[field.name] = [_plain(entry) if nested else entry for entry in getattr(message, field.name)]
@@ -145,8 +151,11 @@ def _plain(message: Any) -> dict[str, object]:
 
 
 def _protobuf_fields(descriptor: Any, prefix: str, unit: str, inside: tuple[str, ...]) -> Iterator[LogField]:
-    """Fields of a type, `inside` of others. One that holds itself, or is empty or too deep, is one field: so every type that is looked at gives
-    at least one, and who takes the first of them takes no longer than they are many."""
+    """Yield the fields of a type that is nested in the types `inside`.
+
+    A nested type that contains itself, is empty or is too deep counts as one field. So every type that is visited yields at least one field,
+    and taking the first n fields takes a time in proportion to n, however the types are nested.
+    """
     names = ("double", "float", "int64", "uint64", "int32", "fixed64", "fixed32", "bool", "string", "group", "message", "bytes",
              "uint32", "enum", "sfixed32", "sfixed64", "sint32", "sint64")  # fmt: skip
     inside = (*inside, descriptor.full_name)

@@ -1,4 +1,4 @@
-"""The one place where errors of foreign parsers are caught: on bytes that they did not expect they raise whatever they like."""
+"""Turns the errors of third-party parsers into `LogError`. On unexpected bytes such parsers may raise any kind of exception."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from uwserver.logfiles.log import LogError
 
 _LONGEST = 300
 _PACKAGES = {"google": "protobuf"}
-"""Where a module is called otherwise than its package."""
+"""The package of a module, where their names differ."""
 
 
 @contextmanager
 def foreign(path: Path, what: str) -> Iterator[None]:
-    """Turn every error inside into a `LogError` that names the file and what could not be done with it."""
+    """Turn every error in the block into a `LogError` that names the file and says what failed."""
     try:
         yield
     except LogError:

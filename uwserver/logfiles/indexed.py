@@ -1,4 +1,4 @@
-"""A log whose every entry was found once: what most formats need, as they have no index of their own."""
+"""A `Log` over an index of all entries of a file, for the formats that have no index of their own."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from uwserver.logfiles.log import Datum, Kind, LogError, LogField, Topic
 from uwserver.logfiles.timebase import Timebase, gaps, shortened
 
 Decode = Callable[[int], Mapping[str, object] | None]
-"""Where an entry stands -> its fields; None when it cannot be read. May raise any error of a parser."""
+"""Maps the place of an entry to its fields, or to None when it cannot be read. May raise any error of a parser."""
 
 
 class Source(NamedTuple):
-    """One topic of an indexed log: its name, the name of its type, its fields, and what reads an entry."""
+    """One topic of an indexed log: its name, the name of its type, its fields, and the function that reads an entry."""
 
     name: str
     schema: str
@@ -29,18 +29,18 @@ class Source(NamedTuple):
 
 
 class Entries(NamedTuple):
-    """All entries in the order of the file: number of the source, and where it stands."""
+    """All entries in the order of the file: (n,) the index of the source, and (n,) the place that `Source.decode` takes."""
 
     sources: NDArray[np.int32]
     places: NDArray[np.int64]
 
 
 def mapped(path: Path) -> mmap.mmap:
-    """The bytes of a file, to be looked at in any order.
+    """Map the bytes of a file into memory for random access.
 
     Raises:
-        OSError: it cannot be opened.
-        LogError: it is empty.
+        OSError: the file cannot be opened.
+        LogError: the file is empty.
     """
     with path.open("rb") as file:
         if not os.fstat(file.fileno()).st_size:
@@ -48,15 +48,28 @@ def mapped(path: Path) -> mmap.mmap:
         return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
 
 
+def line_blocks(data: mmap.mmap, at: int, block_bytes: int) -> Iterator[tuple[int, list[bytes]]]:
+    """Yield the lines of a text in blocks of about `block_bytes`: the place of the first line, and the lines without their line feeds.
+
+    A line that is longer than a block comes whole, as the first of a block of its own.
+    """
+    while at < len(data):
+        end = data.rfind(b"\n", at, at + block_bytes) + 1
+        if end <= at:  # the last line, or a line that is longer than a block
+            end = data.find(b"\n", at) + 1 or len(data)
+        yield at, data[at:end].split(b"\n")
+        at = end
+
+
 class IndexedLog:
-    """A `Log` made of an index.
+    """A `Log` over an index.
 
     Args:
         path, kind: as in `Log`.
         sources: the topics.
-        entries: what is in the file.
+        entries: all entries of the file.
         base: the time base of the entries.
-        remarks: of whoever made the index; those about time are added.
+        remarks: remarks of the reader that made the index; remarks about the time base and gaps are added to them.
         close: closes the file.
     """
 
@@ -83,20 +96,20 @@ class IndexedLog:
         self.end_ns = int(self._t_ns[-1]) if len(order) else 0
         self.epoch_ns = base.epoch_ns
         self.topics: Mapping[str, Topic] = {}
-        silent: list[str] = []
+        silences: list[str] = []
         by_source = np.argsort(self._numbers, kind="stable")
         bounds = np.searchsorted(self._numbers[by_source], np.arange(len(self._sources) + 1))
         for k, source in enumerate(self._sources):
             times = self._t_ns[by_source[bounds[k] : bounds[k + 1]]]
             ends = (int(times[0]), int(times[-1])) if len(times) else (None, None)
             self.topics[source.name] = Topic(source.name, source.schema, source.fields, len(times), *ends)
-            silent += gaps(source.name, times)
-        self.remarks = (*remarks, *base.remarks, *shortened(silent))
+            silences += gaps(source.name, times)
+        self.remarks = (*remarks, *base.remarks, *shortened(silences))
 
     def read(
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[Datum]:
-        """As in `Log`."""
+        """Yield data, as `Log.read`."""
         first = 0 if start_ns is None else int(np.searchsorted(self._t_ns, start_ns, "left"))
         last = len(self._t_ns) if end_ns is None else int(np.searchsorted(self._t_ns, end_ns, "right"))
         numbers, places, times = (a[first:last] for a in (self._numbers, self._places, self._t_ns))
@@ -110,16 +123,16 @@ class IndexedLog:
         names = [source.name for source in self._sources]
         decoders = [source.decode for source in self._sources]
         step = 1 << 16
-        make = tuple.__new__  # Datum(...) itself takes twice as long
+        make = tuple.__new__  # calling Datum(...) takes twice as long
         with foreign(self.path, "an entry cannot be read"):
             for k in range(0, len(numbers), step):
-                part = slice(k, k + step)
-                piece = zip(numbers[part].tolist(), places[part].tolist(), times[part].tolist(), strict=True)
-                for number, place, t_ns in piece:
+                # One block at a time becomes Python integers, which take several times the memory of the arrays.
+                block = (each[k : k + step].tolist() for each in (numbers, places, times))
+                for number, place, t_ns in zip(*block, strict=True):
                     value = decoders[number](place)
                     if value is not None:
                         yield make(Datum, (t_ns, names[number], value))
 
     def close(self) -> None:
-        """As in `Log`."""
+        """Close the file, as `Log.close`."""
         self._close()

@@ -1,7 +1,7 @@
-"""A log of any origin behind one face: topics, and data in the order of one time base.
+"""The interface of an open log of any format: its topics, and its data in the order of one time base.
 
-`open_log` (uwserver.logfiles) finds the reader of a file; what a reader gives is as it stands in the log, in the log's own units and frames. Only
-`uwserver.logfiles.mapping` turns it into NED, SI units and our names.
+`open_log` (uwserver.logfiles) chooses the reader for a file. A reader gives the data as they are in the log, in the log's own units and frames.
+Only `uwserver.logfiles.mapping` converts them to NED, SI units and our names.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ from typing import Literal, NamedTuple, Protocol
 from msgspec import Struct
 
 Kind = Literal["uwserver", "mcap", "tlog", "bin", "alog", "bag", "rosbag2", "ulg", "csv", "parquet"]
-"""Formats of logs: our own recording, other MCAP files, MAVLink telemetry, ArduPilot dataflash, MOOS, ROS 1, ROS 2, PX4, and tables."""
+"""Log formats: our own recordings, other MCAP files, MAVLink telemetry, ArduPilot dataflash, MOOS, ROS 1, ROS 2, PX4, and tables."""
 
 
 class LogError(ValueError):
-    """A file that cannot be read as a log; the text names the file, what is wrong and what to do. The only error that readers raise."""
+    """A file that cannot be read as a log. The text names the file, what is wrong and what to do. Readers raise no other error."""
 
 
 class LogField(Struct, frozen=True):
     """One value of a topic.
 
     Attributes:
-        name: with dots where messages are nested: ``pose.position.x``.
-        type: in the words of its format: ``float64``, ``char[10]``, ``string``.
-        unit: as the log or its dialect says it; "" when nobody does.
-        frame: of a vector's components; "" when nobody says it.
+        name: the field's name; nested messages are written with dots: ``pose.position.x``.
+        type: the type as its format calls it: ``float64``, ``char[10]``, ``string``.
+        unit: the unit that the log or its dialect gives; "" when it gives none.
+        frame: the frame of a vector's components; "" when the log gives none.
     """
 
     name: str
@@ -37,14 +37,14 @@ class LogField(Struct, frozen=True):
 
 
 class Topic(Struct, frozen=True):
-    """What one source wrote into a log.
+    """The data that one source wrote into a log.
 
     Attributes:
-        name: unique in the log; ``1/1/ATTITUDE`` (system, component, message) of MAVLink.
-        schema: name of the type of its data; "" where there is none.
-        fields: of each datum, as far as they are known before it is read.
-        count: number of data; None when only reading all would tell.
-        first_ns, last_ns: times of the first and the last datum; None when only reading all would tell.
+        name: unique in the log; for MAVLink ``1/1/ATTITUDE`` (system, component, message).
+        schema: name of the data type; "" when there is none.
+        fields: the fields of each datum, as far as they are known before the data are read.
+        count: number of data; None when it is not known without reading the whole log.
+        first_ns, last_ns: times of the first and the last datum; None when they are not known without reading the whole log.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Topic(Struct, frozen=True):
 
 
 class Datum(NamedTuple):
-    """One entry of a log: its time on the log's time base, ns; its topic; its fields, nested where the message is."""
+    """One entry of a log: its time on the log's time base (ns), its topic, and its fields (nested where the message is nested)."""
 
     t_ns: int
     topic: str
@@ -64,12 +64,12 @@ class Datum(NamedTuple):
 
 
 class Limits(Struct, frozen=True):
-    """What a log may ask of the machine; a file that asks for more is refused with a `LogError`.
+    """The resources that a log may use. A file that needs more is refused with a `LogError`.
 
     Attributes:
-        record_bytes: of one record, also after decompression.
-        expansion: how many times the bytes of the file decompression may give in all, besides one record.
-        topics: in one log.
+        record_bytes: largest size of one record, also after decompression.
+        expansion: largest ratio of all decompressed bytes to the size of the file; one record more is allowed.
+        topics: largest number of topics in one log.
     """
 
     record_bytes: int = 256 << 20
@@ -78,65 +78,56 @@ class Limits(Struct, frozen=True):
 
 
 class Log(Protocol):
-    """An open log. Not for use by two threads at a time; several `read` may go on side by side."""
+    """An open log. Only one thread may use it at a time; several `read` iterators may be active at once."""
 
     @property
     def path(self) -> Path:
-        """The file; of a ROS 2 bag the folder, or its one file."""
-        ...
+        """Return the path of the file; for a ROS 2 bag the folder, or its only file."""
 
     @property
     def kind(self) -> Kind:
-        """Its format."""
-        ...
+        """Return the format."""
 
     @property
     def topics(self) -> Mapping[str, Topic]:
-        """By name, in the order in which they appear."""
-        ...
+        """Return the topics by name, in the order in which they appear."""
 
     @property
     def start_ns(self) -> int:
-        """Time of the first datum. Time 0 is the start of the scenario in our own recordings, elsewhere the first datum."""
-        ...
+        """Return the time of the first datum. Time 0 is the start of the scenario in our recordings, and the first datum elsewhere."""
 
     @property
     def end_ns(self) -> int:
-        """Time of the last datum; 0 when there are none."""
-        ...
+        """Return the time of the last datum; 0 when there are no data."""
 
     @property
     def epoch_ns(self) -> int | None:
-        """UTC of time 0, ns since 1970; None when the log does not know it."""
-        ...
+        """Return the UTC of time 0 in ns since 1970; None when the log does not contain it."""
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What to know before trusting it, one sentence each: gaps, resets of the clock, records left out, a cut end."""
-        ...
+        """Return what a user should know before trusting the log, one sentence each: gaps, clock resets, skipped records, a truncated end."""
 
     def read(
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[Datum]:
-        """Data of some topics (None: all) from `start_ns` to `end_ns` (both included), in the order of their times.
+        """Yield the data of some topics (None: all) from `start_ns` to `end_ns` (both included), in the order of their times.
 
-        Where the clock of the log was set back or far ahead, the times go on from the last one before, so that time never runs back; `remarks`
-        tells where.
+        Where the clock of the log was set back or far ahead, the times continue from the last time before, so that time never runs backwards;
+        `remarks` says where. A topic that is not in the log has no data; this is not an error.
 
         Raises:
-            LogError: the file is damaged where it was not yet read. A topic that the log has not is no error: it has no data.
+            LogError: a part of the file that had not been read before is damaged.
         """
-        ...
 
     def close(self) -> None:
-        """Close the file; nothing can be read afterwards. Twice does no harm."""
-        ...
+        """Close the file. Nothing can be read afterwards; a second call does nothing."""
 
 
 def member(value: object, name: str) -> object:
-    """The value under a dotted name of a nested message; an index stands for an entry of a list: ``pose.covariance.0``. None where there is none.
+    """Return the value under a dotted name of a nested message; None when there is none.
 
-    A column of a table may have dots in its own name.
+    A number selects an entry of a list: ``pose.covariance.0``. A table column may have dots in its own name.
     """
     if isinstance(value, Mapping) and name in value:
         return value[name]
@@ -153,3 +144,8 @@ def member(value: object, name: str) -> object:
         else:
             return None
     return value
+
+
+def matches(value: object, where: Mapping[str, object]) -> bool:
+    """Return whether the members of a message have these values."""
+    return all(member(value, name) == wanted for name, wanted in where.items())

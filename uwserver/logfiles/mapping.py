@@ -1,7 +1,7 @@
-"""A mapping: which fields of a log give the pose of which body, and the samples of which port; in which units and axes they are.
+"""Mappings: they say which fields of a log give the pose of a body or the samples of a port, and in which units and axes they are.
 
-`uwserver log FILE --mapping` prints one that `uwserver.logfiles.rules` found, to be edited. All conversions to NED, FRD and SI happen by it, in
-`uwserver.logfiles.poses` and `uwserver.logfiles.samples`, and nowhere else.
+`uwserver log FILE --mapping` prints the mapping that `uwserver.logfiles.rules` finds, for editing. `uwserver.logfiles.poses` and
+`uwserver.logfiles.samples` use mappings to convert logs to NED, FRD and SI; no other code converts them.
 """
 
 from __future__ import annotations
@@ -26,26 +26,24 @@ else:
     import tomli as tomllib
 
 FORMAT = "uwserver-log-mapping-1"
-SECTIONS = ("position", "attitude", "velocity", "actuators")
-"""Of a track."""
 ACTUATOR_UNITS: Mapping_[str, Literal["part", "angle", "pulse"]] = {
     "1": "part", "%": "part", "us": "pulse", "rad": "angle", "deg": "angle"
 }  # fmt: skip
 _MOST_BYTES = 1 << 20
 
 Axes = Literal["NED/FRD", "ENU/FLU"]
-"""World and body of an attitude: aerospace, or ROS (REP 103)."""
+"""World and body axes of an attitude: those of aerospace, or those of ROS (REP 103)."""
 Match = dict[str, str | float | int | bool]
 
 
 class Value(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """Where one number stands.
+    """The place of one number in a log.
 
     Attributes:
-        field: its name, with dots where messages are nested: ``pose.position.x``, ``q.0``.
-        topic: when it is another one than that of its section.
-        unit: when it is another one than that of its section.
-        scale: what it is multiplied by besides; -1.0 turns an axis round.
+        field: name of the field, with dots for nested messages: ``pose.position.x``, ``q.0``.
+        topic: its topic, if it differs from that of the section.
+        unit: its unit, if it differs from that of the section.
+        scale: additional factor; -1.0 reverses an axis.
     """
 
     field: str
@@ -55,16 +53,16 @@ class Value(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True)
 
 
 Entry = Value | str
-"""A value, or only the name of its field."""
+"""A value, or only the name of the field."""
 
 
 class Section(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
-    """Values of one topic.
+    """Values that belong together.
 
     Attributes:
-        topic: of all values that name no other.
-        unit: of all values that name no other.
-        where: only data whose fields have these values count: ``{ C = 0 }``.
+        topic: topic of all values that name no other topic.
+        unit: unit of all values that name no other unit.
+        where: only data whose fields have these values are used: ``{ C = 0 }``.
     """
 
     topic: str = ""
@@ -72,23 +70,22 @@ class Section(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=Tru
     where: Match = {}
 
     def values(self) -> Iterator[tuple[str, Value]]:
-        """Each value under the name of its key, with topic and unit filled in."""
+        """Yield each given value with its key; the topic and unit of the section are filled in."""
         for name in self.__struct_fields__:
             entry = getattr(self, name)
-            if name in ("topic", "unit", "where", "axes") or entry is None:
-                continue
-            yield name, self._filled(entry, self._unit_of(name))
+            if name not in ("topic", "unit", "angle_unit", "where", "axes") and entry is not None:
+                yield name, self._filled(entry, self._unit_of(name))
 
     def _unit_of(self, name: str) -> str:
         return self.unit
 
     def _filled(self, entry: Entry, unit: str) -> Value:
-        value = Value(entry) if isinstance(entry, str) else entry
+        value = value_of(entry)
         return Value(value.field, value.topic or self.topic, unit if value.unit is None else value.unit, value.scale)
 
 
 class Position(Section, frozen=True, kw_only=True):
-    """Where the body is: north and east, or latitude and longitude (unit: `angle_unit`); and one of down, depth, up, altitude."""
+    """The place of the body: north and east, or latitude and longitude (in `angle_unit`); and one of down, depth, up, altitude."""
 
     unit: str = "m"
     angle_unit: str = "deg"
@@ -101,16 +98,12 @@ class Position(Section, frozen=True, kw_only=True):
     up: Entry | None = None
     altitude: Entry | None = None
 
-    def values(self) -> Iterator[tuple[str, Value]]:
-        """As in `Section`."""
-        return ((name, value) for name, value in Section.values(self) if name != "angle_unit")
-
     def _unit_of(self, name: str) -> str:
         return self.angle_unit if name in ("latitude", "longitude") else self.unit
 
 
 class Velocity(Section, frozen=True, kw_only=True):
-    """In the world: north, east and one of down, up. Of the body: forward, one of right, left, and one of down, up."""
+    """The velocity in world axes: north, east and one of down, up; or in body axes: forward, one of right, left, and one of down, up."""
 
     unit: str = "m/s"
     north: Entry | None = None
@@ -123,7 +116,7 @@ class Velocity(Section, frozen=True, kw_only=True):
 
 
 class Attitude(Section, frozen=True, kw_only=True):
-    """A quaternion w, x, y, z; or roll, pitch and yaw, of which only yaw must be there."""
+    """The attitude: a quaternion w, x, y, z; or roll, pitch and yaw, of which only yaw is required."""
 
     unit: str = "rad"
     axes: Axes = "NED/FRD"
@@ -137,37 +130,44 @@ class Attitude(Section, frozen=True, kw_only=True):
 
 
 class Actuators(Section, frozen=True, kw_only=True):
-    """What thrusters, fins and propellers give, for who looks.
+    """The outputs of thrusters, fins and propellers; they are shown in views, but do not move the body.
 
     Attributes:
-        unit: "1" for a part of all that each can give (-1 to 1), "us" for a servo's pulses (1100 to 1900), or an angle of fins.
-        outputs: by the name of the actuator in the vehicle's file, or its number from 1 in the order of that file.
+        unit: "1" for a part of the full output (-1 to 1), "us" for the pulses of a servo (1100 to 1900), or an angle for fins.
+        outputs: by the name of the actuator in the vehicle file, or by its number in the order of that file, from 1.
     """
 
     unit: str = "1"
     outputs: dict[str, Entry] = {}
 
     def values(self) -> Iterator[tuple[str, Value]]:
-        """As in `Section`."""
+        """Yield the value of each output with the name of the actuator, as `Section.values`."""
         return ((name, self._filled(entry, self.unit)) for name, entry in self.outputs.items())
 
 
 class Track(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """The pose of one body over time. Without attitude it heads north, level."""
+    """The pose of one body over time. Without an attitude the body is level and heads north."""
 
     position: Position
     attitude: Attitude | None = None
     velocity: Velocity | None = None
     actuators: Actuators | None = None
 
+    def sections(self) -> Iterator[tuple[str, Section]]:
+        """Yield the name and the section of each section that is given."""
+        for name in self.__struct_fields__:
+            section = getattr(self, name)
+            if section is not None:
+                yield name, section
+
 
 class PortSource(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The samples of one port.
 
     Attributes:
-        topic: that gives one sample a datum.
-        fields: of the port: a value, or a list of them for a vector.
-        kind: of the port, for whoever shows it.
+        topic: each datum of this topic gives one sample.
+        fields: the fields of the port: a value each, or a list of values for a vector.
+        kind: kind of the port, which views use to choose how to show it.
         where: as in `Section`.
     """
 
@@ -178,14 +178,14 @@ class PortSource(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=
 
 
 class Origin(Struct, frozen=True, forbid_unknown_fields=True):
-    """Where N touches the Earth, in degrees. Without it, latitudes and longitudes are counted from the first fix of each track."""
+    """The origin of N on the Earth, in degrees. Without it, each track begins at its own first fix."""
 
     latitude_deg: float
     longitude_deg: float
 
 
 class Mapping(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """What a log gives: tracks and ports by name."""
+    """The tracks and ports that a log gives, by name."""
 
     format: str = FORMAT
     origin: Origin | None = None
@@ -194,16 +194,16 @@ class Mapping(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=Tru
 
 
 def read_mapping(path: str | Path) -> Mapping:
-    """A mapping from its file.
+    """Read a mapping from a file.
 
     Raises:
-        LogError: it cannot be read, is no TOML, or has keys, units or sections that do not fit; the text says where.
+        LogError: the file cannot be read, is not TOML, or has wrong keys, units or sections; the text says where.
     """
     try:
         with Path(path).open("rb") as file:
             raw = file.read(_MOST_BYTES + 1)
         if len(raw) > _MOST_BYTES:
-            raise LogError(f"{path}: more than {_MOST_BYTES} bytes: no mapping")
+            raise LogError(f"{path}: the file is larger than {_MOST_BYTES} bytes, so it is not a mapping")
         return parse_mapping(raw.decode())
     except OSError as error:
         raise LogError(f"{path}: {error.strerror or error}") from error
@@ -212,39 +212,37 @@ def read_mapping(path: str | Path) -> Mapping:
 
 
 def parse_mapping(text: str) -> Mapping:
-    """A mapping from its text.
+    """Read a mapping from its text.
 
     Raises:
         ValueError: as `read_mapping`, without the name of the file.
     """
     mapping = msgspec.convert(tomllib.loads(text), Mapping)
     if mapping.format != FORMAT:
-        raise ValueError(f'format "{mapping.format}": here it is "{FORMAT}"')
+        raise ValueError(f'unknown format "{mapping.format}"; this version reads "{FORMAT}"')
     for name, track in mapping.tracks.items():
         _check_track(f"tracks.{name}", track)
     for name, port in mapping.ports.items():
         for field, entries in port.fields.items():
             for entry in entries if isinstance(entries, list) else [entries]:
-                _check_unit(f"ports.{name}.{field}", entry.unit if isinstance(entry, Value) else None)
+                _check_unit(f"ports.{name}.{field}", value_of(entry).unit)
     return mapping
 
 
 def mapping_text(mapping: Mapping) -> str:
-    """A mapping as TOML that `parse_mapping` reads: a line for each section, its units and axes written out."""
+    """Return a mapping as TOML that `parse_mapping` reads: one line for each section, with its units and axes written out."""
     lines = [f"format = {_toml(FORMAT)}"]
     if mapping.origin is not None:
         lines += ["", "[origin]", *(f"{key} = {_toml(v)}" for key, v in msgspec.to_builtins(mapping.origin).items())]
     for name, track in mapping.tracks.items():
         lines += ["", f"[tracks.{_key(name)}]"]
-        for key in SECTIONS:
-            section: Section | None = getattr(track, key)
-            if section is not None:
-                written = {"topic": section.topic, "unit": section.unit, **_plain(section)}
-                if isinstance(section, Position) and section.latitude is not None:
-                    written["angle_unit"] = section.angle_unit
-                if isinstance(section, Attitude):
-                    written["axes"] = section.axes
-                lines.append(f"{key} = {_toml({k: v for k, v in written.items() if k != 'topic' or v})}")
+        for key, section in track.sections():
+            written = {"topic": section.topic, "unit": section.unit, **_plain(section)}
+            if isinstance(section, Position) and section.latitude is not None:
+                written["angle_unit"] = section.angle_unit
+            if isinstance(section, Attitude):
+                written["axes"] = section.axes
+            lines.append(f"{key} = {_toml({k: v for k, v in written.items() if k != 'topic' or v})}")
     for name, port in mapping.ports.items():
         lines += ["", f"[ports.{_key(name)}]"]
         lines += [f"{key} = {_toml(v)}" for key, v in _plain(port).items() if key != "fields"]
@@ -253,18 +251,17 @@ def mapping_text(mapping: Mapping) -> str:
 
 
 def _plain(value: object) -> Any:
-    """As TOML knows it, without what is the default."""
+    """Return a value as dictionaries, lists and scalars, without factors of 1, which msgspec does not take for the default."""
     raw = msgspec.to_builtins(value)
-    return [_plain(v) for v in raw] if isinstance(raw, list) else _without_ones(raw) if isinstance(raw, dict) else raw
-
-
-def _without_ones(raw: dict[str, Any]) -> dict[str, Any]:
-    found = {k: _without_ones(v) if isinstance(v, dict) else v for k, v in raw.items()}
-    return {k: v for k, v in found.items() if not (k == "scale" and v == 1.0)}
+    if isinstance(raw, list):
+        return [_plain(v) for v in raw]
+    if isinstance(raw, dict):
+        return {k: _plain(v) for k, v in raw.items() if not (k == "scale" and v == 1.0)}
+    return raw
 
 
 def _toml(value: object) -> str:
-    """A value on one line."""
+    """Return a TOML value on one line."""
     if isinstance(value, dict):
         return "{ " + ", ".join(f"{_key(str(k))} = {_toml(v)}" for k, v in value.items()) + " }"
     if isinstance(value, list):
@@ -276,8 +273,13 @@ def _key(name: str) -> str:
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _toml(name)
 
 
+def value_of(entry: Entry) -> Value:
+    """Return an entry as a `Value`."""
+    return Value(entry) if isinstance(entry, str) else entry
+
+
 def one_of(section: Section, *names: str) -> str:
-    """Which of these keys is given; "" for none."""
+    """Return the first of these keys that the section gives; "" when it gives none."""
     return next((name for name in names if getattr(section, name) is not None), "")
 
 
@@ -297,16 +299,16 @@ def _check_track(where: str, track: Track) -> None:
         quaternion = [getattr(attitude, name) is not None for name in "wxyz"]
         if any(quaternion) != all(quaternion) or any(quaternion) == (attitude.yaw is not None):
             raise ValueError(f"{where}.attitude: give w, x, y and z, or yaw (and roll and pitch)")
-    for name in SECTIONS:
-        section: Section | None = getattr(track, name)
-        for key, value in section.values() if section is not None else ():
+    for name, section in track.sections():
+        for key, value in section.values():
             if not value.topic:
-                raise ValueError(f"{where}.{name}.{key}: neither it nor its section names a topic")
+                raise ValueError(f"{where}.{name}.{key}: give the topic, here or in the section")
             _check_unit(f"{where}.{name}.{key}", value.unit)
-    for key, value in track.actuators.values() if track.actuators is not None else ():
-        if value.unit not in ACTUATOR_UNITS:
-            known = ", ".join(f'"{unit}"' for unit in ACTUATOR_UNITS)
-            raise ValueError(f'{where}.actuators.{key}: unit "{value.unit}"; those of actuators are {known}')
+            if name == "actuators" and value.unit not in ACTUATOR_UNITS:
+                known = ", ".join(f'"{unit}"' for unit in ACTUATOR_UNITS)
+                raise ValueError(
+                    f'{where}.actuators.{key}: no actuator has the unit "{value.unit}"; possible are {known}'
+                )
 
 
 def _only_one(where: str, section: Section, *names: str) -> None:

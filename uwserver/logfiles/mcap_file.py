@@ -1,9 +1,10 @@
-"""MCAP files, ours and those of others. With an index only the summary is read at first; without one, the whole file once."""
+"""Reads MCAP files, ours and others. If the file has an index, only the summary is read on opening; otherwise the whole file is."""
 
 from __future__ import annotations
 
 from array import array
 from collections.abc import Callable, Collection, Iterator, Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -20,37 +21,36 @@ from uwserver.logfiles.mcap_records import (
     MAGIC,
     MESSAGE,
     METADATA,
+    RECORD_HEAD_BYTES,
     SCHEMA,
     ChunkPlace,
     Records,
     Summary,
     learn,
-    learn_all,
     messages,
+    records_in,
 )
-from uwserver.logfiles.timebase import LATE_NS, log_times, seconds, shortened, time_base, utc_ns
+from uwserver.logfiles.timebase import FIRST_UTC_NS, LAST_NS, LATE_NS, log_times, seconds, shortened, time_base, utc_ns
 
 OURS = "uwserver"
 """Name of the metadata record of our own recordings."""
-_FIRST_UTC_NS = 946_684_800_000_000_000
-_RECORD_HEAD, _CHUNK_HEAD, _MESSAGE_HEAD = 9, 9, 22
-_LAST_NS = 1 << 62
+_MESSAGE_HEAD = 22
 _KEPT_CHUNKS = 4
+_MOST_PENDING_BYTES = 4 * (256 << 20)
 
 
 def open_file(path: Path, limits: Limits) -> Log:
-    """The log in an MCAP file.
+    """Open the log in an MCAP file.
 
     Raises:
-        LogError: there is not one whole record in it, or a length in it is beyond the limits.
+        LogError: it contains no whole record, or a length in it exceeds the limits.
     """
     file = path.open("rb")
     try:
         records = Records(path, file, limits)
-        summary = _summary(records)
+        summary = records.summary()
         if summary is not None and _is_complete(summary):
-            if len(summary.channels) > limits.topics:
-                raise LogError(f"{path}: {len(summary.channels)} channels, more than {limits.topics}")
+            _check_count(path, len(summary.channels), limits)
             head = _head(records, summary.metadata)
             if not (head and _goes_back(summary.chunks)):
                 return _Indexed(path, records, summary, head, file.close)
@@ -61,31 +61,18 @@ def open_file(path: Path, limits: Limits) -> Log:
 
 
 def head_of(path: Path) -> Mapping[str, str]:
-    """The metadata record that heads a recording of ours; empty for any other file. Raises OSError."""
+    """Read the metadata record at the start of a recording of ours; empty for any other file. Raises OSError."""
     with path.open("rb") as file:
-        records = Records(path, file, Limits())
-        for code, begin, _ in records.heads():
-            if code in (CHUNK, MESSAGE):
-                break
-            if code == METADATA:
-                record = records.metadata(begin - _RECORD_HEAD)
-                if record is not None and record.name == OURS:
-                    found: Mapping[str, str] = record.metadata
-                    return found
-    return {}
+        return Records(path, file, Limits()).first_metadata().get(OURS, {})
 
 
-def _summary(records: Records) -> Summary | None:
-    """The summary; None where there is none that can be read, so that the file is read as a whole."""
-    try:
-        with foreign(records.path, "its index is damaged"):
-            return records.summary()
-    except LogError:
-        return None
+def _check_count(path: Path, channels: int, limits: Limits) -> None:
+    if channels > limits.topics:
+        raise LogError(f"{path}: {channels} channels, more than {limits.topics}")
 
 
 def _is_complete(summary: Summary) -> bool:
-    """Whether the index leads to every message."""
+    """Return whether the index leads to every message."""
     counted = summary.statistics
     if counted is None or (counted.message_count and not summary.chunks):
         return False
@@ -101,7 +88,7 @@ def _head(records: Records, offsets: list[int]) -> Mapping[str, str] | None:
 
 
 def _goes_back(chunks: list[ChunkPlace]) -> bool:
-    """Whether time goes back from chunk to chunk, in the order of the file: the world was reset."""
+    """Return whether time goes back from chunk to chunk in the order of the file, because the world was reset."""
     newest = 0
     for chunk in sorted(chunks, key=lambda c: c.offset):
         if chunk.start < newest - LATE_NS and chunk.end:
@@ -111,7 +98,7 @@ def _goes_back(chunks: list[ChunkPlace]) -> bool:
 
 
 def _epoch(head: Mapping[str, str]) -> int | None:
-    """UTC of simulation time 0 as the scenario in the head says it."""
+    """Return the UTC of simulation time 0, which the scenario in the head gives."""
     try:
         text = msgspec.json.decode(head["scenario"])["scenario"]["world"]["epoch_utc"]
     except (KeyError, TypeError, ValueError):
@@ -120,7 +107,7 @@ def _epoch(head: Mapping[str, str]) -> int | None:
 
 
 class _Channels:
-    """The channels of a file by topic, and what decodes them."""
+    """The channels of a file by topic, and how they are decoded."""
 
     def __init__(self, channels: Mapping[int, Any], schemas: Mapping[int, Any]) -> None:
         self.by_topic: dict[str, list[int]] = {}
@@ -137,7 +124,9 @@ class _Channels:
             self.schema_of[number] = "" if schema is None else schema.name
             self.by_topic.setdefault(channel.topic, []).append(number)
         several = [
-            f"{topic}: {len(n)} channels of this name, read as one" for topic, n in self.by_topic.items() if len(n) > 1
+            f"{topic}: {len(n)} channels have this name and are read as one"
+            for topic, n in self.by_topic.items()
+            if len(n) > 1
         ]
         self.remarks = [*shortened(self.remarks), *shortened(several)]
 
@@ -147,16 +136,16 @@ class _Channels:
             with foreign(Path(channel.topic), "its schema cannot be used"):
                 found = decoding(channel.message_encoding, *about)
         except LogError as error:
-            self.remarks.append(f"{error}: only the bytes of its messages are given")
+            self.remarks.append(f"{error}: its messages are given as bytes")
             return undecoded("")
         if found.remark:
             self.remarks.append(f"{channel.topic}: {found.remark}")
         return found
 
-    def topic(self, name: str, count: int | None, first_ns: int | None, last_ns: int | None) -> Topic:
-        """One topic; of several channels of a name the last one's type."""
+    def topic(self, name: str, count: int | None) -> Topic:
+        """Return a topic; if several channels have its name, with the type of the last."""
         number = self.by_topic[name][-1]
-        return Topic(name, self.schema_of[number], self.decodings[number].fields, count, first_ns, last_ns)
+        return Topic(name, self.schema_of[number], self.decodings[number].fields, count, None, None)
 
 
 class _Indexed:
@@ -171,34 +160,32 @@ class _Indexed:
         self._chunks = sorted((c for c in summary.chunks if c.unpacked), key=lambda c: (c.start, c.offset))
         for chunk in self._chunks:
             records.claim(chunk.unpacked)
-        counted = summary.statistics
-        assert counted is not None
         first = min((chunk.start for chunk in self._chunks), default=0)
         last = max((chunk.end for chunk in self._chunks), default=0)
-        self._begin = 0 if head else min(first, _LAST_NS)
-        self.start_ns, self.end_ns = min(first, _LAST_NS) - self._begin, min(last, _LAST_NS) - self._begin
-        self.epoch_ns = _epoch(head) if head else self._begin if self._begin >= _FIRST_UTC_NS else None
+        self._begin = 0 if head else min(first, LAST_NS)
+        self.start_ns, self.end_ns = min(first, LAST_NS) - self._begin, min(last, LAST_NS) - self._begin
+        self.epoch_ns = _epoch(head) if head else self._begin if self._begin >= FIRST_UTC_NS else None
         self._channels = _Channels(summary.channels, summary.schemas)
         self._topic_of = {number: name for name, numbers in self._channels.by_topic.items() for number in numbers}
-        counts = counted.channel_message_counts
+        counts = {} if summary.statistics is None else summary.statistics.channel_message_counts
         self.topics: Mapping[str, Topic] = {
-            name: self._channels.topic(name, sum(int(counts.get(n, 0)) for n in numbers), None, None)
+            name: self._channels.topic(name, sum(int(counts.get(n, 0)) for n in numbers))
             for name, numbers in self._channels.by_topic.items()
         }
-        silent = []
+        silences = []
         if not head and _goes_back(summary.chunks):
-            silent.append("log times go back within the file: it is read in their order, as MCAP tools do")
+            silences.append("log times go back within the file: it is read in the order of log times, as MCAP tools do")
         newest = self._chunks[0].end if self._chunks else 0
         for chunk in self._chunks:
             if chunk.start > newest + LATE_NS:
-                silent.append(f"nothing for {seconds(chunk.start - newest)} from {seconds(newest - self._begin)}")
+                silences.append(f"no data for {seconds(chunk.start - newest)} from {seconds(newest - self._begin)}")
             newest = max(newest, chunk.end)
-        self.remarks = (*self._channels.remarks, *shortened(silent))
+        self.remarks = (*self._channels.remarks, *shortened(silences))
 
     def read(
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[Datum]:
-        """As in `Log`."""
+        """Yield data, as `Log.read`."""
         wanted = {n for n, name in self._topic_of.items() if topics is None or name in topics}
         first = -1 if start_ns is None else start_ns + self._begin
         last = 1 << 64 if end_ns is None else end_ns + self._begin
@@ -206,13 +193,15 @@ class _Indexed:
 
     def _read(self, wanted: set[int], first: int, last: int) -> Iterator[Datum]:
         decoders = {number: self._channels.decodings[number].decode for number in wanted}
-        begin, topic_of, most = self._begin, self._topic_of, 4 * (256 << 20)
+        begin, topic_of = self._begin, self._topic_of
         with foreign(self.path, "a message cannot be read"):
             chosen = [c for c in self._chunks if c.end >= first and c.start <= last and _holds(c, wanted)]
+            # Chunks may overlap in time: messages wait here until the next chunk begins later than they do.
             pending: list[tuple[int, int, bytes]] = []
             newest = begin
             for k, chunk in enumerate(chosen):
-                data = self._records.unpacked(chunk.offset + _CHUNK_HEAD, chunk.length - _CHUNK_HEAD, chunk.unpacked)
+                place = chunk.offset + RECORD_HEAD_BYTES
+                data = self._records.unpacked(place, chunk.length - RECORD_HEAD_BYTES, chunk.unpacked)
                 pending += [
                     (m.log_time, m.channel, data[m.begin : m.end])
                     for m in messages(data)
@@ -225,33 +214,35 @@ class _Indexed:
                     if log_time >= until:
                         break
                     done += 1
-                    newest = max(newest, log_time)  # a damaged one may be older than its chunk
-                    yield Datum(min(newest, _LAST_NS) - begin, topic_of[channel], decoders[channel](content))
+                    newest = max(newest, log_time)  # the time of a damaged message may be before its chunk
+                    yield Datum(min(newest, LAST_NS) - begin, topic_of[channel], decoders[channel](content))
                 del pending[:done]
-                if pending and sum(len(m[2]) for m in pending) > most:
-                    raise LogError(f"{self.path}: more than {most >> 20} MB of its chunks overlap in time")
+                if pending and sum(len(m[2]) for m in pending) > _MOST_PENDING_BYTES:
+                    raise LogError(
+                        f"{self.path}: more than {_MOST_PENDING_BYTES >> 20} MB of its chunks overlap in time"
+                    )
 
     def close(self) -> None:
-        """As in `Log`."""
+        """Close the file, as `Log.close`."""
         self._close()
 
 
 def _holds(chunk: ChunkPlace, wanted: set[int]) -> bool:
-    """Whether the index says that a chunk has messages of these channels; one without index may have any."""
+    """Return whether the index says that a chunk has messages of these channels; without an index it may have any."""
     if not chunk.channels:
         return True
-    keys = np.frombuffer(chunk.channels[: len(chunk.channels) // 10 * 10], np.dtype([("id", "<u2"), ("at", "<u8")]))[
-        "id"
-    ]
-    return not wanted.isdisjoint(keys.tolist())
+    whole = chunk.channels[: len(chunk.channels) // 10 * 10]
+    return not wanted.isdisjoint(np.frombuffer(whole, np.dtype([("id", "<u2"), ("at", "<u8")]))["id"].tolist())
 
 
 class _Scan:
-    """What stands in a file without index: every record up to where it is damaged.
+    """All records of a file without index, up to where it is damaged.
 
     Attributes:
-        stamps, numbers, places: log time, channel and place of each message; a place below 0 is one in the file, else chunk << 32 | place in it.
-        chunks: place and length of their contents, and their length unpacked.
+        stamps, numbers, places: log time, channel and place of each message. A negative place is minus the place in the file; any other is the
+            index of the chunk << 32 | place in the chunk.
+        chunks: place and length of the content of each chunk, and its decompressed length.
+        head: the metadata record of a recording of ours; None without one.
     """
 
     def __init__(self, records: Records) -> None:
@@ -262,15 +253,15 @@ class _Scan:
         self.head: Mapping[str, str] | None = None
         self.remarks: list[str] = []
         for code, begin, length in records.heads():
-            if code in (SCHEMA, CHANNEL):
-                learn(code, records.read(begin, length), 0, length, self.schemas, self.channels)
-            elif code == METADATA and self.head is None:
-                self.head = _head(records, [begin - _RECORD_HEAD])
+            if code == METADATA and self.head is None:
+                self.head = _head(records, [begin - RECORD_HEAD_BYTES])
             elif code == MESSAGE and length >= _MESSAGE_HEAD:
                 content = records.read(begin, _MESSAGE_HEAD)
                 self._add(int.from_bytes(content[:2], "little"), int.from_bytes(content[6:14], "little"), -begin)
             elif code == CHUNK:
                 self._chunk(records, begin, length)
+            elif code in (SCHEMA, CHANNEL):
+                learn(code, records.read(begin, length), 0, length, self.schemas, self.channels)
 
     def _add(self, channel: int, log_time: int, place: int) -> None:
         self.numbers.append(channel)
@@ -282,74 +273,60 @@ class _Scan:
             with foreign(records.path, f"the chunk at byte {begin} is damaged"):
                 data = records.unpacked(begin, length)
         except LogError as error:
-            told = str(error).removeprefix(f"{records.path}: ")
-            self.remarks.append(f"a chunk is left out: {told}")
+            self.remarks.append(f"a chunk is left out: {str(error).removeprefix(f'{records.path}: ')}")
             return
-        learn_all(data, self.schemas, self.channels)
+        for code, start, end in records_in(data):
+            if code in (SCHEMA, CHANNEL):
+                learn(code, data, start, end, self.schemas, self.channels)
         for m in messages(data):
             self._add(m.channel, m.log_time, len(self.chunks) << 32 | m.begin - _MESSAGE_HEAD)
         self.chunks.append((begin, length, len(data)))
 
 
 def _scanned(path: Path, records: Records, is_cut: bool, limits: Limits, close: Callable[[], None]) -> Log:
-    """A log made of every record of the file."""
+    """Make a log of every record of the file."""
     if records.read(0, len(MAGIC)) != MAGIC:
-        raise LogError(f"{path}: no MCAP file")
+        raise LogError(f"{path}: not an MCAP file")
     scan = _Scan(records)
     if not scan.channels and not scan.stamps:
-        raise LogError(f"{path}: there is not one whole record in {records.size} bytes of an MCAP file")
-    if len(scan.channels) > limits.topics:
-        raise LogError(f"{path}: {len(scan.channels)} channels, more than {limits.topics}")
-    remarks = (
-        ["the file has no whole index (it was cut, is still written, or damaged): all of it was read"] if is_cut else []
-    )
-    remarks += scan.remarks
+        raise LogError(f"{path}: the MCAP file of {records.size} bytes contains not one whole record")
+    _check_count(path, len(scan.channels), limits)
+    remarks = ["the file has no whole index (it was cut, is still being written, or is damaged): all of it was read"]
+    remarks = [*(remarks if is_cut else []), *scan.remarks]
     known = _Channels(scan.channels, scan.schemas)
     topic_of = {n: k for k, of in enumerate(known.by_topic.values()) for n in of}
     described = np.array([n in topic_of for n in scan.numbers], bool)
     if lost := int((~described).sum()):
-        remarks.append(f"{lost} messages are of channels that the file does not describe, and are left out")
-    stamps = np.minimum(np.frombuffer(scan.stamps, np.uint64)[described], _LAST_NS).astype(np.int64)
+        remarks.append(f"{lost} messages are left out: the file does not describe their channels")
+    stamps = np.minimum(np.frombuffer(scan.stamps, np.uint64)[described], LAST_NS).astype(np.int64)
     base = time_base(stamps, utc=False) if scan.head else log_times(stamps)
     if scan.head and len(stamps):
-        # Of our own recordings time 0 is the start of the scenario.
+        # In our own recordings time 0 is the start of the scenario.
         base = base._replace(t_ns=base.t_ns + int(stamps[0] - base.t_ns[0]), epoch_ns=_epoch(scan.head))
     numbers = np.array([topic_of[n] for n in scan.numbers if n in topic_of], np.int32)
     entries = Entries(numbers, np.frombuffer(scan.places, np.int64)[described])
-    decode = _Contents(records, scan.chunks).decoder(known.decodings)
-    about = [known.topic(name, 0, None, None) for name in known.by_topic]
+    decode = _decoder(records, scan.chunks, known.decodings)
+    about = [known.topic(name, 0) for name in known.by_topic]
     sources = [Source(topic.name, topic.schema, topic.fields, decode) for topic in about]
     kind: Kind = "uwserver" if scan.head else "mcap"
     return IndexedLog(path, kind, sources, entries, base, remarks=[*known.remarks, *shortened(remarks)], close=close)
 
 
-class _Contents:
-    """Messages of a scanned file by their place; the chunks that were used last are kept."""
+def _decoder(
+    records: Records, chunks: list[tuple[int, int, int]], decodings: Mapping[int, Decoding]
+) -> Callable[[int], Mapping[str, object]]:
+    """Return a function that decodes the message at a place of a scanned file. The chunks that were used last are kept."""
 
-    def __init__(self, records: Records, chunks: list[tuple[int, int, int]]) -> None:
-        self._records, self._chunks = records, chunks
-        self._kept: dict[int, bytes] = {}
+    @lru_cache(maxsize=_KEPT_CHUNKS)
+    def chunk(number: int) -> bytes:
+        return records.unpacked(*chunks[number])
 
-    def decoder(self, decodings: Mapping[int, Decoding]) -> Callable[[int], Mapping[str, object]]:
-        """What decodes the message at a place."""
-
-        def decode(place: int) -> Mapping[str, object]:
-            content = self._content(place)
-            return decodings[int.from_bytes(content[:2], "little")].decode(content[_MESSAGE_HEAD:])
-
-        return decode
-
-    def _content(self, place: int) -> bytes:
+    def decode(place: int) -> Mapping[str, object]:
         if place < 0:
-            length = int.from_bytes(self._records.read(-place - 8, 8), "little")
-            return self._records.read(-place, length)
-        chunk, at = place >> 32, place & 0xFFFFFFFF
-        data = self._kept.get(chunk)
-        if data is None:
-            begin, length, size = self._chunks[chunk]
-            data = self._records.unpacked(begin, length, size)
-            while len(self._kept) >= _KEPT_CHUNKS:
-                del self._kept[next(iter(self._kept))]
-            self._kept[chunk] = data
-        length = int.from_bytes(data[at - 8 : at], "little")
-        return data[at : at + length]
+            content = records.read(-place, int.from_bytes(records.read(-place - 8, 8), "little"))
+        else:
+            data, at = chunk(place >> 32), place & 0xFFFFFFFF
+            content = data[at : at + int.from_bytes(data[at - 8 : at], "little")]
+        return decodings[int.from_bytes(content[:2], "little")].decode(content[_MESSAGE_HEAD:])
+
+    return decode

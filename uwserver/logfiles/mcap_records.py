@@ -1,7 +1,7 @@
-"""Records and chunks of an MCAP file: lengths are checked before anything is read, and chunks are unpacked in pieces up to a limit.
+"""Reads the records and chunks of MCAP files. Lengths are checked before anything is read, and chunks are decompressed up to a limit.
 
-The mcap library parses the records of the summary. Chunks are taken apart here: it would unpack whatever they claim, and build an object for
-each message that nobody wants.
+The mcap library parses the records of the summary. This module splits chunks itself, because the library would decompress whatever size they
+claim, and would make an object of every message, also of unwanted ones.
 """
 
 from __future__ import annotations
@@ -12,37 +12,37 @@ from io import BytesIO
 from pathlib import Path
 from typing import IO, NamedTuple
 
-import lz4.frame
-import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.records import Channel, Metadata, Schema, Statistics
 
+from uwserver.logfiles.decompression import decompressed
+from uwserver.logfiles.foreign import foreign
 from uwserver.logfiles.log import Limits, LogError
 
 MAGIC = b"\x89MCAP0\r\n"
 _RECORD = struct.Struct("<BQ")
+RECORD_HEAD_BYTES = _RECORD.size
 _CHUNK_INDEX = struct.Struct("<QQQQI")
 _CHUNK = struct.Struct("<QQQII")
-_MESSAGE = struct.Struct("<HIQQ")
-FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, CHUNK_INDEX, STATISTICS, METADATA, METADATA_INDEX, DATA_END = (
-    2,
-    3,
-    4,
-    5,
-    6,
-    8,
-    11,
-    12,
-    13,
-    15,
-)
+MESSAGE_HEAD = struct.Struct("<HIQQ")
+FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX = 0x02, 0x03, 0x04, 0x05, 0x06, 0x07, 0x08
+STATISTICS, METADATA, METADATA_INDEX, DATA_END = 0x0B, 0x0C, 0x0D, 0x0F
 _FOOTER_BYTES = 9 + 20 + 8
-_PIECE = 1 << 20
+
+
+class Unreadable(LogError):
+    """A record or chunk that may be intact but is not read: it exceeds the limits, or its compression is unknown."""
 
 
 class ChunkPlace(NamedTuple):
-    """A chunk in the file: times of its first and last message, where its record begins, its length with the record's head, the numbers of its
-    channels as the index has them (10 bytes each; empty when unknown), and its length unpacked."""
+    """A chunk of the file, as the index describes it.
+
+    Attributes:
+        start, end: log times of its first and last message, ns.
+        offset, length: place of its record, and the length of the record with its head.
+        channels: numbers of its channels in the form of the index, 10 bytes each; empty when they are unknown.
+        unpacked: decompressed length.
+    """
 
     start: int
     end: int
@@ -53,7 +53,7 @@ class ChunkPlace(NamedTuple):
 
 
 class Summary(NamedTuple):
-    """What stands at the end of a whole file."""
+    """The summary at the end of a complete file: schemas and channels by number, chunks, statistics, and the places of metadata records."""
 
     schemas: dict[int, Schema]
     channels: dict[int, Channel]
@@ -63,7 +63,7 @@ class Summary(NamedTuple):
 
 
 class Located(NamedTuple):
-    """One message: number of its channel, its time in the log, and where its data stand in the unpacked chunk."""
+    """A message in a decompressed chunk: the number of its channel, its log time (ns), and the place of its data."""
 
     channel: int
     log_time: int
@@ -77,7 +77,7 @@ class Records:
     Args:
         path: for error texts.
         file: open for reading.
-        limits: what it may ask for.
+        limits: largest record, and largest ratio of decompressed bytes to the size of the file.
     """
 
     def __init__(self, path: Path, file: IO[bytes], limits: Limits) -> None:
@@ -86,16 +86,26 @@ class Records:
         self._left = limits.expansion * self.size + limits.record_bytes
 
     def read(self, offset: int, length: int) -> bytes:
-        """Bytes at a place; fewer at the end of the file."""
+        """Read bytes at a place; fewer at the end of the file.
+
+        Raises:
+            Unreadable: the length exceeds the limit.
+        """
         if length > self._limits.record_bytes:
-            raise LogError(
-                f"{self.path}: a record of {length} bytes at byte {offset}: more than {self._limits.record_bytes}"
-            )
+            most = self._limits.record_bytes
+            raise Unreadable(f"{self.path}: the record at byte {offset} has {length} bytes, at most {most} are allowed")
         self._file.seek(offset)
-        return self._file.read(length)
+        return self._file.read(max(0, length))  # a negative length would read all
 
     def summary(self) -> Summary | None:
-        """The summary; None when the file has none, or was cut."""
+        """Read the summary; None when the file has none, was cut, or the summary is damaged."""
+        try:
+            with foreign(self.path, "its index is damaged"):
+                return self._summary()
+        except LogError:
+            return None
+
+    def _summary(self) -> Summary | None:
         tail = self.read(max(0, self.size - _FOOTER_BYTES), _FOOTER_BYTES)
         if len(tail) < _FOOTER_BYTES or not tail.endswith(MAGIC) or tail[0] != FOOTER:
             return None
@@ -104,7 +114,7 @@ class Records:
             return None
         found = Summary({}, {}, [], None, [])
         data = self.read(start, self.size - _FOOTER_BYTES - start)
-        for code, begin, end in _records(data, len(data)):
+        for code, begin, end in records_in(data):
             if code == CHUNK_INDEX:
                 first, last, offset, length, channels = _CHUNK_INDEX.unpack_from(data, begin)
                 after = begin + _CHUNK_INDEX.size + channels
@@ -121,7 +131,7 @@ class Records:
         return found
 
     def metadata(self, offset: int) -> Metadata | None:
-        """The metadata record at a place; None when there is none."""
+        """Read the metadata record at a place; None when there is none."""
         head = self.read(offset, _RECORD.size)
         if len(head) < _RECORD.size:
             return None
@@ -129,21 +139,36 @@ class Records:
         data = self.read(offset + _RECORD.size, length)
         return Metadata.read(_stream(data, 0, len(data))) if code == METADATA and len(data) == length else None
 
-    def heads(self) -> Iterator[tuple[int, int, int]]:
-        """Code, place of the content and its length of every record of the data section, until the end or what is damaged."""
-        at = len(MAGIC)
+    def first_metadata(self) -> dict[str, dict[str, str]]:
+        """Read the metadata records before the first chunk or message, by name."""
+        found: dict[str, dict[str, str]] = {}
+        for code, begin, _ in self.heads():
+            if code in (CHUNK, MESSAGE):
+                break
+            record = self.metadata(begin - _RECORD.size) if code == METADATA else None
+            if record is not None:
+                found.setdefault(record.name, record.metadata)
+        return found
+
+    def heads(self, at: int = len(MAGIC)) -> Iterator[tuple[int, int, int]]:
+        """Yield code, place of the content and its length of every record from a place on, including the record that ends the data.
+
+        It stops before a record that is not whole.
+        """
         while True:
             head = self.read(at, _RECORD.size)
             if len(head) < _RECORD.size:
                 return
             code, length = _RECORD.unpack(head)
-            if at + _RECORD.size + length > self.size or code in (0, DATA_END, FOOTER):
+            if code == 0 or (at + _RECORD.size + length > self.size and code not in (DATA_END, FOOTER)):
                 return
             yield code, at + _RECORD.size, length
+            if code in (DATA_END, FOOTER):
+                return
             at += _RECORD.size + length
 
     def claim(self, unpacked: int) -> None:
-        """Count what a chunk will be unpacked; once for each chunk, however often it is read.
+        """Count the claimed decompressed length of a chunk, once for each chunk, however often it is read.
 
         Raises:
             LogError: all chunks together claim too much.
@@ -151,53 +176,57 @@ class Records:
         self._left -= unpacked
         if self._left < 0:
             most = self._limits.expansion
-            raise LogError(f"{self.path}: unpacked it would be more than {most} times its size, as of a zip bomb")
+            raise LogError(
+                f"{self.path}: decompressed it would be more than {most} times its size: it looks like a zip bomb"
+            )
 
     def unpacked(self, begin: int, length: int, claimed: int | None = None) -> bytes:
-        """The content of the chunk whose record has its content at a place; no more than was claimed, or else it is claimed now."""
+        """Return the decompressed content of a chunk.
+
+        Args:
+            begin, length: place and length of the content of the chunk's record.
+            claimed: the decompressed length for which `claim` was called; None to call it now.
+
+        Raises:
+            Unreadable: the chunk exceeds the limit, or its compression is unknown.
+            LogError: the chunk is cut, or its length is not what it or the index claims.
+        """
         data = self.read(begin, length)
+        where = f"{self.path}: the chunk at byte {begin}"
         if len(data) < _CHUNK.size:
-            raise LogError(f"{self.path}: the chunk at byte {begin} is cut")
+            raise LogError(f"{where} is cut")
         _, _, size, _, name = _CHUNK.unpack_from(data)
         if size > self._limits.record_bytes:
-            raise LogError(
-                f"{self.path}: the chunk at byte {begin} claims {size} bytes: more than {self._limits.record_bytes}"
-            )
-        if claimed is not None and size != claimed:
-            raise LogError(f"{self.path}: the chunk at byte {begin} claims {size} bytes, the index says {claimed}")
+            raise Unreadable(f"{where} claims {size} bytes, at most {self._limits.record_bytes} are allowed")
         if claimed is None:
             self.claim(size)
-        compression = data[_CHUNK.size : _CHUNK.size + name]
-        packed = data[_CHUNK.size + name + 8 :]
-        if compression == b"":
-            return packed
-        if compression == b"zstd":
-            unpack = zstandard.ZstdDecompressor().stream_reader(packed)
-            found = unpack.read(size + 1)
-        elif compression == b"lz4":
-            found = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size + 1)
-        else:
-            raise LogError(f"{self.path}: a chunk is compressed by {compression[:20]!r}: only zstd and lz4 are known")
-        if len(found) != size:
-            raise LogError(f"{self.path}: the chunk at byte {begin} does not unpack to the {size} bytes that it claims")
+        elif size != claimed:
+            raise LogError(f"{where} claims {size} bytes, the index says {claimed}")
+        kind = data[_CHUNK.size : _CHUNK.size + name].decode(errors="replace")
+        try:
+            found = decompressed(kind, data[_CHUNK.size + name + 8 :], size)
+        except ValueError as error:
+            raise Unreadable(f"{where}: {error}") from error
+        if found is None or (kind and len(found) != size):
+            raise LogError(f"{where} does not decompress to the {size} bytes that it claims")
         return found
 
 
 def messages(data: bytes) -> list[Located]:
-    """The messages of an unpacked chunk, in its order; what is cut at its end is left out."""
-    unpack = _MESSAGE.unpack_from
+    """Return the messages of a decompressed chunk in their order, without one that is cut at the end."""
+    unpack = MESSAGE_HEAD.unpack_from
     found = []
-    for code, begin, end in _records(data, len(data)):
-        if code == MESSAGE and end - begin >= _MESSAGE.size:
+    for code, begin, end in records_in(data):
+        if code == MESSAGE and end - begin >= MESSAGE_HEAD.size:
             channel, _, log_time, _ = unpack(data, begin)
-            found.append(Located(channel, log_time, begin + _MESSAGE.size, end))
+            found.append(Located(channel, log_time, begin + MESSAGE_HEAD.size, end))
     return found
 
 
 def learn(
     code: int, data: bytes, begin: int, end: int, schemas: dict[int, Schema], channels: dict[int, Channel]
 ) -> None:
-    """Keep what a record says of a schema or channel."""
+    """Store the schema or channel that a record describes; ignore other records."""
     if code == SCHEMA:
         schema = Schema.read(_stream(data, begin, end))
         schemas[schema.id] = schema
@@ -206,15 +235,9 @@ def learn(
         channels[channel.id] = channel
 
 
-def learn_all(data: bytes, schemas: dict[int, Schema], channels: dict[int, Channel]) -> None:
-    """Keep what the records of an unpacked chunk say of schemas and channels."""
-    for code, begin, end in _records(data, len(data)):
-        if code in (SCHEMA, CHANNEL):
-            learn(code, data, begin, end, schemas, channels)
-
-
-def _records(data: bytes, size: int) -> Iterator[tuple[int, int, int]]:
-    at, unpack, head = 0, _RECORD.unpack_from, _RECORD.size
+def records_in(data: bytes) -> Iterator[tuple[int, int, int]]:
+    """Yield code, begin and end of the content of each record in a decompressed chunk or a summary, up to one that is cut."""
+    at, size, unpack, head = 0, len(data), _RECORD.unpack_from, _RECORD.size
     while at + head <= size:
         code, length = unpack(data, at)
         begin = at + head

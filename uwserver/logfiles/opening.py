@@ -1,4 +1,4 @@
-"""Which reader a file wants, told by its first bytes."""
+"""Opens a log with the reader for its format, which the first bytes of the file show."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from uwserver.logfiles.log import Limits, Log, LogError
 
 _HEAD_BYTES = 4096
 ABOUT = "log.json"
-"""What `uwserver export --to csv` says of the tables beside it."""
+"""File in which `uwserver export --to csv` describes the tables beside it."""
 _READERS: Mapping[str, str] = {
     "mcap": "mcap_file",
     "tlog": "tlog",
@@ -39,8 +39,8 @@ def open_log(path: str | Path, limits: Limits | None = None) -> Log:
     """Open a log file, or the folder of a ROS 2 bag or of `uwserver export --to csv`.
 
     Raises:
-        LogError: there is no such file, it is no log of a known format, it is damaged from the start, it asks for more than the limits, or the
-            package that reads it is not installed.
+        LogError: the file does not exist, is not a log of a known format, is damaged at its start, exceeds the limits, or the package that
+            reads it is not installed.
     """
     path = Path(path)
     with foreign(path, "it cannot be opened as a log"):
@@ -50,18 +50,20 @@ def open_log(path: str | Path, limits: Limits | None = None) -> Log:
 
 
 def kind_of(path: Path) -> str:
-    """The format of a file or folder by its first bytes; of text, which has none, by its name.
+    """Return the format of a file or folder. The first bytes tell it; for text files, which have no such mark, the file name.
 
     Raises:
-        LogError: it is none that is known here.
-        OSError: it cannot be read.
+        LogError: the format is unknown.
+        OSError: the file cannot be read.
     """
     if path.is_dir():
         if (path / "metadata.yaml").is_file():
             return "rosbag2"
         if (path / ABOUT).is_file():
             return "csv"
-        raise LogError(f"{path}: a folder without metadata.yaml and {ABOUT}, so no ROS 2 bag and no export of uwserver")
+        raise LogError(
+            f"{path}: the folder has no metadata.yaml or {ABOUT}: it is not a ROS 2 bag or a uwserver export"
+        )
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
     for begin, kind in _BEGINS:
@@ -73,7 +75,7 @@ def kind_of(path: Path) -> str:
         return "tlog"
     if path.suffix.lower() in _TEXT and b"\0" not in head:
         return _TEXT[path.suffix.lower()]
-    if path.suffix.lower() in (".tlog", ".bin"):  # with bytes before the first whole record, as of a damaged card
+    if path.suffix.lower() in (".tlog", ".bin"):  # a file from a damaged card may begin in the middle of a record
         return path.suffix.lower()[1:]
     known = "MCAP, .tlog, ArduPilot .bin, .alog, ROS bags, .ulg, .csv and Parquet"
-    raise LogError(f"{path}: begins with {head[:8].hex(' ')}, as no log does that is read here: {known}")
+    raise LogError(f"{path}: unknown format, the file begins with {head[:8].hex(' ')}; known formats: {known}")

@@ -1,4 +1,4 @@
-"""Which messages of a log are the samples of which port of ours, by the names of their types."""
+"""Rules that find the ports of a log: they map the message types of each format to our port kinds and fields."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import re
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from uwserver.logfiles.log import Log, Topic
-from uwserver.logfiles.mapping import Entry, PortSource, Value
+from uwserver.logfiles.log import Kind, Log, Topic
+from uwserver.logfiles.mapping import Entry, PortSource, Value, value_of
 from uwserver.logfiles.si import is_known
 
 
 class _Rule(NamedTuple):
-    """A message becomes a port of this name and kind; each field of ours is one of theirs, with its unit, or a list of three."""
+    """A message type gives a port of this name and kind. Each port field is a message field with its unit, or a list of three."""
 
     port: str
     kind: str
@@ -81,49 +81,47 @@ _STAMPS = ("time_ns", "seq", "t_ns", "t_sent_ns", "valid")
 
 
 def ports_of(log: Log) -> Iterator[tuple[str, PortSource]]:
-    """Ports that the topics of a log are samples of, under names that its vehicles and topics give."""
+    """Yield the ports that the topics of a log give, with names made from its vehicles and topics."""
     for topic in log.topics.values():
-        name, rule = _rule(log.kind, topic)
+        rule = _rule(log.kind, topic)
         if rule is not None:
             known = {field.name for field in topic.fields}
             fields = {key: entry for key, entry in rule.fields.items() if not known or _is_there(entry, known)}
             if fields:
-                yield name, PortSource(topic.name, fields, rule.kind)
+                yield _name(log.kind, topic, rule), PortSource(topic.name, fields, rule.kind)
 
 
 def _is_there(entry: Entry | list[Entry], known: set[str]) -> bool:
-    entries = entry if isinstance(entry, list) else [entry]
-    names = [e.field if isinstance(e, Value) else e for e in entries]
+    names = [value_of(e).field for e in (entry if isinstance(entry, list) else [entry])]
     return all(name in known or name.rpartition(".")[0] in known for name in names)
 
 
-def _rule(kind: str, topic: Topic) -> tuple[str, _Rule | None]:
-    if kind == "tlog":
-        rule = _MAVLINK.get(topic.schema)
-        system, component = topic.name.split("/")[:2]
-        vehicle = f"vehicle_{system}" + ("" if component == "1" else f"_{component}")
-        return f"{vehicle}/{rule.port}" if rule else "", rule
-    if kind == "bin":
-        rule = _ARDUPILOT.get(topic.schema)
-        which = topic.name.partition("[")[2].rstrip("]")
-        return f"vehicle/{rule.port}{'' if which in ('', '0') else which}" if rule else "", rule
-    if kind in ("mcap", "bag", "rosbag2"):
-        rule = _ROS.get(re.split(r"[/.]", topic.schema)[-1])
-        return re.sub(r"[^\w/]+", "_", topic.name).strip("/") or "topic", rule
-    if kind == "ulg":
-        rule = _PX4.get(topic.schema)
-        which = topic.name.partition("[")[2].rstrip("]")
-        return f"vehicle/{rule.port}{which}" if rule else "", rule
+def _rule(kind: Kind, topic: Topic) -> _Rule | None:
     if kind == "uwserver":
-        return topic.name, _ours(topic)
+        return _recorded(topic)
     if kind in ("csv", "parquet"):
-        return topic.name, _exported(topic)
-    rule = _MOOS.get(topic.name) if kind == "alog" else None
-    return f"vehicle/{rule.port}" if rule else "", rule
+        return _exported(topic)
+    if kind == "alog":
+        return _MOOS.get(topic.name)
+    if kind in ("tlog", "bin", "ulg"):
+        return {"tlog": _MAVLINK, "bin": _ARDUPILOT, "ulg": _PX4}[kind].get(topic.schema)
+    return _ROS.get(re.split(r"[/.]", topic.schema)[-1])
+
+
+def _name(kind: Kind, topic: Topic, rule: _Rule) -> str:
+    if kind == "tlog":
+        system, component = topic.name.split("/")[:2]
+        return f"vehicle_{system}{'' if component == '1' else f'_{component}'}/{rule.port}"
+    if kind in ("bin", "ulg", "alog"):
+        instance = topic.name.partition("[")[2].rstrip("]")
+        return f"vehicle/{rule.port}{'' if instance == '0' else instance}"
+    if kind in ("mcap", "bag", "rosbag2"):
+        return re.sub(r"[^\w/]+", "_", topic.name).strip("/") or "topic"
+    return topic.name
 
 
 def _exported(topic: Topic) -> _Rule | None:
-    """A sensor of ours in a table of `uwserver export`: columns ``name [unit]``, of a vector ``name.0 [unit]`` and so on."""
+    """Return the rule for a sensor in a table of `uwserver export`. Its columns are ``name [unit]``; of a vector ``name.0 [unit]`` and so on."""
     names = {field.name for field in topic.fields}
     if not {"seq", "t_sent_ns", "valid"} <= names or "/truth/" in topic.name:
         return None
@@ -143,8 +141,10 @@ def _exported(topic: Topic) -> _Rule | None:
     return _Rule(topic.name, "", fields) if fields else None
 
 
-def _ours(topic: Topic) -> _Rule | None:
-    """A sensor of ours as it is: only numbers, and no truth."""
+def _recorded(topic: Topic) -> _Rule | None:
+    """Return the rule for a sensor in a recording of ours: its numeric fields as they are. Truth ports are no sensors."""
+    if "/truth/" in topic.name or all(field.name != "valid" for field in topic.fields):
+        return None
     fields: dict[str, Entry | list[Entry]] = {}
     for field in topic.fields:
         outer, _, name = field.name.partition(".")
@@ -153,5 +153,4 @@ def _ours(topic: Topic) -> _Rule | None:
             fields[name] = [Value(f"{field.name}.{k}", "", field.unit) for k in range(int(size[1]))]
         elif outer == "value" and field.type in ("number", "integer", "boolean") and is_known(field.unit):
             fields[name] = Value(field.name, "", field.unit)
-    is_sensor = any(field.name == "valid" for field in topic.fields)
-    return _Rule(topic.name, "", fields) if is_sensor and "/truth/" not in topic.name else None
+    return _Rule(topic.name, "", fields)

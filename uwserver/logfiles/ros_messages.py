@@ -1,23 +1,24 @@
-"""Messages of ROS 1 and ROS 2, decoded by the definitions that a log brings along."""
+"""Decodes messages of ROS 1 and ROS 2 by the type definitions in a log."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterator, Mapping
+from itertools import islice
+from typing import Any
 
 from uwserver.logfiles.log import LogError, LogField
 
 _NAME = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*){1,3}", re.ASCII)
-"""Only such names get near rosbags, which makes Python code of them."""
+"""Only such names are passed to rosbags, which makes Python code of them."""
 _DEEPEST = 8
 _MOST_FIELDS = 400
 _MOST_UNROLLED = 4096
-"""Entries of fixed arrays of messages and texts: rosbags writes lines of code for each of them."""
+"""Largest number of entries in fixed arrays of messages and texts: rosbags generates lines of code for each of them."""
 _SIZES = {
     "int16": 2, "uint16": 2, "int32": 4, "uint32": 4, "int64": 8, "uint64": 8, "float32": 4, "float64": 8, "float128": 16, "string": 4, "wstring": 4,
 }  # fmt: skip
-"""Least bytes of a value where they are more than one."""
+"""Smallest size of a value in bytes, for the types where it is more than 1."""
 _UNITS = {
     "sensor_msgs/msg/Imu": {"orientation": "1", "angular_velocity": "rad/s", "linear_acceleration": "m/s^2"},
     "sensor_msgs/msg/FluidPressure": {"fluid_pressure": "Pa", "variance": "Pa^2"},
@@ -33,81 +34,65 @@ _UNITS = {
     "geometry_msgs/msg/Wrench": {"force": "N", "torque": "N m"},
     "builtin_interfaces/msg/Time": {"sec": "s", "nanosec": "ns"},
 }
-"""REP 103, and the comments of the message definitions."""
-
-
-class Definition(NamedTuple):
-    """A type as a log defines it: its name, the text, and whether that is IDL instead of .msg; an empty text where the log has none."""
-
-    name: str
-    text: str
-    idl: bool
+"""From REP 103 and the comments of the message definitions."""
 
 
 class RosTypes:
-    """The types of one log.
+    """A message type and the types that it contains.
 
     Args:
-        definitions: of its channels. What has no text is looked up among the messages that come with ROS 2 (Humble).
+        name: name of the type, as in ROS 1 or ROS 2.
+        text: its definition; if empty, the type is looked up among the messages of ROS 2 Humble.
+        is_idl: the definition is IDL, not .msg.
 
     Raises:
-        LogError: the name of a type is none of ROS.
-        Exception: of rosbags, when a definition cannot be parsed.
+        LogError: the name is not a valid ROS type name.
+        Exception: the definition cannot be parsed; an exception of rosbags.
     """
 
-    def __init__(self, definitions: Iterable[Definition]) -> None:
+    def __init__(self, name: str, text: str, is_idl: bool) -> None:
         from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
+        _check(name)
+        self._name = full_name(name)
         self._store: Any = get_typestore(Stores.EMPTY)
         found: dict[str, Any] = {}
-        missing: list[str] = []
-        for name, text, idl in definitions:
-            _check(name)
-            if not text:
-                missing.append(full_name(name))
-            elif idl:
-                for part in re.split(r"^=+\n", text, flags=re.MULTILINE):
-                    body = part.partition("\n")[2] if part.startswith("IDL: ") else part
-                    if body.strip():
-                        found.update(get_types_from_idl(body))
-            else:
-                found.update(get_types_from_msg(text, name))
-        if missing:
-            known = get_typestore(Stores.ROS2_HUMBLE).fielddefs
-            found = {**known, **found}
-        for name in found:
-            _check(name)
+        if not text:
+            found = dict(get_typestore(Stores.ROS2_HUMBLE).fielddefs)
+        elif is_idl:
+            for part in re.split(r"^=+\n", text, flags=re.MULTILINE):
+                body = part.partition("\n")[2] if part.startswith("IDL: ") else part
+                if body.strip():
+                    found.update(get_types_from_idl(body))
+        else:
+            found = dict(get_types_from_msg(text, name))
+        for defined in found:
+            _check(defined)
         self._store.register(found)
 
-    def decoder(self, name: str, ros1: bool) -> Callable[[bytes], Mapping[str, object]] | None:
-        """What makes the plain fields of a message of this type; None when nobody knows the type.
+    def decoder(self, is_ros1: bool) -> Callable[[bytes], Mapping[str, object]] | None:
+        """Return a function that decodes a message of the type into plain fields; None when the type is unknown.
 
         Raises:
-            LogError: a few bytes of it could ask for any amount of memory, or a type in it is not defined.
+            LogError: a few bytes could describe a message of any size, or a type in it is not defined.
         """
-        name = full_name(name)
-        if name not in self._store.fielddefs:
+        if self._name not in self._store.fielddefs:
             return None
-        _Sizes(self._store.fielddefs).least(name)
-        decode = self._store.deserialize_ros1 if ros1 else self._store.deserialize_cdr
+        _Sizes(self._store.fielddefs).least(self._name)
+        decode = self._store.deserialize_ros1 if is_ros1 else self._store.deserialize_cdr
 
         def decoded(data: bytes) -> Mapping[str, object]:
-            value: Any = _plain(decode(data, name))
+            value: Any = _plain(decode(data, self._name))
             return value if isinstance(value, dict) else {"data": value}
 
         return decoded
 
-    def fields(self, name: str) -> tuple[LogField, ...]:
-        """The fields of a type, those of nested messages with dots."""
-        found: list[LogField] = []
-        for field in self._fields(full_name(name), "", "", 0):
-            found.append(field)
-            if len(found) >= _MOST_FIELDS:
-                break
-        return tuple(found)
+    def fields(self) -> tuple[LogField, ...]:
+        """Return the fields of the type; fields of nested messages have names with dots. Call it after `decoder`, which checks the type."""
+        return tuple(islice(self._fields(self._name, "", "", 0), _MOST_FIELDS))
 
     def _fields(self, name: str, prefix: str, unit: str, depth: int) -> Iterator[LogField]:
-        # `decoder` has refused types that hold themselves or nothing: each that is looked at gives a field.
+        # `decoder` has refused types that contain themselves or nothing, so every type that is visited yields a field.
         if depth > _DEEPEST or name not in self._store.fielddefs:
             yield LogField(prefix.removesuffix("."), name, unit)
             return
@@ -126,7 +111,7 @@ class RosTypes:
 
 
 class _Sizes:
-    """Least sizes of the messages of these types, which keep what is decoded in proportion to the bytes of a message."""
+    """The smallest sizes of messages. They guarantee that a decoded message needs memory in proportion to its bytes."""
 
     def __init__(self, types: Mapping[str, Any]) -> None:
         self._types = types
@@ -134,23 +119,23 @@ class _Sizes:
         self._unrolled = 0
 
     def least(self, name: str) -> int:
-        """Bytes of the shortest message of a type.
+        """Return the size of the smallest message of a type, in bytes.
 
         Raises:
-            LogError: it holds itself, a message without a byte, an undefined one, or too long fixed arrays of messages or texts.
+            LogError: the type contains itself, an undefined type, a message of no bytes, or too long fixed arrays of messages or texts.
         """
+        if name not in self._types:
+            raise LogError(f"{name} is not defined")
         if name in self._known:
             known = self._known[name]
             if known is None:
-                raise LogError(f"{name} holds itself, as no type of ROS may")
+                raise LogError(f"{name} contains itself, which ROS does not allow")
             return known
-        if name not in self._types:
-            raise LogError(f"{name} is not defined")
-        self._known[name] = None  # as long as it is open
+        self._known[name] = None  # while its fields are visited
         total = 0
         for field, (kind, more) in self._types[name][1]:
             if field == "structure_needs_at_least_one_member":
-                continue  # of an empty type; in ROS 1 it is not there
+                continue  # stands for an empty type in ROS 2, but is not part of a ROS 1 message
             if kind <= 2:
                 total += self._entry(name, field, kind, more)
                 continue
@@ -169,22 +154,22 @@ class _Sizes:
             return _SIZES.get(str(what[0]), 1)
         size = self.least(str(what))
         if not size:
-            raise LogError(f"{name}.{field}: a {what} has not one byte: any number of them fits into a message")
+            raise LogError(f"{name}.{field}: a {what} has no bytes: a message could contain any number of them")
         return size
 
 
 def full_name(name: str) -> str:
-    """``std_msgs/msg/Header`` also of ROS 1's ``std_msgs/Header``."""
+    """Return the ROS 2 name of a type: ``std_msgs/msg/Header`` also for ``std_msgs/Header`` of ROS 1."""
     return name if name.count("/") != 1 else name.replace("/", "/msg/")
 
 
 def _check(name: str) -> None:
     if not _NAME.fullmatch(name) or len(name) > 200:
-        raise LogError(f"{name[:60]!r} is no name of a ROS message type")
+        raise LogError(f"{name[:60]!r} is not a name of a ROS message type")
 
 
 def _plain(value: Any) -> Any:
-    """Messages as dictionaries; arrays of numbers stay arrays."""
+    """Return a message as a dictionary; arrays of numbers stay arrays."""
     fields = getattr(value, "__dataclass_fields__", None)
     if fields is not None:
         return {name: _plain(getattr(value, name)) for name in fields if name != "__msgtype__"}

@@ -1,14 +1,29 @@
-"""The mapping that a log most likely wants, found by the names of its topics and types. A person edits it."""
+"""Finds the most likely mapping of a log from the names of its topics and types, for a user to edit."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
+from collections.abc import Mapping as Mapping_
 from itertools import islice
 from typing import Any
 
+from msgspec import structs
+
 from uwserver.logfiles.log import Log
-from uwserver.logfiles.mapping import Actuators, Attitude, Entry, Mapping, PortSource, Position, Track, Value, Velocity
+from uwserver.logfiles.mapping import (
+    Actuators,
+    Attitude,
+    Axes,
+    Entry,
+    Mapping,
+    Match,
+    PortSource,
+    Position,
+    Track,
+    Value,
+    Velocity,
+)
 from uwserver.logfiles.port_rules import ports_of
 
 _REPORTS_READ = 2000
@@ -17,7 +32,7 @@ _Found = Iterator[tuple[str, Track]]
 
 
 def mapping_of(log: Log) -> Mapping:
-    """Tracks and ports that the rules find in a log; none of them where nothing fits.
+    """Return the tracks and ports that the rules find in a log; an empty mapping when nothing fits.
 
     Raises:
         LogError: the log is damaged.
@@ -33,22 +48,34 @@ def mapping_of(log: Log) -> Mapping:
     return Mapping(tracks=tracks, ports=ports)
 
 
-def _ned(topic: str, north: str, east: str, down: str) -> Position:
-    return Position(topic=topic, north=north, east=east, down=down)
+def _ned(north: str, east: str, down: str, where: Match | None = None, topic: str = "") -> Position:
+    return Position(topic=topic, where=where or {}, north=north, east=east, down=down)
 
 
-def _quaternion(topic: str, parts: str, indices: str = "0123") -> Attitude:
-    """w, x, y, z under names that end in these four characters."""
+def _quaternion(parts: str, indices: str = "0123", axes: Axes = "NED/FRD", topic: str = "") -> Attitude:
+    """Return an attitude whose w, x, y, z have names that begin with `parts` and end in these four characters."""
     w, x, y, z = (f"{parts}{k}" for k in indices)
-    return Attitude(topic=topic, unit="1", w=w, x=x, y=y, z=z)
+    return Attitude(topic=topic, unit="1", axes=axes, w=w, x=x, y=y, z=z)
 
 
-def _euler(topic: str, unit: str, *names: str) -> Attitude:
-    return Attitude(topic=topic, unit=unit, roll=names[0], pitch=names[1], yaw=names[2])
+def _euler(unit: str, roll: str, pitch: str, yaw: str, topic: str) -> Attitude | None:
+    """Return an attitude of Euler angles; None without a topic."""
+    return Attitude(topic=topic, unit=unit, roll=roll, pitch=pitch, yaw=yaw) if topic else None
+
+
+def _filled(track: Track, topic: str, attitude: Attitude | None, outputs: Actuators | None) -> Track:
+    """Return a track whose sections have this topic. A track without attitude gets the given one."""
+    own, velocity = track.attitude, track.velocity
+    return Track(
+        structs.replace(track.position, topic=topic),
+        attitude if own is None else structs.replace(own, topic=topic),
+        None if velocity is None else structs.replace(velocity, topic=topic),
+        outputs,
+    )
 
 
 def _outputs(log: Log, topic: str, name: str) -> Actuators | None:
-    """The first outputs of an autopilot as pulses of the actuators by their numbers; those beyond a vehicle's own count for nothing."""
+    """Return the first outputs of an autopilot as pulses of the actuators with these numbers; a vehicle ignores those it does not have."""
     fields = {field.name for field in log.topics[topic].fields} if topic else set()
     found: dict[str, Entry] = {str(k): name.format(k) for k in range(1, _MOST_OUTPUTS + 1) if name.format(k) in fields}
     return Actuators(topic=topic, unit="us", outputs=found) if found else None
@@ -56,10 +83,23 @@ def _outputs(log: Log, topic: str, name: str) -> Actuators | None:
 
 # -- MAVLink ----------------------------------------------------------------------------------------------------------------------------
 
+_LOCAL_NED: Match = {"frame_id": 1}
+"""MAV_FRAME_LOCAL_NED."""
+_MAVLINK_TRACKS: Mapping_[str, tuple[str, Track]] = {
+    "LOCAL_POSITION_NED": ("", Track(_ned("x", "y", "z"), velocity=Velocity(north="vx", east="vy", down="vz"))),
+    "ODOMETRY": ("_odometry", Track(  # velocities in body axes
+        _ned("x", "y", "z", _LOCAL_NED), _quaternion("q."), Velocity(where=_LOCAL_NED, forward="vx", right="vy", down="vz"))),
+    "GLOBAL_POSITION_INT": ("_global", Track(
+        Position(unit="mm", angle_unit="degE7", latitude="lat", longitude="lon", up="relative_alt"),
+        velocity=Velocity(unit="cm/s", north="vx", east="vy", down="vz"))),
+    "SIM_STATE": ("_truth", Track(
+        Position(latitude="lat", longitude="lon", up="alt"), _quaternion("q", "1234"), Velocity(north="vn", east="ve", down="vd"))),
+}  # fmt: skip
+"""Tracks by message: the suffix of their names, and their sections without topics. A track without attitude uses that of its system."""
+
 
 def _telemetry(log: Log) -> _Found:
-    senders = dict.fromkeys(name.rpartition("/")[0] for name in log.topics)
-    for sender in senders:
+    for sender in dict.fromkeys(name.rpartition("/")[0] for name in log.topics):
 
         def topic(message: str, sender: str = sender) -> str:
             name = f"{sender}/{message}"
@@ -67,32 +107,23 @@ def _telemetry(log: Log) -> _Found:
 
         outputs = _outputs(log, topic("SERVO_OUTPUT_RAW"), "servo{}_raw")
         vehicle = "vehicle_" + (sender.partition("/")[0] if sender.endswith("/1") else sender)
-        attitude = None
+        attitude = _euler("rad", "roll", "pitch", "yaw", topic("ATTITUDE"))
         if quaternion := topic("ATTITUDE_QUATERNION"):
-            attitude = _quaternion(quaternion, "q", "1234")
-        elif euler := topic("ATTITUDE"):
-            attitude = _euler(euler, "rad", "roll", "pitch", "yaw")
-        if local := topic("LOCAL_POSITION_NED"):
-            velocity = Velocity(topic=local, north="vx", east="vy", down="vz")
-            yield vehicle, Track(_ned(local, "x", "y", "z"), attitude, velocity, outputs)
-        if odometry := topic("ODOMETRY"):
-            # MAV_FRAME_LOCAL_NED; of a body in its own axes.
-            position = Position(topic=odometry, where={"frame_id": 1}, north="x", east="y", down="z")
-            velocity = Velocity(topic=odometry, where={"frame_id": 1}, forward="vx", right="vy", down="vz")
-            yield f"{vehicle}_odometry", Track(position, _quaternion(odometry, "q."), velocity, outputs)
-        if fused := topic("GLOBAL_POSITION_INT"):
-            position = Position(
-                topic=fused, unit="mm", angle_unit="degE7", latitude="lat", longitude="lon", up="relative_alt"
-            )
-            velocity = Velocity(topic=fused, unit="cm/s", north="vx", east="vy", down="vz")
-            yield f"{vehicle}_global", Track(position, attitude, velocity, outputs)
-        if truth := topic("SIM_STATE"):
-            position = Position(topic=truth, latitude="lat", longitude="lon", up="alt")
-            velocity = Velocity(topic=truth, north="vn", east="ve", down="vd")
-            yield f"{vehicle}_truth", Track(position, _quaternion(truth, "q", "1234"), velocity, outputs)
+            attitude = _quaternion("q", "1234", topic=quaternion)
+        for message, (suffix, track) in _MAVLINK_TRACKS.items():
+            if source := topic(message):
+                yield f"{vehicle}{suffix}", _filled(track, source, attitude, outputs)
 
 
 # -- ArduPilot --------------------------------------------------------------------------------------------------------------------------
+
+_FIX = Track(Position(latitude="Lat", longitude="Lng", up="Alt"))
+_ROLL_PITCH_YAW = ("Roll", "Pitch", "Yaw")
+_DATAFLASH_TRACKS: Mapping_[str, tuple[tuple[str, ...], Track]] = {
+    "filter": (("XKF1", "NKF1"), Track(_ned("PN", "PE", "PD"), velocity=Velocity(north="VN", east="VE", down="VD"))),
+    "truth": (("SIM",), _FIX), "position": (("POS",), _FIX), "gps": (("GPS",), _FIX),
+}  # fmt: skip
+"""Tracks by name: the record types of which the first that exists is used, and their sections without topics."""
 
 
 def _dataflash(log: Log) -> _Found:
@@ -100,26 +131,16 @@ def _dataflash(log: Log) -> _Found:
         return next((n for name in names for n in (f"{name}[0]", name) if n in log.topics), "")
 
     outputs = _outputs(log, topic("RCOU"), "C{}")
-    attitude = None
+    attitude = _euler("deg", *_ROLL_PITCH_YAW, topic("ATT"))
     if quaternion := topic("XKQ", "NKQ"):
-        attitude = _quaternion(quaternion, "Q", "1234")
-    elif euler := topic("ATT"):
-        attitude = _euler(euler, "deg", "Roll", "Pitch", "Yaw")
-    if fused := topic("XKF1", "NKF1"):
-        velocity = Velocity(topic=fused, north="VN", east="VE", down="VD")
-        yield "filter", Track(_ned(fused, "PN", "PE", "PD"), attitude, velocity, outputs)
-    if truth := topic("SIM"):
-        turn = (
-            _quaternion(truth, "Q", "1234") if _has(log, truth, "Q1") else _euler(truth, "deg", "Roll", "Pitch", "Yaw")
-        )
-        yield "truth", Track(Position(topic=truth, latitude="Lat", longitude="Lng", up="Alt"), turn, None, outputs)
-    if place := topic("POS"):
-        yield (
-            "position",
-            Track(Position(topic=place, latitude="Lat", longitude="Lng", up="Alt"), attitude, None, outputs),
-        )
-    if fix := topic("GPS"):
-        yield "gps", Track(Position(topic=fix, latitude="Lat", longitude="Lng", up="Alt"), attitude, None, outputs)
+        attitude = _quaternion("Q", "1234", topic=quaternion)
+    for name, (types, track) in _DATAFLASH_TRACKS.items():
+        if source := topic(*types):
+            if name == "truth":  # it has an attitude of its own
+                is_quaternion = _has(log, source, "Q1")
+                own = _quaternion("Q", "1234") if is_quaternion else _euler("deg", *_ROLL_PITCH_YAW, source)
+                track = structs.replace(track, attitude=own)
+            yield name, _filled(track, source, attitude, outputs)
 
 
 # -- MOOS -------------------------------------------------------------------------------------------------------------------------------
@@ -146,9 +167,9 @@ def _moos(log: Log) -> _Found:
     for topic in ("NODE_REPORT_LOCAL", "NODE_REPORT"):
         names = (d.value.get("NAME") for d in islice(log.read({topic}), _REPORTS_READ))
         for name in dict.fromkeys(str(n) for n in names if n):
-            at: dict[str, str | float | int | bool] = {"NAME": name}
-            position = Position(topic=topic, where=at, east="X", north="Y", depth="DEP")
-            yield f"report_{name}", Track(position, Attitude(topic=topic, where=at, unit="deg", yaw="HDG"))
+            reporter: Match = {"NAME": name}
+            position = Position(topic=topic, where=reporter, east="X", north="Y", depth="DEP")
+            yield f"report_{name}", Track(position, Attitude(topic=topic, where=reporter, unit="deg", yaw="HDG"))
 
 
 # -- ROS --------------------------------------------------------------------------------------------------------------------------------
@@ -167,8 +188,7 @@ def _ros(log: Log) -> _Found:
             continue
         at = f"{prefix}position."
         position = Position(topic=topic.name, east=f"{at}x", north=f"{at}y", up=f"{at}z")
-        w, x, y, z = (f"{prefix}orientation.{k}" for k in "wxyz")
-        attitude = Attitude(topic=topic.name, unit="1", axes="ENU/FLU", w=w, x=x, y=y, z=z)
+        attitude = _quaternion(f"{prefix}orientation.", "wxyz", "ENU/FLU", topic.name)
         velocity = None
         if topic.schema.endswith("Odometry"):
             of = "twist.twist.linear."
@@ -176,77 +196,65 @@ def _ros(log: Log) -> _Found:
         yield topic.name, Track(position, attitude, velocity)
 
 
-# -- PX4, ours, tables --------------------------------------------------------------------------------------------------------------------
+# -- PX4, recordings of uwserver, tables ---------------------------------------------------------------------------------------------------
 
 
-def _outputs_of_px4(log: Log) -> Actuators | None:
-    """What motors shall give, -1 to 1; in older logs the pulses of all outputs."""
-    for topic, name, unit in (("actuator_motors", "control", "1"), ("actuator_outputs", "output", "us")):
-        field = next((f for f in log.topics[topic].fields if f.name == name), None) if topic in log.topics else None
-        size = re.fullmatch(r"float32\[(\d{1,2})\]", field.type) if field is not None else None
-        if size is not None:
-            outputs: dict[str, Entry] = {str(k + 1): f"{name}.{k}" for k in range(min(int(size[1]), _MOST_OUTPUTS))}
-            return Actuators(topic=topic, unit=unit, outputs=outputs)
-    return None
+def _array_outputs(log: Log, topic: str, field: str, unit: str, type_: str) -> Actuators | None:
+    """Return the items of an array field, of type ``float32[8]`` say, as outputs of the actuators with their numbers."""
+    types = [f.type for f in log.topics[topic].fields if f.name == field] if topic in log.topics else []
+    size = re.fullmatch(rf"{type_}\[(\d{{1,2}})\]", types[0]) if types else None
+    if size is None:
+        return None
+    return Actuators(topic=topic, unit=unit, outputs={str(k + 1): f"{field}.{k}" for k in range(int(size[1]))})
+
+
+_PX4_POSE = Track(_ned("x", "y", "z"), velocity=Velocity(north="vx", east="vy", down="vz"))
+_PX4_ODOMETRY = Track(_ned("position.0", "position.1", "position.2"), _quaternion("q."))
 
 
 def _ulog(log: Log) -> _Found:
-    outputs = _outputs_of_px4(log)
+    # Set points of the motors, -1 to 1; older logs have the pulses of all outputs.
+    motors = _array_outputs(log, "actuator_motors", "control", "1", "float32")
+    outputs = motors or _array_outputs(log, "actuator_outputs", "output", "us", "float32")
     for suffix, name in (("", "filter"), ("_groundtruth", "truth")):
         place, turn = f"vehicle_local_position{suffix}", f"vehicle_attitude{suffix}"
         if place in log.topics:
-            attitude = _quaternion(turn, "q.") if turn in log.topics else None
-            yield (
-                name,
-                Track(
-                    _ned(place, "x", "y", "z"),
-                    attitude,
-                    Velocity(topic=place, north="vx", east="vy", down="vz"),
-                    outputs,
-                ),
-            )
+            attitude = _quaternion("q.", topic=turn) if turn in log.topics else None
+            yield name, _filled(_PX4_POSE, place, attitude, outputs)
     if (odometry := "vehicle_odometry") in log.topics and _has(log, odometry, "position"):
-        position = _ned(odometry, "position.0", "position.1", "position.2")
-        yield "odometry", Track(position, _quaternion(odometry, "q."), None, outputs)
+        yield "odometry", _filled(_PX4_ODOMETRY, odometry, None, outputs)
 
 
-def _ours(log: Log) -> _Found:
+def _recorded(log: Log) -> _Found:
     for name in log.topics:
         vehicle, _, rest = name.partition("/")
-        if not vehicle:  # of viewers, who say it in their own words
+        if not vehicle:  # the channels for other viewers repeat the poses
             continue
+        attitude = _quaternion("value.q_NB.", topic=name)
         if rest == "truth/pose" or (_has(log, name, "value.p_NB") and _has(log, name, "value.q_NB")):
             velocity = None
             if (of := f"{vehicle}/truth/velocity") in log.topics:
                 f, r, d = (f"value.v_NB_B.{k}" for k in range(3))
                 velocity = Velocity(topic=of, forward=f, right=r, down=d)
-            place = _ned(name, *(f"value.p_NB.{k}" for k in range(3)))
-            yield (
-                vehicle,
-                Track(place, _quaternion(name, "value.q_NB."), velocity, commanded(log, f"{vehicle}/thrusters")),
-            )
+            n, e, d = (f"value.p_NB.{k}" for k in range(3))
+            thrusters = commanded(log, f"{vehicle}/thrusters")
+            yield vehicle, Track(_ned(n, e, d, topic=name), attitude, velocity, thrusters)
         elif _has(log, name, "value.p_N") and _has(log, name, "value.q_NB"):
+            n, e, d = (f"value.p_N.{k}" for k in range(3))
+            place = _ned(n, e, d, {"value.position_valid": True}, name)
             n, e, d = (f"value.v_N.{k}" for k in range(3))
-            place = Position(
-                topic=name,
-                where={"value.position_valid": True},
-                north="value.p_N.0",
-                east="value.p_N.1",
-                down="value.p_N.2",
-            )
-            yield name, Track(place, _quaternion(name, "value.q_NB."), Velocity(topic=name, north=n, east=e, down=d))
+            yield name, Track(place, attitude, Velocity(topic=name, north=n, east=e, down=d))
     if not log.topics.keys().isdisjoint({"/pose", "/odom"}):
         yield from _ros(log)
 
 
 def commanded(log: Log, port: str) -> Actuators | None:
-    """What the thrusters of a vehicle of ours were commanded."""
-    topic = log.topics.get(port)
-    field = next((f for f in topic.fields if f.name == "value.u"), None) if topic is not None else None
-    size = re.fullmatch(r"number\[(\d{1,2})\]", field.type) if field is not None else None
-    if size is None or topic is None or topic.count == 0:
-        return None
-    return Actuators(topic=port, outputs={str(k + 1): f"value.u.{k}" for k in range(int(size[1]))})
+    """Return the commands to the thrusters of a vehicle in a recording of ours; None when there are none."""
+    return (
+        _array_outputs(log, port, "value.u", "1", "number")
+        if port in log.topics and log.topics[port].count != 0
+        else None
+    )
 
 
 _COLUMNS = {
@@ -267,12 +275,11 @@ def _table(log: Log) -> _Found:
                 stem = field.name.lower().removesuffix(f"_{field.unit.lower().replace('/', 'p')}")
                 if part not in found and re.fullmatch(pattern, re.sub(r"\s*[\[(].*", "", stem).strip()):
                     found[part] = Value(field.name, "", field.unit or default)
-        place = {k: found[k] for k in ("north", "east", "latitude", "longitude") if k in found}
-        if not ({"north", "east"} <= place.keys() or {"latitude", "longitude"} <= place.keys()):
+        pairs = (("north", "east"), ("latitude", "longitude"))
+        place = next(({k: found[k] for k in pair} for pair in pairs if found.keys() >= set(pair)), None)
+        if place is None:
             continue
-        if {"north", "east"} <= place.keys():
-            place = {k: v for k, v in place.items() if k in ("north", "east")}
-        vertical = next((k for k in ("down", "depth", "up", "altitude") if k in found), "")
+        vertical = [k for k in ("down", "depth", "up", "altitude") if k in found][:1]
         attitude = None
         if {"w", "x", "y", "z"} <= found.keys():
             attitude = Attitude(topic=topic.name, unit="1", **{k: found[k] for k in "wxyz"})
@@ -281,8 +288,8 @@ def _table(log: Log) -> _Found:
         velocity = None
         if {"v_north", "v_east", "v_down"} <= found.keys():
             velocity = Velocity(topic=topic.name, **{k: found[f"v_{k}"] for k in ("north", "east", "down")})
-        more = {vertical: found[vertical]} if vertical else {}
-        yield topic.name, Track(Position(topic=topic.name, **place, **more), attitude, velocity)
+        position = Position(topic=topic.name, **place, **{k: found[k] for k in vertical})
+        yield topic.name, Track(position, attitude, velocity)
 
 
 def _has(log: Log, topic: str, field: str) -> bool:
@@ -290,6 +297,6 @@ def _has(log: Log, topic: str, field: str) -> bool:
 
 
 _RULES: dict[str, Callable[[Log], _Found]] = {
-    "uwserver": _ours, "mcap": _ros, "bag": _ros, "rosbag2": _ros, "tlog": _telemetry, "bin": _dataflash, "alog": _moos,
+    "uwserver": _recorded, "mcap": _ros, "bag": _ros, "rosbag2": _ros, "tlog": _telemetry, "bin": _dataflash, "alog": _moos,
     "ulg": _ulog, "csv": _table, "parquet": _table,
 }  # fmt: skip

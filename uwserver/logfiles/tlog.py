@@ -1,7 +1,7 @@
-"""MAVLink telemetry logs (.tlog): a stamp (UTC, µs, big-endian) before each frame, of any number of systems.
+"""Reads MAVLink telemetry logs (.tlog): frames of any number of systems, each after a time stamp (UTC, µs, big-endian).
 
-Frames are found and checked here; the fields, units and byte layouts are those of pymavlink's message classes. This is ten times faster than
-building their objects one by one, and gives the same values.
+This module finds and checks the frames; the fields, units and byte layouts come from pymavlink's message classes. That is ten times faster than
+making a pymavlink object of each message, and gives the same values.
 """
 
 from __future__ import annotations
@@ -26,51 +26,50 @@ from uwserver.logfiles.timebase import time_base
 _V1, _V2 = 0xFE, 0xFD
 _SIGNED = 0x01
 _SIGNATURE_BYTES = 13
-_STAMP_BYTES = 8
 _DIALECT = "pymavlink.dialects.v20.ardupilotmega"
 _BEGINS = re.compile(b"[\xfd\xfe]")
 # The checksum of MAVLink (CRC-16/MCRF4XX) is the mirror image of the CRC that the standard library computes in C.
 _MIRROR = bytes(int(f"{k:08b}"[::-1], 2) for k in range(256))
 _MOST_LOST = 1 << 22
-"""After so many bytes without a frame a file is no .tlog."""
+"""A file without a frame in its first bytes, this many, is not a .tlog."""
 _LATEST_US = 4_102_444_800_000_000
-"""2100-01-01: a stamp beyond it is no stamp."""
+"""2100-01-01; a later stamp is damaged."""
 
 
 def open_file(path: Path, limits: Limits) -> IndexedLog:
-    """The log in a .tlog file.
+    """Open the log in a .tlog file.
 
     Raises:
-        LogError: there is not one frame in it.
+        LogError: it contains no frame.
     """
     data = mapped(path)
-    messages = _messages()
+    messages: dict[int, Any] = importlib.import_module(_DIALECT).mavlink_map
     stamps, keys, places, lost, unknown = _scan(data, messages)
     if not stamps:
         data.close()
-        raise LogError(f"{path}: no MAVLink frame with a stamp before it in {lost} bytes: no .tlog")
+        raise LogError(f"{path}: no MAVLink frame after a time stamp in {lost} bytes: not a .tlog")
     distinct, numbers = np.unique(np.frombuffer(keys, np.int64), return_inverse=True)
     if len(distinct) > limits.topics:
         raise LogError(f"{path}: {len(distinct)} kinds of messages, more than {limits.topics}")
     sources = [_source(int(key), messages[int(key) & 0xFFFFFF], data) for key in distinct]
     remarks = []
     if lost:
-        remarks.append(f"{lost} of {len(data)} bytes are no frame, or one that was damaged, and left out")
+        remarks.append(f"{lost} of {len(data)} bytes are no frame, or a damaged one, and were skipped")
     if unknown:
         most = ", ".join(str(number) for number, _ in unknown.most_common(5))
-        remarks.append(f"{unknown.total()} frames have numbers that no known dialect has ({most}), and are left out")
+        remarks.append(f"{unknown.total()} frames were skipped: their message numbers are in no known dialect ({most})")
     base = time_base(np.frombuffer(stamps, np.int64) * 1000, utc=True)
     entries = Entries(numbers.astype(np.int32), np.frombuffer(places, np.int64))
     return IndexedLog(path, "tlog", sources, entries, base, remarks=remarks, close=data.close)
 
 
-def _messages() -> dict[int, Any]:
-    known: dict[int, Any] = importlib.import_module(_DIALECT).mavlink_map
-    return known
-
-
 def _scan(data: mmap.mmap, messages: dict[int, Any]) -> tuple[array[int], array[int], array[int], int, Counter[int]]:
-    """Stamps (µs), keys (system, component and message in one number), places of the stamps; bytes lost; frames of unknown messages."""
+    """Find all frames.
+
+    Returns:
+        Stamps (µs), keys (system, component and message in one number) and places of the stamps of the frames; the number of bytes that belong to
+        no frame; and the counts of unknown messages.
+    """
     stamps, keys, places = array("q"), array("q"), array("q")
     unknown: Counter[int] = Counter()
     extras = {number: message.crc_extra for number, message in messages.items()}
@@ -80,27 +79,25 @@ def _scan(data: mmap.mmap, messages: dict[int, Any]) -> tuple[array[int], array[
     mirror, crc_of, extra_byte = _MIRROR, crc_hqx, [bytes((k,)) for k in range(256)]
     while at + 16 <= end:
         magic = data[at + 8]
+        length = 0
         if magic == _V2:
             length = 12 + data[at + 9] + (_SIGNATURE_BYTES if data[at + 10] & _SIGNED else 0)
-            frame = data[at + 8 : at + 8 + length]
-            if len(frame) == length:
-                number = frame[7] | frame[8] << 8 | frame[9] << 16
-                body, sender = 10 + frame[1], frame[5] << 8 | frame[6]
-            else:
-                number = -1
         elif magic == _V1:
             length = 8 + data[at + 9]
-            frame = data[at + 8 : at + 8 + length]
-            number = frame[5] if len(frame) == length else -1
-            body, sender = length - 2, frame[3] << 8 | frame[4] if len(frame) == length else 0
-        else:
-            number = -1
-        stamp = stamp_of(data, at)[0]
-        if number >= 0 and stamp < _LATEST_US:
+        stamp, after = stamp_of(data, at)[0], at + 8 + length
+        if length and after <= end and stamp < _LATEST_US:
+            frame = data[at + 8 : after]
+            if magic == _V2:
+                number, sender, body = (
+                    frame[7] | frame[8] << 8 | frame[9] << 16,
+                    frame[5] << 8 | frame[6],
+                    10 + frame[1],
+                )
+            else:
+                number, sender, body = frame[5], frame[3] << 8 | frame[4], length - 2
             extra = extras.get(number)
             if extra is None:
-                # Its checksum cannot be known; the frame counts as one when another, or the end, comes right after it.
-                after = at + 8 + length
+                # Its checksum cannot be computed. It counts as a frame if another frame, or the end of the file, follows immediately.
                 if after == end or (after + 8 < end and data[after + 8] in (_V1, _V2)):
                     unknown[number] += 1
                     at = after
@@ -111,9 +108,9 @@ def _scan(data: mmap.mmap, messages: dict[int, Any]) -> tuple[array[int], array[
                     stamps.append(stamp)
                     keys.append(sender << 24 | number)
                     places.append(at)
-                    at += 8 + length
+                    at = after
                     continue
-        # On to the next byte that may begin a frame.
+        # Continue at the next byte that may begin a frame.
         magic_at = begins(data, at + 9)
         after = magic_at.start() - 8 if magic_at else end
         lost += after - at
@@ -134,7 +131,7 @@ def _source(key: int, message: Any, data: mmap.mmap) -> Source:
 
 
 def _decoder(message: Any, data: mmap.mmap) -> Decode:
-    """What gives the fields of one message: those that the sender left out are zero, as MAVLink 2 has it."""
+    """Return the decoder of a message. Bytes that the sender left out at the end are zero, as MAVLink 2 defines."""
     names, unpack, size = message.ordered_fieldnames, message.unpacker.unpack, message.unpacker.size
     arrays = max(message.array_lengths) > 0
 

@@ -1,4 +1,4 @@
-"""Logs of PX4 (.ulg), by pyulog, which keeps a file as a whole in memory."""
+"""Reads PX4 logs (.ulg) with pyulog, which keeps the whole file in memory."""
 
 from __future__ import annotations
 
@@ -14,41 +14,38 @@ import numpy as np
 
 from uwserver.logfiles.indexed import Decode, Entries, IndexedLog, Source
 from uwserver.logfiles.log import Limits, LogError, LogField
-from uwserver.logfiles.timebase import log_times, seconds
+from uwserver.logfiles.timebase import FIRST_UTC_NS, LAST_NS, log_times, seconds
 
 _MEMBER = re.compile(r"(.+)\[(\d{1,4})\]")
-_LAST_NS = 1 << 62
 _MOST_COLUMNS = 131_072
-"""Of all topics; a log of PX4 has some ten thousand."""
+"""Largest number of columns of all topics; a PX4 log has some ten thousand."""
 
 
 def open_file(path: Path, limits: Limits) -> IndexedLog:
-    """The log in a .ulg file. Topics have the names of PX4; ``sensor_baro[1]`` is a second instance.
+    """Open the log in a .ulg file. Topics have PX4's names; ``sensor_baro[1]`` is a second instance.
 
     Raises:
-        LogError: there is not one datum in it, or it is too large to be kept in memory.
+        LogError: it contains no data, or is too large to be kept in memory.
     """
     size = path.stat().st_size
     if size > 8 * limits.record_bytes:
-        raise LogError(f"{path}: {size} bytes, of which no more than {8 * limits.record_bytes} are kept in memory")
-    # It prints what it does not like, and leaves a file open that it does not understand.
+        raise LogError(
+            f"{path}: the file has {size} bytes, more than the {8 * limits.record_bytes} that are kept in memory"
+        )
+    # pyulog prints warnings; given a path, it would leave a file open that it does not understand.
     with path.open("rb") as file, redirect_stdout(StringIO()):
         log: Any = _parser()(file)
     if len(log.data_list) > limits.topics:
         raise LogError(f"{path}: {len(log.data_list)} topics, more than {limits.topics}")
-    remarks = []
-    if log.file_corruption:
-        remarks.append("the file is damaged: what could be read was read")
+    remarks = ["the file is damaged: its readable parts are used"] if log.file_corruption else []
     if log.dropouts:
-        lost = sum(int(dropout.duration) for dropout in log.dropouts)
-        remarks.append(
-            f"{len(log.dropouts)} dropouts of {seconds(lost * 1_000_000)} in all: the logger could not keep up"
-        )
+        lost = seconds(sum(int(dropout.duration) for dropout in log.dropouts) * 1_000_000)
+        remarks.append(f"{len(log.dropouts)} dropouts of {lost} in all: the logger could not keep up")
     sources: list[Source] = []
     stamps, numbers, places = [], [], []
     backwards = 0
     for topic in log.data_list:
-        times = np.minimum(topic.data["timestamp"], np.uint64(_LAST_NS // 1000)).astype(np.int64) * 1000
+        times = np.minimum(topic.data["timestamp"], np.uint64(LAST_NS // 1000)).astype(np.int64) * 1000
         backwards += int((np.diff(times) < 0).sum())
         stamps.append(times)
         numbers.append(np.full(len(times), len(sources), np.int32))
@@ -58,7 +55,7 @@ def open_file(path: Path, limits: Limits) -> IndexedLog:
             name = f"{name}({len(sources)})"
         sources.append(Source(name, topic.name, _fields(topic), _decoder(topic.data)))
     if not sum(map(len, stamps)):
-        raise LogError(f"{path}: not one datum")
+        raise LogError(f"{path}: the log contains no data")
     if backwards:
         remarks.append(f"the clock goes back {backwards} times; data are read in the order of their stamps")
     base = log_times(np.concatenate(stamps))
@@ -68,11 +65,11 @@ def open_file(path: Path, limits: Limits) -> IndexedLog:
 
 
 class _TooMany(Exception):
-    """Not a `LogError`, as pyulog takes every ValueError for damage and reads on."""
+    """A log with too many columns. It is not a `LogError`, because pyulog takes a ValueError for damage and continues."""
 
 
 def _parser() -> Any:
-    """pyulog's, that counts the columns of a topic before it makes them: arrays of types of arrays multiply."""
+    """Return the class ULog, changed to count the columns of a topic before it makes them: nested arrays multiply their number."""
     from pyulog import ULog
 
     left = _MOST_COLUMNS
@@ -82,18 +79,18 @@ def _parser() -> Any:
             nonlocal left
             left -= _columns(self.message_name, message_formats, {})
             if left < 0:
-                raise _TooMany(f"{self.message_name} and those before it have more than {_MOST_COLUMNS} values")
+                raise _TooMany(f"the topics up to {self.message_name} have more than {_MOST_COLUMNS} columns")
             super()._parse_format(message_formats)
 
     return type("BoundedULog", (ULog,), {"_MessageAddLogged": Subscribed})
 
 
 def _columns(name: str, formats: Mapping[str, Any], known: dict[str, int]) -> int:
-    """How many values a type has with all that is nested in it; an empty one counts as well."""
+    """Return the number of values of a type with all that it contains; at least 1, also for an empty type."""
     if name not in formats:
-        return 1  # a number, or unknown, which pyulog tells
+        return 1  # a number; pyulog reports an unknown type
     if name not in known:
-        known[name] = _MOST_COLUMNS + 1  # if it holds itself
+        known[name] = _MOST_COLUMNS + 1  # the result for a type that contains itself
         counts = (max(1, size) * _columns(type_, formats, known) for type_, size, _ in formats[name].fields)
         known[name] = max(1, sum(counts))
     return known[name]
@@ -115,13 +112,13 @@ def _decoder(columns: Mapping[str, Any]) -> Decode:
     plan = []
     for name, column in columns.items():
         is_member = _MEMBER.fullmatch(name)
-        plan.append((is_member[1] if is_member else name, bool(is_member), column))
+        *outer, last = (is_member[1] if is_member else name).split(".")
+        plan.append((outer, last, bool(is_member), column))
 
     def decode(row: int) -> Mapping[str, object]:
         found: dict[str, Any] = {}
-        for name, is_member, column in plan:
+        for outer, last, is_member, column in plan:
             at = found
-            *outer, last = name.split(".")
             for word in outer:
                 at = at.setdefault(word, {})
             if is_member:
@@ -134,10 +131,10 @@ def _decoder(columns: Mapping[str, Any]) -> Decode:
 
 
 def _epoch(log: Any, first_ns: int) -> int | None:
-    """UTC of time 0 by the first fix of a GPS."""
+    """Return the UTC of time 0 from the first GPS fix; None without one."""
     for topic in log.data_list:
         if topic.name in ("vehicle_gps_position", "sensor_gps") and "time_utc_usec" in topic.data:
-            fixed = np.flatnonzero(topic.data["time_utc_usec"] > 946_684_800_000_000)
+            fixed = np.flatnonzero(topic.data["time_utc_usec"] > FIRST_UTC_NS // 1000)
             if len(fixed):
                 k = fixed[0]
                 return int(topic.data["time_utc_usec"][k]) * 1000 - (int(topic.data["timestamp"][k]) * 1000 - first_ns)

@@ -28,7 +28,7 @@ def test_what_is_in_a_log(dive):
     text = told(dive)
     assert "MAVLink telemetry, 34.900 s, 5 topics" in text
     assert "from 2025-10-09T08:53:20.000Z to 2025-10-09T08:53:54.900Z" in text
-    assert "! 1/1/ATTITUDE: nothing for 25.100 s from 4.900 s" in text
+    assert "! 1/1/ATTITUDE: no data for 25.100 s from 4.900 s" in text
     assert "1/1/ATTITUDE" in text
     assert "roll [rad]" in text
     assert "tracks (--mapping): vehicle_1, vehicle_1_odometry" in text
@@ -52,7 +52,7 @@ def test_what_is_no_log_ends_with_a_text(tmp_path):
     (tmp_path / "x.log").write_bytes(b"hello")
     result = CliRunner().invoke(log_command, [str(tmp_path / "x.log")])
     assert result.exit_code == 1
-    assert "as no log does that is read here" in result.output
+    assert "unknown format, the file begins with" in result.output
 
 
 def test_names_in_a_log_cannot_command_a_terminal(tmp_path):

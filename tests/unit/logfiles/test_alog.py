@@ -44,7 +44,7 @@ def test_postings_become_data(tmp_path):
 
 def test_lines_that_are_no_postings_are_told(tmp_path):
     log = opened(tmp_path, HEAD + LINES + "and a continued value\n1e300 FAR pX 1\n0.7 HALF")
-    assert log.remarks == ("3 lines are no postings, and left out",)
+    assert log.remarks == ("3 lines are no postings and were skipped",)
 
 
 def test_a_warped_clock_has_no_utc(tmp_path):
@@ -85,5 +85,5 @@ def test_a_long_line_is_refused(tmp_path):
 
     file = tmp_path / "long.alog"
     file.write_bytes(HEAD.encode() + b"0.1 A b " + b"x" * (1 << 24) + b"\n")
-    with pytest.raises(LogError, match="a line of"):
+    with pytest.raises(LogError, match="the line at byte 189 has"):
         open_log(file, Limits(record_bytes=1 << 20))

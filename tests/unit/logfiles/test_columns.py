@@ -2,6 +2,7 @@
 
 import pytest
 
+from uwserver.logfiles import LogError
 from uwserver.logfiles.columns import field_of, stamp_of, time_column
 
 
@@ -27,11 +28,15 @@ def test_units(name, unit):
         (["x", "t_s"], (1, 10**9)),
         (["Time [ms]", "x"], (0, 10**6)),
         (["timestamp", "time"], (0, 0)),
-        (["x", "thyme"], None),
     ],
 )
 def test_the_time(names, found):
-    assert time_column([field_of(name, "") for name in names]) == found
+    assert time_column("a.csv", [field_of(name, "") for name in names]) == found
+
+
+def test_a_table_without_a_time_column_is_refused():
+    with pytest.raises(LogError, match=r"a\.csv: no time column; .* the columns are: x, thyme"):
+        time_column("a.csv", [field_of(name, "") for name in ("x", "thyme")])
 
 
 @pytest.mark.parametrize(

@@ -52,16 +52,16 @@ def test_a_quoted_separator_before_the_time(opened):
 def test_rows_without_time_are_told(opened):
     log = opened((TEXT + "soon,1,2,z\nonly\n").encode(), "dive.csv")
     assert log.topics["dive"].count == 3
-    assert log.remarks == ("2 rows have no time that can be read, and are left out",)
+    assert log.remarks == ("2 rows were skipped: their time cannot be read",)
 
 
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("a,b\n1,2\n", "dive.csv:1: no column of time"),
-        ("t_s,b\n", "dive.csv:2: not one row"),
-        ("t_s,b\nx,y\n", "not one row"),
-        ("t" * 2_000_000, "no table"),
+        ("a,b\n1,2\n", "dive.csv:1: no time column"),
+        ("t_s,b\n", "dive.csv:2: no row has a time"),
+        ("t_s,b\nx,y\n", "no row has a time"),
+        ("t" * 2_000_000, "not a table"),
     ],
 )
 def test_what_is_no_table_is_told_with_its_line(opened, text, told):
@@ -154,9 +154,15 @@ def test_one_table_of_it_is_a_track_and_tells_its_units_once(tmp_path):
     ("about", "told"),
     [
         ('{"topics": 3}', "`uwserver export --to csv` did not write it"),
-        ('{"topics": [{"topic": "a", "file": "../run.mcap"}]}', "is no name of a file in this folder"),
-        ('{"topics": [{"topic": "a", "file": "rov_imu.csv"}, {"topic": "a", "file": "rov_imu.csv"}]}', "of one topic"),
-        ('{"topics": [{"topic": "a", "file": "rov_imu.csv"}, {"topic": "b", "file": "rov_imu.csv"}]}', "of one table"),
+        ('{"topics": [{"topic": "a", "file": "../run.mcap"}]}', "is not the name of a file in this folder"),
+        (
+            '{"topics": [{"topic": "a", "file": "rov_imu.csv"}, {"topic": "a", "file": "rov_imu.csv"}]}',
+            "have the same topic",
+        ),
+        (
+            '{"topics": [{"topic": "a", "file": "rov_imu.csv"}, {"topic": "b", "file": "rov_imu.csv"}]}',
+            "two topics name the table",
+        ),
         ('{"topics": [{"topic": "a", "file": "gone.csv"}]}', "gone.csv"),
     ],
 )

@@ -47,7 +47,7 @@ def test_flash_pages_end_in_padding_and_damage_is_told(opened):
     log = opened(raw + b"\xff" * 200, "dive.bin")
     assert log.remarks == ()
     log = opened(raw[:3000] + b"what is this" + raw[3000:], "dive.bin")
-    assert "no record, and left out" in log.remarks[0]
+    assert "no record and were skipped" in log.remarks[0]
 
 
 def test_truncation_anywhere(opened):
@@ -84,5 +84,5 @@ def test_a_layout_that_contradicts_itself_is_none(length, letters, columns):
 
 
 def test_no_record_at_all(opened):
-    with pytest.raises(LogError, match="no dataflash log"):
+    with pytest.raises(LogError, match="not a dataflash log"):
         opened(b"\xa3\x95\x80" + b"\0" * 20, "x.bin")

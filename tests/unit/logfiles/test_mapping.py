@@ -51,7 +51,7 @@ NED = 'position = { topic = "a", north = "n", east = "e" }\n'
         (TRACK + 'position = { topic = "a", north = "n" }', "tracks.rov.position: give north and east"),
         (
             TRACK + 'position = { north = "n", east = "e" }',
-            "tracks.rov.position.north: neither it nor its section names a topic",
+            "tracks.rov.position.north: give the topic, here or in the section",
         ),
         (
             TRACK + 'position = { topic = "a", north = "n", east = "e", up = "u", down = "d" }',
@@ -82,7 +82,7 @@ def test_files_that_are_no_mapping(tmp_path):
         read_mapping(tmp_path / "gone.toml")
     big = tmp_path / "big.toml"
     big.write_bytes(b"\xff" * (1 << 21))
-    with pytest.raises(LogError, match="no mapping"):
+    with pytest.raises(LogError, match="not a mapping"):
         read_mapping(big)
     big.write_bytes(b"\xff\xfe")
     with pytest.raises(LogError, match="big"):

@@ -204,7 +204,7 @@ def test_names_of_types_never_become_code(opened):
         writer.add_message(writer.register_channel(f"/{k}", "cdr", number), UTC, b"\0" * 12, UTC)
     writer.finish()
     log = opened(file.getvalue())
-    assert sum("no name of a ROS message type" in remark for remark in log.remarks) == 3
+    assert sum("not a name of a ROS message type" in remark for remark in log.remarks) == 3
 
 
 def test_a_zip_bomb_is_refused_before_it_is_unpacked(opened):

@@ -98,7 +98,7 @@ def test_latitude_and_longitude_from_the_first_fix_or_an_origin():
     assert found.track.t_ns.tolist() == [2 * S, 3 * S, 4 * S]
     assert found.track.p_NB[0] == pytest.approx([0.0, 0.0, 2.0])
     assert found.track.p_NB[1, 0] == pytest.approx(11.14, abs=0.02)  # 1e-4 degrees of latitude at 60 degrees
-    assert found.remarks[0] == "north and east are counted from its first fix"
+    assert found.remarks[0] == "north and east are measured from its first fix"
     with_origin = track(MadeLog("csv", data), text + "\n[origin]\nlatitude_deg = 60.0\nlongitude_deg = 10.0")
     assert with_origin.track.p_NB[0, 0] == pytest.approx(22.28, abs=0.02)
 
@@ -138,7 +138,7 @@ def test_a_track_without_data_is_refused_by_name():
     log = MadeLog("csv", [(0, "P", {"n": math.nan, "e": 1.0})])
     with pytest.raises(LogError, match='track "x": no pose is left'):
         track(log, 'position = { topic = "P", north = "n", east = "e" }')
-    with pytest.raises(LogError, match='track "x": no data of Q'):
+    with pytest.raises(LogError, match='track "x": the log has no data of Q'):
         track(log, 'position = { topic = "Q", north = "n", east = "e" }')
     mapping = parse_mapping('[tracks.x]\nposition = { topic = "P", north = "n", east = "e" }')
     with pytest.raises(LogError, match='no track "y" in the mapping; there are: x'):

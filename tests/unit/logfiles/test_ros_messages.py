@@ -5,21 +5,21 @@ import struct
 import pytest
 
 from uwserver.logfiles import LogError
-from uwserver.logfiles.ros_messages import Definition, RosTypes
+from uwserver.logfiles.ros_messages import RosTypes
 
 LINE = "\n" + "=" * 80 + "\n"
 
 
 def types(*texts):
     first, *others = texts
-    return RosTypes([Definition("a/msg/A", LINE.join([first, *(f"MSG: a/{text}" for text in others)]), False)])
+    return RosTypes("a/msg/A", LINE.join([first, *(f"MSG: a/{text}" for text in others)]), False)
 
 
 def test_nested_types_are_decoded():
     known = types("E[2] x\nE[] y\nstring[2] z", "E\nuint8 v")
     raw = bytes([1, 2]) + struct.pack("<I", 1) + b"\x03" + struct.pack("<I", 1) + b"p" + struct.pack("<I", 1) + b"q"
-    assert known.decoder("a/A", True)(raw) == {"x": [{"v": 1}, {"v": 2}], "y": [{"v": 3}], "z": ["p", "q"]}
-    assert [(f.name, f.type) for f in known.fields("a/A")] == [
+    assert known.decoder(True)(raw) == {"x": [{"v": 1}, {"v": 2}], "y": [{"v": 3}], "z": ["p", "q"]}
+    assert [(f.name, f.type) for f in known.fields()] == [
         ("x", "a/msg/E[2]"),
         ("y", "a/msg/E[]"),
         ("z", "string[2]"),
@@ -29,11 +29,11 @@ def test_nested_types_are_decoded():
 @pytest.mark.parametrize(
     ("texts", "told"),
     [
-        (["\n".join(f"a/A f{k}" for k in range(12))], "holds itself"),
-        (["E x", "E\nA[] y"], "holds itself"),
-        (["E[3000000] x", "E\n"], "has not one byte"),
-        (["E[] x", "E\n"], "has not one byte"),
-        (["E x\nE y", "E\nF x\nF y", "F\n"], "has not one byte"),
+        (["\n".join(f"a/A f{k}" for k in range(12))], "contains itself"),
+        (["E x", "E\nA[] y"], "contains itself"),
+        (["E[3000000] x", "E\n"], "has no bytes"),
+        (["E[] x", "E\n"], "has no bytes"),
+        (["E x\nE y", "E\nF x\nF y", "F\n"], "has no bytes"),
         (["E[2000000000] x", "E\nuint8 v"], "more than 4096 entries"),
         (["string[5000] x"], "more than 4096 entries"),
         (["E x", "E\nG y"], "is not defined"),
@@ -42,7 +42,7 @@ def test_nested_types_are_decoded():
 @pytest.mark.parametrize("ros1", [True, False])
 def test_what_could_ask_for_any_memory_is_refused(texts, told, ros1):
     with pytest.raises(LogError, match=told):
-        types(*texts).decoder("a/A", ros1)
+        types(*texts).decoder(ros1)
 
 
 def test_fields_of_many_types_in_many_types_are_bounded():
@@ -52,5 +52,5 @@ def test_fields_of_many_types_in_many_types_are_bounded():
         f"{a}\n" + "\n".join(f"{b} f{k}" for k in range(12)) for a, b in zip("BCDEFGHIJ", "CDEFGHIJK", strict=True)
     ]
     known = types(*chain, "K\nuint8 v")
-    known.decoder("a/A", False)
-    assert len(known.fields("a/A")) == 400
+    known.decoder(False)
+    assert len(known.fields()) == 400

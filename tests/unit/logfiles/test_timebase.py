@@ -43,12 +43,12 @@ def test_a_clock_that_was_set_back_goes_on():
 
 
 def test_a_clock_that_was_set_by_gps_gives_the_epoch():
-    """Before it there is no UTC: it is reckoned back, and told."""
+    """Before it there is no UTC: it is computed back, and told."""
     base = time_base(np.concatenate([stamps(*clock(0.0)), stamps(*clock(0.0)) + UTC]), utc=True)
     assert base.epoch_ns == UTC - round(3.9 * S)
     assert base.t_ns[-1] == pytest.approx(7.8 * S)
     assert any("set ahead" in r for r in base.remarks)
-    assert any("reckoned back" in r for r in base.remarks)
+    assert any("computed back" in r for r in base.remarks)
 
 
 def test_a_damaged_stamp_is_no_reset():
@@ -60,7 +60,7 @@ def test_a_damaged_stamp_is_no_reset():
     assert t[10] == pytest.approx(0.9)
     assert t[20] == pytest.approx(1.9)
     assert len(base.remarks) == 1
-    assert "2 entries have stamps that do not fit" in base.remarks[0]
+    assert "2 entries have stamps that contradict their neighbours" in base.remarks[0]
 
 
 def test_many_resets_are_told_shortly():
@@ -86,7 +86,7 @@ def test_nothing_has_no_time():
 
 def test_gaps():
     t = stamps(*clock(0.0), *clock(10.0), *clock(17.0))
-    assert gaps("imu", t) == ["imu: nothing for 6.100 s from 3.900 s, and 1 shorter gaps"]
+    assert gaps("imu", t) == ["imu: no data for 6.100 s from 3.900 s, and 1 shorter gaps"]
     assert gaps("imu", stamps(*clock(0.0))) == []
 
 

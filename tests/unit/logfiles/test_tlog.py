@@ -51,7 +51,7 @@ def test_signed_frames_and_frames_of_unknown_messages(tmp_path):
     frames[10:10] = [(START_US + 9, strange)]
     log = open_log(written(tmp_path, tlog(frames)))
     assert log.topics["1/1/SYSTEM_TIME"].count == 20
-    assert log.remarks == ("1 frames have numbers that no known dialect has (3351057), and are left out",)
+    assert log.remarks == ("1 frames were skipped: their message numbers are in no known dialect (3351057)",)
 
 
 def test_fields_tell_type_and_unit(tmp_path):

@@ -114,6 +114,6 @@ def test_arrays_of_types_of_arrays_are_counted_before_they_are_made(opened, form
     raw += message("A", struct.pack("<BH", 0, 0) + b"x") + message("D", struct.pack("<H", 0) + bytes(64)) * 2
     made = []
     monkeypatch.setattr(ULog._MessageAddLogged, "_parse_nested_type", lambda self, *a: made.append(a))
-    with pytest.raises(LogError, match="more than 131072 values"):
+    with pytest.raises(LogError, match="more than 131072 columns"):
         opened(raw, "flight.ulg")
     assert not made

@@ -1,1 +1,1 @@
-"""Logs written in the formats of others, units and frames in their metadata."""
+"""Writers that export logs of any origin to formats of other programs."""

@@ -1,4 +1,4 @@
-"""A log as MOOS writes it: tracks as NAV_X, NAV_Y, NAV_DEPTH, NAV_HEADING, every number of a port as a variable of its own."""
+"""Writes a log as a MOOS log: tracks as NAV_X, NAV_Y, NAV_DEPTH, NAV_HEADING, and every number of a port as a variable of its own."""
 
 from __future__ import annotations
 
@@ -17,22 +17,23 @@ from uwserver.logfiles.si import scale_of
 from uwserver.units import NANOSECONDS
 
 _Line = tuple[int, str, str]
+"""Time (ns), variable, value."""
 
 
 def write_alog(log: Log, mapping: Mapping, tracks: dict[str, FoundTrack], file: Path) -> None:
-    """Write it. The first track has the prefix NAV, the others that of their name; headings in degrees, as MOOS has them.
+    """Write the file. The first track has the prefix NAV, the others have their names; headings are in degrees, as usual in MOOS.
 
     Raises:
         LogError: the log is damaged.
-        OSError: the file is there already, or cannot be written.
+        OSError: the file exists already, or cannot be written.
     """
-    ways = [_track("NAV" if k == 0 else _word(name), found) for k, (name, found) in enumerate(tracks.items())]
+    poses = [_track("NAV" if k == 0 else _word(name), found) for k, (name, found) in enumerate(tracks.items())]
     began = (log.epoch_ns or 0) / NANOSECONDS
     with file.open("x", encoding="utf-8", newline="\n") as out:
         out.write(
             f"%% LOG FILE:       {file.name}\n%% FILE OPENED ON  {log.path.name}\n%% LOGSTART           {began:.6f}\n"
         )
-        for t_ns, name, text in heapq.merge(*ways, _ports(log, mapping), key=lambda line: line[0]):
+        for t_ns, name, text in heapq.merge(*poses, _ports(log, mapping), key=lambda line: line[0]):
             out.write(f"{t_ns / NANOSECONDS:<16.6f}{name:<24} uwserver  {text}\n")
 
 

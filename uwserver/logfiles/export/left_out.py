@@ -1,37 +1,56 @@
-"""Ports that have no message of their own in a format, and why."""
+"""The kinds of sensors for which both MAVLink and ROS have a message, and remarks about ports that are of none of them."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import math
+from collections.abc import Collection, Mapping
+from typing import Any, Literal
 
-from uwserver.logfiles.mapping import Mapping
+from uwserver.logfiles.mapping import Mapping as LogMapping
 
-_MESSAGES = (
-    frozenset({"pressure"}),
-    frozenset({"latitude", "longitude"}),
-    frozenset({"f_S", "w_S"}),
-    frozenset({"range"}),
-)
-"""Fields of a port by which MAVLink and ROS have a message for it: pressure, position fix, inertial unit, distance."""
+MessageKind = Literal["imu", "pressure", "fix", "range"]
+_FIELDS: Mapping[MessageKind, frozenset[str]] = {
+    "imu": frozenset({"f_S", "w_S"}),
+    "pressure": frozenset({"pressure"}),
+    "fix": frozenset({"latitude", "longitude"}),
+    "range": frozenset({"range"}),
+}
 _SCANNING = "head_angle"
-"""A scanning head's range is none of a distance sensor."""
+"""The range of a scanning head is not that of a distance sensor."""
 
 
-def left_out(mapping: Mapping, written: Collection[str]) -> list[str]:
-    """Sentences about the ports of a mapping that gave no message.
+def message_kind(fields: Collection[str]) -> MessageKind | None:
+    """Return the kind of message for a port with these fields; None when there is none."""
+    for kind, wanted in _FIELDS.items():
+        if wanted <= set(fields) and not (kind == "range" and _SCANNING in fields):
+            return kind
+    return None
+
+
+def sample_kind(value: Mapping[str, Any]) -> MessageKind | None:
+    """Return the kind of message for a sample; None when there is none, or the sample has not all its numbers."""
+    return message_kind([name for name, part in value.items() if name == _SCANNING or _is_complete(name, part)])
+
+
+def _is_complete(name: str, value: object) -> bool:
+    """Return whether a field has its finite numbers: three for a vector of an inertial unit, one for any other field."""
+    is_vector = name in _FIELDS["imu"]
+    numbers = value if isinstance(value, tuple) else (value,)
+    is_numeric = all(isinstance(number, int | float) and math.isfinite(number) for number in numbers)
+    return is_numeric and isinstance(value, tuple) == is_vector and len(numbers) == (3 if is_vector else 1)
+
+
+def left_out(mapping: LogMapping, written: Collection[str]) -> list[str]:
+    """Return remarks about the ports of a mapping that gave no message.
 
     Args:
-        mapping: of the log.
-        written: ports that gave at least one.
+        mapping: the mapping of the log.
+        written: the ports that gave at least one message.
     """
-    absent = {name: source.fields.keys() for name, source in mapping.ports.items() if name not in written}
-    silent = [name for name, fields in absent.items() if _has_message(fields)]
-    foreign = [name for name in absent if name not in silent]
-    told = [f"no message fits, so left out: {', '.join(foreign)}"] if foreign else []
-    if silent:
-        told.append(f"no sample was valid, so nothing is written of: {', '.join(silent)}")
-    return told
-
-
-def _has_message(fields: Collection[str]) -> bool:
-    return any(wanted <= set(fields) and not (wanted == {"range"} and _SCANNING in fields) for wanted in _MESSAGES)
+    absent = {name: message_kind(source.fields) for name, source in mapping.ports.items() if name not in written}
+    without_message = [name for name, kind in absent.items() if kind is None]
+    without_sample = [name for name, kind in absent.items() if kind is not None]
+    remarks = [f"left out, because no message fits: {', '.join(without_message)}"] if without_message else []
+    if without_sample:
+        remarks.append(f"left out, because no sample was valid: {', '.join(without_sample)}")
+    return remarks

@@ -1,4 +1,4 @@
-"""Tables as CSV, Parquet, NetCDF and MATLAB files."""
+"""Writes tables as CSV, Parquet, NetCDF and MATLAB files."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ _MATLAB_NAME = 31
 
 
 def write_csv(log: Log, tables: Iterable[TopicTable], folder: Path) -> None:
-    """A file a topic, ``name [unit]`` in its header, lists as a column an item; frames and the rest in ``log.json``.
+    """Write one file per topic, with ``name [unit]`` in the header, one column per list item, and all else, such as frames, in ``log.json``.
 
     Raises:
-        OSError: the folder is there already, or cannot be written.
+        OSError: the folder exists already, or cannot be written.
     """
     folder.mkdir(parents=True)
     names = file_names(list(log.topics))
@@ -34,17 +34,20 @@ def write_csv(log: Log, tables: Iterable[TopicTable], folder: Path) -> None:
             writer.writerows(
                 zip(*(c.values if isinstance(c.values, list) else c.values.tolist() for c in columns), strict=True)
             )
-        about.append(_about(table, f"{names[table.topic]}.csv"))
+        fields = [{"name": c.name, "unit": c.unit, "frame": c.frame} for c in table.columns]
+        about.append(
+            {"topic": table.topic, "schema": table.schema, "file": f"{names[table.topic]}.csv", "fields": fields}
+        )
     whole = {**_origin(log), "topics": about}
     (folder / "log.json").write_bytes(msgspec.json.format(msgspec.json.encode(whole), indent=2))
 
 
 def write_parquet(log: Log, tables: Iterable[TopicTable], folder: Path) -> None:
-    """A file a topic; ``unit`` and ``frame`` in the metadata of each column, the rest in that of the file.
+    """Write one file per topic, with ``unit`` and ``frame`` in the metadata of each column, and all else in the metadata of the file.
 
     Raises:
-        OSError: the folder is there already, or cannot be written.
-        ImportError: pyarrow is missing.
+        OSError: the folder exists already, or cannot be written.
+        ImportError: pyarrow is not installed.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -66,19 +69,19 @@ def write_parquet(log: Log, tables: Iterable[TopicTable], folder: Path) -> None:
 
 
 def write_netcdf(log: Log, tables: Iterable[TopicTable], file: Path) -> None:
-    """NetCDF 4: a group a topic, with the attributes ``units`` and ``frame``; time counts from the log's epoch, as CF has it.
+    """Write NetCDF 4 with one group per topic and the attributes ``units`` and ``frame``. Times count from the log's epoch, as in the CF conventions.
 
     Raises:
         OSError: the file cannot be written.
-        ImportError: h5netcdf is missing.
+        ImportError: h5netcdf is not installed.
     """
     import h5netcdf
+    import h5py
 
     names = file_names(list(log.topics))
     since = f"nanoseconds since {utc_text(log.epoch_ns)}" if log.epoch_ns is not None else "ns"
     with h5netcdf.File(str(file), "w") as whole:
-        for key, value in _origin(log).items():
-            whole.attrs[key] = value
+        whole.attrs.update(_origin(log))
         for table in tables:
             group = whole.create_group(names[table.topic])
             group.attrs["topic"], group.attrs["schema"] = table.topic, table.schema
@@ -91,7 +94,7 @@ def write_netcdf(log: Log, tables: Iterable[TopicTable], file: Path) -> None:
                     dimensions.append(f"n{k}")
                 if values.dtype == np.bool_:
                     values = values.astype(np.int8)
-                kind = values.dtype if values.dtype != object else _text_type()
+                kind = values.dtype if values.dtype != object else h5py.string_dtype()
                 name = "time" if k == 0 else column.name.replace("/", "_")
                 variable = group.create_variable(name, tuple(dimensions), dtype=kind, data=values)
                 variable.attrs["units"] = since if k == 0 else column.unit or "1"
@@ -100,7 +103,7 @@ def write_netcdf(log: Log, tables: Iterable[TopicTable], file: Path) -> None:
 
 
 def write_mat(log: Log, tables: Iterable[TopicTable], file: Path) -> None:
-    """MATLAB 5: a struct a topic with an array a field; units and frames in its ``units`` and ``frames``.
+    """Write MATLAB 5 with one struct per topic and one array per field; its members ``units`` and ``frames`` hold those of the fields.
 
     Raises:
         OSError: the file cannot be written.
@@ -108,7 +111,7 @@ def write_mat(log: Log, tables: Iterable[TopicTable], file: Path) -> None:
     from scipy.io import savemat
 
     names = file_names(list(log.topics))
-    whole: dict[str, Any] = {"log": {key: value for key, value in _origin(log).items() if value is not None}}
+    whole: dict[str, Any] = {"log": _origin(log)}
     for table in tables:
         content: dict[str, Any] = {"topic": table.topic}
         units: dict[str, str] = {}
@@ -129,7 +132,7 @@ def write_mat(log: Log, tables: Iterable[TopicTable], file: Path) -> None:
 
 
 def _single(columns: Iterable[Column]) -> Iterator[Column]:
-    """Columns with one number a row."""
+    """Yield columns with one value per row: an array column is split into its items."""
     for column in columns:
         if isinstance(column.values, list) or column.values.ndim == 1:
             yield column
@@ -145,12 +148,6 @@ def _arrow(pa: Any, column: Column) -> Any:
     return pa.FixedSizeListArray.from_arrays(pa.array(values.reshape(-1)), values.shape[1])
 
 
-def _text_type() -> Any:
-    import h5py
-
-    return h5py.string_dtype()
-
-
 def _matlab(name: str) -> str:
     return (name if name[:1].isalpha() else f"x{name}")[: 2 * _MATLAB_NAME]
 
@@ -158,8 +155,3 @@ def _matlab(name: str) -> str:
 def _origin(log: Log) -> dict[str, Any]:
     return {"source": log.path.name, "kind": log.kind, "epoch_utc": "" if log.epoch_ns is None else utc_text(log.epoch_ns),
             "epoch_ns": -1 if log.epoch_ns is None else log.epoch_ns, "remarks": "; ".join(log.remarks)}  # fmt: skip
-
-
-def _about(table: TopicTable, file: str) -> dict[str, Any]:
-    fields = [{"name": c.name, "unit": c.unit, "frame": c.frame} for c in table.columns]
-    return {"topic": table.topic, "schema": table.schema, "file": file, "fields": fields}

@@ -1,4 +1,4 @@
-"""One table a topic: what CSV, Parquet, NetCDF and MATLAB files hold."""
+"""Makes one table of each topic, for CSV, Parquet, NetCDF and MATLAB files."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uwserver.logfiles.log import Log, LogField
+from uwserver.logfiles.samples import number
 
 TIME = "time_ns"
 """Name of the first column of every table: ns on the log's time base."""
@@ -21,7 +22,7 @@ _INT = 1 << 63
 
 
 class Column(NamedTuple):
-    """One column: its name, unit and frame, and its values: (n,) or (n, k) of float64, int64 or bool, or a list of n texts."""
+    """One column: name, unit, frame, and values: (n,) or (n, k) of float64, int64 or bool, or a list of n texts."""
 
     name: str
     unit: str
@@ -38,7 +39,7 @@ class TopicTable(NamedTuple):
 
 
 def topic_tables(log: Log, topics: Collection[str] | None = None) -> Iterator[TopicTable]:
-    """The topics of a log that have data, one after the other: only one is in memory at a time.
+    """Yield a table for each topic that has data. Only one topic is in memory at a time.
 
     Raises:
         LogError: the log is damaged.
@@ -64,7 +65,7 @@ def topic_tables(log: Log, topics: Collection[str] | None = None) -> Iterator[To
 
 
 def flattened(value: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
-    """The leaves of a nested message under dotted names; what our own recordings put below ``value`` stands without it."""
+    """Yield the leaves of a nested message with dotted names, without the prefix ``value.`` of our own recordings."""
     for key, entry in value.items():
         name = f"{prefix}{key}"
         if isinstance(entry, Mapping) and entry:
@@ -74,15 +75,13 @@ def flattened(value: Mapping[str, object], prefix: str = "") -> Iterator[tuple[s
 
 
 def file_names(topics: Sequence[str]) -> dict[str, str]:
-    """A name of a file for each topic: of letters, digits and ``_``, so that no name in a log becomes a path."""
+    """Return a unique file name for each topic, of letters, digits and ``_`` only, so that no topic name acts as a path."""
     found: dict[str, str] = {}
     for topic in topics:
         plain = re.sub(r"[^A-Za-z0-9]+", "_", topic).strip("_")[:100] or "topic"
         taken = {name.lower() for name in found.values()}
-        free = next(
-            name for name in (plain, *(f"{plain}_{k}" for k in range(2, len(topics) + 3))) if name.lower() not in taken
-        )
-        found[topic] = free
+        candidates = (plain, *(f"{plain}_{k}" for k in range(2, len(topics) + 3)))
+        found[topic] = next(name for name in candidates if name.lower() not in taken)
     return found
 
 
@@ -91,7 +90,7 @@ def _short(name: str) -> str:
 
 
 def _values(cells: list[object]) -> NDArray[Any] | list[str]:
-    """Cells of a column as one array, if they are numbers throughout; None is NaN. Else as text."""
+    """Return the cells of a column as one array, if all are numbers or None, which becomes NaN; else as texts."""
     if any(isinstance(cell, list | tuple | np.ndarray) for cell in cells):
         return _lists(cells)
     if all(isinstance(cell, bool) for cell in cells):
@@ -99,7 +98,7 @@ def _values(cells: list[object]) -> NDArray[Any] | list[str]:
     if all(isinstance(cell, int) and not isinstance(cell, bool) and -_INT <= cell < _INT for cell in cells):
         return np.array(cells, np.int64)
     if all(cell is None or isinstance(cell, int | float) for cell in cells):
-        return np.array([_number(cell) for cell in cells], np.float64)
+        return np.array([number(cell) for cell in cells], np.float64)
     return [_text(cell) for cell in cells]
 
 
@@ -108,15 +107,8 @@ def _lists(cells: list[object]) -> NDArray[Any] | list[str]:
     if len(lengths) == 1 and 0 < (length := lengths.pop()) <= _MOST_ITEMS:
         rows = [cell if isinstance(cell, list | tuple | np.ndarray) else [None] * length for cell in cells]
         if all(x is None or isinstance(x, int | float | np.number) for row in rows for x in row):
-            return np.array([[_number(x) for x in row] for row in rows], np.float64)
+            return np.array([[number(x) for x in row] for row in rows], np.float64)
     return [_text(cell) for cell in cells]
-
-
-def _number(cell: Any) -> float:
-    try:
-        return float("nan") if cell is None else float(cell)
-    except OverflowError:
-        return float("nan")
 
 
 def _text(cell: object) -> str:

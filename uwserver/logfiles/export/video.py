@@ -1,4 +1,4 @@
-"""The pictures of one topic as a video (MP4, H.264), each shown from its own time on. Needs PyAV."""
+"""Writes the pictures of one topic as a video (MP4, H.264), in which each appears at its own time. Needs PyAV."""
 
 from __future__ import annotations
 
@@ -18,30 +18,33 @@ from uwserver.ports.buffer import unpacked
 
 TICKS_HZ = 90_000
 _LOOKED_AT = 50
-"""Data of a topic that are looked at for a picture: a camera may need some time before its first."""
+"""Number of data in which a picture is sought, because a camera may not give one at once."""
 _SMALLEST = 16
 _HD = 720
-"""Height from which players take colours for those of BT.709."""
+"""Height in pixels from which players assume the colours of BT.709."""
 
 
 def write_mp4(log: Log, topics: Collection[str], target: Path) -> list[str]:
-    """Write it; sentences about what to know of it.
+    """Write the video.
 
     Args:
-        log: open.
-        topics: of which exactly one must hold pictures: of ours, or compressed ones as of ROS and Foxglove.
-        target: the file; what is there is written over.
+        log: an open log.
+        topics: exactly one of them must contain pictures, either ours or compressed ones as in ROS and Foxglove messages.
+        target: the file; an old one is overwritten.
+
+    Returns:
+        Remarks about the video.
 
     Raises:
         ImportError: PyAV is not installed.
-        LogError: no topic holds pictures, or several do.
+        LogError: no topic contains pictures, or several do.
     """
     av: Any = importlib.import_module("av")
     topic = _the_topic(log, topics, av)
     found = _pictures(log, topic, av)
     first = next(found, None)
     if first is None:
-        raise LogError(f"{log.path}: {topic} holds no picture that can be shown")
+        raise LogError(f"{log.path}: {topic} contains no picture that can be shown")
     height, width = (max(extent & ~1, _SMALLEST) for extent in first[1].shape[:2])
     count, resized = 0, 0
     last = -1
@@ -61,29 +64,26 @@ def write_mp4(log: Log, topics: Collection[str], target: Path) -> list[str]:
             container.mux(stream.encode(frame))
             count += 1
         container.mux(stream.encode(None))
-    told = [f"{count} pictures of {topic}, {width} x {height}"]
+    remarks = [f"{count} pictures of {topic}, {width} x {height}"]
     if resized:
-        told.append(f"{resized} of them had another size and were stretched")
-    return told
+        remarks.append(f"{resized} of them had another size and were stretched")
+    return remarks
 
 
 def _the_topic(log: Log, topics: Collection[str], av: Any) -> str:
-    holding = [name for name in log.topics if name in topics and _has_picture(log, name, av)]
-    # Beside our own channel a recording has one for viewers, with the same pictures.
-    holding = [name for name in holding if not (name.startswith("/") and name[1:] in holding)]
-    if not holding:
-        raise LogError(f"{log.path}: none of these topics holds pictures: {', '.join(list(topics)[:40])}")
-    if len(holding) > 1:
-        raise LogError(f"{log.path}: several topics hold pictures, choose one by --topics: {', '.join(holding[:40])}")
-    return holding[0]
+    found = [name for name in log.topics if name in topics and _has_picture(log, name, av)]
+    # Our recordings have the same pictures a second time, in a channel for other viewers.
+    found = [name for name in found if not (name.startswith("/") and name[1:] in found)]
+    if not found:
+        raise LogError(f"{log.path}: none of these topics contains pictures: {', '.join(list(topics)[:40])}")
+    if len(found) > 1:
+        raise LogError(f"{log.path}: several topics contain pictures, choose one by --topics: {', '.join(found[:40])}")
+    return found[0]
 
 
 def _has_picture(log: Log, topic: str, av: Any) -> bool:
-    if (
-        log.kind == "uwserver"
-        and not topic.startswith("/")
-        and all(f.type != "object" for f in log.topics[topic].fields)
-    ):
+    is_ours = log.kind == "uwserver" and not topic.startswith("/")
+    if is_ours and all(field.type != "object" for field in log.topics[topic].fields):
         return False
     return any(_picture_of(datum.value, av) is not None for datum in islice(log.read([topic]), _LOOKED_AT))
 
@@ -96,7 +96,7 @@ def _pictures(log: Log, topic: str, av: Any) -> Iterator[tuple[int, Pixels]]:
 
 
 def _picture_of(value: Mapping[str, object], av: Any) -> Pixels | None:
-    """The picture of a datum: a buffer among its fields, the one named `image` first, or a compressed picture."""
+    """Return the picture in a datum: a compressed picture, or a buffer among its fields, the one named `image` first; None without one."""
     data = value.get("data")
     if isinstance(data, bytes) and "format" in value:
         return _decompressed(data, av)
@@ -121,7 +121,7 @@ def _buffer(entry: object) -> Buffer | None:
 
 
 def _decompressed(data: bytes, av: Any) -> Pixels | None:
-    """Of JPEG or PNG; None too of one that says that it is larger than `MOST_PIXELS`, which is not decoded."""
+    """Decode JPEG or PNG; None when it is damaged, or its header claims more than `MOST_PIXELS`."""
     name = "png" if data[:4] == b"\x89PNG" else "mjpeg"
     try:
         context = av.CodecContext.create(name, "r")

@@ -13,8 +13,8 @@ def ports(**fields: tuple[str, ...]) -> Mapping:
 def test_a_port_whose_samples_were_never_valid_is_told_apart_from_one_that_has_no_message():
     mapping = ports(altimeter=("range",), sonar=("range", "head_angle"), imu=("f_S", "w_S"), half=("latitude",))
     assert left_out(mapping, {"imu"}) == [
-        "no message fits, so left out: sonar, half",
-        "no sample was valid, so nothing is written of: altimeter",
+        "left out, because no message fits: sonar, half",
+        "left out, because no sample was valid: altimeter",
     ]
 
 

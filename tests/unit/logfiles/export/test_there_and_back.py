@@ -76,7 +76,7 @@ def test_moos(log, opened, tmp_path):
 
 def test_mavlink(log, opened, tmp_path):
     tracks = pose_tracks(log, MAPPING)
-    assert write_tlog(log, MAPPING, tracks, tmp_path / "a.tlog") == ["no message fits, so left out: rov/strange"]
+    assert write_tlog(log, MAPPING, tracks, tmp_path / "a.tlog") == ["left out, because no message fits: rov/strange"]
     again = opened((tmp_path / "a.tlog").read_bytes(), "b.tlog")
     assert again.remarks == ()
     found = pose_tracks(again, mapping_of(again))
@@ -91,7 +91,7 @@ def test_mavlink(log, opened, tmp_path):
 
 def test_ros_2(log, read_log, tmp_path):
     tracks = pose_tracks(log, MAPPING)
-    assert write_rosbag2(log, MAPPING, tracks, tmp_path / "bag") == ["no message fits, so left out: rov/strange"]
+    assert write_rosbag2(log, MAPPING, tracks, tmp_path / "bag") == ["left out, because no message fits: rov/strange"]
     again = read_log(tmp_path / "bag")
     assert again.epoch_ns == log.epoch_ns
     found = pose_tracks(again, mapping_of(again))

@@ -90,7 +90,7 @@ def test_one_topic_is_to_be_chosen(dive: Path) -> None:
     assert "choose one by --topics: rov/camera, rov/back" in result.output
     result = run(dive, "--to", "mp4", "--topics", "rov/depth")
     assert result.exit_code == 1
-    assert "none of these topics holds pictures: rov/depth" in result.output
+    assert "none of these topics contains pictures: rov/depth" in result.output
     assert list(dive.parent.iterdir()) == [dive]
 
 
