@@ -302,7 +302,7 @@ def test_a_disk_that_fills_ends_the_recording_and_the_exit_status_tells(tmp_path
         client = stack.enter_context(uwclient.connect("127.0.0.1", lived.port, reconnect=False, timeout=PATIENCE_S))
         # Only now: a cache of kernels is larger.
         resource.prlimit(lived.process.pid, resource.RLIMIT_FSIZE, (400_000, 400_000))
-        lived.wait_for("File too large; the world goes on without it")
+        lived.wait_for("File too large; the world continues without it")
         tick = client.call("world/status")["tick"]
         # Two requests may be answered between the same two ticks.
         lived.work(lived.process.pid, cpu_s(lived.process.pid) + 0.2)
@@ -311,7 +311,7 @@ def test_a_disk_that_fills_ends_the_recording_and_the_exit_status_tells(tmp_path
         assert (status["recorder"]["recording"], status["recorder"]["error"]) == (False, "File too large")
         ended, _ = lived.end()
     assert ended == 1
-    assert sum("the world goes on" in line for line in lived.said) == 1
+    assert sum("the world continues" in line for line in lived.said) == 1
     done = replay(path)
     assert (done.truncated, done.difference) == (True, None)
     assert done.hashes > 0

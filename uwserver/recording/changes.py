@@ -1,7 +1,8 @@
-"""What a replay changes of a recorded run: keys of its scenario, and calls of services.
+"""Changes of a recorded run in a replay: keys of its scenario, and calls of services.
 
-A key is written as in the scenario file: ``environment.current.velocity_ned_mps``, ``vehicles.rov.sensors.dvl.rate_hz``; below a vehicle stand the
-tables of its vehicle file too. Before the first tick any key can change that leads to no file; while a world runs, what a service of it can do.
+A key is written as in the scenario file: ``environment.current.velocity_ned_mps``, ``vehicles.rov.sensors.dvl.rate_hz``. The keys of a vehicle
+include those of its vehicle file. Before the first tick any key can change that does not name a file. While the world runs, only what a service can
+do can change.
 """
 
 from __future__ import annotations
@@ -14,9 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 from msgspec import UNSET
 
-from uwserver.ports import Call, Json, Refused
+from uwserver.ports import Call, Refused
 from uwserver.ports.checks import checked_args, find
 from uwserver.scenario.files.convert import Converter, More, fields
 from uwserver.scenario.files.errors import KeyPath, dotted, suggestion
@@ -39,25 +41,25 @@ else:
     import tomli as tomllib
 
 SOURCE = "replay"
-"""Who makes the calls of changes, as a recording names it."""
+"""Source of the calls that make changes, in recordings."""
 _ENTRY = {info.encode_name for info in fields(VehicleEntry)} - {"model", "copies", "override", "sensors"}
 _OWN = {info.encode_name for info in fields(VehicleFile)}
 _AS_BUILT = ("collision", "contact", "looks")
 _PLACE = ("position", "attitude", "velocity", "angular_velocity")
 _AT_ANY_TIME = (
-    "environment.current, uniform currents, faults.NAME, gains and mode of an autopilot, what the service `set` of a sensor takes, "
-    "timeout_s of an actuator, and by --call whatever a service does"
+    "environment.current, uniform currents, faults.NAME, gains and mode of an autopilot, the arguments of the service `set` of a sensor, "
+    "timeout_s of an actuator, and with --call everything that a service can do"
 )
 _UNITS = {"m": "_m", "m/s": "_mps", "m^2": "_m2", "dB": "_db", "Hz": "_hz", "s": "_s"}
 
 
 class BadChange(ValueError):
-    """A change that cannot be; the text names the key or service, why, and what can."""
+    """A change that is not possible; the text names the key or service, says why, and what is possible."""
 
 
 @dataclass(frozen=True)
 class Setting:
-    """A key of the scenario and its new value, as TOML has it."""
+    """A key of the scenario and its new value, as in TOML."""
 
     path: tuple[str, ...]
     value: Any
@@ -67,25 +69,17 @@ class Setting:
 
 
 @dataclass(frozen=True)
-class Asked:
-    """A service and its arguments, before they are checked."""
-
-    service: str
-    args: Mapping[str, Json]
-
-
-@dataclass(frozen=True)
 class Changes:
-    """All that a replay changes.
+    """All changes of a replay.
 
     Attributes:
-        settings: keys of the scenario.
-        calls: services that are called besides.
-        from_s: simulation time, s; 0: the world is built so.
+        settings: changed keys of the scenario.
+        calls: additional calls of services, whose arguments are not checked yet.
+        from_s: simulation time of the changes, s; with 0 the world is built with them.
     """
 
     settings: tuple[Setting, ...] = ()
-    calls: tuple[Asked, ...] = ()
+    calls: tuple[Call, ...] = ()
     from_s: float = 0.0
 
     def __bool__(self) -> bool:
@@ -93,14 +87,16 @@ class Changes:
 
 
 def setting(text: str) -> Setting:
-    """``KEY=VALUE`` of a command line: VALUE as in TOML; a bare word is a text."""
+    """Read ``KEY=VALUE`` of a command line. VALUE is written as in TOML; a bare word is a text. Raises BadChange."""
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
-        raise BadChange(f'"{text}" is no KEY=VALUE, as environment.current.velocity_ned_mps=[0.3,0,0]')
+        raise BadChange(f'"{text}" is not KEY=VALUE, like environment.current.velocity_ned_mps=[0.3,0,0]')
     try:
         node: Any = tomllib.loads(f"{key} = 0")
     except tomllib.TOMLDecodeError:
-        raise BadChange(f'"{key}" is no key of a scenario: write it as in TOML, its levels apart by dots') from None
+        raise BadChange(
+            f'"{key}" is not a key of a scenario: write it as in TOML, with dots between its levels'
+        ) from None
     path: list[str] = []
     while isinstance(node, dict):
         ((name, node),) = node.items()
@@ -114,34 +110,34 @@ def _value(key: str, text: str) -> Any:
     except (tomllib.TOMLDecodeError, KeyError):
         if text and all(c.isalnum() or c in "_-./:" for c in text):
             return text
-        raise BadChange(f"{key}: {text!r} is no value of TOML, as 0.5, true, [0.3, 0, 0] or {{kind = ...}}") from None
+        raise BadChange(f"{key}: {text!r} is not a TOML value, like 0.5, true, [0.3, 0, 0] or {{kind = ...}}") from None
 
 
-def asked(text: str) -> Asked:
-    """``SERVICE`` or ``SERVICE={...}`` of a command line, the arguments as in JSON."""
+def asked(text: str) -> Call:
+    """Read ``SERVICE`` or ``SERVICE={...}`` of a command line, with arguments in JSON. Raises BadChange."""
     service, _, given = text.partition("=")
     try:
         args = msgspec.json.decode(given or "{}")
     except msgspec.DecodeError as error:
-        raise BadChange(f"{service}: its arguments are no JSON: {error}") from None
+        raise BadChange(f"{service}: its arguments are not valid JSON: {error}") from None
     if not isinstance(args, dict):
-        raise BadChange(f'{service}: its arguments are an object, as {{"name": "a"}}')
-    return Asked(service, args)
+        raise BadChange(f'{service}: give its arguments as an object, like {{"name": "a"}}')
+    return Call(service, args, SOURCE)
 
 
 # -- before the first tick ------------------------------------------------------------------------------------------------------------------
 
 
 def changed_record(record: Mapping[str, str], settings: Iterable[Setting], more: More) -> dict[str, str]:
-    """The metadata record of a recording with other keys.
+    """Return the metadata record of a recording with changed keys.
 
     Args:
-        record: of the recording, which `head_of` can read.
-        settings: of the scenario.
-        more: kinds of its extensions.
+        record: a record that `head_of` can read.
+        settings: changed keys of the scenario.
+        more: kinds of the extensions of the scenario.
 
     Raises:
-        BadChange: an unknown key, a wrong value, what is not in the recording, or what the scenario's checks refuse.
+        BadChange: a key is unknown, a value is wrong, the recording does not contain what it needs, or the checks of the scenario refuse it.
     """
     before = msgspec.json.decode(record["scenario"])
     whole, changed = deepcopy(before), dict(record)
@@ -156,7 +152,7 @@ def changed_record(record: Mapping[str, str], settings: Iterable[Setting], more:
     if new:
         raise BadChange("\n".join(new))
     for parts in whole["vehicles"].values():
-        for table in ("sensors", "actuators"):  # as the loader takes them out
+        for table in ("sensors", "actuators"):  # the loader removes disabled devices in the same way
             devices = parts["vehicle"].get(table, {})
             parts["vehicle"][table] = {key: each for key, each in devices.items() if each.get("enabled", True)}
     if touches_seabed:
@@ -166,17 +162,19 @@ def changed_record(record: Mapping[str, str], settings: Iterable[Setting], more:
 
 
 def _set(whole: dict[str, Any], each: Setting) -> None:
-    """Put one value in its place."""
+    """Set one value."""
     top, rest = each.path[0], each.path[1:]
     known = [info.encode_name for info in fields(Scenario)]
     if top not in known:
         raise BadChange(f'{each}: unknown key "{top}"{suggestion(top, known)}')
     if top in ("adapters", "server", "schema", "extensions") or each.path[:2] == ("world", "clock"):
-        raise BadChange(f"{each}: a replay has no peers and no clock, and its kinds are those of the recording")
+        raise BadChange(f"{each}: a replay has no adapters and no clock, and uses the kinds of the recording")
     if top == "structures":
-        raise BadChange(f"{each}: structures are in the recording as they stood: run the scenario with others")
+        raise BadChange(f"{each}: the recording contains the structures as built: run the scenario with other ones")
     if top == "objects" and (len(rest) != 2 or not rest[1].startswith(_PLACE) or rest[0] not in whole["scenario"][top]):
-        raise BadChange(f"{each}: objects are in the recording as they are: where one begins, and how fast, can change")
+        raise BadChange(
+            f"{each}: the recording contains the objects as built: only their first pose and speed can change"
+        )
     if top != "vehicles":
         _put(whole["scenario"], each.path, each)
         return
@@ -184,13 +182,13 @@ def _set(whole: dict[str, Any], each: Setting) -> None:
     if len(rest) < 2 or rest[0] not in vehicles:
         name = rest[0] if rest else ""
         if name in vehicles:
-            raise BadChange(f"{each}: a vehicle cannot be replaced as a whole: name the key of it that changes")
+            raise BadChange(f"{each}: a vehicle cannot be replaced as a whole: name the key that changes")
         raise BadChange(f'{each}: no vehicle "{name}"{suggestion(name, list(vehicles), "; there are: ")}')
     name, key = rest[0], rest[1]
     if key == "override":
         rest, key = (name, *rest[2:]), rest[2] if len(rest) > 2 else ""
     if key in _AS_BUILT:
-        raise BadChange(f"{each}: the vehicle's shape is in the recording, not the files that it came from")
+        raise BadChange(f"{each}: the recording contains the shape of the vehicle as built, not the files it came from")
     if key in _ENTRY:
         _put(whole["scenario"]["vehicles"][name], rest[1:], each)
     elif key in _OWN:
@@ -202,7 +200,7 @@ def _set(whole: dict[str, Any], each: Setting) -> None:
 
 
 def _check_mount(vehicle: Mapping[str, Any], path: tuple[str, ...], each: Setting) -> None:
-    """A sensor on a mount sits where that is: its own place would be left aside without a word."""
+    """Refuse a new place of a sensor on a mount: it would be ignored, because the mount gives the place."""
     if path[1] == "sensors" and len(path) == 4 and path[3] in ("position_frd_m", "rpy_deg"):
         mount = vehicle["sensors"].get(path[2], {}).get("mount")
         if mount:
@@ -219,24 +217,24 @@ def _put(table: dict[str, Any], path: tuple[str, ...], each: Setting) -> None:
 
 
 def _problems(whole: Mapping[str, Any], more: More) -> Iterator[str]:
-    """What is wrong with the tables of a recording, by the checks of a scenario file that need no file."""
+    """Yield the problems that the checks of a scenario file find in the tables of a recording, without those that need other files."""
     found: list[str] = []
 
     def report_below(*prefix: str) -> Any:
         return lambda path, text, at=None: found.append(f"{dotted((*prefix, *path))}: {text}")
 
     def nothing(path: KeyPath, text: str, at: KeyPath | None = None) -> None:
-        """A warning: its author has seen it."""
+        """Ignore a warning; the author of the scenario has seen it."""
 
     report = report_below()
     tree = Converter(report, more).tree(whole["scenario"], Scenario)
     world, environment = tree.at("world").value, tree.at("environment").value
     files: dict[str, VehicleFile] = {}
     for name, parts in whole["vehicles"].items():
-        told = report_below("vehicles", name)
-        below = Converter(told, more).tree(parts["vehicle"], VehicleFile)
+        report_vehicle = report_below("vehicles", name)
+        below = Converter(report_vehicle, more).tree(parts["vehicle"], VehicleFile)
         msgspec.convert(parts["devices"], dict[str, ThrusterDevice])  # refuses devices with wrong keys
-        check_vehicle(below, world, environment, told, nothing)
+        check_vehicle(below, world, environment, report_vehicle, nothing)
         autopilot = tree.at("vehicles", name, "autopilot").value
         if autopilot is not None and autopilot is not UNSET:
             check_autopilot(autopilot, below, ("vehicles", name, "autopilot"), world, report)
@@ -249,10 +247,10 @@ def _problems(whole: Mapping[str, Any], more: More) -> Iterator[str]:
 
 
 def _with_seabed(whole: dict[str, Any], packed: str) -> str:
-    """The solids with the seabed of the changed tables; of one from a file only what needs no reading."""
-    table = msgspec.convert(whole["scenario"]["seabed"], FlatSeabed) if _is_flat(whole) else None
-    if table is None:
-        raise BadChange("seabed: only a flat one can be given here: run the scenario itself with another file")
+    """Return the packed solids with the seabed of the changed tables, which must be flat, because no file can be read."""
+    if whole["scenario"]["seabed"].get("kind") != "flat":
+        raise BadChange("seabed: a replay can only change to a flat seabed: run the scenario itself with another file")
+    table = msgspec.convert(whole["scenario"]["seabed"], FlatSeabed)
     materials = Materials()
     for name in whole["materials"]:
         materials.number(name)
@@ -262,33 +260,29 @@ def _with_seabed(whole: dict[str, Any], packed: str) -> str:
     return pack(solids)
 
 
-def _is_flat(whole: Mapping[str, Any]) -> bool:
-    return bool(whole["scenario"]["seabed"].get("kind") == "flat")
-
-
 # -- while the world runs -------------------------------------------------------------------------------------------------------------------
 
 
 def calls_for(changes: Changes, scenario: Scenario, world: World) -> list[Call]:
-    """The calls that make the changes in a running world.
+    """Return the calls that make the changes in a running world.
 
     Args:
-        changes: what is asked.
-        scenario: with its keys changed.
-        world: that runs.
+        changes: the changes.
+        scenario: the scenario with the changed keys.
+        world: the running world.
 
     Raises:
-        BadChange: nothing that runs can change so, or a service refuses its arguments; the text says what can.
+        BadChange: a key cannot change while the world runs, or a service refuses its arguments; the text says what is possible.
     """
-    wanted: list[Asked] = []
+    wanted: list[Call] = []
     for each in changes.settings:
-        for one in _service_for(each, scenario, world):
-            if one not in wanted:
-                wanted.append(one)
+        call = _call_for(each, scenario, world)
+        if call not in wanted:  # two keys of a table lead to the same call
+            wanted.append(call)
     return [_checked(one, world) for one in (*wanted, *changes.calls)]
 
 
-def _checked(one: Asked, world: World) -> Call:
+def _checked(one: Call, world: World) -> Call:
     try:
         find("service", one.service, world.services)
         return Call(one.service, checked_args(world.services[one.service], one.args), SOURCE)
@@ -296,49 +290,44 @@ def _checked(one: Asked, world: World) -> Call:
         raise BadChange(f"{one.service}: {refused.fault.text}") from None
 
 
-def _service_for(each: Setting, scenario: Scenario, world: World) -> list[Asked]:
+def _call_for(each: Setting, scenario: Scenario, world: World) -> Call:
     path = each.path
     if path[0] == "environment" and _is_current(path, scenario):
-        water = water_of(scenario.environment, float(world.rate_hz), _no_stream)
-        return [Asked("world/set_current", {"velocity_N": list(water.current)})]
+        # A drifting current needs a random generator, but only the constant part is used here.
+        water = water_of(scenario.environment, float(world.rate_hz), lambda path: np.random.default_rng(0))
+        return Call("world/set_current", {"velocity_N": list(water.current)}, SOURCE)
     if path[0] == "faults" and len(path) > 1:
         fault = msgspec.to_builtins(scenario.faults[path[1]])
         kind, target = fault.pop("kind"), fault.pop("target")
-        return [Asked("world/set_fault", {"name": path[1], "kind": kind, "target": target, "parameters": fault})]
-    if path[0] == "vehicles" and len(path) > 3:
-        found = _of_vehicle(path, each.value, world)
-        if found is not None:
-            return [found]
-    raise BadChange(f"{each} cannot change while the world runs: it can with --from 0. At any time can: {_AT_ANY_TIME}")
+        args = {"name": path[1], "kind": kind, "target": target, "parameters": fault}
+        return Call("world/set_fault", args, SOURCE)
+    found = _of_vehicle(path, each.value, world) if path[0] == "vehicles" and len(path) > 3 else None
+    if found is None:
+        always = f"These can change at any time: {_AT_ANY_TIME}"
+        raise BadChange(f"{each} cannot change while the world runs, only with --from 0. {always}")
+    return found
 
 
-def _of_vehicle(path: tuple[str, ...], value: Any, world: World) -> Asked | None:
+def _of_vehicle(path: tuple[str, ...], value: Any, world: World) -> Call | None:
     name, table, key = path[1], path[2], path[3:]
     if table == "autopilot" and key[0] == "gains" and len(key) == 2:
-        return Asked(f"{name}/autopilot/set_gain", {"name": key[1], "value": value})
+        return Call(f"{name}/autopilot/set_gain", {"name": key[1], "value": value}, SOURCE)
     if (table, key) == ("autopilot", ("mode",)):
-        return Asked(f"{name}/autopilot/set_mode", {"mode": value})
+        return Call(f"{name}/autopilot/set_mode", {"mode": value}, SOURCE)
     if table in ("sensors", "actuators") and len(key) == 2:
         port, what = f"{name}/{key[0]}", key[1]
         if what == "enabled":
-            return Asked(f"{port}/{'activate' if value else 'deactivate'}", {})
+            return Call(f"{port}/{'activate' if value else 'deactivate'}", {}, SOURCE)
         service = world.services.get(f"{port}/set")
         for argument in () if service is None else service.arguments:
             if what in (argument.name, argument.name + _UNITS.get(argument.unit, "_")):
-                return Asked(f"{port}/set", {argument.name: value})
+                return Call(f"{port}/set", {argument.name: value}, SOURCE)
     return None
 
 
 def _is_current(path: tuple[str, ...], scenario: Scenario) -> bool:
-    """Whether a key is of the uniform, steady part of the current."""
+    """Return whether a key belongs to the uniform, constant part of the current."""
     if path[1:2] == ("current",):
         return True
     current = scenario.environment.currents.get(path[2]) if path[1:2] == ("currents",) and len(path) > 2 else None
     return current is not None and current.__struct_config__.tag == "uniform"
-
-
-def _no_stream(path: str) -> Any:
-    """A current that drifts is made and thrown away: its numbers do not matter."""
-    from numpy.random import default_rng
-
-    return default_rng(0)

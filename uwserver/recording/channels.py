@@ -1,4 +1,4 @@
-"""The ports of a recording as the schemas of its channels tell them."""
+"""Reads the ports of a recording from the schemas of its channels."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 
 WORDS = ("string", "boolean")
-"""JSON types of values that are equal or not, without a distance."""
+"""JSON types whose values are only compared for equality; there is no distance between them."""
 
 
 @dataclass(frozen=True)
@@ -18,10 +18,10 @@ class Column:
     """One field of a channel.
 
     Attributes:
-        name: of the field.
-        unit: as the port tells it; "1" where it tells none.
-        type: of an item in JSON: number, integer, boolean, string, or object for bytes and buffers.
-        size: of an array; 0 for one value.
+        name: name of the field.
+        unit: unit of the field; "1" when the port gives none.
+        type: JSON type of an item: number, integer, boolean, string, or object for bytes and buffers.
+        size: length of an array; 0 for a single value.
     """
 
     name: str
@@ -31,23 +31,23 @@ class Column:
 
     @property
     def is_quaternion(self) -> bool:
-        """Whether it is an attitude, w x y z."""
+        """Return whether the field is an attitude, w x y z."""
         return self.size == 4 and self.name.startswith("q_")
 
     @property
     def is_word(self) -> bool:
-        """Whether it is a text, a flag, bytes or a buffer."""
+        """Return whether the field is a text, a flag, bytes or a buffer."""
         return self.type in WORDS or self.type == "object"
 
 
 @dataclass(frozen=True)
 class Described:
-    """A channel of a port.
+    """The channel of a port.
 
     Attributes:
-        port: its path.
+        port: path of the port.
         direction: sensor or actuator.
-        columns: its fields.
+        columns: fields of the port.
     """
 
     port: str
@@ -56,22 +56,22 @@ class Described:
 
 
 def described(topic: str, metadata: Mapping[str, str], schema: bytes) -> Described | None:
-    """The port of a channel; None for a channel that is none of a port, as those of requests, hashes and events."""
+    """Return the port of a channel; None for a channel without a port, such as those of requests, hashes and events."""
     direction = metadata.get("direction", "")
     if direction not in ("sensor", "actuator"):
         return None
     try:
-        told = msgspec.json.decode(schema)["properties"]["value"]["properties"]
-        columns = tuple(_column(str(name), about) for name, about in told.items())
+        fields = msgspec.json.decode(schema)["properties"]["value"]["properties"]
+        columns = tuple(_column(str(name), node) for name, node in fields.items())
     except (msgspec.MsgspecError, KeyError, TypeError, AttributeError, IndexError):
         return None
     return Described(topic, direction, columns)
 
 
-def _column(name: str, told: Mapping[str, Any]) -> Column:
-    unit = re.search(r"; unit ([^;]*)", str(told.get("description", "")))
-    items = told.get("items")
-    item = told if items is None else items
-    kinds = item["type"]
-    size = 0 if items is None else int(told.get("maxItems", 1))
+def _column(name: str, node: Mapping[str, Any]) -> Column:
+    """Return a field from its node in the JSON schema."""
+    unit = re.search(r"; unit ([^;]*)", str(node.get("description", "")))
+    items = node.get("items")
+    kinds = (node if items is None else items)["type"]
+    size = 0 if items is None else int(node.get("maxItems", 1))
     return Column(name, unit[1] if unit else "1", kinds if isinstance(kinds, str) else kinds[0], size)

@@ -1,4 +1,4 @@
-"""Two recordings side by side: how far each field of each port is apart, and where the states first differ.
+"""Compares two recordings: the differences of each field of each port, and the time at which the states first differ.
 
 Both are streamed, so that their length does not matter.
 """
@@ -14,17 +14,20 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+from mcap.records import Channel, Message, Schema
 from msgspec import Struct
 
+from uwserver.logfiles import Limits
+from uwserver.logfiles.mcap_records import Records
 from uwserver.ports import Event
 from uwserver.recording.channels import Described, described
-from uwserver.recording.differences import Pairing, Told
+from uwserver.recording.differences import Pairing, Timed
 from uwserver.recording.format import EVENTS, HASHES, StateHash
 from uwserver.recording.reading import MOST_RECORD_BYTES, NotReplayable, Reading
 from uwserver.scenario.files.opening import opened
 
-SETTLE_EVERY = 512
-"""Messages between two rounds of pairing."""
+PAIR_EVERY = 512
+"""Number of messages between two rounds of pairing."""
 
 Wanted = Callable[[str], bool]
 
@@ -45,12 +48,12 @@ class _Command(Struct):
 
 @dataclass(frozen=True)
 class States:
-    """The hashes of both.
+    """The comparison of the state hashes.
 
     Attributes:
-        equal: pairs of one tick that are the same.
-        last_equal_ns: time of the last of these before the first that differs; None for none.
-        first_ns: time of the first that differs; None where none does.
+        equal: number of equal hashes at equal times.
+        last_equal_ns: time of the last equal hash before the first that differs; None for none.
+        first_ns: time of the first hash that differs; None for none.
     """
 
     equal: int = 0
@@ -60,13 +63,13 @@ class States:
 
 @dataclass(frozen=True)
 class Compared:
-    """What came of it.
+    """The result of a comparison.
 
     Attributes:
-        ports: those of both, by path.
-        only: ports of one side alone, or with other fields, for either side.
-        states: of the worlds, once a simulated second.
-        first: port, field and time (ns) of the first two samples of one time that differ; None where none do.
+        ports: differences of the common ports, by path.
+        only: for each side, ports that only it has, or that have other fields there.
+        states: comparison of the state hashes, once per simulated second.
+        first: port, field and time (ns) of the first two samples of one time that differ; None for none.
         remarks: what was left out, and why.
     """
 
@@ -78,7 +81,7 @@ class Compared:
 
     @property
     def is_same(self) -> bool:
-        """Whether nothing at all differs: ports, numbers of samples, values, states."""
+        """Return whether nothing differs: ports, numbers of samples, values, states."""
         return (
             not any(self.only)
             and self.states.first_ns is None
@@ -90,16 +93,16 @@ class Compared:
 def compare(
     a: Path, b: Path, wanted: Wanted = lambda _: True, begin_ns: int = 0, end_ns: int | None = None
 ) -> Compared:
-    """Compare two recordings, or sets of parts by their first.
+    """Compare two recordings.
 
     Args:
-        a, b: the files.
-        wanted: whether a port is looked at.
-        begin_ns, end_ns: first and last simulation time; None: to the end.
+        a, b: the files; the first part stands for all parts.
+        wanted: selects the ports that are compared.
+        begin_ns, end_ns: first and last simulation time; None for the end.
 
     Raises:
-        OSError: one cannot be read.
-        NotReplayable: one is no recording, or damaged.
+        OSError: a file cannot be read.
+        NotReplayable: a file is not a recording, or is damaged.
     """
     known = [_surveyed(path, wanted) for path in (a, b)]
     both = [port for port, found in known[0].items() if port in known[1] and found[0] == known[1][port][0]]
@@ -116,7 +119,7 @@ def compare(
                 remarks.append(f"{path} has no end: it is compared as far as it goes")
     disordered = sum(pair.disordered for pair in pairings.values())
     if disordered:
-        remarks.append(f"{disordered} samples are left out: they were told after later ones")
+        remarks.append(f"{disordered} samples are left out, because they come after later ones")
     return Compared(pairings, (only[0], only[1]), merged.states, _first(pairings), tuple(remarks))
 
 
@@ -138,15 +141,19 @@ def _first(pairings: Mapping[str, Pairing]) -> tuple[str, str, int] | None:
 
 
 def _surveyed(path: Path, wanted: Wanted) -> dict[str, tuple[Described, int]]:
-    """Ports with samples, and how many: by the index of a file, where it has one, else by reading it once more."""
+    """Return the ports with samples, and the numbers of samples, from the index of each file; a file without index is read."""
     ports: dict[str, Described] = {}
     counts: Counter[str] = Counter()
     with Reading(path) as reading:
         paths = reading.paths
     for part in paths:
-        summary = _summary(part)
-        if summary is None:
-            _count(part, ports, counts)
+        with opened(part) as file:
+            summary = Records(part, file, Limits(record_bytes=MOST_RECORD_BYTES)).summary()
+        if summary is None or summary.statistics is None:
+            with Reading(part) as reading:
+                side = _Side(reading, None)
+                counts.update(topic for topic, _ in side.messages())
+                ports |= side.ports
             continue
         for number, channel in summary.channels.items():
             about = described(channel.topic, channel.metadata, summary.schemas[channel.schema_id].data)
@@ -156,31 +163,11 @@ def _surveyed(path: Path, wanted: Wanted) -> dict[str, tuple[Described, int]]:
     return {port: (about, counts[port]) for port, about in ports.items() if counts[port] and wanted(port)}
 
 
-def _summary(path: Path) -> Any:
-    """The index at the end of a file; None for one without."""
-    from mcap.reader import SeekingReader
-
-    with opened(path) as file:
-        try:
-            summary = SeekingReader(file, record_size_limit=MOST_RECORD_BYTES).get_summary()
-        except Exception:  # noqa: BLE001 - whatever a cut or damaged end gives; the records themselves say what is wrong
-            return None
-    return summary if summary is not None and summary.statistics is not None else None
-
-
-def _count(path: Path, ports: dict[str, Described], counts: Counter[str]) -> None:
-    with Reading(path) as reading:
-        side = _Side(reading, None)
-        for topic, _ in side.messages():
-            counts[topic] += 1
-        ports |= side.ports
-
-
 class _Side:
     """One recording, message by message.
 
     Attributes:
-        ports: as its channels tell them, from their first message on.
+        ports: the ports whose channels were read, by path.
     """
 
     def __init__(self, reading: Reading, wanted: set[str] | None) -> None:
@@ -188,9 +175,7 @@ class _Side:
         self._reading, self._wanted = reading, wanted
 
     def messages(self) -> Iterator[tuple[str, Any]]:
-        """Topic and message, of the wanted ports, of hashes and of events."""
-        from mcap.records import Channel, Message, Schema
-
+        """Yield topic and message of the wanted ports, of hashes and of events."""
         schemas: dict[int, bytes] = {}
         topics: dict[int, str] = {}
         for record in self._reading.records():
@@ -206,16 +191,16 @@ class _Side:
                     topics[record.id] = record.topic
                 elif self._wanted is None or record.topic in self._wanted:
                     about = described(record.topic, record.metadata, schemas.get(record.schema_id, b""))
-                    # Another kind may have come under the name: its samples cannot be compared.
+                    # The path may be used again for a port with other fields; its samples cannot be compared.
                     if about is not None and self.ports.setdefault(record.topic, about) == about:
                         topics[record.id] = record.topic
 
 
 class _Merged:
-    """Both recordings read in step, as far as either has got in simulation time.
+    """Reads both recordings in step: always the one that is behind in simulation time.
 
     Attributes:
-        states: what the hashes said.
+        states: comparison of the hashes so far.
         remarks: what was left out.
     """
 
@@ -247,9 +232,9 @@ class _Merged:
                     raise NotReplayable(text) from error
                 self._reached[side] = max(self._reached[side], message.log_time)
             count += 1
-            if count % SETTLE_EVERY == 0 or found is None:
+            if count % PAIR_EVERY == 0 or found is None:
                 for pairing in self._pairings.values():
-                    pairing.settle(self._reached)
+                    pairing.pair(self._reached)
 
     def _take(self, side: int, topic: str, message: Any) -> None:
         if topic == HASHES:
@@ -260,7 +245,7 @@ class _Merged:
         if topic == EVENTS:
             event = self._event.decode(message.data)
             if event.event == "reset" and self._begun[side]:
-                # The same times come once more: which sample belongs to which cannot be told.
+                # The same times come again, so that samples cannot be paired by time.
                 self._is_over[side] = True
                 self._end = min(self._end, self._reached[side])
                 self.remarks.append(f"compared to {self._end / 1e9:g} s, where a reset sets the time of one of them")
@@ -269,25 +254,23 @@ class _Merged:
         pairing = self._pairings[topic]
         if self._sides[side].ports[topic].direction == "sensor":
             sample = self._sample.decode(message.data)
-            told: Told = (sample.t_ns, sample.valid, sample.value)
+            timed: Timed = (sample.t_ns, sample.valid, sample.value)
         else:
-            told = message.log_time, True, self._command.decode(message.data).value
-        if self._begin <= told[0] <= self._end:
-            pairing.put(side, told)
+            timed = message.log_time, True, self._command.decode(message.data).value
+        if self._begin <= timed[0] <= self._end:
+            pairing.put(side, timed)
 
     def _match(self) -> None:
         one, other = self._hashes
         while one and other:
             (a, t_ns), (b, t_other) = one[0], other[0]
-            if t_ns != t_other:  # by time, as their rates may differ
-                (one if t_ns < t_other else other).popleft()
-                continue
-            one.popleft()
-            other.popleft()
-            now = self.states
-            if a.hash != b.hash:
-                if now.first_ns is None:
-                    self.states = States(now.equal, now.last_equal_ns, t_ns)
-            else:
-                last = t_ns if now.first_ns is None else now.last_equal_ns
-                self.states = States(now.equal + 1, last, now.first_ns)
+            # Hashes are paired by time, not by tick, because the tick rates may differ.
+            if t_ns <= t_other:
+                one.popleft()
+            if t_ns >= t_other:
+                other.popleft()
+            if t_ns == t_other:
+                now = self.states
+                is_first = a.hash != b.hash and now.first_ns is None
+                last = t_ns if a.hash == b.hash and now.first_ns is None else now.last_equal_ns
+                self.states = States(now.equal + (a.hash == b.hash), last, t_ns if is_first else now.first_ns)

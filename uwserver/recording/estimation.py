@@ -1,6 +1,6 @@
-"""The recorded samples of a vehicle's sensors into the estimator of its built-in autopilot alone: with other gains, mounts, or without a sensor.
+"""Runs the estimator of a built-in autopilot on the recorded samples of its vehicle: with other gains or mounts, or without a sensor.
 
-No world is stepped. The estimator hears each sample when it was delivered, and steps when it did; so without a change it gives what it gave.
+No world is stepped. The estimator gets each sample when it was delivered, and steps when it did. So without a change it gives the same estimate.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import msgspec
 from msgspec import Struct
@@ -44,12 +44,12 @@ _FIELDS = (
 _COMPARED = (
     Column("p_N", "m", "number", 3), Column("v_N", "m/s", "number", 3), Column("q_NB", "1", "number", 4), Column("depth", "m", "number"),
 )  # fmt: skip
-_SETTLE_EVERY = 256
+_PAIR_EVERY = 256
 _LATE_S = 2
-"""A recording whose first sample comes later than this begins there."""
+"""If the first sample comes later than this, the estimator begins there."""
 
 
-class _Told(Struct):
+class _SampleMessage(Struct):
     """A message on the channel of a sensor."""
 
     seq: int
@@ -61,13 +61,13 @@ class _Told(Struct):
 
 @dataclass(frozen=True)
 class Estimated:
-    """What came of it.
+    """The result of an estimation.
 
     Attributes:
-        port: of the estimate in the new recording.
-        samples: heard.
-        end_ns: simulation time to which it goes.
-        before, after: distance from the truth of the recorded estimate and of the new one, by field; without numbers where no truth was recorded.
+        port: port of the estimate in the new recording.
+        samples: number of samples that the estimator got.
+        end_ns: simulation time at the end.
+        before, after: differences of the recorded and of the new estimate from the truth, by field; without pairs if no truth was recorded.
         remarks: what was left out, and why.
     """
 
@@ -82,19 +82,19 @@ class Estimated:
 def estimate(
     path: Path, vehicle: str, settings: Sequence[Setting] = (), more: More | None = None, record: Path | None = None
 ) -> Estimated:
-    """Let the estimator hear a recording again.
+    """Run the estimator on a recording.
 
     Args:
         path: of the recording.
-        vehicle: with a built-in autopilot.
-        settings: keys of the scenario that are other ones, of its autopilot and its sensors.
-        more: kinds of its extensions.
-        record: file for the old estimate, the new one and the truth; it must not exist.
+        vehicle: a vehicle with a built-in autopilot.
+        settings: changed keys of the scenario, of the autopilot and the sensors of the vehicle.
+        more: kinds of the extensions of the scenario.
+        record: a file that does not exist yet, for the old estimate, the new one and the truth.
 
     Raises:
-        OSError: the file cannot be read, or the new one not written.
-        NotReplayable: it is no recording of ours, damaged, or of a scenario that this version cannot build.
-        BadChange: no such vehicle or key, or a value that cannot be.
+        OSError: the file cannot be read, or the new one cannot be written.
+        NotReplayable: it is not a recording of ours, is damaged, or this version cannot build its scenario.
+        BadChange: there is no such vehicle or key, or a value is not allowed.
     """
     with Reading(path) as reading, contextlib.ExitStack() as stack:
         changed = changed_record(reading.record, settings, more or {}) if settings else reading.record
@@ -103,15 +103,15 @@ def estimate(
         except (ValueError, KeyError) as error:
             raise NotReplayable(f"{path}: {error}") from error
         world = build(head.resolved, head.seed)
-        hearing = _Hearing(world, _piloting(world, vehicle), vehicle)
+        estimation = _Estimation(world, _piloting(world, vehicle), vehicle)
         if reading.state:
             before = head_of(reading.record, more or {})
-            hearing.begin(path, build(before.resolved, before.seed), reading.state, vehicle)
+            estimation.begin(path, build(before.resolved, before.seed), reading.state, vehicle)
         if record is not None:
             listed = "; ".join(f"{each}={each.value}" for each in settings)
-            stack.enter_context(_written(record, hearing, {ESTIMATED: path.name, "changes": listed}))
-        hearing.run(reading)
-        return hearing.result()
+            stack.enter_context(_written(record, estimation, {ESTIMATED: path.name, "changes": listed}))
+        estimation.run(reading)
+        return estimation.result()
 
 
 def _piloting(world: World, vehicle: str) -> Piloting:
@@ -123,30 +123,28 @@ def _piloting(world: World, vehicle: str) -> Piloting:
 
 
 @contextlib.contextmanager
-def _written(record: Path, hearing: _Hearing, about: dict[str, str]) -> Iterator[None]:
-    """Let it be written into a new file, which goes again when that fails."""
-    file: IO[bytes] = new_file(record)
-    is_whole = False
+def _written(record: Path, estimation: _Estimation, about: dict[str, str]) -> Iterator[None]:
+    """Write an estimation into a new file, which is deleted if that fails."""
+    file = new_file(record)
     try:
         with file:
             head = {"format": FORMAT, **msgspec.structs.asdict(versions_here()), **about}
-            hearing.writer = RecordingWriter(file, head, hearing.told)
+            estimation.writer = RecordingWriter(file, head, estimation.written)
             yield
-            hearing.writer.finish()
-        is_whole = True
-    except OSError as error:
-        raise OSError(f"cannot record to {record}: {error.strerror or error}") from error
-    finally:
-        if not is_whole:
-            record.unlink(missing_ok=True)
+            estimation.writer.finish()
+    except BaseException as error:
+        record.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise OSError(f"cannot record to {record}: {error.strerror or error}") from error
+        raise
 
 
-class _Hearing:
-    """An autopilot whose estimator hears what was recorded.
+class _Estimation:
+    """An autopilot whose estimator gets the recorded samples.
 
     Attributes:
-        told: ports of the new recording.
-        writer: of it; None where nobody wants it.
+        written: ports of the new recording.
+        writer: writes the new recording; None if there is none.
     """
 
     def __init__(self, world: World, part: Piloting, vehicle: str) -> None:
@@ -154,7 +152,7 @@ class _Hearing:
         self._seat: Seat = part.pilot.seat
         orders = part.pilot.orders
         orders.armed = orders.waits = False
-        self._ears = set(self._pilot.craft.hearing.ports)
+        self._inputs = set(self._pilot.craft.hearing.ports)
         self._state, self._pose, self._velocity = (
             f"{vehicle}/autopilot/state",
             f"{vehicle}/truth/pose",
@@ -162,14 +160,14 @@ class _Hearing:
         )
         self._set_position, self._set_gain = f"{vehicle}/autopilot/set_position", f"{vehicle}/autopilot/set_gain"
         self.port = Port(
-            f"{vehicle}/estimate/state", "sensor", "estimate", _FIELDS, "What the estimator makes of the recording."
+            f"{vehicle}/estimate/state", "sensor", "estimate", _FIELDS, "The estimate from the recorded samples."
         )
         kept = [each for each in (self._state, self._pose, self._velocity) if each in world.ports]
-        self.told: dict[str, Port] = {each: world.ports[each] for each in kept} | {self.port.path: self.port}
+        self.written: dict[str, Port] = {each: world.ports[each] for each in kept} | {self.port.path: self.port}
         self.writer: RecordingWriter | None = None
-        self._decode = msgspec.json.Decoder(_Told).decode
+        self._decode = msgspec.json.Decoder(_SampleMessage).decode
         self._tick, self._now_ns = -1, -1
-        self._shown: tuple[Any, ...] = ()
+        self._estimate: tuple[Any, ...] = ()
         self._attitude: tuple[int, tuple[float, ...]] | None = None
         self._before, self._after = Pairing(_COMPARED, False, 1), Pairing(_COMPARED, False, 1)
         self._samples = self._seq = 0
@@ -178,7 +176,14 @@ class _Hearing:
         self._truth: dict[int, dict[str, Any]] = {}
 
     def begin(self, path: Path, world: World, state: bytes, vehicle: str) -> None:
-        """Believe what was believed where the recording begins, in the midst of a run: `state` of `world`, which is as it was recorded."""
+        """Take over the estimate at the begin of a recording that began during a run.
+
+        Args:
+            path: of the recording.
+            world: the world as it was recorded.
+            state: its state at the begin of the recording.
+            vehicle: name of the vehicle.
+        """
         seat = _piloting(world, vehicle).pilot.seat
         has_other_gains = self._seat.orders.gains != seat.orders.gains
         try:
@@ -186,13 +191,13 @@ class _Hearing:
         except Refused as refused:
             raise NotReplayable(f"{path}: the state it begins with cannot be loaded: {refused}") from refused
         self._seat.row["e"] = seat.row["e"]
-        if not has_other_gains:  # some may have been set before
+        if not has_other_gains:  # gains may have been set before the recording began
             self._seat.orders.gains = seat.orders.gains
         self._world.tick = self._tick = world.tick
 
     def run(self, reading: Reading) -> None:
-        """Hear all of it, up to a reset: what the estimator was then is not in a recording."""
-        wanted = dict.fromkeys((*self._ears, *self.told, REQUESTS, EVENTS))
+        """Run on the whole recording, or up to a reset, because the recording does not contain the estimate after it."""
+        wanted = dict.fromkeys((*self._inputs, *self.written, REQUESTS, EVENTS))
         requests, events = msgspec.json.Decoder(Request), msgspec.json.Decoder(Event)
         for count, (topic, message) in enumerate(reading.messages(wanted)):
             try:
@@ -202,96 +207,96 @@ class _Hearing:
                         self._asked.append(request)
                 elif topic == EVENTS:
                     if events.decode(message.data).event == "reset" and self._samples:
-                        self._remarks.append(f"heard to {self._now_ns / NANOSECONDS:g} s, where a reset sets the time")
+                        end = f"{self._now_ns / NANOSECONDS:g} s"
+                        self._remarks.append(f"the estimate ends at {end}, where a reset sets the time")
                         break
                 else:
                     self._take(topic, self._decode(message.data))
             except (msgspec.MsgspecError, KeyError) as error:
                 raise NotReplayable(f"{topic} at {message.log_time} ns cannot be read: {error}") from error
-            if count % _SETTLE_EVERY == 0:
-                self._settle(self._now_ns)
-        self._settle(float("inf"))
+            if count % _PAIR_EVERY == 0:
+                self._pair(self._now_ns)
+        self._pair(float("inf"))
         if reading.truncated:
-            self._remarks.append("the recording has no end: heard as far as it goes")
+            self._remarks.append("the recording has no end: it is used as far as it goes")
 
-    def _settle(self, reached: float) -> None:
+    def _pair(self, reached: float) -> None:
         for pairing in (self._before, self._after):
-            pairing.settle((reached, reached))
+            pairing.pair((reached, reached))
 
     def _ask(self, tick: int) -> None:
-        """What the operator told the estimator in ticks before this one; samples of the same tick may stand behind it in the file."""
+        """Repeat the calls of earlier ticks to the estimator. In the file, samples of the same tick may come after a call."""
         while self._asked and self._asked[0].tick < tick:
             request = self._asked.popleft()
             self._world.tick = request.tick
             self._step_before(self._world.t_ns)
             call = request.item
             assert isinstance(call, Call)
-            with contextlib.suppress(Refused):  # it was refused then, too
+            with contextlib.suppress(Refused):  # then it was refused in the recorded run too
                 given = {name: value for name, value in call.args.items() if value is not None}
                 self._world.call(call.service, **given)
 
-    def _take(self, topic: str, told: _Told) -> None:
-        # With a delay a sample is sent between two ticks, and heard in the second.
-        tick = self._world.ticks.first_at(told.t_sent_ns)
-        if tick > self._world.tick or not self._shown:
+    def _take(self, topic: str, message: _SampleMessage) -> None:
+        t_ns, value = message.t_ns, message.value
+        # A delayed sample is sent between two ticks, and delivered in the second.
+        tick = self._world.ticks.first_at(message.t_sent_ns)
+        if tick > self._world.tick or not self._estimate:
             self._ask(tick)
             self._world.tick = tick
             self._now_ns = self._world.t_ns
             self._step_before(self._now_ns)
-            # What it believes is measured before the samples of the tick are heard.
-            self._shown = self._believed()
-        if topic in self._ears:
+            # The autopilot's port gives the estimate before it gets the samples of the tick.
+            x, _ = self._seat.show(self._now_ns)
+            self._estimate = tuple(x[0:3]), tuple(x[3:6]), tuple(x[6:10]), x[13], x[14]
+        if topic in self._inputs:
             self._samples += 1
-            if told.valid:
-                self._seat.hear(topic, self._values(topic, told.value), told.t_ns, self._now_ns)
-        if topic not in self.told:
+            if message.valid:
+                self._seat.hear(topic, self._values(topic, value), t_ns, self._now_ns)
+        if topic not in self.written:
             return
         if self.writer is not None:
-            values = self._values(topic, told.value)
-            self.writer.sample(Sample(topic, told.seq, told.t_ns, told.t_sent_ns, told.valid, values), self.told)
+            sample = Sample(topic, message.seq, t_ns, message.t_sent_ns, message.valid, self._values(topic, value))
+            self.writer.sample(sample, self.written)
         if topic == self._state:
-            self._compare(told)
+            self._compare(message)
         elif topic == self._pose:
-            self._attitude = told.t_ns, tuple(told.value["q_NB"])
-            self._keep(told.t_ns, p_N=told.value["p_NB"], q_NB=told.value["q_NB"], depth=told.value["p_NB"][2])
-        elif topic == self._velocity and self._attitude is not None and self._attitude[0] == told.t_ns:
-            self._keep(told.t_ns, v_N=list(rotate(self._attitude[1], told.value["v_NB_B"])))
+            self._attitude = t_ns, tuple(value["q_NB"])
+            self._add_truth(t_ns, p_N=value["p_NB"], q_NB=value["q_NB"], depth=value["p_NB"][2])
+        elif topic == self._velocity and self._attitude is not None and self._attitude[0] == t_ns:
+            self._add_truth(t_ns, v_N=list(rotate(self._attitude[1], value["v_NB_B"])))
 
     def _values(self, topic: str, value: Mapping[str, Any]) -> tuple[Any, ...]:
         given = (value[field.name] for field in self._world.ports[topic].fields)
         return tuple(tuple(each) if isinstance(each, list) else each for each in given)
 
     def _step_before(self, t_ns: int) -> None:
-        """Step at all ticks before a time."""
+        """Step the estimator at all ticks before a time."""
         end = self._world.ticks.first_at(t_ns)
         if self._tick < 0:
-            # A run may begin at a saved state: what was before is not in the recording.
+            # A run may begin at a saved state; then the recording contains nothing of the time before.
             self._tick = end - 1 if end > _LATE_S * self._world.rate_hz else 0
         for tick in range(self._tick, end):
             now_ns = self._world.ticks.time_of(tick)
             self._seat.bank.step(self._world.hydro.table, tick, now_ns)
         self._tick = max(self._tick, end)
 
-    def _believed(self) -> tuple[Any, ...]:
-        x, _ = self._seat.show(self._now_ns)
-        return tuple(x[0:3]), tuple(x[3:6]), tuple(x[6:10]), x[13], x[14]
-
-    def _compare(self, told: _Told) -> None:
-        """The recorded estimate and the new one of the same time, with what was true."""
-        values = tuple(each if isinstance(each, tuple) or each == each else None for each in self._shown)
+    def _compare(self, message: _SampleMessage) -> None:
+        """Add the recorded estimate, and the new one of the same time, to their comparisons with the truth."""
+        # NaN, which differs from itself, stands for an unknown depth or altitude.
+        values = tuple(each if isinstance(each, tuple) or each == each else None for each in self._estimate)
         if self.writer is not None:
-            sample = Sample(self.port.path, self._seq, told.t_ns, told.t_sent_ns, True, values)
-            self.writer.sample(sample, self.told)
+            sample = Sample(self.port.path, self._seq, message.t_ns, message.t_sent_ns, True, values)
+            self.writer.sample(sample, self.written)
             self._seq += 1
-        now = dict(zip([field.name for field in _FIELDS], values, strict=True))
-        self._before.put(1, (told.t_ns, True, told.value))
-        self._after.put(1, (told.t_ns, True, now))
+        estimate = dict(zip([field.name for field in _FIELDS], values, strict=True))
+        self._before.put(1, (message.t_ns, True, message.value))
+        self._after.put(1, (message.t_ns, True, estimate))
 
-    def _keep(self, t_ns: int, **values: Any) -> None:
-        """What was true; pose and velocity of one time come one after the other."""
+    def _add_truth(self, t_ns: int, **values: Any) -> None:
+        """Add true values. Pose and velocity of one time come one after the other."""
         true = self._truth.setdefault(t_ns, {})
         true |= values
-        if "v_N" in true or self._velocity not in self.told:
+        if "v_N" in true or self._velocity not in self.written:
             del self._truth[t_ns]
             self._before.put(0, (t_ns, True, true))
             self._after.put(0, (t_ns, True, true))
@@ -299,13 +304,13 @@ class _Hearing:
             del self._truth[next(iter(self._truth))]
 
     def result(self) -> Estimated:
-        """What came of it."""
-        if not self._after.pairs[0] + self._after.pairs[1]:
+        """Return the result."""
+        if not any(self._after.pairs):
+            self._remarks.append("no truth was recorded ([vehicles.NAME.truth]), so the errors are unknown")
+        if not self._after.samples[1]:
             self._remarks.append(
-                "no truth was recorded beside it ([vehicles.NAME.truth]): there is nothing to measure it by"
+                f"no sample of {self._state} was recorded: there are no times at which to give the estimate"
             )
-        if not self._seq and self._after.samples[1] == 0:
-            self._remarks.append(f"no sample of {self._state} was recorded: there is nothing to show the estimate at")
         return Estimated(
             self.port.path, self._samples, max(0, self._now_ns), self._before.fields, self._after.fields, tuple(self._remarks)
         )  # fmt: skip

@@ -1,17 +1,17 @@
 """The format of a recording: an MCAP file that any MCAP tool can plot, and from which `uwserver.recording.replay` can run the world again.
 
-One channel a port, topic = its path, JSON with a JSON schema that names units and frames; ``log_time`` is `t_sent_ns` (for commands: the
-time at which they act), ``publish_time`` `t_ns`, both in simulation time. Besides them channels of our own:
+Each port has a channel. Its topic is the path of the port, its messages are JSON, and its JSON schema names units and frames. ``log_time`` is
+`t_sent_ns` (for commands: the time at which they act), ``publish_time`` is `t_ns`; both are simulation time. There are further channels:
 
 * ``uwserver/requests``: every command and call that was carried out (`Request`);
-* ``uwserver/hashes``: the hash of the whole state, each simulated second and at the end (`StateHash`);
-* ``uwserver/events``: what every client was told;
+* ``uwserver/hashes``: the hash of the whole state, every simulated second and at the end (`StateHash`);
+* ``uwserver/events``: the events that all clients received;
 * topics that begin with "/", in Foxglove's schemas: see `uwserver.adapter.foxglove`;
-* ``uwserver/states``, ``uwserver/casts`` and ``uwserver/jumps``: where all bodies are, who they are, and where time was set, see
+* ``uwserver/states``, ``uwserver/casts`` and ``uwserver/jumps``: the poses of all bodies, the list of bodies, and the jumps of time, see
   `uwserver.recording.states`.
 
-Requests and hashes share one running index: the order in which they happened, also where a reset makes the tick go back.
-The metadata record ``uwserver`` stands first: versions, seed, timing, and the whole resolved scenario.
+Requests and hashes share one running index. It gives their order, also where a reset sets the tick back.
+The metadata record ``uwserver`` comes first. It contains versions, seed, timing, and the whole resolved scenario.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ from uwserver.simulation import clock
 from uwserver.simulation.clock import Timing
 
 FORMAT = "uwserver-recording-3"
-"""Of all channels; `uwserver.physics.PHYSICS` is the other version on which a replay depends."""
+"""Version of all channels. A replay also depends on the version of the physics, `uwserver.physics.PHYSICS`."""
 REPLAYED_FORMATS = ("uwserver-recording-2", FORMAT)
-"""Those whose requests and hashes are as here: the second brought none of the states."""
+"""The formats that can be replayed: their requests and hashes are the same. Format 2 has no states."""
 METADATA = "uwserver"
 REQUESTS, HASHES, EVENTS = "uwserver/requests", "uwserver/hashes", "uwserver/events"
 
@@ -55,9 +55,9 @@ class Request(Struct, frozen=True, omit_defaults=True):
 
     Attributes:
         index: running number over requests and hashes.
-        batch: those of one batch were carried out together: of several commands to one port only the last acted.
-        tick: at whose start.
-        source: who sent it.
+        batch: requests with the same number were carried out together; of several commands to one port only the last acted.
+        tick: the request was carried out at the start of this tick.
+        source: name of the sender.
         value: one entry per field of the port.
     """
 
@@ -72,21 +72,21 @@ class Request(Struct, frozen=True, omit_defaults=True):
 
     @classmethod
     def of(cls, item: Command | Call, index: int, batch: int, tick: int) -> Request:
-        """The entry for a command or call."""
+        """Return the entry for a command or call."""
         if isinstance(item, Command):
             return cls(index, batch, tick, item.source, port=item.port, value=item.value)
         return cls(index, batch, tick, item.source, service=item.service, args=dict(item.args))
 
     @property
     def item(self) -> Command | Call:
-        """The command or call itself."""
+        """Return the command or call."""
         if self.port:
             return Command(self.port, self.value, self.source)
         return Call(self.service, self.args, self.source)
 
 
 class StateHash(Struct, frozen=True):
-    """`Snapshot.hash` of the world after `tick`; `index` as in `Request`."""
+    """The hash of the state (`Snapshot.hash`) of the world after `tick`; `index` as in `Request`."""
 
     index: int
     tick: int
@@ -94,7 +94,7 @@ class StateHash(Struct, frozen=True):
 
 
 class Versions(Struct, frozen=True):
-    """What a run depends on besides its scenario. `started_utc` is the wall clock."""
+    """The software on which a run depends, besides its scenario. `started_utc` is the time of the wall clock."""
 
     uwserver: str
     python: str
@@ -105,7 +105,7 @@ class Versions(Struct, frozen=True):
 
 
 class Head(Struct, frozen=True):
-    """The metadata record: everything but the requests that a replay needs."""
+    """The metadata record: everything that a replay needs, except the requests."""
 
     versions: Versions
     seed: int
@@ -114,13 +114,13 @@ class Head(Struct, frozen=True):
 
 
 def versions_here() -> Versions:
-    """Those of this process."""
+    """Return the versions of this process."""
     machine = platform.python_version(), version("numpy"), version("numba"), platform.platform()
     return Versions(__version__, *machine, clock.utc_text())
 
 
 def metadata(resolved: Resolved, seed: int, timing: Timing) -> dict[str, str]:
-    """The metadata record of a recording. Keys of adapters that hold a token, password or secret are left out."""
+    """Return the metadata record of a recording. Keys of adapters that contain a token, password or secret are left out."""
     whole = {
         "name": resolved.name,
         "scenario": _without_secrets(tables(engine_named(resolved.scenario), defaults=True)),
@@ -147,42 +147,47 @@ def metadata(resolved: Resolved, seed: int, timing: Timing) -> dict[str, str]:
 
 
 def head_of(record: Mapping[str, str], more: More = NO_MORE) -> Head:
-    """A metadata record read back; adapters stay plain tables.
+    """Read a metadata record. Adapters stay plain tables.
 
     Args:
-        record: of a recording.
-        more: kinds of the extensions that its scenario uses; their files are not in the recording.
+        record: the record.
+        more: kinds of the extensions that the scenario uses; their files are not in the recording.
 
     Raises:
-        ValueError: it is of another format or physics, or the scenario in it does not fit this version.
+        ValueError: the format or physics is another, or the scenario does not fit this version.
     """
     for name, here in (("format", FORMAT), ("physics", str(PHYSICS))):
         then = record.get(name, "1")
         if then != here and then not in REPLAYED_FORMATS:
-            made_by = f"uwserver {record.get('uwserver', 'of old')}"
-            text = f"the recording was made by {made_by}, whose {name} is {then}; here it is {here}, and the run would go otherwise"
-            raise ValueError(f"{text}: replay it with that version. MCAP tools and `uwserver plot` read it as before")
+            made_by = f"uwserver {record.get('uwserver', '(an old version)')}"
+            text = f"the recording was made by {made_by}, whose {name} is {then}; here it is {here}, so the run would be different"
+            raise ValueError(f"{text}: replay it with that version. MCAP tools and `uwserver plot` can still read it")
     try:
         whole = msgspec.json.decode(record["scenario"])
         if whole["scenario"].get("extensions") and not more:
             names = ", ".join(whole["scenario"]["extensions"])
-            raise ValueError(f"its components come from {names}: give --trust-files, if you trust it")
+            raise ValueError(f"its components come from the extension {names}: give --trust-files, if you trust it")
     except (KeyError, TypeError, ValueError) as error:
         raise _misfit(record, error) from error
     return head_with(record, whole, more)
 
 
 def head_with(record: Mapping[str, str], whole: dict[str, Any], more: More = NO_MORE) -> Head:
-    """The head of a metadata record with this scenario, as it stands there under "scenario" or with parts left out.
+    """Return the head of a metadata record.
+
+    Args:
+        record: the record.
+        whole: its entry "scenario", decoded; parts may be left out.
+        more: kinds of the extensions that the scenario uses.
 
     Raises:
-        ValueError: it does not fit this version.
+        ValueError: the scenario does not fit this version.
     """
     try:
         scenario = _typed(whole["scenario"], Scenario, more)
         solids = unpack(record["solids"])
         looks = unpack_looks(record)
-        followed = tracks.unpack(record["tracks"]) if "tracks" in record else {}  # none before they were known
+        followed = tracks.unpack(record["tracks"]) if "tracks" in record else {}  # older recordings have no tracks
         vehicles = {
             name: ResolvedVehicle(
                 name,

@@ -1,4 +1,4 @@
-"""Channels of a recording that Foxglove, Lichtblick and rerun show without set-up, beside our own. A replay knows nothing of them."""
+"""Makes the additional channels of a recording that Foxglove, Lichtblick and rerun show without set-up. A replay ignores them."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from uwserver.world.world import World
 
 log = logging.getLogger(__name__)
 
-_FAULT = "no more is recorded for Foxglove: the recording itself goes on"
+_FAULT = "an internal fault ended the channels for Foxglove; the recording itself continues"
 
 
 class FoxgloveChannels:
-    """What is written for viewers of others. On the recorder's thread; reads of the world what does not change in a run.
+    """Makes the messages for other viewers. It runs on the recorder's thread, and reads only what is constant in the world.
 
-    A fault of ours ends these channels, not the recording.
+    An internal fault ends these channels, but not the recording.
 
     Args:
         world: as built.
-        resolved: what it was built from.
+        resolved: the scenario from which it was built.
     """
 
     def __init__(self, world: World, resolved: Resolved) -> None:
@@ -34,7 +34,7 @@ class FoxgloveChannels:
         self._ended = False
 
     def of(self, item: Presence | SceneState | Event) -> Iterator[Foreign]:
-        """Messages that follow from who is there, where everybody is, or what everybody was told."""
+        """Yield the messages for the entities of the world, their poses, or an event."""
         if self._ended:
             return
         try:
@@ -45,12 +45,12 @@ class FoxgloveChannels:
                 yield from self._channels.state(item)
             else:
                 yield self._channels.event(item)
-        except Exception:  # ours; what only other viewers need must not end the recording
+        except Exception:  # channels that only other viewers need must not end the recording
             self._ended = True
             log.exception(_FAULT)
 
     def of_sample(self, sample: Sample, port: Port) -> Foreign | None:
-        """The message of a sample of this port; None of most."""
+        """Return the message for a sample of this port; None for most ports."""
         if self._ended:
             return None
         try:
@@ -61,9 +61,9 @@ class FoxgloveChannels:
             return None
 
     def shows(self, port: Port) -> bool:
-        """Whether samples of a port may have messages."""
+        """Return whether samples of a port may have messages."""
         return not self._ended and self._channels.shows(port)
 
     def _newest_water(self) -> WaterView:
-        assert self._water is not None, "the first presence tells the water"
+        assert self._water is not None, "the first presence contains the water"
         return self._water

@@ -1,4 +1,5 @@
-"""Looks in the head of a recording, so that who plays it sees what things looked like without the files; bounded, and checked again when read."""
+"""Stores looks (glTF files) in the head of a recording, so that playback shows them without the files. Their size is limited, and they are checked
+again when they are read."""
 
 from __future__ import annotations
 
@@ -17,20 +18,21 @@ from uwserver.scenario.solids.looks import check_glb
 log = logging.getLogger(__name__)
 
 LOOKS = "looks_base64"
-"""Key of the metadata record. Earlier recordings have `looks`, in base 85, which takes seconds and 50 times the memory: they are played plain."""
+"""Key in the metadata record. Earlier recordings have the key `looks` in base 85, which takes seconds and 50 times the memory to decode; they are
+played without looks."""
 MOST_BYTES = 32 << 20
-"""Of all files together; those beyond it are left out, the largest first."""
+"""Largest total size of the files. If they are larger, the largest files are left out."""
 
 
 class _Kept(msgspec.Struct):
-    """Files by their hash, and whose they are: ``vehicles/rov``, ``objects/crate``, ``static/pile``."""
+    """Files by their hash, and the hash of each owner: ``vehicles/rov``, ``objects/crate``, ``static/pile``."""
 
     files: dict[str, bytes]
     owners: dict[str, str]
 
 
 def pack_looks(resolved: Resolved) -> dict[str, str]:
-    """What a metadata record has of them; nothing where there are none."""
+    """Return the entry for the metadata record; empty when there are no looks."""
     worn = {f"vehicles/{name}": vehicle.looks for name, vehicle in resolved.vehicles.items()}
     worn |= {f"objects/{name}": body.looks for name, body in resolved.objects.items()}
     worn |= {f"static/{name}": data for name, data in resolved.looks.items()}
@@ -43,7 +45,7 @@ def pack_looks(resolved: Resolved) -> dict[str, str]:
             kept[sha256] = data
     if left_out := [owner for owner, sha256 in owners.items() if sha256 not in kept]:
         log.warning(
-            "the looks of %s are not kept in the recording: all have more than %d bytes",
+            "the looks of %s are left out of the recording: all looks together have more than %d bytes",
             ", ".join(left_out),
             MOST_BYTES,
         )
@@ -54,7 +56,7 @@ def pack_looks(resolved: Resolved) -> dict[str, str]:
 
 
 def unpack_looks(record: Mapping[str, str]) -> Mapping[str, bytes]:
-    """Checked files by their owners, as `pack_looks` names them; without those that are no looks.
+    """Return the files by their owners, as `pack_looks` names them, without those that fail the check.
 
     Raises:
         ValueError: the record was not made by `pack_looks`.
@@ -77,6 +79,6 @@ def _is_fine(data: bytes) -> bool:
     try:
         check_glb(data)
     except BadSolid as error:
-        log.warning("looks in the recording are left out: %s", error)
+        log.warning("looks in the recording are not shown: %s", error)
         return False
     return True

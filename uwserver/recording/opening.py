@@ -1,4 +1,4 @@
-"""New files for recordings."""
+"""Makes new files for recordings."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import IO
 
 
 def new_file(path: Path) -> IO[bytes]:
-    """A file for a recording. An old one is never overwritten: it may be the only one of its run.
+    """Make a file for a recording. An old file is never overwritten: it may be the only record of its run.
 
     Raises:
-        OSError: it exists already or cannot be written; the text names it and says what to do.
+        OSError: the file exists already or cannot be written; the text names it and says what to do.
     """
     try:
         return path.open("xb")
@@ -21,13 +21,12 @@ def new_file(path: Path) -> IO[bytes]:
 
 
 def there_already(path: Path) -> FileExistsError:
-    """What to say of a file that is there."""
+    """Return the error for a file that exists already."""
     return FileExistsError(
         f"cannot record to {path}: it exists already; give --record another name, or remove it first"
     )
 
 
 def unwritable(path: Path, error: OSError) -> OSError:
-    """What to say of a place that cannot be written."""
-    reason = error.strerror or str(error)
-    return OSError(f"cannot record to {path}: {reason}; give --record a place that can be written")
+    """Return the error for a file that cannot be written."""
+    return OSError(f"cannot record to {path}: {error.strerror or error}; give --record a place that can be written")

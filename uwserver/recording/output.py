@@ -1,4 +1,4 @@
-"""The file of a recording, and the next when it is full: what a recorder has queued is written here, off the tick."""
+"""Writes the items that a recorder queued to the file of a recording, and to the next part when that is full. It runs outside the tick."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ NOTHING: Mapping[str, str] = {}
 
 @dataclass(frozen=True)
 class State:
-    """A state whose hash is computed when it is written: it is too slow for the tick."""
+    """A state whose hash is computed when it is written, because that takes too long for the tick."""
 
     index: int
     t_ns: int
@@ -52,7 +52,7 @@ class State:
 
 @dataclass(frozen=True)
 class Ports:
-    """Ports that there are from here on. Those of samples that still wait may be gone from the world when they are written."""
+    """The ports from here on. A port may have left the world by the time its queued samples are written."""
 
     ports: Mapping[str, Port]
 
@@ -61,22 +61,23 @@ Item = Told | tuple[Sample, ...] | Request | State | Ports | Presence | Seen | E
 
 
 class Output:
-    """Writes the items of one run. Used by one thread at a time.
+    """Writes the items of one run. Only one thread may use it at a time.
 
     Args:
         path: a file that does not exist yet.
-        world: what never changes of it is read, and who has a name when this is made.
-        resolved: what it was built from.
-        rotation: when it goes on in another file.
-        foxglove: whether channels for Foxglove, Lichtblick and rerun are written beside our own.
+        world: only its constants are read, and its ports at the start.
+        resolved: the scenario from which it was built.
+        rotation: limits of a part.
+        foxglove: whether channels for Foxglove, Lichtblick and rerun are added.
 
     Attributes:
-        samples, requests: that were written.
-        bytes: that all parts have, as of the last chunk.
-        part: number of the present one.
+        samples, requests: numbers of those that were written.
+        bytes: size of all parts up to the last chunk.
+        part: number of the current part.
         since_ns: simulation time at which the recording begins.
 
-    What writes raises OSError when the file cannot be written, TooManyChannels when a port finds no number, Refused when a state is too large.
+    Methods that write raise OSError when the file cannot be written, TooManyChannels when a port gets no channel number, and Refused when a state
+    is too large.
     """
 
     def __init__(
@@ -93,12 +94,12 @@ class Output:
         self._writer: RecordingWriter
 
     def open(self, timing: Timing, about: Mapping[str, str] = NOTHING, *, is_midway: bool = False) -> None:
-        """A new file with its head. An old recording is never overwritten: it may be the only one of its run.
+        """Make a new file with its head. An old recording is never overwritten: it may be the only record of its run.
 
         Args:
-            timing: what the head says of it.
+            timing: timing of the run, for the head.
             about: further keys of the metadata record.
-            is_midway: `begin_at` follows, as the run has begun already.
+            is_midway: the run has begun already; `begin_at` follows.
 
         Raises:
             OSError: the file exists already or cannot be written; the text names it and says what to do.
@@ -107,7 +108,7 @@ class Output:
         if is_midway:
             self._head[BEGINS] = WITH_STATE
         if is_midway or self._rotation:
-            self._world.identity()  # now, as later it would cost the recorder's thread a moment
+            self._world.identity()  # computed once; later it would delay the recorder's thread
         if self._rotation:
             self._head |= {RUN: secrets.token_hex(8), PART: str(FIRST_PART)}
             try:
@@ -127,7 +128,7 @@ class Output:
             raise
 
     def begin_at(self, state: Snapshot) -> None:
-        """Say, before any item, with which state of the world the recording begins."""
+        """Write the state of the world with which the recording begins. Call it before any item is written."""
         self._part_ns = self.since_ns = self._world.ticks.time_of(state.tick)
         self._writer.begin_at(snapshot.to_bytes(self._world, state))
         self.flush()
@@ -163,24 +164,24 @@ class Output:
             writer.event(item)
 
     def flush(self) -> None:
-        """End the chunk in progress and hand everything to the operating system."""
+        """End the chunk in progress and pass everything to the operating system."""
         self._writer.flush()
         self.bytes = self._finished_bytes + self._file.tell()
 
     def finish(self) -> None:
-        """Write index and statistics, and close; nothing may follow."""
+        """Write the index and the statistics, and close the file. Nothing can be written afterwards."""
         self._writer.finish()
         self._file.flush()
         self.bytes = self._finished_bytes + self._file.tell()
-        self._file.close()  # which may tell only now that the disk is full
+        self._file.close()  # some file systems report a full disk only here
 
     def close(self) -> None:
-        """Close what is open, whatever was written; after `finish` nothing is done."""
-        with contextlib.suppress(OSError):  # after a full disk the last flush fails once more
+        """Close the file, whatever was written. After `finish` it does nothing."""
+        with contextlib.suppress(OSError):  # on a full disk the last flush fails again
             self._file.close()
 
     def _turn_over(self, state: State) -> None:
-        """Go on in the next part, which begins with this state."""
+        """Continue in the next part, which begins with this state."""
         path = part_path(self._path, self.part + 1)
         data = snapshot.to_bytes(self._world, state.snapshot)
         file = path.open("xb")

@@ -1,4 +1,4 @@
-"""A recording in several files: each can be read and replayed by itself, and all together by the name of the first."""
+"""A recording in several files. Each can be read and replayed alone; the name of the first stands for all."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ __all__ = [
 ]  # fmt: skip
 
 STATE = "uwserver/state"
-"""The attachment with which each part but the first begins, and a recording that began while the run went on: the state of the world there, as
-`snapshot.to_bytes` gives it."""
+"""Attachment with the state of the world at the begin of the file, in the form of `snapshot.to_bytes`. Every part except the first has it, and a
+recording that began during the run."""
 BEGINS, WITH_STATE = "begins", "with_state"
-"""Key of the metadata record of a recording that began while the run went on, and its value."""
+"""Key and value in the metadata record of a recording that began during the run."""
 SERVED = "served"
-"""Key of the metadata record of what `uwserver record` took from a running server, with its address: no scenario stands beside it."""
+"""Key in the metadata record of a file that `uwserver record` took from a running server; its value is the address. Such a record has no scenario."""
 ESTIMATED = "estimate_of"
-"""Likewise of what an estimator made of a recording, with the recording's name."""
+"""Key in the metadata record of a file that an estimator made of a recording; its value is the name of that recording."""
 
 
 @dataclass(frozen=True)
 class Rotation:
-    """When a recording goes on in its next part: at the first whole simulated second at which it has grown so far.
+    """The limits of a part. The recording continues in the next part at the first whole simulated second at which a limit is reached.
 
     Attributes:
-        most_bytes: of a part; 0 for no limit.
+        most_bytes: size of a part; 0 for no limit.
         most_s: simulated time of a part, s; 0 for no limit.
     """
 
@@ -39,7 +39,7 @@ class Rotation:
         return bool(self.most_bytes or self.most_s)
 
     def is_due(self, size: int, seconds: float) -> bool:
-        """Whether a part of this size (bytes) and length (s) is full."""
+        """Return whether a part of this size (bytes) and length (s) is full."""
         return bool(self.most_bytes and size >= self.most_bytes) or bool(self.most_s and seconds >= self.most_s)
 
 
@@ -47,5 +47,5 @@ ONE_FILE = Rotation()
 
 
 def begins_with_state(record: Mapping[str, str]) -> bool:
-    """Whether the file of this metadata record begins with a state, as the run had begun before it."""
+    """Return whether the file of this metadata record begins with a state, because the run had begun before the file."""
     return part_of(record) > FIRST_PART or record.get(BEGINS) == WITH_STATE

@@ -1,4 +1,4 @@
-"""Steers a recording that is played: the services of the clock by their usual names, and those under ``playback/``."""
+"""Adds to playback the services that control it: those of the clock with their usual names, and those under ``playback/``."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ FASTEST = 0.0
 
 
 class Player(Deck):
-    """A `uwserver.simulation.source.Source` over a recording; arguments as of `Deck`."""
+    """A `uwserver.simulation.source.Source` that plays a recording; arguments as in `Deck`."""
 
     def call(
         self, service: str, args: Mapping[str, Json], client: str, on_reply: OnReply, source: str = ""
     ) -> Callable[[], bool]:
-        """As `uwserver.simulation.thread.Simulation.call`, for `uwserver.recording.player_services.SERVICES`."""
+        """Call a service of `uwserver.recording.player_services.SERVICES`, as `uwserver.simulation.thread.Simulation.call`."""
         goals: list[Goal] = []
 
         def act() -> None:
@@ -41,17 +41,17 @@ class Player(Deck):
         def cancel() -> bool:
             if goals and goals[0] not in self._goals:
                 return False
-            self._steering.add(lambda: self._end(goals, "cancelled by the caller"), source, always=True)
+            self._steering.add(lambda: self._abort(goals, "cancelled by the caller"), source, always=True)
             return bool(goals)
 
         self._steering.add(act, source, on_reply)
         return cancel
 
     def _act(self, service: str, args: Mapping[str, Json], on_reply: OnReply, goals: list[Goal]) -> Json:
-        """Carry out a service; one that takes time adds its goal.
+        """Carry out a service; one that takes time adds its goal to `goals`.
 
         Raises:
-            Refused: it cannot be.
+            Refused: it is not possible.
         """
         number = cast(Mapping[str, float], args)
         match service.partition("/")[2]:
@@ -75,13 +75,13 @@ class Player(Deck):
                 return self.state()
         return None
 
-    # -- what is asked --------------------------------------------------------------------------------------------------------------
+    # -- services -------------------------------------------------------------------------------------------------------------------
 
     def _pause(self) -> None:
-        self._end(self._goals[:], "the playback was paused")
+        self._abort(self._goals, "the playback was paused")
         if not self.paused:
             self.paused = True
-            self._say("paused", "it was asked for")
+            self._say("paused", "on request")
 
     def _resume(self) -> None:
         if self.failure:
@@ -90,7 +90,7 @@ class Player(Deck):
             self._loop()
         if self.paused:
             self.paused = False
-            self._say("resumed", "it was asked for")
+            self._say("resumed", "on request")
 
     @property
     def _is_over(self) -> bool:
@@ -108,7 +108,7 @@ class Player(Deck):
         runs = self.track.runs
         number = self.track.run if run == DEFAULT else run
         if number >= len(runs):
-            raise Refused("out_of_range", f"there are {len(runs)} runs, from 0", "run")
+            raise Refused("out_of_range", f"there are {len(runs)} runs, counted from 0", "run")
         t_ns, there = round(t_s * NANOSECONDS), runs[number]
         if t_ns > there.to_ns + self._ticks.time_of(1):
             text = f"run {number} ends at {there.to_ns / NANOSECONDS:g} s"
@@ -120,7 +120,7 @@ class Player(Deck):
             self.span.from_s if from_s == DEFAULT else from_s, self.span.to_s if to_s == DEFAULT else to_s, loops
         )
         if span.from_s is not None and span.to_s is not None and span.from_s >= span.to_s:
-            raise Refused("out_of_range", f"the range from {span.from_s:g} to {span.to_s:g} s holds no time", "to_s")
+            raise Refused("out_of_range", f"the range from {span.from_s:g} to {span.to_s:g} s is empty", "to_s")
         self.span = span
 
     def _step(self, n: int, on_reply: OnReply, goals: list[Goal]) -> None:
@@ -134,22 +134,23 @@ class Player(Deck):
 
     def _reach(self, tick: int, on_reply: OnReply, goals: list[Goal], where: str) -> None:
         if tick < self.world.tick:
-            text = f"the recording stands at tick {self.world.tick}, t = {self.world.t_ns / NANOSECONDS:g} s"
-            raise Refused("out_of_range", f"{text}: that is past already; seek it", where)
-        if tick == self.world.tick:
-            return
-        self._add_goal(tick, on_reply, goals)
+            text = f"playback is at tick {self.world.tick}, t = {self.world.t_ns / NANOSECONDS:g} s"
+            raise Refused("out_of_range", f"{text}, which is later; use playback/seek", where)
+        if tick > self.world.tick:
+            self._add_goal(tick, on_reply, goals)
 
     def _add_goal(self, tick: int, on_reply: OnReply, goals: list[Goal]) -> None:
         if len(self._goals) >= MAX_GOALS:
-            raise Refused("overload", f"{MAX_GOALS} steps and runs of all clients are under way: wait for one of them")
+            raise Refused(
+                "overload", f"{MAX_GOALS} steps and runs of all clients are in progress: wait for one of them"
+            )
         goals.append(Goal(tick, on_reply, self.paused))
         self._goals = sorted([*self._goals, *goals], key=lambda goal: goal.tick)
 
-    # -- what is told ---------------------------------------------------------------------------------------------------------------
+    # -- status ---------------------------------------------------------------------------------------------------------------------
 
     def brief(self) -> dict[str, Json]:
-        """What ``world/status`` says of it. Any thread."""
+        """Return the part of ``world/status`` about playback. On any thread."""
         run, span = self.track.runs[self.track.run], self.span
         return {
             "file": self.track.path.name,
@@ -165,8 +166,8 @@ class Player(Deck):
         }
 
     def state(self) -> dict[str, Json]:
-        """The answer of ``playback/state``."""
-        told: dict[str, Json] = {
+        """Return the answer of ``playback/state``."""
+        details: dict[str, Json] = {
             "paused": self.paused,
             "tick": self.world.tick,
             "damaged": self.track.messages.damaged,
@@ -182,4 +183,4 @@ class Player(Deck):
                 for mark in self.track.marks()
             ],
         }
-        return self.brief() | told
+        return self.brief() | details

@@ -1,7 +1,7 @@
-"""Plays a recording as if it were a world: the same bus, ports, services and times, from a file, at any speed, from any instant.
+"""Plays a recording in place of a world: with the same bus, ports, services and times, at any speed and from any instant.
 
-`Deck.run` is the body of the simulation thread. It needs no physics. Time runs on the grid of the recorded ticks; it goes back only by a jump, of
-which an event ``reset`` tells: one that was recorded, a seek, or the loop.
+`Deck.run` is the body of the simulation thread. It needs no physics. Time advances in the recorded ticks. It goes back only by a jump, which an event
+``reset`` announces: a recorded jump, a seek, or the loop.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import struct
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Final, Literal
@@ -18,7 +18,7 @@ import numpy as np
 
 from uwserver.ports import Cast, Event, OnReply, Refused, Reply, Sample, SceneState, WaterView
 from uwserver.ports.crossing import TickOutput
-from uwserver.recording.player_file import NotPlayable
+from uwserver.recording.player_file import Message, NotPlayable
 from uwserver.recording.player_items import Item
 from uwserver.recording.player_services import objection
 from uwserver.recording.player_track import Track
@@ -35,19 +35,19 @@ from uwserver.world.ticks import Ticks
 log = logging.getLogger(__name__)
 
 STRIDE_NS: Final = NANOSECONDS // 30
-"""Time goes on by this at most at a time, where nothing was recorded."""
+"""Largest step of time where nothing was recorded."""
 GROWTH_NS: Final = NANOSECONDS // 4
-"""Wall time between two looks whether a file has grown."""
+"""Wall time between two checks whether a file has grown."""
 MAX_GOALS: Final = 256
 GROWN_NS: Final = 3 * NANOSECONDS
-"""Wall time after which a file that has no end and does not grow counts as one that was cut off."""
+"""If a file without an end does not grow for this wall time, it counts as cut off."""
 _IDLE_S = 0.1
 _LOOK_S = 0.0005
 
 
 @dataclass(eq=False)
 class Goal:
-    """A request to reach a tick, at which time may stop."""
+    """A request to reach a tick, where playback pauses if `pauses` is set."""
 
     tick: int
     on_reply: OnReply
@@ -55,17 +55,17 @@ class Goal:
 
 
 class Deck:
-    """Plays a track on a bus. What steers it, `uwserver.recording.player.Player` adds.
+    """Plays a track on a bus. `uwserver.recording.player.Player` adds the services that control it.
 
     Args:
         track: the recording.
         timing: speed ("freerun" for as fast as possible), and whether it begins paused.
-        span: what is played.
+        span: the range that is played.
         time, bus, mailbox: of the server.
 
     Attributes:
-        world, lateness, pace, lockstep, readers, paused, failure, until_tick: as of a `uwserver.simulation.source.Source`.
-        water: the sea as it was.
+        world, lateness, pace, lockstep, readers, paused, failure, until_tick: as in `uwserver.simulation.source.Source`.
+        water: the recorded sea.
     """
 
     def __init__(self, track: Track, timing: Timing, span: Range, time: Time, bus: Bus, mailbox: Mailbox) -> None:
@@ -82,9 +82,8 @@ class Deck:
         self._steering = Steering(mailbox.wake)
         self._stop = threading.Event()
         self._goals: list[Goal] = []
-        self._jumps = self._woken = self._looked = self._grown = self._asked = 0
-        self._is_told_replaced = False
-        self._damaged = 0
+        self._jumps = self._woken_ns = self._checked_ns = self._grown_ns = self._asked = 0
+        self._has_reported_replaced = self._has_reported_damage = False
         self._blank = SceneState(Cast(0, (), ()), 0, np.zeros((0, 7)), np.zeros(0, np.int8), (0.0, 0.0, 0.0))
         bus.expect(self.world.ports, 0)
         self._place(0, self._bounds()[0])
@@ -97,11 +96,11 @@ class Deck:
         self._mailbox.wake.set()
 
     def read(self, ports: Sequence[str], on_samples: OnSamples, source: str = "") -> None:
-        """As `uwserver.simulation.readers.Readers.read`."""
+        """Read the last samples of ports, as `uwserver.simulation.readers.Readers.read`."""
         self._steering.add(partial(self._read, tuple(ports), on_samples), source)
 
     def look(self, on_state: OnState, source: str = "") -> None:
-        """As `uwserver.simulation.readers.Readers.look`."""
+        """Read the poses of all bodies, as `uwserver.simulation.readers.Readers.look`."""
         self._steering.add(lambda: self._bus.hand_over(partial(on_state, self.track.state or self._blank)), source)
 
     # -- the thread -----------------------------------------------------------------------------------------------------------------
@@ -112,13 +111,13 @@ class Deck:
             while not self._stop.is_set() and not (self.until_tick is not None and self.world.tick >= self.until_tick):
                 self._turn()
         except Exception as error:
-            self.failure = f"the player stopped by an internal fault: {error}"
+            self.failure = f"an internal fault stopped the player: {error}"
             log.exception("the player failed")
             self._bus.say(Event("diverged", self.world.tick, self.world.t_ns, self.failure))
         refused = Refused("shutdown", "the server is shutting down")
         while (steered := self._steering.take()) is not None:
             steered.action()
-        self._end(self._goals[:], refused.fault.text)
+        self._abort(self._goals, refused.fault.text)
         self._refuse_posted()
         self.track.close()
 
@@ -129,7 +128,7 @@ class Deck:
                 steered.action()
         self._refuse_posted()
         if self.failure or (self.paused and not any(goal.pauses for goal in self._goals)):
-            self._tell_late()
+            self._publish_to_new_listeners()
             self._idle()
             return
         try:
@@ -138,7 +137,7 @@ class Deck:
             self._fail(str(error))
 
     def _go_on(self) -> None:
-        """The next tick, or the end of what is played."""
+        """Play the next tick, or handle the end of the range."""
         world, item = self.world, self.track.head_item
         if self.span.to_s is not None and world.t_ns >= self._bounds()[1]:
             self._at_end()
@@ -159,44 +158,43 @@ class Deck:
                 self._publish(tick, t_ns)
 
     def _publish(self, tick: int, t_ns: int) -> None:
-        """Give all that was recorded until a time."""
+        """Publish everything that was recorded until a time."""
         track, world, bus = self.track, self.world, self._bus
         samples: list[Sample] = []
         events: list[Event] = []
         self._asked = bus.asked
         self._follow_scene(t_ns)
-        wanted, ports = bus.wanted, world.ports
         while (item := track.head_item) is not None and item.t_ns <= t_ns and item.type != "jump":
             track.pop()
             if item.type == "sample":
-                if wanted is None or track.messages.topic(item.message) in wanted:
-                    sample = track.messages.sample(item.message, ports)
-                    if sample is not None:
-                        samples.append(sample)
+                samples += self._samples([item.message])
             elif item.type == "event":
-                event = track.messages.told_event(item.message)
+                event = track.messages.played_event(item.message)
                 if event is not None:
                     events.append(event)
         world.tick, world.t_ns = tick, t_ns
         self.lateness.ticks += 1
-        bus.publish(TickOutput(tick, t_ns, samples, events=events, ports=ports, jumps=self._jumps), self._wakes())
+        bus.publish(TickOutput(tick, t_ns, samples, events=events, ports=world.ports, jumps=self._jumps), self._wakes())
         for goal in [goal for goal in self._goals if tick >= goal.tick]:
             self.paused = self.paused or goal.pauses
             self._goals.remove(goal)
             bus.reply(goal.on_reply, Reply(tick, t_ns))
 
-    def _tell_late(self) -> None:
-        """While nothing moves, who begins to listen gets the last sample of each port that anybody wants."""
-        asked, wanted = self._bus.asked, self._bus.wanted
-        if asked == self._asked:
-            return
-        self._asked, messages, ports = asked, self.track.messages, self.world.ports
-        found = [m for m in self.track.last() if wanted is None or messages.topic(m) in wanted]
-        samples = [sample for m in found if (sample := messages.sample(m, ports)) is not None]
-        self._bus.publish(TickOutput(self.world.tick, self.world.t_ns, samples, ports=ports, jumps=self._jumps))
+    def _samples(self, messages: Iterable[Message]) -> list[Sample]:
+        """Return the samples of messages that a client wants."""
+        wanted, track = self._bus.wanted, self.track
+        chosen = (m for m in messages if wanted is None or track.messages.topic(m) in wanted)
+        return [sample for m in chosen if (sample := track.messages.sample(m, self.world.ports)) is not None]
+
+    def _publish_to_new_listeners(self) -> None:
+        """Publish the last sample of each wanted port, if clients have subscribed while nothing moves."""
+        if self._bus.asked != self._asked:
+            self._asked, world = self._bus.asked, self.world
+            samples = self._samples(self.track.last())
+            self._bus.publish(TickOutput(world.tick, world.t_ns, samples, ports=world.ports, jumps=self._jumps))
 
     def _is_due(self, t_ns: int) -> bool:
-        """Wait for the deadline; False when something was asked during a long wait."""
+        """Wait for the deadline; return False when a request interrupts a long wait."""
         if self.timing.pace is not None and not (self._goals and self._goals[0].pauses):
             late_ns = self.pace.wait(t_ns, self._mailbox.wake)
             if late_ns is None:
@@ -210,13 +208,13 @@ class Deck:
         return True
 
     def _wakes(self) -> bool:
-        """Whether this tick wakes the loop at once; those of a recording that nothing paces gather a little."""
+        """Return whether this tick wakes the loop at once. Fast ticks are gathered for a short time, because waking the loop is expensive."""
         if self.timing.pace is not None and self.pace.speed <= 2.0:
             return True
         now = self._time.now_ns()
-        if now - self._woken < GATHER_S * NANOSECONDS:
+        if now - self._woken_ns < GATHER_S * NANOSECONDS:
             return False
-        self._woken = now
+        self._woken_ns = now
         return True
 
     def _idle(self) -> None:
@@ -227,21 +225,21 @@ class Deck:
             self._time.wait(_IDLE_S, self._mailbox.wake)
 
     def _may_grow(self) -> bool:
-        """Look whether the file has grown; False when nothing is to be waited for."""
+        """Check whether the file has grown; return False when it is not expected to grow."""
         if not self.track.is_growing:
             return False
         now = self._time.now_ns()
-        if now - self._looked >= GROWTH_NS:
-            if now - self._looked > GROWN_NS:
-                self._grown = now  # it was not looked at meanwhile
-            self._looked = now
+        if now - self._checked_ns >= GROWTH_NS:
+            if now - self._checked_ns > GROWN_NS:
+                self._grown_ns = now  # it was not checked meanwhile, so wait again
+            self._checked_ns = now
             if self.track.refresh():
-                self._grown = now
+                self._grown_ns = now
                 return True
-            if self.track.is_replaced and not self._is_told_replaced:
-                self._is_told_replaced = True
-                log.warning("%s was replaced: the file that was opened is played on", self.track.path)
-        if now - self._grown > GROWN_NS:
+            if self.track.is_replaced and not self._has_reported_replaced:
+                self._has_reported_replaced = True
+                log.warning("%s was replaced; playback continues with the file that was opened", self.track.path)
+        if now - self._grown_ns > GROWN_NS:
             return False
         self._idle()
         return True
@@ -255,44 +253,41 @@ class Deck:
     # -- jumps ----------------------------------------------------------------------------------------------------------------------
 
     def _place(self, run: int, t_ns: int) -> list[Sample]:
-        """Stand at a time of a run; returns the last sample of each port."""
-        tick = self._ticks.first_at(t_ns)
-        t_ns = self._ticks.time_of(tick)
-        messages = self.track.seek(run, t_ns)
-        self.world.tick, self.world.t_ns = tick, t_ns
-        self._follow_scene(t_ns)
-        wanted = self._bus.wanted
-        found = [m for m in messages if wanted is None or self.track.messages.topic(m) in wanted]
-        return [
-            s for s in (self.track.messages.sample(message, self.world.ports) for message in found) if s is not None
-        ]
+        """Go to a time of a run; return the last sample of each port."""
+        self._set_time(t_ns)
+        messages = self.track.seek(run, self.world.t_ns)
+        self._follow_scene(self.world.t_ns)
+        return self._samples(messages)
+
+    def _set_time(self, t_ns: int) -> None:
+        self.world.tick = self._ticks.first_at(t_ns)
+        self.world.t_ns = self._ticks.time_of(self.world.tick)
 
     def _seek(self, run: int, t_ns: int, why: str) -> None:
+        """Jump to a time of a run."""
         before = self.world.ports
         self._asked = self._bus.asked
         samples = self._place(run, t_ns)
         world = self.world
-        self._jumps += 1
-        self._end(self._goals[:], why)
-        events = [Event("reset", world.tick, world.t_ns, f"playback: {why}")]
-        if world.ports is not before:
-            events.append(Event("ports_changed", world.tick, world.t_ns, "other bodies were there then"))
-        self._bus.publish(TickOutput(world.tick, world.t_ns, samples, [], events, world.ports, self._jumps))
-        self.pace.release()
+        changed = Event("ports_changed", world.tick, world.t_ns, "other bodies were there at this time")
+        self._publish_jump(why, f"playback: {why}", samples, [changed] if world.ports is not before else [])
 
     def _jump(self, item: Item) -> None:
-        """Time was set in the recording."""
+        """Play a recorded jump of time."""
         self.track.pop()
-        world = self.world
-        world.tick = self._ticks.first_at(item.t_ns)
-        world.t_ns = self._ticks.time_of(world.tick)
-        self._follow_scene(world.t_ns)
-        self._jumps += 1
+        self._set_time(item.t_ns)
+        self._follow_scene(self.world.t_ns)
         event = self.track.messages.event(item.message)
         text = "time was set" if event is None else event.text
-        self._end(self._goals[:], text)
-        events = [Event("reset", world.tick, world.t_ns, text)]
-        self._bus.publish(TickOutput(world.tick, world.t_ns, [], [], events, world.ports, self._jumps))
+        self._publish_jump(text, text, [], [])
+
+    def _publish_jump(self, why: str, text: str, samples: list[Sample], events: list[Event]) -> None:
+        """Announce a jump with an event ``reset``; requests that wait for a tick end with the reason `why`."""
+        world = self.world
+        self._jumps += 1
+        self._abort(self._goals, why)
+        events = [Event("reset", world.tick, world.t_ns, text), *events]
+        self._bus.publish(TickOutput(world.tick, world.t_ns, samples, [], events, world.ports, self._jumps))
         self.pace.release()
 
     def _at_end(self) -> None:
@@ -300,30 +295,29 @@ class Deck:
         if self.span.loops and to_ns > from_ns:
             self._loop()
             return
-        self._end(self._goals[:], "the recording ends here")
+        self._abort(self._goals, "the recording ends here")
         if not self.paused:
             self.paused = True
-            self._say("paused", "the end of what is played")
+            self._say("paused", "the end of the range")
 
     def _loop(self) -> None:
-        """Begin anew: with the first run, or with the begin of the range in the present one."""
+        """Begin again: at the first run, or at the begin of the range in the current run."""
         if self.span.from_s is None and self.span.to_s is None:
-            self._seek(0, self.track.runs[0].from_ns, "the recording begins anew")
+            self._seek(0, self.track.runs[0].from_ns, "the recording begins again")
         else:
-            self._seek(self.track.run, self._bounds()[0], "the range begins anew")
+            self._seek(self.track.run, self._bounds()[0], "the range begins again")
 
     def _follow_scene(self, t_ns: int) -> None:
         scene, world = self.track.scene_at(t_ns), self.world
         if scene.ports is not world.ports or scene.services is not world.services:
             world.ports, world.services, world.members = scene.ports, scene.services, members_of(scene)
         self.water = scene.water
-        if self.track.messages.damaged > self._damaged:
-            if not self._damaged:
-                log.warning("%s: messages that cannot be read are left out", self.track.path)
-            self._damaged = self.track.messages.damaged
+        if self.track.messages.damaged and not self._has_reported_damage:
+            self._has_reported_damage = True
+            log.warning("%s: messages that cannot be read are skipped", self.track.path)
 
     def _bounds(self) -> tuple[int, int]:
-        """First and last time of what is played of the present run, ns."""
+        """Return begin and end of the range in the current run, ns."""
         run, span = self.track.runs[self.track.run], self.span
         from_ns = run.from_ns if span.from_s is None else max(run.from_ns, round(span.from_s * NANOSECONDS))
         to_ns = run.to_ns if span.to_s is None else min(run.to_ns, round(span.to_s * NANOSECONDS))
@@ -343,7 +337,8 @@ class Deck:
         log.info("%s at %g s: %s", event, self.world.t_ns / NANOSECONDS, text)
         self._bus.say(Event(event, self.world.tick, self.world.t_ns, text))
 
-    def _end(self, goals: Sequence[Goal], why: str) -> None:
+    def _abort(self, goals: Sequence[Goal], why: str) -> None:
+        """End requests that wait for a tick; those that have ended already are ignored."""
         for goal in [goal for goal in goals if goal in self._goals]:
             self._goals.remove(goal)
             fault = Refused("preempted", why).fault

@@ -1,7 +1,6 @@
-"""An MCAP file by its chunks: found by the index at its end, or by one walk over the heads of its records where it has none.
+"""An MCAP file as a list of chunks, found with the index at its end, or, without an index, by one pass over the heads of its records.
 
-Nothing is unpacked but the chunks that are asked for. A file that still grows is followed with `Chunks.refresh`. Lengths in the file are believed
-only as far as the file goes, and unpacking has a limit.
+Only requested chunks are decompressed, up to a limit. `Chunks.refresh` follows a file that still grows.
 """
 
 from __future__ import annotations
@@ -13,29 +12,37 @@ from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import IO, Final, NamedTuple, cast
+from typing import IO, Any, Final, NamedTuple, cast
 
 import numpy as np
 
+from uwserver.logfiles import Limits, LogError
+from uwserver.logfiles.foreign import foreign
+from uwserver.logfiles.mcap_records import (
+    CHANNEL,
+    CHUNK,
+    DATA_END,
+    FOOTER,
+    MAGIC,
+    MESSAGE,
+    MESSAGE_HEAD,
+    MESSAGE_INDEX,
+    RECORD_HEAD_BYTES,
+    Records,
+    Unreadable,
+    learn,
+    records_in,
+)
 from uwserver.recording.reading import MOST_CHUNK_BYTES, MOST_RECORD_BYTES
 
-MAGIC: Final = b"\x89MCAP0\r\n"
-MOST_SUMMARY_BYTES: Final = 1 << 30
-"""Of the index of a file."""
 LATEST_NS: Final = 1 << 62
-"""146 years: no message is later."""
+"""146 years; a later message is damaged."""
 _KEPT: Final = 6
-"""Unpacked chunks that are kept."""
-
-_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _MESSAGE_INDEX, _CHUNK_INDEX, _METADATA = 0x03, 0x04, 0x05, 0x06, 0x07, 0x08, 0x0C
-_ENDS: Final = (0x0F, 0x02)  # end of the data, footer
-_RECORD = struct.Struct("<BQ")
-_CHUNK_HEAD = struct.Struct("<QQQI")
-_INDEX_HEAD = struct.Struct("<QQQQI")
-_MESSAGE_HEAD = struct.Struct("<HIQQ")
-_FOOTER = struct.Struct("<BQQQI")
-_U16, _U32, _U64 = struct.Struct("<H"), struct.Struct("<I"), struct.Struct("<Q")
-_WHERE = np.dtype([("channel", "<u2"), ("offset", "<u8")])
+"""Number of decompressed chunks that are kept."""
+_CHUNK_TIMES = struct.Struct("<QQ")
+_LIMITS: Final = Limits(record_bytes=MOST_RECORD_BYTES)
+_CHUNK_LIMITS: Final = Limits(record_bytes=MOST_CHUNK_BYTES)
+_INDEX_ENTRY = np.dtype([("channel", "<u2"), ("offset", "<u8")])
 
 
 class NotPlayable(Exception):
@@ -43,7 +50,7 @@ class NotPlayable(Exception):
 
 
 class NotOurs(NotPlayable):
-    """A file that is no recording of ours; another reader may know it."""
+    """A file that is not a recording of ours; another reader may be able to read it."""
 
 
 class Channel(NamedTuple):
@@ -54,7 +61,7 @@ class Channel(NamedTuple):
 
 
 class Chunk(NamedTuple):
-    """Where a chunk record stands, and the span of time of its messages, ns."""
+    """Place and length of the content of a chunk record, and the times of its first and last message, ns."""
 
     offset: int
     length: int
@@ -74,54 +81,59 @@ class Chunks:
     """An open file.
 
     Attributes:
-        path: of it.
+        path: its path.
         chunks: in the order of the file.
         channels: by number.
-        is_finished: it has an end; nothing comes any more.
-        has_index: it brought one.
-        metadata: records of the file's start, by name.
+        is_finished: the file has an end; it does not grow any more.
+        has_index: the file has an index.
+        metadata: metadata records at the start of the file, by name.
     """
 
     def __init__(self, path: Path, names: Mapping[str, str] = MappingProxyType({})) -> None:
-        """Of a file.
+        """Open a file.
 
         Args:
             path: of the file.
-            names: first levels of topics -> what they are called here.
+            names: maps the first levels of topics to the names that they get here.
 
         Raises:
-            OSError: it cannot be read.
-            NotPlayable: it is no MCAP file.
+            OSError: the file cannot be read.
+            NotPlayable: it is not an MCAP file.
         """
         self.path, self._names = path, names
-        self._file: IO[bytes] = path.open("rb", buffering=0)  # what it held a moment ago may have grown
+        # Unbuffered, because a buffer would hide what is written to the file meanwhile.
+        self._file: IO[bytes] = path.open("rb", buffering=0)
         self.chunks: list[Chunk] = []
         self.channels: dict[int, Channel] = {}
         self.metadata: dict[str, dict[str, str]] = {}
-        self.is_finished = self.has_index = False
+        self.is_finished = False
         self._where: dict[int, Sequence[int]] = {}
         self._kept: OrderedDict[int, list[Message]] = OrderedDict()
         self._next = len(MAGIC)
-        if self._read(0, len(MAGIC)) != MAGIC:
-            self.close()
-            raise NotOurs(f"{path}: no MCAP file; play takes what `uwserver run --record FILE` has written")
         try:
-            self._read_start()
-            self.has_index = self.is_finished = self._read_summary()
-            if not self.has_index:
-                self.chunks, self._where = [], {}
-                self.refresh()
+            records = self._records(_LIMITS)
+            if records.read(0, len(MAGIC)) != MAGIC:
+                raise NotOurs(
+                    f"{path}: not an MCAP file; play takes files that `uwserver run --record FILE` has written"
+                )
+            try:
+                with foreign(path, "its metadata are damaged"):
+                    self.metadata = records.first_metadata()
+            except LogError:
+                pass  # code that needs the head reports that it is missing
+            self.has_index = self.is_finished = self._read_summary(records)
+            self.refresh()
         except BaseException:
             self.close()
             raise
 
     def close(self) -> None:
-        """Close the file; what reads of it later opens it again."""
+        """Close the file. It is opened again when it is read later."""
         self._file.close()
 
     @property
     def is_replaced(self) -> bool:
-        """Whether another file stands under its name, or none."""
+        """Return whether the path names another file by now, or none."""
         try:
             there = self.path.stat()
         except OSError:
@@ -132,10 +144,10 @@ class Chunks:
     # -- reading --------------------------------------------------------------------------------------------------------------------
 
     def messages(self, chunk: int) -> list[Message]:
-        """The messages of a chunk, in the order of the file; damaged ones are an empty list.
+        """Return the messages of a chunk in the order of the file; an empty list for a damaged chunk.
 
         Raises:
-            NotPlayable: the file shrank, or the chunk would unpack to more than it may.
+            NotPlayable: the file shrank, or the chunk would decompress to more than is allowed.
         """
         kept = self._kept.get(chunk)
         if kept is not None:
@@ -148,190 +160,117 @@ class Chunks:
         return found
 
     def last_with(self, channel: int, before: int) -> int:
-        """The last chunk before this one that holds messages of a channel; -1 for none."""
-        where = self._where.get(channel, ())
+        """Return the last chunk before this one that contains messages of a channel; -1 for none."""
+        where = self.holding(channel)
         place = bisect_left(where, before)
         return int(where[place - 1]) if place else -1
 
     def holding(self, channel: int) -> Sequence[int]:
-        """All chunks that hold messages of a channel."""
+        """Return all chunks that contain messages of a channel."""
         return self._where.get(channel, ())
 
     def refresh(self) -> bool:
-        """Look for more in a file that has no end yet; returns whether there is more.
+        """Look for new chunks in a file that has no end yet; return whether there are any.
 
         Raises:
-            NotPlayable: it became shorter.
+            NotPlayable: the file became shorter.
         """
         if self.is_finished:
             return False
-        size, before = os.fstat(self._file.fileno()).st_size, len(self.chunks)
-        if size < self._next - len(MAGIC):
+        records, before = self._records(_LIMITS), len(self.chunks)
+        if records.size < self._next - len(MAGIC):
             raise NotPlayable(f"{self.path}: the file became shorter while it was played")
-        while self._next + _RECORD.size <= size:
-            kind, length = _RECORD.unpack(self._read(self._next, _RECORD.size))
-            begin = self._next + _RECORD.size
-            if kind in _ENDS:
+        for code, begin, length in records.heads(self._next):
+            if code in (DATA_END, FOOTER):
                 self.is_finished = True
                 break
-            if begin + length > size:
-                break  # not written yet, or cut off
-            if kind == _CHUNK:
-                self._add_chunk(begin, length)
-            elif kind == _MESSAGE_INDEX and self.chunks and length >= _U16.size:
-                self._add_place(_U16.unpack(self._read(begin, _U16.size))[0])
+            if code == CHUNK and length >= _CHUNK_TIMES.size:
+                start, end = _CHUNK_TIMES.unpack(records.read(begin, _CHUNK_TIMES.size))
+                self.chunks.append(Chunk(begin, length, min(start, LATEST_NS), min(end, LATEST_NS)))
+            elif code == MESSAGE_INDEX and self.chunks and length >= 2:
+                self._add_place(int.from_bytes(records.read(begin, 2), "little"))
             self._next = begin + length
         return len(self.chunks) > before
-
-    def _add_chunk(self, begin: int, length: int) -> None:
-        if length < _CHUNK_HEAD.size:
-            return
-        start, end, _, _ = _CHUNK_HEAD.unpack(self._read(begin, _CHUNK_HEAD.size))
-        self.chunks.append(Chunk(begin, length, min(start, LATEST_NS), min(end, LATEST_NS)))
 
     def _add_place(self, channel: int) -> None:
         chunk = len(self.chunks) - 1
         if channel not in self.channels:
-            self.messages(chunk)  # channels stand in the chunk of their first message
+            self.messages(chunk)  # a channel is described in the chunk with its first message
         where = self._where.setdefault(channel, [])
         assert isinstance(where, list)
         if not where or where[-1] != chunk:
             where.append(chunk)
 
-    def _read(self, offset: int, length: int) -> bytes:
+    def _records(self, limits: Limits) -> Records:
+        """Return the records of the file as it is now."""
         if self._file.closed:
             self._file = self.path.open("rb", buffering=0)
-        self._file.seek(offset)
-        return self._file.read(length)
+        return Records(self.path, self._file, limits)
 
     def _unpacked(self, chunk: Chunk) -> bytes:
-        """The records of a chunk."""
-        from zstandard import ZstdDecompressor, ZstdError, frame_content_size
-
-        body = self._read(chunk.offset, chunk.length)
-        if len(body) < chunk.length:
+        """Return the records of a chunk."""
+        records = self._records(_CHUNK_LIMITS)
+        if chunk.offset + chunk.length > records.size:
             raise NotPlayable(f"{self.path}: the file became shorter while it was played")
         try:
-            _, _, size, _ = _CHUNK_HEAD.unpack_from(body)
-            name, at = _text(body, _CHUNK_HEAD.size)
-            length = _U64.unpack_from(body, at)[0]
-            data = body[at + _U64.size : at + _U64.size + length]
-            if name == "zstd":
-                size = max(size, frame_content_size(data))
-            if size > MOST_CHUNK_BYTES:
-                text = f"a chunk of {size} bytes, at most {MOST_CHUNK_BYTES}: uwserver did not write it"
-                raise NotPlayable(f"{self.path}: damaged at byte {chunk.offset}: {text}")
-            if name == "zstd":
-                return ZstdDecompressor().decompress(data, max_output_size=size)
-            if name:
-                raise NotPlayable(f"{self.path}: chunks are packed with {name[:20]!r}: uwserver did not write it")
-            return data
-        except (ZstdError, struct.error, ValueError):
-            return b""  # one damaged chunk must not end the others
+            with foreign(self.path, f"the chunk at byte {chunk.offset} is damaged"):
+                return records.unpacked(chunk.offset, chunk.length)
+        except Unreadable as error:
+            raise NotPlayable(f"{error}; uwserver did not write it") from error
+        except LogError as error:
+            if isinstance(error.__cause__, OSError):
+                raise NotPlayable(str(error)) from error
+            return b""  # the other chunks can still be played
 
     def _parsed(self, data: bytes) -> Iterator[Message]:
-        at, end = 0, len(data)
-        while at + _RECORD.size <= end:
-            kind, length = _RECORD.unpack_from(data, at)
-            at += _RECORD.size
-            if at + length > end:
-                return
-            if kind == _MESSAGE and length >= _MESSAGE_HEAD.size:
-                channel, _, t_ns, _ = _MESSAGE_HEAD.unpack_from(data, at)
+        for code, begin, end in records_in(data):
+            if code == MESSAGE and end - begin >= MESSAGE_HEAD.size:
+                channel, _, t_ns, _ = MESSAGE_HEAD.unpack_from(data, begin)
                 if t_ns <= LATEST_NS:
-                    yield Message(channel, t_ns, data[at + _MESSAGE_HEAD.size : at + length])
-            elif kind == _CHANNEL:
-                self._add_channel(data[at : at + length])
-            at += length
+                    yield Message(channel, t_ns, data[begin + MESSAGE_HEAD.size : end])
+            elif code == CHANNEL:
+                channels: dict[int, Any] = {}
+                try:
+                    with foreign(self.path, "a channel is damaged"):
+                        learn(code, data, begin, end, {}, channels)
+                except LogError:
+                    continue
+                self._add_channels(channels)
 
-    def _add_channel(self, body: bytes) -> None:
-        try:
-            number, _ = struct.unpack_from("<HH", body)
-            topic, at = _text(body, 4)
-            encoding, _ = _text(body, at)
-        except (struct.error, ValueError):
-            return
-        self.channels.setdefault(number, Channel(renamed(topic, self._names), encoding))
+    def _add_channels(self, channels: Mapping[int, Any]) -> None:
+        for number, channel in channels.items():
+            named = Channel(renamed(channel.topic, self._names), channel.message_encoding)
+            self.channels.setdefault(number, named)
 
-    # -- start and end of the file ----------------------------------------------------------------------------------------------------
-
-    def _read_start(self) -> None:
-        """Metadata before the first chunk."""
-        size, at = os.fstat(self._file.fileno()).st_size, self._next
-        while at + _RECORD.size <= size:
-            kind, length = _RECORD.unpack(self._read(at, _RECORD.size))
-            at += _RECORD.size
-            if kind in (_CHUNK, *_ENDS) or at + length > size or length > MOST_RECORD_BYTES:
-                return
-            if kind == _METADATA:
-                self._add_metadata(self._read(at, length))
-            at += length
-
-    def _add_metadata(self, body: bytes) -> None:
-        try:
-            name, at = _text(body, 0)
-            end = at + _U32.size + _U32.unpack_from(body, at)[0]
-            at, entries = at + _U32.size, {}
-            while at < min(end, len(body)):
-                key, at = _text(body, at)
-                entries[key], at = _text(body, at)
-        except (struct.error, ValueError):
-            return
-        self.metadata.setdefault(name, entries)
-
-    def _read_summary(self) -> bool:
-        """Whether the file brings an index of its chunks."""
-        size = os.fstat(self._file.fileno()).st_size
-        foot = self._read(max(0, size - _FOOTER.size - len(MAGIC)), _FOOTER.size + len(MAGIC))
-        if len(foot) < _FOOTER.size + len(MAGIC) or not foot.endswith(MAGIC):
+    def _read_summary(self, records: Records) -> bool:
+        """Read the index of the chunks; return whether the file has one."""
+        summary = records.summary()
+        if summary is None or not summary.chunks:
             return False
-        kind, _, start, _, _ = _FOOTER.unpack_from(foot)
-        end = size - _FOOTER.size - len(MAGIC)
-        if kind != _ENDS[1] or not 0 < start < end or end - start > MOST_SUMMARY_BYTES:
-            return False
-        data, at, places = self._read(start, end - start), 0, []
-        while at + _RECORD.size <= len(data):
-            kind, length = _RECORD.unpack_from(data, at)
-            at += _RECORD.size
-            if at + length > len(data):
+        for c in summary.chunks:
+            is_inside = c.length >= RECORD_HEAD_BYTES and c.offset + c.length <= records.size
+            if not is_inside or len(c.channels) % _INDEX_ENTRY.itemsize:
                 return False
-            if kind == _CHANNEL:
-                self._add_channel(data[at : at + length])
-            elif kind == _CHUNK_INDEX and length >= _INDEX_HEAD.size:
-                first, last, offset, size_of, mapped = _INDEX_HEAD.unpack_from(data, at)
-                if offset + size_of > start or mapped + _INDEX_HEAD.size > length or mapped % _WHERE.itemsize:
-                    return False
-                begin = offset + _RECORD.size
-                self.chunks.append(Chunk(begin, size_of - _RECORD.size, min(first, LATEST_NS), min(last, LATEST_NS)))
-                places.append(data[at + _INDEX_HEAD.size : at + _INDEX_HEAD.size + mapped])
-            at += length
-        self._where = _by_channel(places)
-        return bool(self.chunks)
+        self._add_channels(summary.channels)
+        self.chunks = [
+            Chunk(c.offset + RECORD_HEAD_BYTES, c.length - RECORD_HEAD_BYTES, min(c.start, LATEST_NS), min(c.end, LATEST_NS))
+            for c in summary.chunks
+        ]  # fmt: skip
+        self._where = _by_channel([c.channels for c in summary.chunks])
+        return True
 
 
 def renamed(path: str, names: Mapping[str, str]) -> str:
-    """A path with another first level, where it is to have one."""
+    """Return a path whose first level is replaced by its new name, if it has one."""
     first, slash, rest = path.partition("/")
     return names.get(first, first) + slash + rest
 
 
-def _by_channel(places: list[bytes]) -> dict[int, Sequence[int]]:
-    """Numbers of the chunks that hold messages of each channel."""
-    rows = np.frombuffer(b"".join(places), _WHERE)["channel"]
-    numbers = np.repeat(np.arange(len(places)), [len(each) // _WHERE.itemsize for each in places])
+def _by_channel(entries: list[bytes]) -> dict[int, Sequence[int]]:
+    """Return the numbers of the chunks that contain messages of each channel, from the index entries of each chunk."""
+    rows = np.frombuffer(b"".join(entries), _INDEX_ENTRY)["channel"]
+    numbers = np.repeat(np.arange(len(entries)), [len(each) // _INDEX_ENTRY.itemsize for each in entries])
     order = np.argsort(rows, kind="stable")
     channels, starts = np.unique(rows[order], return_index=True)
     parts = np.split(numbers[order], starts[1:])
     return {int(n): cast(Sequence[int], part) for n, part in zip(channels, parts, strict=True)} if len(rows) else {}
-
-
-def _text(body: bytes, at: int) -> tuple[str, int]:
-    """A text with its length before it, and where it ends.
-
-    Raises:
-        ValueError: it goes beyond the end (struct.error: its length does), or is no UTF-8.
-    """
-    end = at + _U32.size + _U32.unpack_from(body, at)[0]
-    if end > len(body):
-        raise ValueError("a text goes beyond the end of its record")
-    return body[at + _U32.size : end].decode(), end

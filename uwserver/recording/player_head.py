@@ -1,4 +1,4 @@
-"""What the head of a recording says to who plays it: less than a replay needs, and nothing that it names is opened."""
+"""Reads the head of a recording for playback. It needs less than a replay, and opens no file that the head names."""
 
 from __future__ import annotations
 
@@ -11,27 +11,29 @@ from uwserver.recording.format import FORMAT, METADATA, Head, head_with
 from uwserver.recording.parts import SERVED
 from uwserver.recording.player_file import NotOurs, NotPlayable
 from uwserver.recording.player_parts import PartChunks
+from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.tables import VehicleFile
 
 
 def played_head(chunks: PartChunks) -> tuple[Head, tuple[str, ...]]:
-    """The head of a recording, and what is to be told of it.
+    """Read the head of a recording; return it with remarks about it.
 
-    The version of the physics does not matter. Components whose kinds came from extensions are left out: their ports are in the recording, and the
-    files are not opened.
+    Any version of the physics can be played. Components whose kinds come from extensions are left out, because the extensions are not opened; their
+    ports are in the recording.
 
     Raises:
-        NotPlayable: it is no recording of ours, of another format, or its scenario does not fit this version.
+        NotPlayable: it is not a recording of ours, has another format, or its scenario does not fit this version.
     """
     record = chunks.metadata.get(METADATA)
     if record is None:
         raise NotOurs(f"{chunks.path}: an MCAP file, but not written by `uwserver run --record FILE`")
     then = record.get("format", "uwserver-recording-1")
     if then != FORMAT:
-        text = f"the recording was made by uwserver {record.get('uwserver', 'of old')}, in the format {then}; this version plays {FORMAT}"
+        made_by = f"uwserver {record.get('uwserver', '(an old version)')}"
+        text = f"the recording was made by {made_by} in the format {then}; this version plays {FORMAT}"
         raise NotPlayable(f"{chunks.path}: {text}: play it with that version")
     if SERVED in record:
-        text = f"`uwserver record` took it from the server at {record[SERVED]}: the scenario is not in it"
+        text = f"`uwserver record` took it from the server at {record[SERVED]}, without the scenario"
         raise NotOurs(f"{chunks.path}: {text}; `uwserver play` reads it as a log")
     try:
         whole = msgspec.json.decode(record["scenario"])
@@ -39,17 +41,17 @@ def played_head(chunks: PartChunks) -> tuple[Head, tuple[str, ...]]:
         return head_with(record, whole), left_out
     except (KeyError, TypeError, AttributeError, msgspec.DecodeError) as error:
         raise NotPlayable(f"{chunks.path}: the head of the recording is damaged: {error}") from error
-    except ValueError as error:  # it fits another version
+    except ValueError as error:  # the scenario fits another version
         raise NotPlayable(f"{chunks.path}: {error}") from error
 
 
 def _without_extensions(whole: dict[str, Any]) -> tuple[str, ...]:
-    """Leave out of a scenario what its extensions brought; returns sentences about it."""
+    """Remove the components of extensions from a scenario; return remarks about that."""
     names = whole["scenario"].pop("extensions", None)
     if not names:
         return ()
     gone: list[str] = []
-    whole["scenario"].pop("faults", None)  # of what is recorded; nobody draws them
+    whole["scenario"].pop("faults", None)  # they may concern removed components, and playback does not need them
     for vehicle, parts in whole["vehicles"].items():
         gone += _prune(parts["vehicle"], f"vehicles.{vehicle}")
         gone += _prune(whole["scenario"].get("vehicles", {}).get(vehicle, {}), f"vehicles.{vehicle}")
@@ -60,17 +62,17 @@ def _without_extensions(whole: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _prune(table: dict[str, Any], path: str) -> list[str]:
-    """Leave out of a table's groups the entries of kinds that nobody knows here; returns their paths."""
+    """Remove the entries of unknown kinds from the groups of a table; return their paths."""
     known = _known_kinds()
     gone = []
     for group, entries in table.items():
         if isinstance(entries, dict) and group in known:
-            for name in [
-                n for n, e in entries.items() if isinstance(e, dict) and e.get("kind", "") not in known[group]
-            ]:
-                if "kind" in entries[name]:
-                    del entries[name]
-                    gone.append(f"{path}.{group}.{name}")
+            kinds = {
+                name: entry["kind"] for name, entry in entries.items() if isinstance(entry, dict) and "kind" in entry
+            }
+            for name in (name for name, kind in kinds.items() if kind not in known[group]):
+                del entries[name]
+                gone.append(f"{path}.{group}.{name}")
             for entry in entries.values():
                 if isinstance(entry, dict):
                     entry.pop("modifiers", None)
@@ -78,9 +80,7 @@ def _prune(table: dict[str, Any], path: str) -> list[str]:
 
 
 def _known_kinds() -> Mapping[str, frozenset[str]]:
-    """Tags of the tagged tables of a vehicle's and an environment's groups."""
-    from uwserver.scenario.load.tables import Scenario
-
+    """Return the kinds that each group of tables of a vehicle and of an environment may have."""
     known: dict[str, frozenset[str]] = {}
     environment = next(f for f in msgspec.structs.fields(Scenario) if f.name == "environment").type
     for owner in (VehicleFile, environment):

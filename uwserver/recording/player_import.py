@@ -1,15 +1,16 @@
-"""A log of another origin as a recording that can be played: its ports and bodies, as a mapping says, and nothing else.
+"""Converts a log of another origin into a recording that can be played, with the ports and bodies that a mapping defines.
 
-A foreign log is read once and written in our own format, so that seeking, looping and the web view need no second way. Bodies are boxes, as a log
-says nothing of their shape; each has a port ``<body>/pose`` besides the ports of the mapping.
+The log is read once and written in our own format, so that seeking, looping and the web view work as for our recordings. Bodies are boxes, because
+a log does not contain their shape. Each body has a port ``<body>/pose`` besides the ports of the mapping.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
+from heapq import merge
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +21,11 @@ from uwserver.logfiles import Log, LogError
 from uwserver.logfiles.joined_log import open_parts
 from uwserver.logfiles.log import Datum
 from uwserver.logfiles.mapping import Mapping as LogMapping
-from uwserver.logfiles.mapping import PortSource, Value, read_mapping
+from uwserver.logfiles.mapping import PortSource, read_mapping, value_of
 from uwserver.logfiles.poses import pose_tracks
 from uwserver.logfiles.rules import mapping_of
 from uwserver.logfiles.samples import port_samples
-from uwserver.ports import Cast, Field, Port, Present, Sample, SceneState, WaterView
+from uwserver.ports import Cast, Event, Field, Port, Present, Sample, SceneState, Service
 from uwserver.recording.format import metadata
 from uwserver.recording.player_file import NotPlayable
 from uwserver.recording.states import STATES_HZ, Presence, Seen
@@ -39,9 +40,9 @@ from uwserver.units import NANOSECONDS
 from uwserver.world.external.track import MAX_GAP_S, PoseTrack
 
 RATE_HZ = 120.0
-"""Ticks a second on which a foreign log is played."""
+"""Ticks per second with which a foreign log is played."""
 MOST_STATES = 30 * 3600 * 24
-"""Of a log: a day at `STATES_HZ`; one that tells more gets fewer a second."""
+"""Largest number of states of a log: a day at `STATES_HZ`. A longer log gets fewer states per second."""
 _BOX = {"kind": "box", "size_m": [0.6, 0.4, 0.3], "mass_kg": 10.0}
 _SI = {
     "m": ("km", "dm", "cm", "mm", "ft", "fathom", "nmi"),
@@ -51,13 +52,13 @@ _SI = {
     "Pa": ("hPa", "mbar", "kPa", "dbar", "bar", "psi"), "degC": ("cdegC", "K", "degF"), "V": ("mV", "cV"), "A": ("mA", "cA"), "J": ("hJ",),
     "T": ("uT", "nT", "gauss", "mgauss"), "1": ("", "%", "d%", "c%"),
 }  # fmt: skip
-"""What units of logs are called once they are SI; any other keeps its name."""
+"""Names of units after conversion to SI; a unit that is not listed keeps its name."""
 _NAMED = {other: unit for unit, others in _SI.items() for other in others}
 
 
 @dataclass
-class _Seen:
-    """What a first pass found of a port."""
+class _PortData:
+    """The samples of a port: the value of the first, their number, and their times."""
 
     first: Mapping[str, object]
     count: int = 0
@@ -70,14 +71,15 @@ def import_log(path: Path, mapping_path: Path | None, target: Path) -> tuple[str
 
     Args:
         path: of the log.
-        mapping_path: of a mapping; None for the one that rules find.
+        mapping_path: of a mapping; None for the mapping that the rules find.
         target: a file that does not exist yet.
 
-    Returns what is to be told of the log.
+    Returns:
+        Remarks about the log.
 
     Raises:
         OSError: a file cannot be read or written.
-        NotPlayable: it is no log that is known, damaged, or the mapping finds nothing in it.
+        NotPlayable: the format is unknown, the log is damaged, or the mapping finds nothing in it.
     """
     try:
         log = open_parts(path)
@@ -87,11 +89,11 @@ def import_log(path: Path, mapping_path: Path | None, target: Path) -> tuple[str
         mapping = mapping_of(log) if mapping_path is None else read_mapping(mapping_path)
         found = pose_tracks(log, mapping)
         tracks = {body_name(name): each.track for name, each in found.items()}
-        seen = _first_pass(log, mapping)
-        if not tracks and not seen:
-            hint = f"write one: uwserver log {path} --mapping"
+        port_data = _first_pass(log, mapping)
+        if not tracks and not port_data:
+            hint = f"write a mapping: uwserver log {path} --mapping"
             raise NotPlayable(f"{path}: no mapping finds a pose or a port in this log of kind {log.kind}; {hint}")
-        _write(log, mapping, tracks, seen, target)
+        _write(log, mapping, tracks, port_data, target)
         return (*log.remarks, *(remark for each in found.values() for remark in each.remarks))
     except LogError as error:
         raise NotPlayable(str(error)) from error
@@ -99,57 +101,36 @@ def import_log(path: Path, mapping_path: Path | None, target: Path) -> tuple[str
         log.close()
 
 
-def _first_pass(log: Log, mapping: LogMapping) -> dict[str, _Seen]:
-    seen: dict[str, _Seen] = {}
+def _first_pass(log: Log, mapping: LogMapping) -> dict[str, _PortData]:
+    found: dict[str, _PortData] = {}
     for t_ns, name, value in port_samples(log, mapping):
-        port = seen.get(name)
-        if port is None:
-            port = seen[name] = _Seen(value, first_ns=t_ns)
+        port = found.setdefault(name, _PortData(value, first_ns=t_ns))
         port.count, port.last_ns = port.count + 1, t_ns
-    return seen
+    return found
 
 
 def _write(
-    log: Log, mapping: LogMapping, tracks: Mapping[str, PoseTrack], seen: Mapping[str, _Seen], target: Path
+    log: Log, mapping: LogMapping, tracks: Mapping[str, PoseTrack], data: Mapping[str, _PortData], target: Path
 ) -> None:
-    resolved = scenario_of(log.path.name, _epoch(log), RATE_HZ, tracks)
-    names = {name: body_name(name, "/") for name in seen}
-    ports = {names[name]: _port(names[name], mapping.ports[name], each) for name, each in seen.items()}
+    names = {name: body_name(name, "/") for name in data}
+    ports = {names[name]: _port(names[name], mapping.ports[name], each) for name, each in data.items()}
+    poses = [_poses(f"{body}/pose", track) for body, track in tracks.items() if f"{body}/pose" not in ports]
     for body, track in tracks.items():
         ports.setdefault(f"{body}/pose", _pose_port(body, track))
-    cast = Cast(1, (), tuple(Present(body, body) for body in tracks))
     shift = min(0, log.start_ns, *(int(track.t_ns[0]) for track in tracks.values()))
-    with target.open("xb") as file:
-        writer = RecordingWriter(file, metadata(resolved, 0, Timing()), ports)
-        models = dict.fromkeys(tracks, "object")
-        writer.presence(Presence(cast, 0, 0, 0, ports, {}, models, water_of_still(resolved)))
-        counts = dict.fromkeys(ports, 0)
-        states = states_of((log.start_ns, log.end_ns), tracks, cast, shift)
-        state = next(states, None)
-        for t_ns, name, value in _merged(log, mapping, tracks, names):
-            while state is not None and state.state.t_ns <= t_ns - shift:
-                writer.state(state)
-                state = next(states, None)
-            t = t_ns - shift
-            fields = ports[name].fields
-            entry = tuple(_fitting(field, value.get(field.name)) for field in fields)
-            writer.sample(Sample(name, counts[name], t, t, True, entry), ports)
-            counts[name] += 1
-        while state is not None:
-            writer.state(state)
-            state = next(states, None)
-        writer.finish()
-
-
-def _merged(
-    log: Log, mapping: LogMapping, tracks: Mapping[str, PoseTrack], names: Mapping[str, str]
-) -> Iterator[Datum]:
-    """Samples of ports and of poses, in the order of their times."""
-    from heapq import merge
-
-    poses = [_poses(f"{body}/pose", track) for body, track in tracks.items() if f"{body}/pose" not in names.values()]
     samples = (Datum(t_ns, names[name], value) for t_ns, name, value in port_samples(log, mapping) if name in names)
-    return merge(samples, *poses, key=lambda datum: datum.t_ns)
+    merged = merge(samples, *poses, key=lambda datum: datum.t_ns)
+    world = ImportedWorld(scenario_of(log.path.name, _epoch(log), RATE_HZ, tracks), 0, 0, ports, {})
+    write_imported(target, world, tracks, (log.start_ns, log.end_ns), _samples(merged, ports, shift), shift)
+
+
+def _samples(data: Iterable[Datum], ports: Mapping[str, Port], shift: int) -> Iterator[tuple[int, Sample]]:
+    counts = dict.fromkeys(ports, 0)
+    for t_ns, name, value in data:
+        t = t_ns - shift
+        entry = tuple(_fitting(field, value.get(field.name)) for field in ports[name].fields)
+        yield t, Sample(name, counts[name], t, t, True, entry)
+        counts[name] += 1
 
 
 def _poses(path: str, track: PoseTrack) -> Iterator[Datum]:
@@ -157,8 +138,57 @@ def _poses(path: str, track: PoseTrack) -> Iterator[Datum]:
         yield Datum(t_ns, path, {"p_NB": tuple(p), "q_NB": tuple(q)})
 
 
-def states_of(span: tuple[int, int], tracks: Mapping[str, PoseTrack], cast: Cast, shift: int) -> Iterator[Seen]:
-    """Where all bodies are, from the begin of a log to its end (ns), `shift` later; one that is not told of stands where it was last."""
+@dataclass(frozen=True)
+class ImportedWorld:
+    """The world of a recording that is made from a log: scenario, seed, the time at which it begins (ns), ports and services."""
+
+    resolved: Resolved
+    seed: int
+    start_ns: int
+    ports: Mapping[str, Port]
+    services: Mapping[str, Service]
+
+
+def write_imported(
+    target: Path,
+    world: ImportedWorld,
+    tracks: Mapping[str, PoseTrack],
+    span: tuple[int, int],
+    items: Iterable[tuple[int, Sample | Event]],
+    shift: int = 0,
+) -> None:
+    """Write a recording whose bodies follow tracks.
+
+    Args:
+        target: a file that does not exist yet.
+        world: the world.
+        tracks: by body.
+        span: begin and end of the log, ns.
+        items: samples and events with their times (ns), in the order of these times.
+        shift: what is subtracted from the times of the tracks, ns.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    cast, models = Cast(1, (), tuple(Present(body, body) for body in tracks)), dict.fromkeys(tracks, "object")
+    sea = water_of(world.resolved.scenario.environment, RATE_HZ, lambda path: np.random.default_rng(0))
+    water = still_water_view(world.resolved, sea)
+    states = ((seen.state.t_ns, seen) for seen in _states(span, tracks, cast, shift))
+    with target.open("xb") as file:
+        writer = RecordingWriter(file, metadata(world.resolved, world.seed, Timing()), world.ports)
+        writer.presence(Presence(cast, 0, 0, world.start_ns, world.ports, world.services, models, water))
+        for _, item in merge(states, items, key=lambda pair: pair[0]):
+            if isinstance(item, Seen):
+                writer.state(item)
+            elif isinstance(item, Event):
+                writer.event(item)
+            else:
+                writer.sample(item, world.ports)
+        writer.finish()
+
+
+def _states(span: tuple[int, int], tracks: Mapping[str, PoseTrack], cast: Cast, shift: int) -> Iterator[Seen]:
+    """Yield the poses of all bodies over the span of a log (ns), with `shift` subtracted from their times. A body without data keeps its pose."""
     first = min([span[0], *(int(track.t_ns[0]) for track in tracks.values())])
     last = max([span[1], *(int(track.t_ns[-1]) for track in tracks.values())])
     rows = np.zeros((len(tracks), 7))
@@ -173,7 +203,7 @@ def states_of(span: tuple[int, int], tracks: Mapping[str, PoseTrack], cast: Cast
 
 
 def _times(tracks: Mapping[str, PoseTrack], first: int, last: int) -> list[int]:
-    """Times of states: at `STATES_HZ` wherever a track tells something, so that a leap in time, of years maybe, costs nothing; first and last."""
+    """Return the times of states: the first, the last, and at `STATES_HZ` where a track has data, so that a jump of years costs nothing."""
     step = round(NANOSECONDS / STATES_HZ)
     while True:
         bridged = round(MAX_GAP_S * NANOSECONDS) // step + 1
@@ -191,7 +221,7 @@ def _times(tracks: Mapping[str, PoseTrack], first: int, last: int) -> list[int]:
 
 
 def _epoch(log: Log) -> str:
-    """UTC of time 0 as scenarios say it; "" where the log does not know it."""
+    """Return the UTC of time 0 in the form of scenarios; "" when the log does not contain it."""
     if log.epoch_ns is None:
         return ""
     epoch = datetime(1970, 1, 1, tzinfo=timezone.utc) + timedelta(seconds=log.epoch_ns // NANOSECONDS)
@@ -199,29 +229,21 @@ def _epoch(log: Log) -> str:
 
 
 def scenario_of(title: str, epoch_utc: str, rate_hz: float, tracks: Mapping[str, PoseTrack]) -> Resolved:
-    """A world of boxes, in which what is known of a log can be shown; `epoch_utc` may be ""."""
+    """Return the scenario of a world with a box for each track; `epoch_utc` may be ""."""
     world: dict[str, Any] = {"rate_hz": rate_hz, **({"epoch_utc": epoch_utc} if epoch_utc else {})}
     objects = {body: {**_BOX, "position_ned_m": [0.0, 0.0, 1.0 + k]} for k, body in enumerate(tracks)}
     raw = {"schema": 1, "title": title, "world": world, "objects": objects}
     return load(msgspec.convert(raw, Scenario), adapters={})
 
 
-def water_of_still(resolved: Resolved) -> WaterView:
-    """The sea of such a world."""
-    water = water_of(resolved.scenario.environment, RATE_HZ, lambda path: np.random.default_rng(0))
-    return still_water_view(resolved, water)
-
-
-def _port(path: str, source: PortSource, seen: _Seen) -> Port:
+def _port(path: str, source: PortSource, data: _PortData) -> Port:
     fields = []
     for name, entries in source.fields.items():
-        value, entry = seen.first.get(name), entries[0] if isinstance(entries, list) else entries
-        unit = entry.unit or "" if isinstance(entry, Value) else ""
-        is_text, is_flag = isinstance(value, str), isinstance(value, bool)
+        value, unit = data.first.get(name), value_of(entries[0] if isinstance(entries, list) else entries).unit or ""
         shape = (len(entries),) if isinstance(entries, list) else ()
-        kind: Any = "str" if is_text else "bool" if is_flag else "float"
-        fields.append(Field(name, _NAMED.get(unit, unit), f"of {source.topic}", shape=shape, type=kind))
-    return Port(path, "sensor", source.kind or "log", tuple(fields), f"{source.topic} of the log.", _rate(seen))
+        kind: Any = "str" if isinstance(value, str) else "bool" if isinstance(value, bool) else "float"
+        fields.append(Field(name, _NAMED.get(unit, unit), f"from {source.topic}", shape=shape, type=kind))
+    return Port(path, "sensor", source.kind or "log", tuple(fields), f"{source.topic} of the log.", _rate(data))
 
 
 def _pose_port(body: str, track: PoseTrack) -> Port:
@@ -229,17 +251,17 @@ def _pose_port(body: str, track: PoseTrack) -> Port:
         Field("p_NB", "m", "position", "N", (3,)),
         Field("q_NB", "1", "attitude", "NB", (4,)),
     )
-    span = _Seen({}, len(track.t_ns), int(track.t_ns[0]), int(track.t_ns[-1]))
-    return Port(f"{body}/pose", "sensor", "pose", fields, "Where the log says that it was.", _rate(span))
+    data = _PortData({}, len(track.t_ns), int(track.t_ns[0]), int(track.t_ns[-1]))
+    return Port(f"{body}/pose", "sensor", "pose", fields, "Pose of the body in the log.", _rate(data))
 
 
-def _rate(seen: _Seen) -> float:
-    span = (seen.last_ns - seen.first_ns) / NANOSECONDS
-    return round((seen.count - 1) / span, 3) if span > 0.0 and seen.count > 1 else 1.0
+def _rate(data: _PortData) -> float:
+    span = (data.last_ns - data.first_ns) / NANOSECONDS
+    return round((data.count - 1) / span, 3) if span > 0.0 and data.count > 1 else 1.0
 
 
 def _fitting(field: Field, value: Any) -> Any:
-    """A value as its field wants it; None where the log has another type there."""
+    """Return a value in the form of its field; None when the log has another type there."""
     if field.shape:
         entries = tuple(value) if isinstance(value, tuple) else ()
         numbers = tuple(entry if isinstance(entry, float) else None for entry in entries)
@@ -249,5 +271,5 @@ def _fitting(field: Field, value: Any) -> Any:
 
 
 def body_name(text: str, more: str = "") -> str:
-    """A name as levels of paths may have."""
+    """Return a name with the characters that are allowed in a path, and those in `more`."""
     return re.sub(rf"[^A-Za-z0-9_{more}-]", "_", text).strip("/") or "log"

@@ -1,4 +1,4 @@
-"""What a recording is made of, for who plays it: places in its file, runs between jumps of time, scenes, marks, and what comes next."""
+"""The parts of a recording during playback: places in the file, runs between jumps of time, scenes, marks, and items in the order of time."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ Type = Literal["sample", "event", "jump", "state"]
 
 
 class Place(NamedTuple):
-    """A message of the file: number of its chunk, and its place there."""
+    """The place of a message: number of its chunk, and its index in the chunk."""
 
     chunk: int
     message: int
 
 
 class Run(NamedTuple):
-    """What was recorded between two jumps of time: where it begins, and its first and last time, ns."""
+    """The recording between two jumps of time: the place where it begins, and its first and last time, ns."""
 
     first: Place
     from_ns: int
@@ -28,7 +28,7 @@ class Run(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """Who and what is there from a time on."""
+    """The bodies, ports, services and water from a time on; `jumps` is the number of the run."""
 
     jumps: int
     t_ns: int
@@ -40,14 +40,14 @@ class Scene(NamedTuple):
 
 
 class Mark(NamedTuple):
-    """An event on the line of time."""
+    """An event on the time line, with the number of its run."""
 
     run: int
     event: Event
 
 
 class Item(NamedTuple):
-    """What comes next."""
+    """A message with the time at which it is played, ns, and its type."""
 
     t_ns: int
     type: Type

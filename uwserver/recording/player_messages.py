@@ -1,4 +1,4 @@
-"""Messages of a recording as samples and events again; what is damaged is left out and counted."""
+"""Converts the messages of a recording back into samples and events. Damaged messages are skipped and counted."""
 
 from __future__ import annotations
 
@@ -10,44 +10,44 @@ import msgspec
 from uwserver.ports import Buffer, Event, Field, Port, Sample
 from uwserver.recording.player_file import Channel, Message
 
-_TOLD: Final = ("conflict", "watchdog", "fault", "autopilot", "ports_changed")
-"""Events that are told again; those of the clock and the server's life were of another server."""
+_PLAYED_EVENTS: Final = ("conflict", "watchdog", "fault", "autopilot", "ports_changed")
+"""Events that are played. Those about the clock and the server belong to the server that recorded them."""
 
 
 class Messages:
     """Reads the messages of some channels.
 
     Attributes:
-        damaged: messages that could not be read.
+        damaged: number of messages that could not be read.
     """
 
     def __init__(self, channels: Mapping[int, Channel]) -> None:
-        """channels: of the file, by number; more may come."""
+        """Read messages of these channels, by number; later channels may be added to the mapping."""
         self._channels = channels
         self._decoders: dict[tuple[int, int], msgspec.json.Decoder[Any]] = {}
         self._event = msgspec.json.Decoder(Event)
         self.damaged = 0
 
     def topic(self, message: Message) -> str:
-        """Path of the port of a message."""
+        """Return the topic of a message, which is the path of its port; "" if its channel is unknown."""
         channel = self._channels.get(message.channel)
         return "" if channel is None else channel.topic
 
     def event(self, message: Message) -> Event | None:
-        """The event of a message; None of one that is damaged."""
+        """Return the event in a message; None if it is damaged."""
         try:
             return self._event.decode(message.data)
         except (msgspec.MsgspecError, ValueError):
             self.damaged += 1
             return None
 
-    def told_event(self, message: Message) -> Event | None:
-        """The same, if it is told again."""
+    def played_event(self, message: Message) -> Event | None:
+        """Return the event in a message, if it is played; else None."""
         event = self.event(message)
-        return event if event is not None and event.event in _TOLD else None
+        return event if event is not None and event.event in _PLAYED_EVENTS else None
 
     def sample(self, message: Message, ports: Mapping[str, Port]) -> Sample | None:
-        """The sample of a message; None of one that is damaged, or of no sensor that is there."""
+        """Return the sample in a message; None if it is damaged, or not of a sensor among these ports."""
         path = self.topic(message)
         port = ports.get(path)
         if port is None or port.direction != "sensor":
@@ -56,18 +56,18 @@ class Messages:
         if decoder is None:
             decoder = self._decoders[message.channel, id(port.fields)] = _decoder(port.fields)
         try:
-            said = decoder.decode(message.data)
+            found = decoder.decode(message.data)
         except (msgspec.MsgspecError, ValueError):
             self.damaged += 1
             return None
-        return Sample(path, said.seq, said.t_ns, said.t_sent_ns, said.valid, msgspec.structs.astuple(said.value))
+        return Sample(path, found.seq, found.t_ns, found.t_sent_ns, found.valid, msgspec.structs.astuple(found.value))
 
 
 _SCALARS: Mapping[str, Any] = {"float": float, "int": int, "bool": bool, "str": str, "bytes": Buffer, "buffer": Buffer}
 
 
 def _decoder(fields: tuple[Field, ...]) -> msgspec.json.Decoder[Any]:
-    """Of the messages of a sensor with these fields."""
+    """Return a decoder for the messages of a sensor with these fields."""
     names = [f"f{k}" for k in range(len(fields))]
     types: list[Any] = []
     for field in fields:

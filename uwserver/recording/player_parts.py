@@ -1,7 +1,7 @@
-"""The chunks of a recording in several files, as if they stood in one.
+"""The chunks of a recording in several files, as if they were in one file.
 
-Channels have other numbers in each file; here those of a topic have one. Of files that are not read just now none is kept open, so that their
-number is not limited by the system's.
+Channels have different numbers in each file; here all channels of a topic have one number. Only the files that are being read are open, so that the
+system's limit of open files does not limit the number of parts.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 
@@ -18,178 +19,166 @@ from uwserver.recording.player_file import Channel, Chunk, Chunks, Message, NotP
 from uwserver.recording.reading import NotReplayable, head_record, parts_of
 
 _Key = tuple[Channel, int]
-"""A channel, and how many of the same topic and encoding its file had before it: of ports of one name and other kinds."""
+"""A channel, and how many channels of the same topic and encoding come before it in its file: those of ports of one path with other fields."""
+
+
+@dataclass
+class _Part:
+    """One file.
+
+    Attributes:
+        file: its chunks.
+        start: number of its first chunk in the recording.
+        numbers: maps channel numbers of the file to those here.
+        own: maps channel numbers here to those of the file.
+        seen: number of channels of each topic and encoding so far.
+        is_as_written: all channel numbers are the same here and in the file.
+    """
+
+    file: Chunks
+    start: int
+    numbers: dict[int, int] = field(default_factory=dict)
+    own: dict[int, int] = field(default_factory=dict)
+    seen: Counter[Channel] = field(default_factory=Counter)
+    is_as_written: bool = True
 
 
 class PartChunks:
-    """An open recording: as `Chunks`, over all its parts. A part that is named itself is opened alone.
+    """An open recording: like `Chunks`, with all its parts. A later part that is opened by its own name is opened alone.
 
     Attributes:
         path, metadata: of the first part.
         chunks: of all parts, in their order.
         channels: by number.
-        parts: files that are read.
     """
 
     def __init__(self, path: Path, names: Mapping[str, str] = MappingProxyType({})) -> None:
-        """Of a recording's name.
+        """Open a recording.
 
         Args:
-            path: of the first part, or of any one.
-            names: as of `Chunks`.
+            path: the first part, or one later part.
+            names: as in `Chunks`.
 
         Raises:
             OSError: a file cannot be read.
-            NotPlayable: it is no MCAP file, or a part is missing.
+            NotPlayable: it is not an MCAP file, or a part is missing.
         """
         self.path, self._names = path, names
         self.chunks: list[Chunk] = []
         self.channels: dict[int, Channel] = {}
-        self._parts: list[Chunks] = []
-        self._starts: list[int] = []
+        self._parts: list[_Part] = []
         self._number_of: dict[_Key, int] = {}
-        self._numbers: list[dict[int, int]] = []
-        self._files_of: list[dict[int, int]] = []
-        self._seen: list[Counter[Channel]] = []
-        self._is_as_written: list[bool] = []
-        self._read = 0
-        self._add(Chunks(path, names))
-        self.metadata = self._parts[0].metadata
-        self._run = self._run_of(self._parts[0])
+        self._add(path)
+        self._reading = self._parts[0]
+        self.metadata = self._parts[0].file.metadata
+        head = self.metadata.get(METADATA, {})
+        self._run = head.get(RUN, "") if PART in head and part_of(head) == FIRST_PART else ""
         try:
-            for part in self._later():
-                self._add(Chunks(part, names))
+            self._add_later()
         except BaseException:
             self.close()
             raise
 
-    @staticmethod
-    def _run_of(first: Chunks) -> str:
-        """What all parts of the run share; "" where no other belongs to this file."""
-        head = first.metadata.get(METADATA, {})
-        return head.get(RUN, "") if PART in head and part_of(head) == FIRST_PART else ""
-
-    def _later(self) -> tuple[Path, ...]:
+    def _add_later(self) -> bool:
+        """Open the parts that are not open yet; return whether there are any."""
+        before = len(self._parts)
         try:
-            return parts_of(self.path)[1:] if self._run else ()
+            for path in parts_of(self.path)[before:] if self._run else ():
+                self._add(path)
         except NotReplayable as error:
             raise NotPlayable(str(error)) from error
+        return len(self._parts) > before
 
-    def _add(self, part: Chunks) -> None:
+    def _add(self, path: Path) -> None:
+        file = Chunks(path, self._names)
         if self._parts:
-            self._parts[-1].close()
-        self._parts.append(part)
-        self._starts.append(len(self.chunks))
-        self._numbers.append({})
-        self._files_of.append({})
-        self._seen.append(Counter())
-        self._is_as_written.append(True)
+            self._parts[-1].file.close()
+        self._parts.append(_Part(file, len(self.chunks)))
         self._take_in()
 
     def _take_in(self) -> None:
-        """What the last part has got."""
-        self._learn(len(self._parts) - 1)
-        self.chunks += self._parts[-1].chunks[len(self.chunks) - self._starts[-1] :]
+        """Add the new channels and chunks of the last part."""
+        last = self._parts[-1]
+        self._learn(last)
+        self.chunks += last.file.chunks[len(self.chunks) - last.start :]
 
-    def _learn(self, k: int) -> None:
-        """Give numbers to channels of a part that are new."""
-        numbers, channels = self._numbers[k], self._parts[k].channels
-        if len(numbers) == len(channels):
+    def _learn(self, part: _Part) -> None:
+        """Give numbers to new channels of a part."""
+        if len(part.numbers) == len(part.file.channels):
             return
-        for own, channel in channels.items():
-            if own not in numbers:
-                key = (channel, self._seen[k][channel])
-                self._seen[k][channel] += 1
-                number = self._number_of.get(key)
-                if number is None:
-                    number = self._number_of[key] = own if own not in self.channels else max(self.channels) + 1
-                numbers[own], self._files_of[k][number] = number, own
-                self._is_as_written[k] &= number == own
+        for own, channel in part.file.channels.items():
+            if own not in part.numbers:
+                key = (channel, part.seen[channel])
+                part.seen[channel] += 1
+                free = own if own not in self.channels else max(self.channels) + 1
+                number = self._number_of.setdefault(key, free)
+                part.numbers[own], part.own[number] = number, own
+                part.is_as_written &= number == own
                 self.channels.setdefault(number, channel)
 
     @property
-    def parts(self) -> tuple[Path, ...]:
-        """Files of the recording that are read."""
-        return tuple(part.path for part in self._parts)
-
-    @property
     def has_index(self) -> bool:
-        """Whether each part brought one."""
-        return all(part.has_index for part in self._parts)
+        """Return whether each part has an index."""
+        return all(part.file.has_index for part in self._parts)
 
     @property
     def is_finished(self) -> bool:
-        """Whether nothing comes any more."""
-        return self._parts[-1].is_finished and not self._is_next_there()
+        """Return whether the recording does not grow any more."""
+        return self._parts[-1].file.is_finished and not self._is_next_there()
 
     @property
     def is_replaced(self) -> bool:
-        """As of `Chunks`, of the part that is still written."""
-        return self._parts[-1].is_replaced
+        """Return whether the last part was replaced, as `Chunks.is_replaced`."""
+        return self._parts[-1].file.is_replaced
 
     def close(self) -> None:
         """Close all files."""
         for part in self._parts:
-            part.close()
+            part.file.close()
 
     def messages(self, chunk: int) -> list[Message]:
-        """As `Chunks.messages`."""
-        k = bisect_right(self._starts, chunk) - 1
-        if k != self._read:
-            if self._read != len(self._parts) - 1:
-                self._parts[self._read].close()
-            self._read = k
-        found = self._parts[k].messages(chunk - self._starts[k])
-        self._learn(k)
-        numbers = self._numbers[k]
-        if self._is_as_written[k]:
+        """Return the messages of a chunk, as `Chunks.messages`."""
+        part = self._parts[bisect_right(self._parts, chunk, key=lambda part: part.start) - 1]
+        if part is not self._reading:
+            if self._reading is not self._parts[-1]:  # the last part stays open, because it may grow
+                self._reading.file.close()
+            self._reading = part
+        found = part.file.messages(chunk - part.start)
+        self._learn(part)
+        if part.is_as_written:
             return found
-        return [Message(numbers.get(own, -1), t_ns, data) for own, t_ns, data in found]
+        return [Message(part.numbers.get(own, -1), t_ns, data) for own, t_ns, data in found]
 
     def last_with(self, channel: int, before: int) -> int:
-        """As `Chunks.last_with`."""
-        for k in range(min(len(self._parts), bisect_right(self._starts, before)) - 1, -1, -1):
-            own = self._files_of[k].get(channel)
-            found = -1 if own is None else self._parts[k].last_with(own, before - self._starts[k])
+        """Return the last chunk before this one that contains messages of a channel, as `Chunks.last_with`."""
+        for part in reversed(self._parts):
+            own = part.own.get(channel)
+            found = -1 if own is None or part.start >= before else part.file.last_with(own, before - part.start)
             if found >= 0:
-                return found + self._starts[k]
+                return found + part.start
         return -1
 
     def holding(self, channel: int) -> list[int]:
-        """As `Chunks.holding`."""
-        return [
-            int(chunk) + start
-            for part, start, files in zip(self._parts, self._starts, self._files_of, strict=True)
-            if channel in files
-            for chunk in part.holding(files[channel])
-        ]
+        """Return all chunks that contain messages of a channel, as `Chunks.holding`."""
+        parts = (part for part in self._parts if channel in part.own)
+        return [int(chunk) + part.start for part in parts for chunk in part.file.holding(part.own[channel])]
 
     def refresh(self) -> bool:
-        """As `Chunks.refresh`; goes on in the next part when that is there."""
+        """Look for new chunks, as `Chunks.refresh`, also in the next part if it exists."""
         before = len(self.chunks)
-        self._parts[-1].refresh()
+        self._parts[-1].file.refresh()
         self._take_in()
-        while self._parts[-1].is_finished and self._goes_on():
+        while self._parts[-1].file.is_finished and self._add_later():
             pass
         return len(self.chunks) > before
 
-    def _next_path(self) -> Path:
-        return part_path(self.path, len(self._parts) + FIRST_PART)
-
     def _is_next_there(self) -> bool:
-        """Whether there is a next part, or what may be one whose head is not written yet."""
+        """Return whether there is a next part, or a file that may become it because its head is not written yet."""
         if not self._run:
             return False
         try:
-            return head_record(self._next_path()).get(RUN) == self._run
+            return head_record(part_path(self.path, len(self._parts) + FIRST_PART)).get(RUN) == self._run
         except NotReplayable:
             return True
         except OSError:
             return False
-
-    def _goes_on(self) -> bool:
-        """Open the next part, if it is there and of this run."""
-        before = len(self._parts)
-        for path in self._later()[before - 1 :]:
-            self._add(Chunks(path, self._names))
-        return len(self._parts) > before

@@ -1,10 +1,12 @@
-"""What `uwserver record` took from a server, as a recording that can be played: its ports and samples as they were served.
+"""Converts a file that `uwserver record` took from a server into a recording that can be played.
 
-Its scenario is not in the file. So bodies are boxes where the ports tell a pose, and the sea is still; all ports, samples, times and events are kept.
+The scenario is not in such a file, so bodies are boxes at the poses that the ports give, and the sea is still. All ports, samples, times and events
+are kept.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -17,17 +19,15 @@ from uwserver.logfiles.joined_log import open_parts
 from uwserver.logfiles.mapping import Mapping as LogMapping
 from uwserver.logfiles.poses import pose_tracks
 from uwserver.logfiles.rules import mapping_of
-from uwserver.ports import Cast, Event, Field, Port, Present, Sample, Service
+from uwserver.ports import Event, Field, Port, Sample
 from uwserver.ports.buffer import unpacked
 from uwserver.ports.checks import check_values
-from uwserver.recording.format import EVENTS, metadata
+from uwserver.recording.format import EVENTS
 from uwserver.recording.parts import SERVED
 from uwserver.recording.player_file import NotPlayable
-from uwserver.recording.player_import import body_name, scenario_of, states_of, water_of_still
+from uwserver.recording.player_import import ImportedWorld, body_name, scenario_of, write_imported
 from uwserver.recording.reading import NotReplayable, head_record
-from uwserver.recording.states import Presence, ServiceRecord
-from uwserver.recording.writer import RecordingWriter
-from uwserver.simulation.clock import Timing
+from uwserver.recording.states import ServiceRecord
 from uwserver.world.external.track import PoseTrack
 
 _TYPES: Mapping[str, Literal["float", "int", "bool", "str"]] = {
@@ -36,7 +36,7 @@ _TYPES: Mapping[str, Literal["float", "int", "bool", "str"]] = {
 
 
 class _World(msgspec.Struct):
-    """What `describe` says of a world."""
+    """The world in the answer of `describe`."""
 
     scenario: str = "a server"
     rate_hz: float = 100.0
@@ -45,8 +45,8 @@ class _World(msgspec.Struct):
     vehicles: tuple[str, ...] = ()
 
 
-class _Told(msgspec.Struct):
-    """The answer of `describe` that heads such a file."""
+class _Description(msgspec.Struct):
+    """The answer of `describe` in the head of the file."""
 
     world: _World
     ports: tuple[Port, ...] = ()
@@ -56,8 +56,8 @@ class _Told(msgspec.Struct):
 _Whole = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]
 
 
-class _Said(msgspec.Struct):
-    """A message of a sensor."""
+class _SampleMessage(msgspec.Struct):
+    """A message on the channel of a sensor."""
 
     seq: _Whole
     t_ns: _Whole
@@ -66,14 +66,14 @@ class _Said(msgspec.Struct):
     value: dict[str, Any]
 
 
-class _Happened(Event, frozen=True):
-    """An event at a time that a file can have."""
+class _BoundedEvent(Event, frozen=True):
+    """An event whose time MCAP can store."""
 
     t_ns: _Whole
 
 
 def is_served(path: Path) -> bool:
-    """Whether `uwserver record` has written a file. Raises OSError."""
+    """Return whether `uwserver record` wrote the file. Raises OSError."""
     try:
         return SERVED in head_record(path)
     except NotReplayable:
@@ -81,22 +81,23 @@ def is_served(path: Path) -> bool:
 
 
 def import_served(path: Path, target: Path) -> tuple[str, ...]:
-    """Write it as a recording of a world of which only the ports are known.
+    """Write the file as a recording of a world of which only the ports are known.
 
     Args:
-        path: a file of which `is_served` is true.
+        path: a file for which `is_served` is true.
         target: a file that does not exist yet.
 
-    Returns what is to be told of it.
+    Returns:
+        Remarks about the file.
 
     Raises:
         OSError: a file cannot be read or written.
-        NotPlayable: it is damaged, or there is no sample in it.
+        NotPlayable: the file is damaged, or contains no sample.
     """
     try:
         log = open_parts(path)
         try:
-            with foreign(path, "cannot be read as what `uwserver record` writes"):
+            with foreign(path, "it cannot be read as a file of `uwserver record`"):
                 return _imported(log, target)
         finally:
             log.close()
@@ -108,57 +109,45 @@ def import_served(path: Path, target: Path) -> tuple[str, ...]:
 def _imported(log: Log, target: Path) -> tuple[str, ...]:
     head = head_record(log.path)
     try:
-        told = msgspec.json.decode(head["describe"], type=_Told)
+        description = msgspec.json.decode(head["describe"], type=_Description)
     except (msgspec.MsgspecError, KeyError) as error:
         raise LogError(f"{log.path}: the head of the recording is damaged: {error}") from error
-    ports = _ports(log, told)
+    world, ports = description.world, _ports(log, description)
     if not any(log.topics[path].count != 0 for path in ports if path in log.topics):
-        raise LogError(f"{log.path}: not one sample is in it, so that there is nothing to play")
-    tracks, remarks = _tracks(log, told.world.vehicles)
-    resolved = scenario_of(told.world.scenario, told.world.epoch_utc, told.world.rate_hz, tracks)
-    cast = Cast(1, (), tuple(Present(body, body) for body in tracks))
-    services: dict[str, Service] = {record.path: record.service for record in told.services}
-    with target.open("xb") as file:
-        writer = RecordingWriter(file, metadata(resolved, told.world.seed, Timing()), ports)
-        models = dict.fromkeys(tracks, "object")
-        writer.presence(Presence(cast, 0, 0, log.start_ns, ports, services, models, water_of_still(resolved)))
-        damaged = _write(log, writer, ports, states_of((log.start_ns, log.end_ns), tracks, cast, 0))
-        writer.finish()
-    where = f"`uwserver record` took it from the server at {head[SERVED]}: its scenario is not in it, so that bodies are boxes"
-    left_out = [f"{damaged} messages are damaged, or are not as their ports say: they are left out"] if damaged else []
+        raise LogError(f"{log.path}: the file contains no sample, so there is nothing to play")
+    tracks, remarks = _tracks(log, world.vehicles)
+    resolved = scenario_of(world.scenario, world.epoch_utc, world.rate_hz, tracks)
+    services = {record.path: record.service for record in description.services}
+    damaged: Counter[str] = Counter()
+    imported = ImportedWorld(resolved, world.seed, log.start_ns, ports, services)
+    write_imported(target, imported, tracks, (log.start_ns, log.end_ns), _items(log, ports, damaged))
+    where = (
+        f"`uwserver record` took it from the server at {head[SERVED]}: its scenario is not in it, so bodies are boxes"
+    )
+    count = damaged.total()
+    left_out = [f"{count} messages are left out: they are damaged, or do not fit their ports"] if count else []
     return (f"{where} and the sea is still", *left_out, *log.remarks, *remarks)
 
 
-def _write(log: Log, writer: RecordingWriter, ports: Mapping[str, Port], states: Iterator[Any]) -> int:
-    """Returns how many messages are not what they should be."""
-    damaged = 0
-    state = next(states, None)
+def _items(log: Log, ports: Mapping[str, Port], damaged: Counter[str]) -> Iterator[tuple[int, Sample | Event]]:
+    """Yield samples and events with their times in the log; count messages that cannot be used by topic."""
     for t_ns, topic, value in log.read({EVENTS, *ports}):
-        while state is not None and state.state.t_ns <= t_ns:
-            writer.state(state)
-            state = next(states, None)
         try:
-            if topic == EVENTS:
-                event = msgspec.convert(value, _Happened)
-                if event.event != "reset":  # the file ends there
-                    writer.event(event)
-            else:
-                writer.sample(_sample(ports[topic], value), ports)
+            if topic != EVENTS:
+                yield t_ns, _sample(ports[topic], value)
+            elif (event := msgspec.convert(value, _BoundedEvent)).event != "reset":  # at a reset such a file ends
+                yield t_ns, event
         except ValueError:  # msgspec's errors are ValueErrors
-            damaged += 1
-    while state is not None:
-        writer.state(state)
-        state = next(states, None)
-    return damaged
+            damaged[topic] += 1
 
 
 def _sample(port: Port, value: object) -> Sample:
-    """ValueError if it is no message of this port."""
-    said = msgspec.convert(value, _Said)
-    entry = tuple(_entry(field, said.value.get(field.name)) for field in port.fields)
+    """Return the sample of a message. Raises ValueError when it is not a message of this port."""
+    message = msgspec.convert(value, _SampleMessage)
+    entry = tuple(_entry(field, message.value.get(field.name)) for field in port.fields)
     given = [(field, value) for field, value in zip(port.fields, entry, strict=True) if value is not None]
     check_values([field for field, _ in given], [value for _, value in given])
-    return Sample(port.path, said.seq, said.t_ns, said.t_sent_ns, said.valid, entry)
+    return Sample(port.path, message.seq, message.t_ns, message.t_sent_ns, message.valid, entry)
 
 
 def _entry(field: Field, value: Any) -> Any:
@@ -167,9 +156,9 @@ def _entry(field: Field, value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
 
 
-def _ports(log: Log, told: _Told) -> dict[str, Port]:
-    """Sensors as the server described them at first; those that came later as their channels tell."""
-    ports = {port.path: port for port in told.ports}
+def _ports(log: Log, description: _Description) -> dict[str, Port]:
+    """Return the ports that the server described at the start, and later sensors as their channels describe them."""
+    ports = {port.path: port for port in description.ports}
     for name, topic in log.topics.items():
         if name not in ports and topic.count != 0 and any(field.name == "t_sent_ns" for field in topic.fields):
             ports[name] = _port(topic)
@@ -183,11 +172,11 @@ def _port(topic: Topic) -> Port:
         kind, _, size = field.type.rstrip("]").partition("[")
         if outer == "value" and kind in _TYPES:
             fields.append(Field(name, field.unit or "1", "", field.frame, (int(size),) if size else (), _TYPES[kind]))
-    return Port(topic.name, "sensor", "log", tuple(fields), "It came while the server was recorded.", 1.0)
+    return Port(topic.name, "sensor", "log", tuple(fields), "A sensor that was added during the recording.", 1.0)
 
 
 def _tracks(log: Log, vehicles: tuple[str, ...]) -> tuple[dict[str, PoseTrack], list[str]]:
-    """Poses of the vehicles: their truth, if it was served, else what a navigation of theirs says; and what is to be told of them."""
+    """Return the tracks of the vehicles, from their truth if it was served, else from their navigation; and remarks about them."""
     mapping = mapping_of(log)
     tracks: dict[str, PoseTrack] = {}
     remarks: list[str] = []

@@ -1,4 +1,4 @@
-"""What can be asked of a recording that is played, and why nothing else can."""
+"""The services of playback, and the reason why all others are refused."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ from uwserver.ports import Argument, Fault, Service
 from uwserver.simulation.services import CLOCK_SERVICES
 
 DEFAULT = -1
-"""Of arguments that say: as it is."""
+"""Value of an argument that leaves a setting as it is."""
 _T = "simulation time of the recording"
 PLAYBACK_SERVICES = (
-    Service("playback/pause", "Stop time, as world/pause."),
-    Service("playback/resume", "Let time run on, as world/resume; from the end it begins anew."),
+    Service("playback/pause", "Pause, like world/pause."),
+    Service("playback/resume", "Resume, like world/resume; at the end of the recording playback begins again."),
     Service(
         "playback/seek",
-        "Go to a time: an event reset is told, and each port gives its last sample before it.",
+        "Go to a time. An event reset announces it, and each port gives its last sample before that time.",
         (
             Argument("t_s", "float", _T, "s", minimum=0.0, maximum=1e9),
-            Argument("run", "int", "which run between resets; default: the present", required=False, default=DEFAULT, minimum=-1, maximum=1e9),
+            Argument("run", "int", "which run between resets; default: the current", required=False, default=DEFAULT, minimum=-1, maximum=1e9),
         ),
     ),
     Service(
@@ -26,30 +26,30 @@ PLAYBACK_SERVICES = (
     ),
     Service(
         "playback/loop",
-        "Play a range again and again, or once.",
+        "Play a range repeatedly, or once.",
         (
-            Argument("on", "bool", "false: stop at its end", required=False, default=True),
-            Argument("from_s", "float", "its begin; default: as before", "s", required=False, default=float(DEFAULT), minimum=-1.0, maximum=1e9),
-            Argument("to_s", "float", "its end; default: as before", "s", required=False, default=float(DEFAULT), minimum=-1.0, maximum=1e9),
+            Argument("on", "bool", "false: pause at the end of the range", required=False, default=True),
+            Argument("from_s", "float", "its begin; default: unchanged", "s", required=False, default=float(DEFAULT), minimum=-1.0, maximum=1e9),
+            Argument("to_s", "float", "its end; default: unchanged", "s", required=False, default=float(DEFAULT), minimum=-1.0, maximum=1e9),
         ),
     ),
     Service(
         "playback/step",
-        "Go on by n ticks and pause there; by a negative number back, which is a seek.",
+        "Advance by n ticks and pause there. A negative number goes back, which is a seek.",
         (Argument("n", "int", "ticks", required=False, default=1, minimum=-1e9, maximum=1e9),),
         long_running=True,
     ),
-    Service("playback/state", "File, time, range, speed, runs, and the events of the file as marks.", reads_only=True),
+    Service("playback/state", "Return file, time, range, speed, runs, and the events of the file as marks.", reads_only=True),
 )  # fmt: skip
 SERVICES = {service.path: service for service in (*CLOCK_SERVICES, *PLAYBACK_SERVICES)}
-"""All that steers the time of a recording."""
+"""All services that control the playback."""
 
 _SERVERS = frozenset(("world/describe", "world/status", "world/shutdown"))
 
 
 def objection(path: str) -> Fault | None:
-    """Why a command to a port, or the call of a service, makes no sense while a recording is played; None where it does."""
+    """Return why a command to a port, or a call of a service, is refused during playback; None if it is not."""
     if path in SERVICES or path in _SERVERS:
         return None
-    text = f'playback: this is a recording, in which "{path[:200]}" can change nothing and be asked nothing'
-    return Fault("denied", f"{text}; what steers it is under playback/", path[:200])
+    text = f'playback: this is a recording, so "{path[:200]}" is not available'
+    return Fault("denied", f"{text}; the services under playback/ control it", path[:200])

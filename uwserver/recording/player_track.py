@@ -1,21 +1,21 @@
-"""A recording as something that can be played: runs between jumps of time, who was there when, and its messages in the order of time.
+"""A recording in the form that can be played: runs between jumps of time, scenes, and messages in the order of time.
 
-A message of a sensor or an event was written when the loop had it; states and casts take a shorter way and may stand before samples of the same
-time. So those wait here until time has come to them. Each run between two jumps has its own span of time; within one, time never goes back.
+Samples and events were written when the loop had them. States and casts reach the file sooner, and may come before samples of the same time; so they
+wait here until their time has come. Each run between two jumps has its own span of time, and within a run time never goes back.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_right
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final
+from typing import Final, TypeVar
 
 import msgspec
 
-from uwserver.ports import Cast, Port, Sample, SceneState
+from uwserver.ports import Cast, Port, Sample, SceneState, Service
 from uwserver.recording.format import EVENTS, METADATA
 from uwserver.recording.parts import begins_with_state
 from uwserver.recording.player_file import Message, NotPlayable, renamed
@@ -25,40 +25,42 @@ from uwserver.recording.player_messages import Messages
 from uwserver.recording.player_parts import PartChunks
 from uwserver.recording.states import CASTS, JUMPS, STATES, CastRecord, read_state, time_of_state
 
+T = TypeVar("T", Port, Service)
+
 MOST_MARKS: Final = 2000
-"""Events of a file that are told as marks on its line of time."""
+"""Largest number of events that are shown as marks on the time line."""
 MOST_LOOKED_AT: Final = 300
-"""Chunks that are unpacked for each, marks and jumps, when a file is opened."""
+"""Largest number of chunks that are decompressed to find marks, and again to find jumps."""
 _MOST_WAITING: Final = 100_000
 _MOST_EARLY: Final = 50
-"""Chunks by which states are sought before samples of the same time."""
+"""Largest number of chunks by which states may come before samples of the same time."""
 
 
 class Track:
-    """A recording that is played. Used by one thread at a time.
+    """A recording that is played. Only one thread may use it at a time.
 
     Attributes:
-        path: of the file.
-        head: of the recording.
-        runs: at least one.
-        scenes: who is there, in the order of the file; at least one.
-        remarks: what to know of the file, as sentences.
-        run: that is played.
-        head_item: what comes next; None for nothing, as yet.
-        messages: reads them.
-        state: where the bodies were last.
+        path: the file.
+        head: the head of the recording.
+        runs: all runs, at least one.
+        scenes: all scenes in the order of the file, at least one.
+        remarks: what a user should know about the file, one sentence each.
+        run: number of the current run.
+        head_item: the next item; None if there is none so far.
+        messages: converts messages.
+        state: the last poses of the bodies; None before the first.
     """
 
     def __init__(self, path: Path, names: Mapping[str, str] = MappingProxyType({})) -> None:
-        """Of a file.
+        """Open a recording.
 
         Args:
-            path: of a recording.
-            names: of bodies -> what they are called here.
+            path: of the recording.
+            names: maps names of bodies to the names that they get here.
 
         Raises:
-            OSError: it cannot be read.
-            NotPlayable: see there; or the names are of nobody, or taken.
+            OSError: the file cannot be read.
+            NotPlayable: the file cannot be played, or a name is unknown or taken.
         """
         self._chunks, self._names = PartChunks(path, names), names
         try:
@@ -68,7 +70,7 @@ class Track:
             self.scenes: list[Scene] = []
             self._casts: dict[int, Cast] = {}
             self._sensors: set[str] = set()
-            # A later part alone begins with its own run 0, whatever was before it.
+            # In a later part that is played alone, the first run has number 0, whatever came before.
             self._is_later = begins_with_state(self._chunks.metadata[METADATA])
             self._jumps_before = 0
             self._seen_chunks = 0
@@ -79,10 +81,8 @@ class Track:
                 raise NotPlayable(f"{path}: the recording ends before its first tick: there is nothing to play")
             self._check_names()
             if not self._chunks.has_index:
-                end = "its end" if self._chunks.is_finished else "no end yet, or was cut off"
-                self.remarks += (
-                    f"the file has no index ({end}): it was walked through once; what it still gets is followed",
-                )
+                end = "but an end" if self._chunks.is_finished else "and no end yet, or it was cut off"
+                self.remarks += (f"the file has no index {end}: it was read once, and it is followed while it grows",)
         except BaseException:
             self._chunks.close()
             raise
@@ -97,9 +97,9 @@ class Track:
         for old, new in self._names.items():
             if new not in there:
                 known = ", ".join(sorted(there - set(self._names.values())))
-                raise NotPlayable(f'{self.path}: nobody is called "{old}"; there are: {known}')
+                raise NotPlayable(f'{self.path}: no body has the name "{old}"; there are: {known}')
         if any(len({body.name for body in scene.bodies}) < len(scene.bodies) for scene in self.scenes):
-            raise NotPlayable(f"{self.path}: two bodies would have the same name: map one to a name that nobody has")
+            raise NotPlayable(f"{self.path}: two bodies would have the same name: map one to a name that is free")
 
     def close(self) -> None:
         """Close the file."""
@@ -107,18 +107,18 @@ class Track:
 
     @property
     def is_growing(self) -> bool:
-        """Whether more may come."""
+        """Return whether the recording may still grow."""
         return not self._chunks.is_finished
 
     @property
     def is_replaced(self) -> bool:
-        """Whether another file stands under its name by now."""
+        """Return whether the path names another file by now."""
         return self._chunks.is_replaced
 
     # -- what the file holds --------------------------------------------------------------------------------------------------------
 
     def refresh(self) -> bool:
-        """Look for more; returns whether there is. May raise NotPlayable."""
+        """Look for new messages; return whether there are any. Raises NotPlayable."""
         more = self._chunks.refresh()
         if more:
             self._follow()
@@ -127,21 +127,31 @@ class Track:
         return more
 
     def _follow(self) -> None:
-        """Take in who came and went, and where time was set, in the chunks that are new."""
+        """Add the scenes and the jumps of time of the new chunks."""
         first = self._seen_chunks
         self._seen_chunks = len(self._chunks.chunks)
-        for channel in self._numbers(CASTS):
-            for message in self._all(channel, first):
+        for chunk in self._holding(CASTS, first):
+            for _, message in self._of_topic(CASTS, chunk):
                 self._add_scene(message)
-        jumps = self._numbers(JUMPS)
-        looked_at = {chunk for channel in jumps for chunk in self._chunks.holding(channel) if chunk >= first}
-        if len(looked_at) > MOST_LOOKED_AT:
-            self.remarks += (f"time was set in {len(looked_at)} places: only the first {MOST_LOOKED_AT} can be sought",)
-        for chunk in sorted(looked_at)[:MOST_LOOKED_AT]:
-            for k, message in enumerate(self._chunks.messages(chunk)):
-                if message.channel in jumps:
-                    self._jump_places.append((Place(chunk, k + 1), message.t_ns))
+        with_jumps = self._holding(JUMPS, first)
+        if len(with_jumps) > MOST_LOOKED_AT:
+            self.remarks += (
+                f"time was set in {len(with_jumps)} places: only the first {MOST_LOOKED_AT} can be sought",
+            )
+        for chunk in with_jumps[:MOST_LOOKED_AT]:
+            self._jump_places += [(Place(chunk, k + 1), m.t_ns) for k, m in self._of_topic(JUMPS, chunk)]
         self._find_runs()
+
+    def _holding(self, topic: str, first: int = 0) -> list[int]:
+        """Return the chunks from `first` on that contain messages of a topic, in their order."""
+        chunks = {chunk for channel in self._numbers(topic) for chunk in self._chunks.holding(channel)}
+        return sorted(chunk for chunk in chunks if chunk >= first)
+
+    def _of_topic(self, topic: str, chunk: int) -> Iterator[tuple[int, Message]]:
+        """Yield the messages of a topic in a chunk, with their indices."""
+        for k, message in enumerate(self._chunks.messages(chunk)):
+            if self.messages.topic(message) == topic:
+                yield k, message
 
     def _find_runs(self) -> None:
         chunks = self._chunks.chunks
@@ -152,12 +162,12 @@ class Track:
                 to_ns = self._end_before(place, from_ns, after[0])
             elif place.chunk + 1 < len(chunks):
                 to_ns = chunks[-1].end_ns
-            else:  # the chunk of a jump holds what was before it, too
+            else:  # the chunk with a jump also contains messages from before it
                 to_ns = self._end_before(place, from_ns, Place(len(chunks), 0))
             self.runs.append(Run(place, from_ns, max(from_ns, to_ns)))
 
     def _end_before(self, first: Place, from_ns: int, end: Place) -> int:
-        """Last time of what the loop had of a run before the next begins; in the chunk of that, or else in the one before."""
+        """Return the last time of a run before the next begins, from its samples in the chunk of that begin or in the chunk before."""
         for chunk in (end.chunk, end.chunk - 1):
             if chunk < first.chunk:
                 break
@@ -165,22 +175,13 @@ class Track:
                 continue
             messages = self._chunks.messages(chunk)[: end.message if chunk == end.chunk else None]
             begin = first.message if chunk == first.chunk else 0
-            times = [m.t_ns for m in messages[begin:] if self._is_timed(m)]
+            times = [m.t_ns for m in messages[begin:] if self.messages.topic(m) in self._sensors]
             if times:
                 return max(from_ns, times[-1])
         return from_ns
 
-    def _is_timed(self, message: Message) -> bool:
-        channel = self._chunks.channels.get(message.channel)
-        return channel is not None and channel.topic in self._sensors
-
     def _numbers(self, topic: str) -> list[int]:
         return [number for number, channel in self._chunks.channels.items() if channel.topic == topic]
-
-    def _all(self, channel: int, first: int) -> Iterator[Message]:
-        for chunk in self._chunks.holding(channel):
-            if chunk >= first:
-                yield from (m for m in self._chunks.messages(int(chunk)) if m.channel == channel)
 
     def _add_scene(self, message: Message) -> None:
         try:
@@ -188,14 +189,9 @@ class Track:
             if self._names:
                 record = record.renamed(lambda path: renamed(path, self._names))
             before = self.scenes[-1] if self.scenes else None
-            ports = dict(before.ports) if before else {}
-            ports |= {port.path: port for port in record.ports}
-            services = dict(before.services) if before else {}
-            services |= {service.path: service.service for service in record.services}
-            for path in record.ports_gone:
-                ports.pop(path, None)
-            for path in record.services_gone:
-                services.pop(path, None)
+            ports: Mapping[str, Port] = _updated(before.ports if before else {}, record.ports, record.ports_gone)
+            new_services = [service.service for service in record.services]
+            services = _updated(before.services if before else {}, new_services, record.services_gone)
             water = record.water or (before.water if before else None)
             if not water:
                 return
@@ -207,46 +203,45 @@ class Track:
         self._sensors |= {port.path for port in record.ports if port.direction == "sensor"}
         there = (record.cast, ports, services, water)
         if before is not None and there == (before.cast, before.ports, before.services, before.water):
-            return  # a part tells again who was there in the one before
-        is_same = before is not None and not (record.ports or record.ports_gone)
-        kept = before.ports if before is not None and is_same else ports
+            return  # a part repeats the last scene of the part before
+        if before is not None and not (record.ports or record.ports_gone):
+            ports = before.ports  # the same object, by which the player sees that no port changed
         bodies = (*record.vehicles, *record.objects)
         self._casts[record.revision] = record.cast
         jumps = record.jumps - self._jumps_before
-        self.scenes.append(Scene(jumps, record.t_ns, record.cast, bodies, kept, services, water))
+        self.scenes.append(Scene(jumps, record.t_ns, record.cast, bodies, ports, services, water))
 
     def _time_of(self, state: Message) -> tuple[int, int]:
-        """Run and time of a state."""
+        """Return run and time (ns) of a state."""
         jumps, t_ns = time_of_state(state.data)
         return jumps - self._jumps_before, t_ns
 
     def scene_at(self, t_ns: int) -> Scene:
-        """Who is there at a time of the run that is played."""
+        """Return the scene at a time of the current run."""
         place = bisect_right(self.scenes, (self.run, t_ns), key=lambda scene: (scene.jumps, scene.t_ns))
         return self.scenes[max(0, place - 1)]
 
     def marks(self) -> list[Mark]:
-        """Events of the file, the first `MOST_MARKS`."""
+        """Return the first `MOST_MARKS` events of the file."""
         found: list[Mark] = []
         starts = [run.first for run in self.runs]
-        for channel in self._numbers(EVENTS):
-            for chunk in self._chunks.holding(channel)[:MOST_LOOKED_AT]:
-                for k, message in enumerate(self._chunks.messages(int(chunk))):
-                    event = self.messages.event(message) if message.channel == channel else None
-                    if event is not None and len(found) < MOST_MARKS:
-                        run = bisect_right(starts, Place(int(chunk), k + 2)) - 1  # a jump stands behind its event
-                        found.append(Mark(max(0, run), event))
-        return found
+        for chunk in self._holding(EVENTS)[:MOST_LOOKED_AT]:
+            for k, message in self._of_topic(EVENTS, chunk):
+                event = self.messages.event(message)
+                if event is not None:
+                    run = bisect_right(starts, Place(chunk, k + 2)) - 1  # a jump comes right after its event
+                    found.append(Mark(max(0, run), event))
+        return found[:MOST_MARKS]
 
     # -- playing --------------------------------------------------------------------------------------------------------------------
 
     def seek(self, run: int, t_ns: int) -> list[Message]:
-        """Go to a time of a run: what comes next is later. Returns the last message of each sensor until then. May raise NotPlayable."""
+        """Go to a time of a run; later messages come next. Return the last message of each sensor until then. Raises NotPlayable."""
         self.run = run
         chunks, first, end = self._chunks.chunks, self.runs[run].first, self._end_of(run)
         begin = first.chunk
         if run and begin + 1 < min(end.chunk, len(chunks)) and chunks[begin + 1].start_ns <= t_ns:
-            begin += 1  # the chunk of a jump holds what was before it, too: its end tells nothing
+            begin += 1  # the chunk with a jump also contains messages from before it, so its last time says nothing
         while begin < end.chunk and chunks[begin].end_ns <= t_ns:
             begin += 1
         self._newest = self._latest(run, t_ns, begin)
@@ -259,7 +254,10 @@ class Track:
         return self.runs[run + 1].first if run + 1 < len(self.runs) else Place(len(self._chunks.chunks), 0)
 
     def _latest(self, run: int, t_ns: int, begin: int) -> dict[int, Message]:
-        """The last message of each channel of sensors until a time, and the state there."""
+        """Return the last message of each sensor channel until a time, and set `state`.
+
+        It goes backwards through the chunks that contain a channel whose message is not found yet.
+        """
         chunks, first, end = self._chunks.chunks, self.runs[run].first, self._end_of(run)
         upper = min(begin, len(chunks) - 1)
         while upper + 1 < min(end.chunk + 1, len(chunks)) and chunks[upper + 1].start_ns <= t_ns:
@@ -273,7 +271,7 @@ class Track:
         found: dict[int, Message] = {}
         while before:
             before = {channel: self._chunks.last_with(channel, chunk) for channel, chunk in before.items()}
-            # States of a run may stand before the jump with which it begins.
+            # The states of a run may come before the jump with which it begins.
             before = {channel: chunk for channel, chunk in before.items() if chunk >= first.chunk or channel in states}
             chunk = max(before.values(), default=-1)
             if chunk < 0:
@@ -297,7 +295,7 @@ class Track:
         return found
 
     def _early(self, place: Place, run: int, after_ns: int) -> deque[tuple[int, Message]]:
-        """States after a time that stand before a place, with their runs."""
+        """Return the states after a time that come before a place in the file, with their runs."""
         found: deque[tuple[int, Message]] = deque()
         states = self._numbers(STATES)
         for chunk in range(place.chunk, max(-1, place.chunk - _MOST_EARLY), -1):
@@ -313,8 +311,8 @@ class Track:
     def _items(
         self, place: Place, run: int, after_ns: int, waiting: deque[tuple[int, Message]]
     ) -> Iterator[Item | None]:
-        """What comes after a time, in the order of time; None while there is nothing more in the file. `waiting`: states as of `_early`."""
-        now, topics = after_ns, self._chunks.channels
+        """Yield the items after a time in the order of time; None while the file contains nothing more. `waiting` are the states of `_early`."""
+        now = after_ns
         chunk, k = place
         while True:
             if chunk >= len(self._chunks.chunks):
@@ -327,8 +325,7 @@ class Track:
                 continue
             messages = self._chunks.messages(chunk)
             for message in messages[k:]:
-                channel = topics.get(message.channel)
-                topic = "" if channel is None else channel.topic
+                topic = self.messages.topic(message)
                 if topic == STATES:
                     jumps, t_ns = self._time_of(message)
                     if (jumps, t_ns) > (run, after_ns) and len(waiting) < _MOST_WAITING:
@@ -338,7 +335,7 @@ class Track:
                     run, now, after_ns = run + 1, message.t_ns, message.t_ns - 1
                     yield Item(now, "jump", message)
                     continue
-                # Commands, and what is there for other tools, have not waited for the loop: their times say nothing of the samples.
+                # Commands, and messages for other tools, did not wait for the loop, so their times do not show how far the samples are.
                 if message.t_ns <= after_ns or not (topic == EVENTS or topic in self._sensors):
                     continue
                 while waiting and (
@@ -353,7 +350,7 @@ class Track:
             chunk, k = chunk + 1, 0
 
     def pop(self) -> Item:
-        """What comes next, which is taken. May raise NotPlayable."""
+        """Take the next item. Raises NotPlayable."""
         item = self.head_item
         assert item is not None
         self.head_item = next(self._stream)
@@ -367,18 +364,25 @@ class Track:
         return item
 
     def show(self, message: Message) -> None:
-        """From now on bodies are where a message says."""
+        """Set the poses of the bodies from a message."""
         try:
             self.state = read_state(message.data, self._casts).state
         except ValueError:
             self.messages.damaged += 1
 
     def last(self) -> list[Message]:
-        """The last message of each sensor, in the order of time."""
+        """Return the last message of each sensor, in the order of time."""
         return sorted(self._newest.values(), key=lambda message: message.t_ns)
 
     def newest(self, path: str, ports: Mapping[str, Port]) -> Sample | None:
-        """The last sample of a port."""
-        found = [m for n, m in self._newest.items() if self._chunks.channels[n].topic == path]
-        latest = max(found, key=lambda message: message.t_ns, default=None)
-        return None if latest is None else self.messages.sample(latest, ports)
+        """Return the last sample of a port; None if there is none so far."""
+        found = [message for message in self.last() if self.messages.topic(message) == path]
+        return self.messages.sample(found[-1], ports) if found else None
+
+
+def _updated(before: Mapping[str, T], new: Iterable[T], gone: Iterable[str]) -> dict[str, T]:
+    """Return ports or services by path, with new ones added and some paths removed."""
+    found = {**before, **{entry.path: entry for entry in new}}
+    for path in gone:
+        found.pop(path, None)
+    return found

@@ -1,4 +1,4 @@
-"""The world of a recording, as far as it is told of: what it was called, who was there, and what of it is played."""
+"""The recorded world during playback: its name, bodies and ports, and the range that is played."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class _Member:
 
 @dataclass
 class PlayedWorld:
-    """What is told of the world that was recorded, as it was at the time that is played."""
+    """The recorded world at the time that is played, in the form in which adapters see a world."""
 
     name: str
     rate_hz: Fraction
@@ -44,36 +44,32 @@ class PlayedWorld:
 
 @dataclass(frozen=True)
 class Range:
-    """What is played: from and to a simulation time, s (None: the ends of the recording), and whether again and again."""
+    """The range that is played: begin and end in simulation time, s (None: those of the recording), and whether it repeats."""
 
     from_s: float | None = None
     to_s: float | None = None
     loops: bool = False
 
     def fault(self, track: Track) -> str:
-        """Why it cannot be played; "" where it can."""
+        """Return why the range cannot be played; "" if it can."""
         first, last = track.runs[0].from_ns / NANOSECONDS, max(run.to_ns for run in track.runs) / NANOSECONDS
+        begin = max(first, self.from_s or 0.0)
         if self.from_s is not None and self.from_s > last:
             return f"the recording ends at {last:g} s: there is nothing from {self.from_s:g} s on"
-        if self.to_s is not None and self.to_s <= max(first, self.from_s or 0.0):
-            return f"nothing lies between {max(first, self.from_s or 0.0):g} and {self.to_s:g} s"
+        if self.to_s is not None and self.to_s <= begin:
+            return f"the range from {begin:g} to {self.to_s:g} s is empty"
         return ""
 
 
-def rate_of(track: Track) -> Fraction:
-    """Ticks a second of the recorded world."""
-    return Fraction(str(track.head.resolved.scenario.world.rate_hz))
-
-
 def world_of(track: Track) -> PlayedWorld:
-    """The world as it was when the recording began."""
+    """Return the world at the begin of the recording."""
     resolved, scene = track.head.resolved, track.scenes[0]
+    world = resolved.scenario.world
     return PlayedWorld(
-        resolved.name, rate_of(track), resolved.scenario.world.epoch_utc, track.head.seed, 0, 0,
-        scene.ports, scene.services, members_of(scene),
+        resolved.name, Fraction(str(world.rate_hz)), world.epoch_utc, track.head.seed, 0, 0, scene.ports, scene.services, members_of(scene),
     )  # fmt: skip
 
 
 def members_of(scene: Scene) -> Mapping[str, KnownMember]:
-    """The bodies of a scene by name."""
+    """Return the bodies of a scene by name."""
     return {body.name: _Member(_Vehicle(body.model)) for body in scene.bodies}

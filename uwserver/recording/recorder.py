@@ -1,10 +1,11 @@
-"""Records a run while it goes on. See `uwserver.recording.format` for the file, `uwserver.recording.replay` for what can be done with it.
+"""Records a run while it is going on. `uwserver.recording.format` describes the file, `uwserver.recording.replay` runs it again.
 
-Three threads meet in one queue: the loop brings samples and events (a sink of the bus), the simulation thread brings requests and states (an
-observer), and the thread "recorder" turns them into JSON and writes the file. Neither of the first two ever touches the file.
+Three threads share a queue. The loop adds samples and events (as a sink of the bus), the simulation thread adds requests and states (as an
+observer), and the thread "recorder" encodes them as JSON and writes the file. The first two never touch the file.
 
-In real time samples are dropped and counted when the writer cannot keep up; in other modes the tick waits for it, so that nothing is lost.
-Requests and states are never dropped: a replay needs all of them. A file that cannot be written any more ends the recording, not the world.
+In real time, samples are dropped and counted when the writer cannot keep up; in other modes the tick waits for the writer, so that nothing is lost.
+Requests and states are never dropped, because a replay needs all of them. If the file cannot be written any more, the recording ends, but the
+world continues.
 """
 
 from __future__ import annotations
@@ -36,40 +37,40 @@ from uwserver.world.world import World
 log = logging.getLogger(__name__)
 
 MAX_SAMPLES = 32_768
-"""Samples that may wait for the writer."""
+"""Number of samples that may wait for the writer."""
 
 MAX_REQUESTS = 50_000
-"""Requests that may wait for the writer, half a second of its work when the server ends; beyond that the recording ends,
-because without them it could not be replayed."""
+"""Number of requests that may wait for the writer, half a second of its work. With more the recording ends, because it could not be replayed without
+them."""
 
 CHUNK_NS = NANOSECONDS // 2
-"""A chunk is written at the latest after this wall time: that much a killed server loses."""
+"""A chunk is written at the latest after this wall time. A killed server loses at most that."""
 
 CLOSE_TIMEOUT_S = 5.0
-"""Wall time in which the writer must proceed at the end, however much is left to write."""
+"""Wall time in which the writer must make progress at the end, however much is left to write."""
 _DRAIN_S = 0.1
 _BACKPRESSURE_S = 0.002
 
 
 class Recorder:
-    """Writes one run to one file. A `Sink` on the loop, an `Observer` on the simulation thread.
+    """Writes one run to one file. It is a `Sink` on the loop, and an `Observer` on the simulation thread.
 
-    Who records a run from its start takes `running`, or `stepped`. Who begins and ends while it goes on calls, in this order: `open`, `begin`,
-    `write_from`, `end`, `close`; from `begin` to `end` it is fed as an observer, and in the same time as a sink.
+    To record a run from its start, use `running` or `stepped`. To begin and end during a run, call in this order: `open`, `begin`, `write_from`,
+    `end`, `close`; from `begin` to `end` it must be attached to the bus as a sink.
 
     Args:
         path: a file that does not exist yet.
-        world: as built, before its first tick; or later, for `begin`.
-        resolved: what it was built from.
-        rotation: when it goes on in another file.
-        foxglove: whether channels for Foxglove, Lichtblick and rerun are written beside our own.
+        world: before its first tick; for `begin` at any time.
+        resolved: the scenario from which it was built.
+        rotation: limits of a part.
+        foxglove: whether channels for Foxglove, Lichtblick and rerun are added.
     """
 
     def __init__(
         self, path: Path, world: World, resolved: Resolved, rotation: Rotation = ONE_FILE, *, foxglove: bool = True
     ) -> None:
         self.path = path
-        self._seen = world.ports  # before the file knows them: of those that come meanwhile it is told
+        self._seen = world.ports  # taken before `Output` reads the ports, so that no later change is missed
         self._output = Output(path, world, resolved, rotation, foxglove=foxglove)
         self._world = world
         self._simulation: Simulation | None = None
@@ -79,9 +80,9 @@ class Recorder:
         self._error = ""
         self._looker = Looker(world, resolved)
         self._second = max(1, round(world.rate_hz))
-        # Each counter has one thread that writes it: loop, simulation.
-        self._samples_put = self._dropped = 0
-        self._index = self._requests_put = 0
+        # Only one thread writes each counter, so that they need no lock.
+        self._samples_put = self._dropped = 0  # loop
+        self._index = self._requests_put = 0  # simulation
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
 
     @contextlib.contextmanager
@@ -101,7 +102,7 @@ class Recorder:
         try:
             yield
         except BaseException:
-            # A server that could not even start leaves no file that its second try would refuse to overwrite.
+            # A server that failed to start leaves no file, because the next try would refuse to overwrite it.
             if self._index == 0 and self._samples_put == 0:
                 self._error = "nothing was recorded"
                 self.path.unlink(missing_ok=True)
@@ -113,14 +114,14 @@ class Recorder:
 
     @contextlib.contextmanager
     def stepped(self, timing: Timing, about: Mapping[str, str] = NOTHING) -> Iterator[None]:
-        """Record a world that the caller steps, as a replay does, without a thread: `drain` after each tick writes it. All is written.
+        """Record a world that the caller steps, as a replay does, without a thread. Call `drain` after each tick; nothing is dropped.
 
         Args:
-            timing: what the head says of it.
-            about: further keys of the metadata record: where the run comes from.
+            timing: timing of the run, for the head.
+            about: further keys of the metadata record, which say where the run comes from.
 
         Raises:
-            OSError: as `running`; `drain`, too, when the file cannot be written any more.
+            OSError: as `running`. `drain` raises it too, when the file cannot be written any more.
         """
         self._output.open(timing, about)
         self._open = True
@@ -134,28 +135,28 @@ class Recorder:
         self._finished = True
 
     def drain(self) -> None:
-        """Write what waits; of a world that is `stepped`."""
+        """Write everything in the queue, while `stepped` is active."""
         while self._queue:
             self._output.write(self._queue.popleft())
 
-    # -- of a run that goes on ------------------------------------------------------------------------------------------------------
+    # -- during a run ---------------------------------------------------------------------------------------------------------------
 
     def open(self, timing: Timing) -> None:
-        """Make the file. Any thread. Raises OSError as `running`."""
+        """Make the file. On any thread. Raises OSError as `running`."""
         self._output.open(timing, is_midway=True)
 
     def begin(self, simulation: Simulation) -> Snapshot:
-        """Follow a run from here on, and give the state with which the recording begins. Simulation thread, between two ticks."""
+        """Observe a run from here on; return the state with which the recording begins. On the simulation thread, between two ticks."""
         self._simulation = simulation
         state = snapshot.take(self._world)
         self._open = True
         self._follow_ports()
-        self._look()
+        self._queue.extend(self._looker.look())
         simulation.observe(self)
         return state
 
     def write_from(self, state: Snapshot) -> None:
-        """Write the state with which it begins, and from now on what was queued behind it. Any thread, which waits for the disk.
+        """Write the state with which the recording begins, and start to write the queue. On any thread; it waits for the disk.
 
         Raises:
             OSError: the file cannot be written.
@@ -166,47 +167,51 @@ class Recorder:
         log.info("recording to %s", self.path)
 
     def end(self) -> None:
-        """Follow no more; the state is the last of the recording. Simulation thread between two ticks, or when that has ended."""
+        """Stop observing; the current state becomes the last of the recording. On the simulation thread between two ticks, or after its end."""
         if not self._open:
             return
         self._open = False
         if self._simulation is not None:
             self._simulation.observe(None)
         if not self._error:
-            self._look()
+            self._queue.extend(self._looker.look())
             self._queue.append(State(self._next_index(), self._world.t_ns, snapshot.take(self._world), is_last=True))
 
     def close(self) -> None:
-        """Write what waits, and the end of the file. After `end`; any thread, which waits for the disk."""
+        """Write the rest of the queue and the end of the file. After `end`, on any thread; it waits for the disk."""
         self._ending.set()
-        if self._thread.ident is None:  # it could not even begin
+        if self._thread.ident is None:  # the thread was never started
             self._output.close()
             return
         written = -1
         while self._thread.is_alive() and written != (written := self._output.samples + self._output.requests):
             self._thread.join(CLOSE_TIMEOUT_S)
         if self._thread.is_alive():
-            log.warning("%s is incomplete: the disk does not answer; it can be read up to its last chunk", self.path)
+            log.warning(
+                "%s is incomplete, because the disk does not respond; it can be read up to its last chunk", self.path
+            )
         if self._dropped:
             total = self._dropped + self._output.samples
             log.warning(
-                "%d of %d samples are missing in %s: it was written too slowly; a replay is not affected",
+                "%d of %d samples are missing in %s, because it was written too slowly; a replay is not affected",
                 self._dropped, total, self.path,
             )  # fmt: skip
 
-    # -- how it stands --------------------------------------------------------------------------------------------------------------
+    # -- status ---------------------------------------------------------------------------------------------------------------------
 
     @property
     def is_complete(self) -> bool:
-        """Whether all was written that a replay needs, to the very end. Known after `running`, or `close`."""
+        """Return whether everything that a replay needs was written, up to the end. Known after `running`, or `close`."""
         return self._finished
 
     def abandon(self, reason: str) -> None:
-        """Give the recording up: what was written stays, and the last state is not added."""
-        self._fail(reason)
+        """End the recording early, unless that has happened already. What was written stays; the last state is not added. On any thread."""
+        if not self._error:
+            self._error = reason
+            log.error("recording to %s ended: %s; the world continues without it", self.path, reason)
 
     def status(self) -> dict[str, Json]:
-        """For ``world/status``: file, whether it is still written, since when, what is in it, what is missing, and why it ended early."""
+        """Return the part of ``world/status`` about the recording: its file, progress, losses, and why it ended early."""
         output = self._output
         return {
             "path": str(self.path),
@@ -228,12 +233,12 @@ class Recorder:
             self._queue.append(tuple(samples))
 
     def put_told(self, told: Told) -> None:
-        """Queue those of some ticks, as rows: nobody makes them before they are written."""
+        """Queue the samples of a few ticks as rows; samples are made of them only when they are written."""
         if self._has_room(len(told)):
             self._queue.append(told)
 
     def _has_room(self, count: int) -> bool:
-        """Whether so many samples can wait; they are counted."""
+        """Return whether so many samples can be queued, and count them."""
         if self._error:
             return False
         if self._full(MAX_SAMPLES) and not self._may_wait():
@@ -254,38 +259,35 @@ class Recorder:
         if not self._open or self._error:
             return
         if self._requests_put - self._output.requests >= MAX_REQUESTS:
-            self._fail(
+            self.abandon(
                 f"{MAX_REQUESTS} commands and calls wait to be written: they come faster than the recorder can write"
             )
             return
         self._requests_put += 1
-        if item.source != BEGIN:  # of a saved state from which a run begins nobody hears
+        if item.source != BEGIN:  # loading the saved state with which a run begins is not a jump of time
             self._looker.begin()
         self._follow_ports()
         self._queue.append(Request.of(item, self._next_index(), batch, tick))
 
     def ticked(self, world: World) -> None:
-        """Queue the state each simulated second; wait for the writer where nobody waits for the tick."""
+        """Queue the state every simulated second. Wait for the writer if ticks are not paced by the wall clock."""
         if not self._open or self._error:
             return
-        self._follow_ports()  # before the loop has any sample of this tick
-        self._look()
+        self._follow_ports()  # before the loop gets samples of this tick
+        self._queue.extend(self._looker.look())
         if world.tick % self._second == 0:
             self._queue.append(State(self._next_index(), world.t_ns, snapshot.take(world)))
         while self._may_wait() and self._full(MAX_SAMPLES // 2) and self._open and not self._error:
             self._ending.wait(_BACKPRESSURE_S)
 
     def next_tick(self, tick: int) -> int:
-        """The next one of which it keeps a state, or where bodies are."""
+        """Return the next tick at which a state hash or poses are recorded."""
         return min(tick + self._second - tick % self._second, self._looker.next_tick(tick))
 
     def _follow_ports(self) -> None:
         if self._world.ports is not self._seen:
             self._seen = self._world.ports
             self._queue.append(Ports(self._seen))
-
-    def _look(self) -> None:
-        self._queue.extend(self._looker.look())
 
     def _next_index(self) -> int:
         index, self._index = self._index, self._index + 1
@@ -297,14 +299,9 @@ class Recorder:
         return self._samples_put - self._output.samples >= limit
 
     def _may_wait(self) -> bool:
-        """Whether ticks are not paced by the wall clock: another mode, or steps of a paused world."""
+        """Return whether ticks may wait for the writer, because the wall clock does not pace them: in other modes, or while the world is paused."""
         simulation = self._simulation
         return simulation is not None and (simulation.timing.mode != "realtime" or simulation.paused)
-
-    def _fail(self, text: str) -> None:
-        if not self._error:
-            self._error = text
-            log.error("recording to %s ended: %s; the world goes on without it", self.path, text)
 
     # -- the recorder's thread ------------------------------------------------------------------------------------------------------
 
@@ -312,18 +309,18 @@ class Recorder:
         try:
             self._write()
         except OSError as error:
-            self._fail(error.strerror or str(error))
+            self.abandon(error.strerror or str(error))
         except (TooManyChannels, Refused) as error:
-            self._fail(str(error))
+            self.abandon(str(error))
         except Exception as error:
-            self._fail(f"internal fault: {error}")
+            self.abandon(f"internal fault: {error}")
             log.exception("the recorder failed")
         finally:
             self._queue.clear()
             self._output.close()
 
     def _next(self) -> Item:
-        """What waits longest; rows of samples with those that follow them, which are written in one go."""
+        """Take the oldest item; rows of samples together with the rows after them, which are written in one go."""
         item = self._queue.popleft()
         while isinstance(item, Told) and self._queue and isinstance(later := self._queue[0], Told):
             together = item.followed_by(later)
@@ -337,19 +334,17 @@ class Recorder:
         time = SystemTime()
         flushed = time.now_ns()
         while not self._error:
-            # Asked before draining: what was queued before the end is still written.
+            # Read before the queue is emptied, so that everything that was queued before the end is written.
             ending = self._ending.is_set()
-            while self._queue and not self._error:
-                self._output.write(self._next())
-                now = time.now_ns()
-                if now - flushed >= CHUNK_NS:
+            while True:
+                if time.now_ns() - flushed >= CHUNK_NS:
                     self._output.flush()
-                    flushed = now
+                    flushed = time.now_ns()
+                if not self._queue or self._error:
+                    break
+                self._output.write(self._next())
             if ending:
                 self._output.finish()
                 self._finished = not self._error
                 return
-            if time.now_ns() - flushed >= CHUNK_NS:
-                self._output.flush()
-                flushed = time.now_ns()
             self._ending.wait(_DRAIN_S)

@@ -1,16 +1,15 @@
 """Runs a recording again and compares: the same requests at the same ticks must give the same states, bit for bit.
 
-From a time on something may be changed: then the recorded requests meet another world, whose states are not compared any more, and the run can be
-recorded as one of its own.
+The world may be changed from a given time on. The recorded requests then go to a different world, whose states are not compared any more, and the
+run can be recorded as a new one.
 """
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -42,13 +41,13 @@ UNCHANGED = Changes()
 
 @dataclass(frozen=True)
 class Difference:
-    """Where a replay first went another way than the recording.
+    """The first difference between a replay and the recording.
 
     Attributes:
-        tick: of the recorded entry.
+        tick: tick of the recorded entry.
         t_ns: its simulation time.
         index: running number of the entry.
-        expected, found: state hashes; for anything but a hash, what the entry says and what the world says.
+        expected, found: state hashes; if the entry is not a hash, descriptions of the recorded and of the replayed world.
     """
 
     tick: int
@@ -60,19 +59,19 @@ class Difference:
 
 @dataclass(frozen=True)
 class Replayed:
-    """What came of a replay.
+    """The result of a replay.
 
     Attributes:
-        ticks: run again.
-        requests: carried out again.
-        hashes: compared, and equal.
-        difference: the first one; None when all states are equal.
+        ticks: number of ticks that were run.
+        requests: number of requests that were carried out.
+        hashes: number of state hashes that were equal.
+        difference: the first difference; None when all states are equal.
         truncated: the recording has no end (its server was killed, or the disk was full); it was replayed as far as it goes.
-        recorded, here: versions of then and now.
-        changed_ns: simulation time from which on the world was another one; None for never.
-        end_ns: where it ended.
-        refused: how many requests the world refused from `changed_ns` on, and what it said of the first.
-        diverged: why the changed world could not go on; "" where it could.
+        recorded, here: software versions of the recording and of this process.
+        changed_ns: simulation time from which the world was changed; None if it never was.
+        end_ns: simulation time at the end.
+        refused: the number of requests that the world refused from `changed_ns` on, and the reason for the first.
+        diverged: why the changed world could not continue; "" if it could.
     """
 
     ticks: int
@@ -89,7 +88,7 @@ class Replayed:
 
     @property
     def changed_versions(self) -> dict[str, tuple[str, str]]:
-        """What is not as it was: name -> (then, now)."""
+        """Return the versions that differ: name -> (recorded, here)."""
         pairs = {
             name: (getattr(self.recorded, name), getattr(self.here, name))
             for name in Versions.__struct_fields__
@@ -106,19 +105,19 @@ def replay(
     to_s: float | None = None,
     record: Path | None = None,
 ) -> Replayed:
-    """Replay a recording as fast as possible. Needs no file but the recording, and no adapter.
+    """Replay a recording as fast as possible. It needs only the file of the recording, and no adapter.
 
     Args:
         path: of the recording.
-        extensions: the Python files of its scenario, which are not in it; they are run.
-        changes: of the world; up to their time it is the recorded one, bit for bit.
-        to_s: ends at this simulation time, s; None: with the recording.
-        record: file for the run as it goes here; it must not exist. A replay that fails or differs leaves none.
+        extensions: the Python files of its scenario, which are not in the recording; they are run.
+        changes: changes of the world; before their time the run is the recorded one, bit for bit.
+        to_s: simulation time at which the replay ends, s; None for the end of the recording.
+        record: a file for the new run, which does not exist yet. A replay that fails or differs leaves no file.
 
     Raises:
-        OSError: the file cannot be read, or the new one not written.
-        NotReplayable: it is no recording of ours, damaged, of a scenario that this version cannot build, or it ends before the changes begin.
-        BadChange: the world cannot be changed so.
+        OSError: the file cannot be read, or the new one cannot be written.
+        NotReplayable: it is not a recording of ours, is damaged, this version cannot build its scenario, or it ends before the changes begin.
+        BadChange: the changes are not possible.
     """
     with ExitStack() as stack:
         reading = stack.enter_context(Reading(path))
@@ -142,7 +141,7 @@ def replay(
 
 @contextlib.contextmanager
 def _recorded(record: Path, run: _Run, head: Head, about: Mapping[str, str]) -> Iterator[None]:
-    """Let a run be written into a new file, which goes again when it fails or differs."""
+    """Record a run into a new file, which is deleted if the run fails or differs."""
     recorder = Recorder(record, run.world, run.head.resolved)
     is_whole = has_begun = False
     try:
@@ -151,7 +150,7 @@ def _recorded(record: Path, run: _Run, head: Head, about: Mapping[str, str]) -> 
             yield
         is_whole = run.difference is None
     except OSError as error:
-        if error.strerror is None:  # it says all of it already
+        if error.strerror is None:  # the recorder made this error, and its text says everything
             raise
         raise OSError(f"cannot record to {record}: {error.strerror}") from error
     finally:
@@ -166,10 +165,10 @@ def _listed(changes: Changes) -> str:
 
 def _head(path: Path, record: Mapping[str, str], more: More) -> Head:
     if SERVED in record:
-        text = "it was recorded from outside, by `uwserver record`: the scenario and the commands are not in it"
-        raise NotReplayable(f"{path}: {text}; `uwserver run --record` has them")
+        text = "`uwserver record` recorded it from outside, without the scenario and the commands"
+        raise NotReplayable(f"{path}: {text}; use `uwserver run --record`, which records them")
     if ESTIMATED in record:
-        raise NotReplayable(f"{path}: an estimator made it of {record[ESTIMATED]}: replay that")
+        raise NotReplayable(f"{path}: an estimator made it from {record[ESTIMATED]}: replay that recording")
     try:
         return head_of(record, more)
     except ValueError as error:
@@ -177,7 +176,7 @@ def _head(path: Path, record: Mapping[str, str], more: More) -> Head:
 
 
 def kinds_of_extensions(extensions: Sequence[Path]) -> More:
-    """Kinds of a recording's extensions; runs their files. Raises NotReplayable."""
+    """Return the kinds of a recording's extensions, whose files are run. Raises NotReplayable."""
     problems: list[str] = []
     names = [str(path) for path in extensions]
     more = extension_kinds(
@@ -194,26 +193,26 @@ def _built(head: Head, is_changed: bool) -> World:
     except ValueError as error:
         if not is_changed:
             raise
-        raise BadChange(f"a world cannot be built so: {error}") from error
+        raise BadChange(f"the changed world cannot be built: {error}") from error
 
 
 class _Run:
-    """A world that follows the entries of a recording.
+    """A world that repeats the entries of a recording.
 
     Attributes:
-        head: what the world was built from.
-        world: it.
-        recorder: writes what it does; None where nobody wants it.
-        difference: from the recording, before anything was changed.
+        head: the head from which the world was built.
+        world: the world.
+        recorder: records the new run; None if it is not recorded.
+        difference: the first difference from the recording before any change.
     """
 
     def __init__(self, path: Path, recorded: Head, changed: Head, changes: Changes, to_s: float | None) -> None:
         head = recorded if changes.from_s > 0.0 else changed
         self._path, self.head, self._changes, self._changed_head = path, head, changes, changed
-        # Contacts of another engine may differ in their last bits.
+        # Another engine's contacts may differ in their last bits.
         missing = missing_engine(head.resolved.scenario.world.engine, instead=False) if head.resolved.is_solid else None
         if missing is not None:
-            raise NotReplayable(f"{path}: its contacts cannot be found again here: {missing}")
+            raise NotReplayable(f"{path}: its contacts cannot be computed here: {missing}")
         self.world: World = _built(head, is_changed=head is changed and bool(changes))
         self.world.want(())
         rate = physics_rate(recorded.resolved.scenario.world.rate_hz)
@@ -224,30 +223,29 @@ class _Run:
         self._next_index: int | None = 0
         self._from = self.world.ticks.at(changes.from_s)
         self._last = None if to_s is None else self.world.ticks.at(to_s)
-        self._pending = bool(changes)
-        self._is_over = False
+        self._has_pending_changes = bool(changes)
+        self._has_reached_last = False
         self.changed_ns: int | None = None
         self._refused, self._first_refusal, self._diverged = 0, "", ""
         self.ticks = self.requests = self.hashes = 0
         self.difference: Difference | None = None
 
     def begin(self, state: bytes) -> None:
-        """Stand where the recording begins; `state` is that of a later part, b"" for the start of the scenario."""
+        """Go to the begin of the recording. `state` is the state with which it begins, b"" for the start of the scenario."""
         if self.recorder is not None:
             self.world.want(None)
         if state:
             if self._changes.settings and self._from == 0:
-                raise BadChange(f"{self._path}: its run had begun before: change it --from a time after its own begin")
+                raise BadChange(f"{self._path}: it begins during a run: give a --from after its begin")
             self._next_index = None
-            self._carry([Call("world/load", in_one_piece(state), "begin")], self._must_load)
-        if self._pending and self._from == 0:
+            fault = self._call(Call("world/load", in_one_piece(state), "begin"))
+            if fault is not None:
+                raise NotReplayable(f"{self._path}: the state it begins with cannot be loaded: {fault.text}")
+        if self._has_pending_changes and self._from == 0:
             self._change()
 
-    def _must_load(self, fault: Fault) -> None:
-        raise NotReplayable(f"{self._path}: the state it begins with cannot be loaded: {fault.text}")
-
     def follow(self, entry: Request | StateHash) -> bool:
-        """Go on to the tick of the entry; carry it out or compare. False: there is nothing more to do."""
+        """Advance to the tick of an entry, and carry it out or compare it; return False when nothing is left to do."""
         if self._next_index is None:
             self._next_index = entry.index
         if self._has_other_ticks:
@@ -259,37 +257,35 @@ class _Run:
         self._next_index += 1
         if self._batch and not (isinstance(entry, Request) and entry.batch == self._batch[0].batch):
             self.carry_out()
-        if self._pending and entry.tick - isinstance(entry, StateHash) >= self._from:
+        # A hash is taken at the end of its tick, a request is carried out at the start.
+        if self._has_pending_changes and entry.tick - isinstance(entry, StateHash) >= self._from:
             if not self._advance(self._from, entry):
                 return False
             self._change()
         if self._last is not None and entry.tick > self._last:
             self._advance(self._last, entry)
-            self._is_over = True
+            self._has_reached_last = True
             return False
         if not self._advance(entry.tick, entry):
             return False
         if isinstance(entry, Request):
             self._batch.append(entry)
         elif self.changed_ns is None:
-            self._compare(entry)
-        return self.difference is None
-
-    def _compare(self, entry: StateHash) -> None:
-        found = snapshot.take(self.world).hash()
-        if found == entry.hash:
+            found = snapshot.take(self.world).hash()
+            if found != entry.hash:
+                self._differs(entry, entry.hash, found)
+                return False
             self.hashes += 1
-        else:
-            self._differs(entry, entry.hash, found)
+        return True
 
     def end(self) -> None:
-        """All entries are done. Raises NotReplayable where the changes were still to come."""
-        if self._pending and self.difference is None:
+        """End the run after all entries. Raises NotReplayable if the time of the changes was not reached."""
+        if self._has_pending_changes and self.difference is None:
             end = self.world.t_ns / NANOSECONDS
             raise NotReplayable(f"{self._path}: it ends at {end:g} s, before --from {self._changes.from_s:g}")
 
     def carry_out(self) -> None:
-        """Carry out the batch that was collected; without a tick, for the recorded world may have been paused. If it ran, its tick follows."""
+        """Carry out the collected batch, without a tick, because the recorded world may have been paused. If it was not, its tick follows."""
         for request in self._batch:
             if request.service and request.service not in self.world.services and self.changed_ns is None:
                 text = f'{self._path}: tick {request.tick} calls "{request.service}", which this version of uwserver does not have'
@@ -307,28 +303,24 @@ class _Run:
             self._first_refusal = self._first_refusal or f"{self.world.t_ns / NANOSECONDS:g} s: {answer.fault.text}"
 
     def _change(self) -> None:
-        """Make the world another one, by calls that a recording of it holds; from the start on it was built so."""
-        self._pending = False
+        """Make the changes with calls, so that a recording contains them. A change from the start was made when the world was built."""
+        self._has_pending_changes = False
         self.changed_ns = self.world.t_ns
         changes = self._changes
         if self._from == 0:
             changes = Changes(calls=changes.calls)
-        calls = calls_for(changes, self._changed_head.resolved.scenario, self.world)
-        for call in calls:
-            self._carry([call], partial(self._must_change, call))
+        for call in calls_for(changes, self._changed_head.resolved.scenario, self.world):
+            fault = self._call(call)
+            if fault is not None:
+                raise BadChange(f"{call.service} at {self.world.t_ns / NANOSECONDS:g} s: {fault.text}")
 
-    def _must_change(self, call: Call, fault: Fault) -> None:
-        raise BadChange(f"{call.service} at {self.world.t_ns / NANOSECONDS:g} s: {fault.text}")
-
-    def _carry(self, calls: Sequence[Call], fail: Callable[[Fault], None]) -> None:
-        self._write_requests(calls)
+    def _call(self, call: Call) -> Fault | None:
+        """Call a service; return the fault if it is refused."""
+        self._write_requests([call])
         answers: list[Any] = []
-        for call in calls:
-            self.world.submit(call, answers.append)
+        self.world.submit(call, answers.append)
         self._flush()
-        for answer in answers:
-            if isinstance(answer, Reply) and answer.fault is not None:
-                fail(answer.fault)
+        return next((answer.fault for answer in answers if isinstance(answer, Reply)), None)
 
     def _flush(self) -> None:
         output = self.world.flush()
@@ -353,9 +345,13 @@ class _Run:
             recorder.drain()
 
     def _advance(self, tick: int, entry: Request | StateHash) -> bool:
-        """Step to a tick, that of the entry or one before. False when the world cannot get there: with a difference, or as a changed one diverged."""
+        """Step to a tick, that of the entry or an earlier one.
+
+        Returns:
+            False when the world cannot get there, because it differs from the recording, or because the changed world diverged.
+        """
         world = self.world
-        # A recording has an entry each simulated second at least.
+        # A recording has at least one entry per simulated second.
         if tick - world.tick > 2 * max(1, round(world.rate_hz)):
             text = f"{self._path}: no entry between the ticks {world.tick} and {tick}: the file was changed after its recording"
             raise NotReplayable(text)
@@ -365,12 +361,12 @@ class _Run:
                 output = world.advance()
             except Diverged as error:
                 self._write(error.output)
-                # The recorded world stopped here as well if its next entry is of this tick.
                 if self.changed_ns is not None:
                     self._diverged = str(error)
                     return False
+                # If the next entry is at this tick, the recorded world stopped here too.
                 if world.tick != tick:
-                    self._differs(entry, f"a world that runs on to tick {tick}", str(error))
+                    self._differs(entry, f"a world that continues to tick {tick}", str(error))
                     return False
                 continue
             for on_reply, answer in output.replies:
@@ -378,11 +374,13 @@ class _Run:
             self._write(output, is_tick=True)
         if world.tick > tick:
             if self.changed_ns is not None:
-                self._diverged = f"the recording goes on at tick {tick}: what had set the time there was refused here"
+                self._diverged = (
+                    f"the recording continues at tick {tick}: the request that set the time there was refused here"
+                )
                 return False
             if tick != entry.tick:
                 raise NotReplayable(
-                    f"{self._path}: the run is at {world.t_ns / NANOSECONDS:g} s already when it begins"
+                    f"{self._path}: the recording begins at {world.t_ns / NANOSECONDS:g} s, which is later"
                 )
             self._differs(entry, f"a world at tick {entry.tick}", f"a world at tick {world.tick}")
             return False
@@ -392,8 +390,8 @@ class _Run:
         self.difference = Difference(entry.tick, self.world.ticks.time_of(entry.tick), entry.index, expected, found)
 
     def result(self, truncated: bool, recorded: Versions) -> Replayed:
-        """What came of it."""
+        """Return the result."""
         return Replayed(
-            self.ticks, self.requests, self.hashes, self.difference, truncated and not self._is_over, recorded, versions_here(),
+            self.ticks, self.requests, self.hashes, self.difference, truncated and not self._has_reached_last, recorded, versions_here(),
             self.changed_ns, self.world.t_ns, (self._refused, self._first_refusal), self._diverged,
         )  # fmt: skip

@@ -1,4 +1,4 @@
-"""JSON schemas of the channels of a recording: what a port's messages hold, with units and frames."""
+"""Makes the JSON schemas of the channels of a recording, with units and frames."""
 
 from __future__ import annotations
 
@@ -19,25 +19,19 @@ _JSON_TYPES = {
 
 
 def port_schema(port: Port) -> dict[str, Any]:
-    """JSON schema of the messages on a port's channel."""
+    """Return the JSON schema of the messages on a port's channel."""
     value = {"type": "object", "properties": {field.name: _field_schema(field) for field in port.fields}}
     integer = {"type": "integer"}
+    properties: dict[str, Any] = {"tick": integer, "source": {"type": "string"}, "value": value}
     if port.direction == "sensor":
-        properties = {
-            "seq": integer,
-            "t_ns": integer,
-            "t_sent_ns": integer,
-            "valid": {"type": "boolean"},
-            "value": value,
-        }
-    else:
-        properties = {"tick": integer, "source": {"type": "string"}, "value": value}
+        times = {"seq": integer, "t_ns": integer, "t_sent_ns": integer}
+        properties = {**times, "valid": {"type": "boolean"}, "value": value}
     return {"title": port.path, "description": port.doc, "type": "object", "properties": properties}
 
 
 def _field_schema(field: Field) -> dict[str, Any]:
     about = f"{field.doc}; unit {field.unit}" + (f"; frame {field.frame}" if field.frame else "")
-    # null where a sensor has no value.
+    # A sensor without a value writes null.
     scalar: dict[str, Any] = {"type": [_JSON_TYPES[field.type], "null"]}
     if field.is_packed:
         base64: dict[str, Any] = {"base64": {"type": "string", "contentEncoding": "base64"}}
@@ -59,7 +53,7 @@ def _field_schema(field: Field) -> dict[str, Any]:
 
 
 def schema_of(type_: type) -> dict[str, Any]:
-    """A flat JSON schema of a Struct, without references: not every viewer follows them."""
+    """Return the JSON schema of a Struct without references, which some viewers do not follow."""
     known = msgspec.json.schema(type_)["$defs"]
 
     def flat(node: Any) -> Any:

@@ -1,26 +1,26 @@
-"""Where all bodies are, and who they are: the channels of a recording from which a run is shown again without physics.
+"""The channels of a recording from which playback shows a run without physics: the poses of all bodies, and the list of bodies.
 
-``uwserver/states`` (message encoding ``uwserver-state``, little endian), at most `STATES_HZ` a second of simulation time and after each jump of
-time; one message is
+``uwserver/states`` (message encoding ``uwserver-state``, little endian) has at most `STATES_HZ` messages per second of simulation time, and one
+after each jump of time. A message contains
 
 ====  =========  ==========================================================================================================
- u32  revision   of the cast that it shows, as in ``uwserver/casts``
- u32  jumps      how often a reset or restore had set the time since the recording began
- u16  n          bodies: vehicles first, then objects, in the order of the cast
- u16  m          actuators of all vehicles
+ u32  revision   revision of the cast that it shows, as in ``uwserver/casts``
+ u32  jumps      number of resets and restores, which set the time, since the recording began
+ u16  n          number of bodies: vehicles first, then objects, in the order of the cast
+ u16  m          number of actuators of all vehicles
  i64  t_ns       simulation time
  f64  current    3: uniform part of the current, N, m/s
  f64  poses      n x 7: p_NB (m), q_NB (w x y z)
-  i8  achieved   m: what each actuator achieves, of -127..127 (`uwserver.ports.ActuatorView` says of what)
+  i8  achieved   m: output of each actuator, in 127ths of the full output (see `uwserver.ports.ActuatorView`)
 ====  =========  ==========================================================================================================
 
-``uwserver/casts`` (JSON, `CastRecord`): who is in the world, and which ports and services there are, at the start and whenever that changes. Ports
-and services are told as differences to the record before, so that a thousand bodies that come one by one need no million ports.
+``uwserver/casts`` (JSON, `CastRecord`) lists the bodies, ports and services of the world, at the start and at every change. Ports and services are
+written as differences from the record before; otherwise a thousand bodies that are added one by one would cost a million ports.
 
-``uwserver/jumps`` (JSON, `uwserver.ports.Event`): the events ``reset`` once more, so that a reader finds the places where time was set, and knows
-the n-th run between them, without reading the rest: what has ``jumps`` n belongs to it.
+``uwserver/jumps`` (JSON, `uwserver.ports.Event`) repeats the events ``reset``. A reader finds there the places where the time was set, without
+reading the rest. What has n ``jumps`` belongs to the n-th run between them, counted from 0.
 
-A message of states and casts may stand before samples of the same time in the file: they take a shorter way to it.
+In the file, states and casts may come before samples of the same time, because they reach the writer sooner.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ CASTS: Final = "uwserver/casts"
 JUMPS: Final = "uwserver/jumps"
 ENCODING: Final = "uwserver-state"
 STATES_HZ: Final = 30.0
-"""Most states a second of simulation time: as many as a page draws."""
+"""Largest number of states per second of simulation time: the number of frames that a page draws."""
 
 T = TypeVar("T")
 
@@ -50,11 +50,11 @@ LAYOUT: Final = (
     "little endian: u32 revision, u32 jumps, u16 n, u16 m, i64 t_ns, f64[3] current (N, m/s), "
     "f64[n][7] p_NB (m) and q_NB (w x y z) of each body of the cast, i8[m] what the actuators achieve of -127..127"
 )
-"""What the schema of the channel says."""
+"""Text of the channel's schema."""
 
 
 class Body(Struct, frozen=True):
-    """Who is in the world: name, what of the scenario it is a copy of, and the name of the vehicle's file ("object" for none)."""
+    """A body in the world: its name, the entry of the scenario of which it is a copy, and the name of the vehicle file ("object" for none)."""
 
     name: str
     like: str
@@ -62,7 +62,7 @@ class Body(Struct, frozen=True):
 
 
 class ArgumentRecord(Struct, frozen=True, omit_defaults=True):
-    """A `uwserver.ports.Argument`, which has a recursive type that decoders do not know."""
+    """A `uwserver.ports.Argument`. That class has a recursive type, which msgspec cannot decode."""
 
     name: str
     type: Literal["float", "int", "bool", "str", "json"]
@@ -87,13 +87,13 @@ class ServiceRecord(Struct, frozen=True, omit_defaults=True):
 
     @classmethod
     def of(cls, service: Service) -> ServiceRecord:
-        """The record of a service."""
+        """Return the record of a service."""
         arguments = tuple(ArgumentRecord(**structs.asdict(argument)) for argument in service.arguments)
         return cls(service.path, service.doc, arguments, service.reads_only, service.long_running)
 
     @property
     def service(self) -> Service:
-        """The service itself."""
+        """Return the service."""
         arguments = tuple(Argument(**structs.asdict(argument)) for argument in self.arguments)
         return Service(self.path, self.doc, arguments, self.reads_only, self.long_running)
 
@@ -102,13 +102,13 @@ class CastRecord(Struct, frozen=True, omit_defaults=True):
     """One message of ``uwserver/casts``.
 
     Attributes:
-        revision: by which states name it.
-        jumps: as of a state.
-        tick, t_ns: behind which it holds.
-        vehicles, objects: all of them, in the order of the states.
-        ports, services: those that are new or others than before.
-        ports_gone, services_gone: paths of those that are there no more.
-        water: where it is not what it was.
+        revision: number by which states name the cast.
+        jumps: as in a state.
+        tick, t_ns: the cast is valid from the end of this tick.
+        vehicles, objects: all bodies, in the order of the states.
+        ports, services: new and changed ones.
+        ports_gone, services_gone: paths of removed ones.
+        water: only if it changed.
     """
 
     revision: int
@@ -124,7 +124,7 @@ class CastRecord(Struct, frozen=True, omit_defaults=True):
     water: WaterView | UnsetType = UNSET
 
     def renamed(self, rename: Callable[[str], str]) -> CastRecord:
-        """The same with other paths and names."""
+        """Return a copy with renamed paths and names."""
         return structs.replace(
             self,
             vehicles=tuple(structs.replace(body, name=rename(body.name)) for body in self.vehicles),
@@ -137,18 +137,18 @@ class CastRecord(Struct, frozen=True, omit_defaults=True):
 
     @property
     def cast(self) -> Cast:
-        """As a `SceneState` names it."""
+        """Return the cast to which a `SceneState` refers."""
         vehicles, objects = (tuple(Present(b.name, b.like) for b in group) for group in (self.vehicles, self.objects))
         return Cast(self.revision, vehicles, objects)
 
 
 class Presence(Struct, frozen=True):
-    """Who and what was there after a tick, taken between two ticks; nothing in it changes later.
+    """The bodies, ports and services after a tick. It is taken between two ticks, and nothing in it changes later.
 
     Attributes:
-        jumps: as of a state.
-        models: name of the vehicle's file of each body.
-        water: None where it is what it was.
+        jumps: as in a state.
+        models: name of the vehicle file of each body.
+        water: None if it did not change.
     """
 
     cast: Cast
@@ -161,44 +161,43 @@ class Presence(Struct, frozen=True):
     water: WaterView | None = None
 
     def since(self, before: Presence | None) -> CastRecord:
-        """The record of what has changed; all of it where there was none before."""
+        """Return the record of the changes since another presence; of everything without one."""
         ports, ports_gone = _changes({} if before is None else before.ports, self.ports)
         services, services_gone = _changes({} if before is None else before.services, self.services)
-        bodies = [
+        vehicles, objects = (
             tuple(Body(b.name, b.like, self.models[b.name]) for b in group)
             for group in (self.cast.vehicles, self.cast.objects)
-        ]
+        )
         return CastRecord(
-            self.cast.revision, self.jumps, self.tick, self.t_ns, bodies[0], bodies[1],
+            self.cast.revision, self.jumps, self.tick, self.t_ns, vehicles, objects,
             ports, ports_gone, tuple(map(ServiceRecord.of, services)), services_gone, UNSET if self.water is None else self.water,
         )  # fmt: skip
 
 
 def _changes(before: Mapping[str, T], after: Mapping[str, T]) -> tuple[tuple[T, ...], tuple[str, ...]]:
-    if before is after:
+    if before is after:  # the usual case, and there may be thousands of ports
         return (), ()
     new = tuple(entry for path, entry in after.items() if before.get(path) is not entry)
     return new, tuple(path for path in before if path not in after)
 
 
 class Seen(Struct, frozen=True):
-    """Where all bodies are, and how often time had been set before."""
+    """The poses of all bodies, and the number of jumps of time before."""
 
     jumps: int
     state: SceneState
 
 
 def state_message(seen: Seen) -> bytes:
-    """A state as a message of the channel."""
+    """Return a state as a message of the channel."""
     state = seen.state
-    head = _HEAD.pack(
-        state.cast.revision, seen.jumps, len(state.poses), len(state.achieved), state.t_ns, *state.current
-    )
+    counts = len(state.poses), len(state.achieved)
+    head = _HEAD.pack(state.cast.revision, seen.jumps, *counts, state.t_ns, *state.current)
     return b"".join((head, state.poses.astype("<f8").tobytes(), state.achieved.tobytes()))
 
 
 def time_of_state(data: bytes) -> tuple[int, int]:
-    """Jumps and time (ns) of a message of the channel; (0, 0) of one that is none."""
+    """Return jumps and time (ns) of a message of the channel; (0, 0) for a damaged message."""
     if len(data) < _HEAD.size:
         return 0, 0
     _, jumps, _, _, t_ns, *_ = _HEAD.unpack_from(data)
@@ -206,24 +205,24 @@ def time_of_state(data: bytes) -> tuple[int, int]:
 
 
 def read_state(data: bytes, casts: Mapping[int, Cast]) -> Seen:
-    """A message of the channel read back.
+    """Read a message of the channel.
 
     Args:
-        data: of the message.
+        data: the message.
         casts: by revision.
 
     Raises:
-        ValueError: it is not as long as it says, or of a cast that nobody has told.
+        ValueError: the length is not what the head says, or the cast is unknown.
     """
     if len(data) < _HEAD.size:
         raise ValueError(f"a state of {len(data)} bytes has no head")
     revision, jumps, bodies, actuators, t_ns, *current = _HEAD.unpack_from(data)
     end = _HEAD.size + bodies * _POSE * 8
     if len(data) != end + actuators:
-        raise ValueError(f"a state of {bodies} bodies and {actuators} actuators has not {len(data)} bytes")
+        raise ValueError(f"a state of {bodies} bodies and {actuators} actuators cannot have {len(data)} bytes")
     cast = casts.get(revision)
     if cast is None or len(cast.vehicles) + len(cast.objects) != bodies:
-        raise ValueError(f"a state of {bodies} bodies names the cast {revision}, which is not in the file")
+        raise ValueError(f"a state of {bodies} bodies refers to the cast {revision}, which is not in the file")
     poses = np.frombuffer(data, "<f8", bodies * _POSE, _HEAD.size).reshape(bodies, _POSE)
     achieved = np.frombuffer(data, np.int8, actuators, end)
     return Seen(jumps, SceneState(cast, t_ns, poses, achieved, tuple(current)))

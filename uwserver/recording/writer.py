@@ -1,4 +1,4 @@
-"""Writes a recording's MCAP file: the format is told in `uwserver.recording.format`."""
+"""Writes the MCAP file of a recording, in the format that `uwserver.recording.format` describes."""
 
 from __future__ import annotations
 
@@ -22,28 +22,30 @@ from uwserver.recording.schemas import port_schema, schema_of
 from uwserver.recording.states import CASTS, ENCODING, JUMPS, LAYOUT, STATES, Presence, Seen, state_message
 
 MAX_CHANNELS = 65_535
-"""Of an MCAP file, which has 16 bits for their numbers."""
+"""Largest number of channels; MCAP has 16 bits for their numbers."""
 TOGETHER = 512
-"""Samples that are encoded in one go."""
+"""Number of samples that are encoded in one go."""
+_SEQUENCE = 0xFFFFFFFF
+"""MCAP has 32 bits for the sequence number; the message itself contains the whole number."""
 _PLAIN = frozenset(("float", "int", "bool"))
 CHUNK_BYTES = 256 * 1024
-"""A chunk is written at the latest when it has grown to this."""
+"""A chunk is written as soon as it reaches this size."""
 
 
 class TooManyChannels(Exception):
-    """A recording has no number left for the channel of a port; the text says so."""
+    """A recording has no channel number left for a port; the text says so."""
 
 
 @dataclass(slots=True)
 class _Kind:
-    """A port of one direction and these fields, and its channel: 0 before its first message."""
+    """A port with its direction and fields, and the number of its channel: 0 before its first message."""
 
     port: Port
     channel: int = 0
 
 
 class _Message(msgspec.Struct, frozen=True, gc=False):
-    """A sample as JSON has it; `value` is a struct of the fields of its port, which is encoded sooner than a dictionary."""
+    """A sample as it is written in JSON; `value` is a struct of the port's fields, which is encoded faster than a dictionary."""
 
     seq: int
     t_ns: int
@@ -53,19 +55,20 @@ class _Message(msgspec.Struct, frozen=True, gc=False):
 
 
 _Row = tuple[int, int, Callable[..., msgspec.Struct]]
-"""How samples of a stream are encoded: channel of its port, number of its fields, and what makes the value of a message of theirs."""
+"""How samples of a stream are encoded: channel of the port, number of its fields, and the class of the message's value."""
 
 
 class RecordingWriter:
-    """Turns what happened into records of an open file. Used by one thread at a time.
+    """Writes samples, requests, events and states as records of an open file. Only one thread may use it at a time.
 
     Args:
         file: an empty binary file, opened for writing.
         head: the metadata record.
-        foxglove: makes what is written for other viewers; None for nothing.
-        ports: what is known at the start; a later one gets its channel with its first message, and a name that goes to another kind a new one.
+        foxglove: makes the messages for other viewers; None for no such messages.
+        ports: the ports at the start. A later port gets a channel with its first message; a port path that is used again for other fields gets a new
+            channel.
 
-    Every method raises OSError when the file cannot be written, and TooManyChannels when a port finds no number for its channel.
+    Every method raises OSError when the file cannot be written, and TooManyChannels when no channel number is left.
     """
 
     def __init__(
@@ -74,7 +77,7 @@ class RecordingWriter:
         encoder = msgspec.json.Encoder()
         self._encode, self._encode_lines = encoder.encode, encoder.encode_lines
         self._of_name: dict[str, list[_Kind]] = {}
-        self._count = 1  # the states
+        self._count = 1  # the channel of states, which is registered directly
         self._writer = ChunkedFile(file, f"uwserver {__version__}", CHUNK_BYTES)
         self._writer.add_metadata(METADATA, head)
         self._events = self._channel(EVENTS, "uwserver.Event", schema_of(Event))
@@ -96,9 +99,9 @@ class RecordingWriter:
         self.flush()
 
     def sample(self, sample: Sample, ports: Mapping[str, Port]) -> None:
-        """One sample on the channel of its port."""
+        """Write a sample on the channel of its port."""
         kinds = self._kinds(ports[sample.port])
-        # One that comes late, when another kind has its name already, is of an earlier one.
+        # A late sample may belong to an earlier port of this path, if another port has taken the path meanwhile.
         fits = [k for k in kinds if k.port.direction == "sensor" and len(k.port.fields) == len(sample.value)]
         kind = fits[-1] if fits else kinds[-1]
         message = {
@@ -108,15 +111,14 @@ class RecordingWriter:
             "valid": sample.valid,
             "value": dict(zip([field.name for field in kind.port.fields], sample.value, strict=True)),
         }
-        # MCAP has 32 bits for the sequence; the message itself holds the whole number.
-        self._add(self._number(kind), sample.t_sent_ns, message, sample.t_ns, sample.seq & 0xFFFFFFFF)
+        self._add(self._number(kind), sample.t_sent_ns, message, sample.t_ns, sample.seq)
         if self._foxglove is not None:
             shown = self._foxglove.of_sample(sample, ports[sample.port])
             if shown is not None:
                 self._add_foreign(shown)
 
     def rows(self, told: Told, ports: Mapping[str, Port]) -> None:
-        """Samples as rows, each on the channel of its port: those of numbers alone are encoded in one go."""
+        """Write samples that come as rows, each on the channel of its port. Samples that contain only numbers are encoded in one go."""
         if told.origins is not self._origins:
             self._origins, self._row_of = told.origins, {}
         for part in told.parts(TOGETHER):
@@ -129,8 +131,7 @@ class RecordingWriter:
         for (t_sent_ns, _, stream, seq, t_ns, valid, _), values in zip(entries, told.values(entries), strict=True):
             row = rows[stream] if stream in rows else self._row(stream, ports)
             if row is not None and len(values) == row[1]:
-                # MCAP has 32 bits for the sequence; the message itself holds the whole number.
-                heads.append((row[0], seq & 0xFFFFFFFF, t_sent_ns, t_ns))
+                heads.append((row[0], seq & _SEQUENCE, t_sent_ns, t_ns))
                 messages.append(_Message(seq, t_ns, t_sent_ns, valid != 0, row[2](*values)))
             else:
                 self._add_rows(heads, messages)
@@ -140,11 +141,14 @@ class RecordingWriter:
 
     def _add_rows(self, heads: list[tuple[int, int, int, int]], messages: list[_Message]) -> None:
         if heads:
-            # A text holds no line's end as it is: JSON writes it in another way.
+            # Messages can be split at line feeds, because JSON escapes those in texts.
             self._writer.add_messages(heads, self._encode_lines(messages).split(b"\n"))
 
     def _row(self, stream: int, ports: Mapping[str, Port]) -> _Row | None:
-        """How a stream's samples are encoded in one go; None for one by one: pictures would be too much at once, and of some others see them, too."""
+        """Return how the samples of a stream are encoded in one go.
+
+        None means that they are written one by one: pictures, which are too large to be encoded together, and samples that other viewers see too.
+        """
         port = ports[self._origins[stream].path]
         kind = self._kinds(port)[-1]
         names = [field.name for field in port.fields]
@@ -158,26 +162,25 @@ class RecordingWriter:
         return row
 
     def request(self, request: Request, t_ns: int, ports: Mapping[str, Port]) -> None:
-        """One request, carried out at t_ns; a command also on the channel of its port, to be plotted."""
-        self._add(self._requests, t_ns, request, t_ns, request.index & 0xFFFFFFFF)
-        # One that was sent to another kind of the same name is in the requests alone.
-        if request.port in ports and len(request.value) == len(ports[request.port].fields):
-            port = ports[request.port]
-            channel = self._number(self._kinds(port)[-1])
-            # Of a command one number alone is a tuple too; on the channel it is what the schema says.
+        """Write a request that was carried out at t_ns; a command also on the channel of its port, for plots."""
+        self._add(self._requests, t_ns, request, t_ns, request.index)
+        # A command to an earlier port with other fields is written as a request only.
+        port = ports.get(request.port)
+        if port is not None and len(request.value) == len(port.fields):
+            # In a command a single number is a tuple too; on the channel it is a number, as the schema says.
             value = {
                 field.name: given[0] if isinstance(given, tuple) and not field.shape else given
                 for field, given in zip(port.fields, request.value, strict=True)
             }
             message = {"tick": request.tick, "source": request.source, "value": value}
-            self._add(channel, t_ns, message, t_ns, request.index & 0xFFFFFFFF)
+            self._add(self._number(self._kinds(port)[-1]), t_ns, message, t_ns, request.index)
 
     def hash(self, entry: StateHash, t_ns: int) -> None:
-        """One state hash, taken at t_ns."""
-        self._add(self._hashes, t_ns, entry, t_ns, entry.index & 0xFFFFFFFF)
+        """Write a state hash that was taken at t_ns."""
+        self._add(self._hashes, t_ns, entry, t_ns, entry.index)
 
     def event(self, event: Event) -> None:
-        """One event."""
+        """Write an event."""
         self._add(self._events, event.t_ns, event, event.t_ns)
         if event.event == "reset":
             self.jumps_told += 1
@@ -185,7 +188,7 @@ class RecordingWriter:
         self._show(event)
 
     def presence(self, presence: Presence) -> None:
-        """Who and what is there from here on."""
+        """Write the bodies, ports and services from here on."""
         record = presence.since(self.told)
         water = presence.water or (None if self.told is None else self.told.water)
         self.told = structs.replace(presence, water=water)
@@ -193,70 +196,69 @@ class RecordingWriter:
         self._show(presence)
 
     def state(self, seen: Seen) -> None:
-        """Where all bodies are; of a cast that was told by `presence`."""
+        """Write the poses of all bodies. `presence` must have written their cast before."""
         t_ns = seen.state.t_ns
         self._writer.add_message((self._states, 0, t_ns, t_ns), state_message(seen))
         self._show(seen.state)
 
     def _show(self, item: Presence | SceneState | Event) -> None:
-        """Let other viewers see it, too."""
+        """Write an item for other viewers too."""
         if self._foxglove is not None:
             for message in self._foxglove.of(item):
                 self._add_foreign(message)
 
     def _add_foreign(self, message: Foreign) -> None:
-        """A message in Foxglove's schemas, on the channel of its topic."""
-        key = (message.topic, message.schema)
-        channel = self._foreign.get(key)
-        if channel is None:
-            if message.schema not in self._foreign_schemas:
-                data = SCHEMAS[message.schema]
-                self._foreign_schemas[message.schema] = self._writer.register_schema(message.schema, "protobuf", data)
-            number = self._foreign_schemas[message.schema]
-            channel = self._foreign[key] = self._numbered(message.topic, "protobuf", number, {})
-        self._writer.add_message((channel, 0, message.t_ns, message.t_ns), message.data)
+        """Write a message in one of Foxglove's schemas on the channel of its topic."""
+        name, key = message.schema, (message.topic, message.schema)
+        if name not in self._foreign_schemas:
+            self._foreign_schemas[name] = self._writer.register_schema(name, "protobuf", SCHEMAS[name])
+        if key not in self._foreign:
+            self._foreign[key] = self._numbered(message.topic, "protobuf", self._foreign_schemas[name], {})
+        self._writer.add_message((self._foreign[key], 0, message.t_ns, message.t_ns), message.data)
 
     def begin_at(self, state: bytes) -> None:
-        """Say, before any message, with which state of the world a later part begins."""
+        """Write the state of the world with which a later part begins. Call it before any message is written."""
         self._writer.add_attachment(STATE, "application/msgpack", state)
 
     def follow(self, before: RecordingWriter, tick: int, t_ns: int) -> None:
-        """Go on where another writer ends, so that this file can be read alone: with its ports, whose late samples may still come, and with all who
-        are there. The jumps of the states that follow count on from those that it told."""
+        """Continue where another writer ends, so that this file can be read alone.
+
+        It gets the ports of the other writer, whose late samples may still come, the bodies that are there, and the number of jumps.
+        """
         self.know(before.known)
         self.jumps_told = before.jumps_told
         if before.told is not None:
             self.presence(structs.replace(before.told, jumps=before.jumps_told, tick=tick, t_ns=t_ns))
 
     def flush(self) -> None:
-        """End the chunk in progress and hand everything to the operating system."""
+        """End the chunk in progress and pass everything to the operating system."""
         self._writer.flush()
 
     def finish(self) -> None:
-        """Write index and statistics; nothing may follow."""
+        """Write the index and the statistics. Nothing can be written afterwards."""
         self._writer.finish()
 
     def _add(self, channel: int, log_time: int, message: object, publish_time: int, sequence: int = 0) -> None:
-        self._writer.add_message((channel, sequence, log_time, publish_time), self._encode(message))
+        self._writer.add_message((channel, sequence & _SEQUENCE, log_time, publish_time), self._encode(message))
 
     def know(self, ports: Iterable[Port]) -> None:
-        """Ports as they are from here on; samples of those before may still come."""
+        """Take over the ports from here on. Samples of earlier ports may still come."""
         self._row_of = {}
         for port in ports:
             self._kinds(port)
 
     @property
     def known(self) -> list[Port]:
-        """All that have had a name, the present one last: for the writer of the next part."""
+        """Return all ports so far, for the writer of the next part; of a path the current one comes last."""
         return [kind.port for kinds in self._of_name.values() for kind in kinds]
 
     def _kinds(self, port: Port) -> list[_Kind]:
-        """All that had this name; the present one is the last."""
+        """Return all ports that have had this path; the current one is the last."""
         kinds = self._of_name.setdefault(port.path, [])
         if not kinds or kinds[-1].port is not port:
             same = [k for k in kinds if (k.port.direction, k.port.fields) == (port.direction, port.fields)]
             kind = same[0] if same else _Kind(port)
-            kind.port = port  # with another rate, perhaps
+            kind.port = port  # it may have another rate
             kinds[:] = [*(each for each in kinds if each is not kind), kind]
         return kinds
 
@@ -274,12 +276,12 @@ class RecordingWriter:
 
     def _numbered(self, topic: str, encoding: str, schema: int, about: dict[str, str]) -> int:
         if self._count >= MAX_CHANNELS:
-            text = f"{self._count} ports of bodies that came and went have their channels, and MCAP knows no more"
-            raise TooManyChannels(f"{text}: give bodies names that were used before")
+            text = f"the ports of all bodies so far have {self._count} channels, the most that MCAP allows"
+            raise TooManyChannels(f"{text}: reuse the names of removed bodies")
         self._count += 1
         return self._writer.register_channel(topic, encoding, schema, about)
 
 
 def _is_name(text: str) -> bool:
-    """Whether a field can be one of a struct."""
+    """Return whether a struct can have a field of this name."""
     return text.isidentifier() and not keyword.iskeyword(text) and not text.startswith("__")

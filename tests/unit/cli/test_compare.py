@@ -90,7 +90,7 @@ def test_a_log_of_another_origin_is_told_what_compare_takes(pair: tuple[str, str
     (tmp_path / "dive.tlog").write_bytes(tlog(telemetry(1.0)))
     done = told(pair[0], str(tmp_path / "dive.tlog"))
     assert done.exit_code == 2
-    assert "dive.tlog: no MCAP file" in done.output
+    assert "dive.tlog: not an MCAP file" in done.output
     assert "compare takes what `uwserver run --record FILE`" in done.output
     assert "`uwserver play LOG --port 0 --paused`" in done.output
     assert "replay takes" not in done.output

@@ -26,9 +26,9 @@ from uwserver.scenario.load.tables import Scenario
         (["--speed", "fast"], 'is not a valid float range. Or say "max".'),
         (["--map", "rov"], "--map takes OLD=NEW"),
         (["--map", "rov/imu=x"], "--map takes OLD=NEW"),
-        (["--map", "auv=x"], 'nobody is called "auv"; there are: rov'),
+        (["--map", "auv=x"], 'no body has the name "auv"; there are: rov'),
         (["--from", "9"], "there is nothing from 9 s on"),
-        (["--from", "0.2", "--to", "0.1"], "nothing lies between"),
+        (["--from", "0.2", "--to", "0.1"], "the range from 0.2 to 0.1 s is empty"),
     ],
 )
 def test_what_cannot_be_is_refused_at_once(tmp_path: Path, arguments: list[str], text: str) -> None:
@@ -40,7 +40,11 @@ def test_what_cannot_be_is_refused_at_once(tmp_path: Path, arguments: list[str],
 
 @pytest.mark.parametrize(
     ("data", "text"),
-    [(None, "No such file"), (b"x", "as no log does that is read here"), (b"\x89MCAP0\r\n", "not one whole record")],
+    [
+        (None, "No such file"),
+        (b"x", "unknown format, the file begins with"),
+        (b"\x89MCAP0\r\n", "not one whole record"),
+    ],
 )
 def test_other_files_are_told(tmp_path: Path, data: bytes | None, text: str) -> None:
     path = tmp_path / "x.mcap"

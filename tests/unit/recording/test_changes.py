@@ -64,7 +64,7 @@ def test_values_are_those_of_toml():
     for bad in ("a", "=3", "a=[1", "a b=3", "a="):
         with pytest.raises(BadChange):
             setting(bad)
-    with pytest.raises(BadChange, match="are no JSON"):
+    with pytest.raises(BadChange, match="are not valid JSON"):
         asked("world/reset={")
     with pytest.raises(BadChange, match="an object"):
         asked("world/reset=3")
@@ -167,14 +167,14 @@ def test_any_service_is_called(run: Path, tmp_path: Path):
         ("vehicles.rv.position_ned_m=[0,0,1]", 0.0, r'no vehicle "rv" \(did you mean "rov"'),
         ("vehicles.rov.sensor.imu.rate_hz=60", 0.0, r'unknown key "sensor" \(did you mean "sensors"'),
         ("vehicles.rov.sensors.imu.rate_hz=7", 1.0, "7 Hz does not divide the physics rate"),
-        ("vehicles.rov.sensors.imu.modifiers={}", 1.0, "cannot change while the world runs: it can with --from 0"),
+        ("vehicles.rov.sensors.imu.modifiers={}", 1.0, "cannot change while the world runs, only with --from 0"),
         ("vehicles.rov.position_ned_m=[0,0,1]", 1.0, "cannot change while the world runs"),
-        ('seabed={kind="flat", depth_m=9}', 1.0, "seabed cannot change while the world runs: it can with --from 0"),
-        ("vehicles.rov.collision.hull.radius_m=1", 0.0, "shape is in the recording"),
+        ('seabed={kind="flat", depth_m=9}', 1.0, "seabed cannot change while the world runs, only with --from 0"),
+        ("vehicles.rov.collision.hull.radius_m=1", 0.0, "contains the shape of the vehicle as built"),
         ("vehicles.rov={}", 0.0, "cannot be replaced as a whole"),
         ("vehicles.rov.sensors.imu.rpy_deg=[0,0,9]", 0.0, r'on the mount "imu": change vehicles\.rov\.mounts\.imu\.rpy_deg'),
-        ("structures.wall.friction=1", 0.0, "structures are in the recording as they stood"),
-        ("adapters.tcp.port=1", 0.0, "a replay has no peers"),
+        ("structures.wall.friction=1", 0.0, "the recording contains the structures as built"),
+        ("adapters.tcp.port=1", 0.0, "a replay has no adapters"),
         ("vehicles.rov.autopilot.gains.depth_p.x=1", 0.0, "depth_p"),
         ('faults.f={kind="thruster_dead", target="rov/thruster"}', 1.0, "thruster"),
     ],

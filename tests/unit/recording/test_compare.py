@@ -102,7 +102,7 @@ def test_behind_a_reset_nothing_is_compared(resolved_with_truth, tmp_path: Path)
 
 def test_files_that_are_none_are_refused(run: Path, tmp_path: Path):
     (tmp_path / "b.mcap").write_bytes(b"hello")
-    with pytest.raises(NotReplayable, match="no MCAP file"):
+    with pytest.raises(NotReplayable, match="not an MCAP file"):
         compare(run, tmp_path / "b.mcap")
     with pytest.raises(OSError, match="No such file"):
         compare(tmp_path / "c.mcap", run)
@@ -111,15 +111,15 @@ def test_files_that_are_none_are_refused(run: Path, tmp_path: Path):
 def test_long_files_are_streamed(run: Path, monkeypatch: pytest.MonkeyPatch):
     """No list of all samples is ever there."""
     most = 0
-    settle = compare_module.Pairing.settle
+    pair = compare_module.Pairing.pair
 
     def counted(self, reached):
         nonlocal most
-        settle(self, reached)
+        pair(self, reached)
         most = max(most, *map(len, self._waiting))
 
-    monkeypatch.setattr(compare_module, "SETTLE_EVERY", 16)
-    monkeypatch.setattr(compare_module.Pairing, "settle", counted)
+    monkeypatch.setattr(compare_module, "PAIR_EVERY", 16)
+    monkeypatch.setattr(compare_module.Pairing, "pair", counted)
     compare(run, run)
     assert 0 < most < 40
 

@@ -21,7 +21,7 @@ def paired(column: Column, one: list, other: list, *, holds: bool = False, asks:
     for side, samples in enumerate((one, other)):
         for t_ns, value in samples:
             pairing.put(side, (t_ns, True, {column.name: value}))
-    pairing.settle(END)
+    pairing.pair(END)
     return pairing
 
 
@@ -99,7 +99,7 @@ def test_only_as_much_is_kept_as_pairing_needs():
         for k in range(5000):
             for side in sides:
                 pairing.put(side, (k * step, True, {"depth": 1.0}))
-            pairing.settle((k * step, k * step))
+            pairing.pair((k * step, k * step))
             most = max(most, *map(len, pairing._waiting))
         assert most <= 110
     assert pairing.pairs[0] >= 4999
@@ -109,5 +109,5 @@ def test_whether_they_are_valid_counts():
     pairing = Pairing((DEPTH,), False, 0)
     pairing.put(0, (1, True, {"depth": 1.0}))
     pairing.put(1, (1, False, {"depth": 1.0}))
-    pairing.settle(END)
+    pairing.pair(END)
     assert (pairing.valid.unequal, pairing.valid.first_ns) == (1, 1)

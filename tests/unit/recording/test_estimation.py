@@ -116,7 +116,7 @@ def test_in_the_midst_of_a_run_it_begins_with_what_was_believed_there(midst: Pat
 def test_the_world_of_a_run_that_had_begun_is_not_changed_at_its_start(midst: Path, tmp_path: Path):
     """Its state is one of the world as it was: that was told as a state of another scenario."""
     current = Changes((setting("environment.current.velocity_ned_mps=[0.3,0,0]"),))
-    with pytest.raises(BadChange, match="--from a time after"):
+    with pytest.raises(BadChange, match="give a --from after its begin"):
         replay(midst, changes=current, record=tmp_path / "new.mcap")
     assert not (tmp_path / "new.mcap").exists()
     assert replay(midst, changes=replace(current, from_s=4.0)).changed_ns == 4 * 10**9
@@ -149,7 +149,7 @@ def test_the_truth_is_as_far_as_geometry_says(dive: Path, tmp_path: Path):
 
 def test_the_new_recording_is_no_run(dive: Path, tmp_path: Path):
     estimate(dive, "rov", record=tmp_path / "e.mcap")
-    with pytest.raises(NotReplayable, match=r"an estimator made it of dive\.mcap: replay that"):
+    with pytest.raises(NotReplayable, match=r"an estimator made it from dive\.mcap: replay that"):
         replay(tmp_path / "e.mcap")
     assert set(compare(dive, tmp_path / "e.mcap").only[1]) == {"rov/estimate/state"}
 

@@ -114,4 +114,4 @@ def test_a_fault_of_ours_ends_these_channels_alone(
     event = foxglove.Event("paused", 0, 0, "x")
     assert list(channels.of(event)) == []
     assert list(channels.of(event)) == []
-    assert caplog.text.count("the recording itself goes on") == 1
+    assert caplog.text.count("the recording itself continues") == 1

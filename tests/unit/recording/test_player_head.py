@@ -42,7 +42,7 @@ def test_another_physics_does_not_matter() -> None:
     ("changes", "text"),
     [
         (None, "not written by"),
-        ({"format": "uwserver-recording-9", "uwserver": "7.1"}, "made by uwserver 7.1, in the format uwserver-recording-9"),
+        ({"format": "uwserver-recording-9", "uwserver": "7.1"}, "made by uwserver 7.1 in the format uwserver-recording-9"),
         ({"format": "uwserver-recording-2"}, f"this version plays {FORMAT}: play it with that version"),
         ({"scenario": "{"}, "the head of the recording is damaged"),
         ({"scenario": "[]"}, "the head of the recording is damaged"),

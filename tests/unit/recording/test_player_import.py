@@ -86,7 +86,7 @@ def test_a_mapping_gives_names_and_ports_in_si(log: Path, tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("data", "text"),
     [
-        (b"\0\1\2\3", "as no log does"),
+        (b"\0\1\2\3", "unknown format"),
         (b"", "empty"),
         (b"\x89MCAP0\r\n", "log"),
         (b"t_s,colour\n0,1\n1,2\n", "no mapping finds a pose or a port"),

@@ -103,8 +103,8 @@ def test_of_files_that_are_not_read_none_is_open(run: tuple[Path, Dive]) -> None
     chunks = PartChunks(run[0])
     for chunk in range(len(chunks.chunks)):
         assert chunks.messages(chunk)
-    assert len(chunks.parts) == 5
-    assert [file._file.closed for file in chunks._parts] == [True, True, True, True, False]
+    assert len(chunks._parts) == 5
+    assert [part.file._file.closed for part in chunks._parts] == [True, True, True, True, False]
     chunks.close()
 
 
@@ -112,5 +112,5 @@ def test_a_recording_in_one_file_has_its_channels_as_written(tmp_path: Path) -> 
     with Dive(tmp_path / "run.mcap", pool()) as dive:
         dive.go(20)
     chunks = PartChunks(tmp_path / "run.mcap")
-    assert chunks.channels == chunks._parts[0].channels
+    assert chunks.channels == chunks._parts[0].file.channels
     chunks.close()

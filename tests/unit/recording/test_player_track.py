@@ -137,7 +137,7 @@ def test_a_seek_unpacks_a_handful_of_chunks_of_a_long_file(tmp_path: Path, monke
     monkeypatch.setattr(writer_module, "CHUNK_BYTES", 2000)
     recorded(tmp_path / "x.mcap", ticks=960)
     track = Track(tmp_path / "x.mcap")
-    chunks = track._chunks._parts[0]
+    chunks = track._chunks._parts[0].file
     assert len(chunks.chunks) > 80
     unpacked: list[int] = []
     whole = chunks._unpacked
@@ -175,7 +175,7 @@ def test_names_are_changed_everywhere(run: tuple[Path, Dive]) -> None:
 
 
 def test_names_of_nobody_are_refused(run: tuple[Path, Dive]) -> None:
-    with pytest.raises(NotPlayable, match='nobody is called "auv"; there are: rov'):
+    with pytest.raises(NotPlayable, match='no body has the name "auv"; there are: rov'):
         Track(run[0], {"auv": "ghost"})
 
 

@@ -52,7 +52,7 @@ def test_a_damaged_one_is_told_with_its_place(run: Path):
 
 def test_another_file_is_refused(tmp_path: Path):
     (tmp_path / "a.txt").write_text("hello")
-    with pytest.raises(NotReplayable, match="no MCAP file"):
+    with pytest.raises(NotReplayable, match="not an MCAP file"):
         Reading(tmp_path / "a.txt")
     with pytest.raises(OSError, match="No such file"):
         head_record(tmp_path / "b")

@@ -346,9 +346,9 @@ def test_more_channels_than_the_format_has_end_the_recording_with_a_reason(
             bench.world.ports = bench.world.ports | {port.path: port}
             bench.recorder.ticked(bench.world)
             bench.recorder.put_samples([msgspec.structs.replace(SAMPLE, port=port.path, value=(1.0,))])
-    assert "give bodies names that were used before" in str(bench.recorder.status()["error"])
+    assert "reuse the names of removed bodies" in str(bench.recorder.status()["error"])
     assert not bench.recorder.is_complete
-    assert sum("the world goes on without it" in record.getMessage() for record in caplog.records) == 1
+    assert sum("the world continues without it" in record.getMessage() for record in caplog.records) == 1
     assert not any(record.exc_info for record in caplog.records), "it is no fault of ours"
 
 
@@ -386,7 +386,7 @@ def test_a_disk_that_fails_later_ends_the_recording_once(
         assert bench.recorder.status()["recording"] is False
     errors = [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR]
     assert len(errors) == 1
-    assert "ended: Input/output error; the world goes on" in errors[0]
+    assert "ended: Input/output error; the world continues" in errors[0]
 
 
 def test_no_thread_is_left(bench: Bench) -> None:
@@ -445,7 +445,7 @@ def test_a_part_that_is_missing_is_told_and_one_of_another_run_is_not_taken(path
     second, third = path.with_name("run.0002.mcap"), path.with_name("run.0003.mcap")
     kept = second.read_bytes()
     second.unlink()
-    with pytest.raises(NotReplayable, match=r"its part run\.0002\.mcap is missing, run\.0003\.mcap is there"):
+    with pytest.raises(NotReplayable, match=r"its part run\.0002\.mcap is missing, but run\.0003\.mcap exists"):
         replay(path)
     assert replay(third).difference is None
     second.write_bytes(kept)

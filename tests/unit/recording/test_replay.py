@@ -127,7 +127,8 @@ def test_a_service_that_is_no_more_is_told(resolved, tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("content", "told"), [(b"", "no MCAP file"), (b"hello world", "no MCAP file"), (b"\x89MCAP0\r\n", "not written by")]
+    ("content", "told"),
+    [(b"", "not an MCAP file"), (b"hello world", "not an MCAP file"), (b"\x89MCAP0\r\n", "not written by")],
 )
 def test_another_file_is_named(content: bytes, told: str, tmp_path: Path):
     path = tmp_path / "other.mcap"

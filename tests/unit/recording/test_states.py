@@ -59,7 +59,7 @@ def test_a_state_of_another_length_is_refused(length: int) -> None:
 
 
 def test_a_state_of_an_unknown_cast_is_refused() -> None:
-    with pytest.raises(ValueError, match="names the cast 3"):
+    with pytest.raises(ValueError, match="refers to the cast 3"):
         read_state(state_message(Seen(0, STATE)), {2: CAST})
 
 

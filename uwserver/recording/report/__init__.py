@@ -1,1 +1,1 @@
-"""A recording as one HTML page, or as pictures: where vehicles went, what their sensors told, and how far that was from the truth."""
+"""Reports on a recording, as one HTML page or as pictures: the tracks of the vehicles, the data of their sensors, and the errors of these data."""

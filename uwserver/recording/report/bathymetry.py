@@ -1,4 +1,4 @@
-"""The sea floor under the tracks as a picture from above, and the outlines of what stands there."""
+"""Draws the sea floor under the tracks as a picture from above, and finds the outlines of structures."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from uwserver.recording.report.columns import FloatArray
 from uwserver.scenario.scene.scenery import SEABED_NAME
 
 PIXELS = 640
-"""Of the longer side of the picture."""
+"""Length of the longer side of the picture."""
 _MOST_VERTICES = 200_000
-"""Of a surface that is no grid, to interpolate between."""
+"""Largest number of vertices that are interpolated, of a surface that is not a grid."""
 _MOST_CORNERS = 5_000
 _CIRCLE = 24
 
@@ -39,12 +39,14 @@ Area = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class SeaFloor:
-    """Attributes:
-    area: of the picture.
-    png: its bytes; north is up.
-    shallow, deep: depths of both ends of the colours, m.
-    contour: distance of the lines, m.
-    depths: (rows, columns) m, first row in the south; NaN where there is none.
+    """A picture of the sea floor.
+
+    Attributes:
+        area: area of the picture.
+        png: bytes of the picture; north is up.
+        shallow, deep: depths at both ends of the colour scale, m.
+        contour: depth between contour lines, m.
+        depths: (rows, columns) m, the first row in the south; NaN where there is no floor.
     """
 
     area: Area
@@ -55,7 +57,7 @@ class SeaFloor:
     depths: FloatArray
 
     def below(self, north: FloatArray, east: FloatArray) -> FloatArray:
-        """Depth of the floor at places; NaN beyond the picture."""
+        """Return the depth of the floor at places (n), m; NaN outside the picture."""
         south, top, west, right = self.area
         rows, columns = self.depths.shape
         i = np.rint((north - south) / (top - south) * (rows - 1)).astype(int)
@@ -67,7 +69,7 @@ class SeaFloor:
 
 
 def sea_floor(solids: Mapping[str, Solid], area: Area) -> SeaFloor | float | None:
-    """Of an area: a picture, or the depth of a flat floor; None in open water."""
+    """Return a picture of the floor of an area, or the depth of a flat floor, m; None in open water."""
     solid = solids.get(f"static/{SEABED_NAME}")
     if solid is None:
         return None
@@ -94,21 +96,18 @@ def sea_floor(solids: Mapping[str, Solid], area: Area) -> SeaFloor | float | Non
 
 
 def outlines(solids: Mapping[str, Solid]) -> list[tuple[str, FloatArray]]:
-    """Structures as polygons (n, 2), north and east, of their convex hulls seen from above."""
+    """Return names and outlines (n, 2), north and east, of the structures: the convex hulls of their shapes, seen from above."""
     found = []
     for name, solid in solids.items():
         if name.startswith("static/") and name != f"static/{SEABED_NAME}":
-            for placed in solid.shapes:
-                points = corners(placed)
-                if len(points):
-                    found.append(
-                        (name.removeprefix("static/"), _hull(points[:: max(1, len(points) // _MOST_CORNERS), :2]))
-                    )
+            every = (corners(placed) for placed in solid.shapes)
+            some = (points[:: max(1, len(points) // _MOST_CORNERS), :2] for points in every if len(points))
+            found += [(name.removeprefix("static/"), _hull(points)) for points in some]
     return found
 
 
 def corners(placed: Placed) -> FloatArray:
-    """Points (n, 3) whose hull holds a shape, about; none of a plane without end."""
+    """Return points (n, 3) whose hull contains a shape, approximately; none for an infinite plane."""
     shape = placed.shape
     if isinstance(shape, Box):
         local = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T * np.array(shape.half)
@@ -120,7 +119,7 @@ def corners(placed: Placed) -> FloatArray:
     elif isinstance(shape, Sphere):
         turn = np.linspace(0.0, 2.0 * np.pi, _CIRCLE, endpoint=False)
         local = shape.radius * np.column_stack([np.cos(turn), np.sin(turn), np.zeros(_CIRCLE)])
-        ball: FloatArray = local + np.array(placed.p)
+        ball: FloatArray = local + np.array(placed.p)  # not turned: the ring must stay level
         return ball
     elif isinstance(shape, TriangleMesh | ConvexHull):
         local = shape.vertices if isinstance(shape, TriangleMesh) else shape.points
@@ -137,10 +136,10 @@ def _within(area: Area, vertices: FloatArray) -> Area:
 
 
 def _interpolated(vertices: FloatArray, north: FloatArray, east: FloatArray) -> FloatArray:
-    """Depths (rows, columns) at the crossings of two axes."""
+    """Return depths (rows, columns) at these coordinates north and east, by interpolation between vertices."""
     x, i = np.unique(vertices[:, 0], return_inverse=True)
     y, j = np.unique(vertices[:, 1], return_inverse=True)
-    if len(x) * len(y) <= 4 * len(vertices) and len(x) > 1 and len(y) > 1:  # a grid, whose tiles share their edges
+    if len(x) * len(y) <= 4 * len(vertices) and len(x) > 1 and len(y) > 1:  # a grid in tiles, which share their edges
         grid = np.full((len(x), len(y)), np.nan)
         grid[i, j] = vertices[:, 2]
         if np.isfinite(grid).all():
@@ -158,7 +157,7 @@ def _interpolated(vertices: FloatArray, north: FloatArray, east: FloatArray) -> 
 
 
 def _round_step(span: float) -> float:
-    """Of about twelve contours: 1, 2 or 5 times a power of ten."""
+    """Return a step that gives about twelve contours: 1, 2 or 5 times a power of ten."""
     rough = max(span / 12.0, 1e-3)
     power = 10.0 ** np.floor(np.log10(rough))
     return float(power * next(step for step in (1.0, 2.0, 5.0, 10.0) if step * power >= rough))
@@ -168,12 +167,14 @@ _SHALLOW, _DEEP = np.array([196.0, 226.0, 222.0]), np.array([22.0, 62.0, 96.0])
 
 
 def _coloured(depths: FloatArray, shallow: float, deep: float, contour: float, metres: float) -> npt.NDArray[np.uint8]:
-    """RGBA (rows, columns, 4): light from the north-west, contours in the colours themselves, clear where there is no floor."""
+    """Return RGBA (rows, columns, 4): lit from the north-west, with darker contours, transparent where there is no floor."""
     part = np.clip((depths - shallow) / max(deep - shallow, 1e-6), 0.0, 1.0)[..., None]
     rgb = _SHALLOW + (_DEEP - _SHALLOW) * np.nan_to_num(part)
     slope_n, slope_e = np.gradient(np.nan_to_num(depths, nan=deep), metres)
     light = np.clip(1.0 + 0.5 * (slope_n - slope_e) / np.sqrt(1.0 + slope_n**2 + slope_e**2), 0.6, 1.35)
-    band = np.floor(depths / contour + 1e-6)  # a level floor at a contour's depth has no line
+    band = np.floor(
+        depths / contour + 1e-6
+    )  # so that rounding draws no lines on a level floor at the depth of a contour
     line = np.zeros(depths.shape, dtype=bool)
     line[:, 1:] |= band[:, 1:] != band[:, :-1]
     line[1:] |= band[1:] != band[:-1]
@@ -185,7 +186,7 @@ def _coloured(depths: FloatArray, shallow: float, deep: float, contour: float, m
 
 
 def png(pixels: npt.NDArray[np.uint8], palette: bytes = b"") -> bytes:
-    """A PNG of RGBA (rows, columns, 4), or of numbers (rows, columns) in a palette of 256 times red, green, blue."""
+    """Return a PNG of RGBA (rows, columns, 4), or of indices (rows, columns) into a palette of 256 times red, green, blue."""
     rows, columns = pixels.shape[:2]
     lines = np.zeros((rows, 1 + pixels[0].size), dtype=np.uint8)
     lines[:, 1:] = pixels.reshape(rows, -1)
@@ -201,26 +202,17 @@ def png(pixels: npt.NDArray[np.uint8], palette: bytes = b"") -> bytes:
 
 
 def data_url(picture: bytes) -> str:
-    """A PNG as an address that holds it."""
+    """Return a data URL with a PNG."""
     return "data:image/png;base64," + base64.b64encode(picture).decode()
 
 
 def _hull(points: FloatArray) -> FloatArray:
-    """Convex hull of points (n, 2), counter-clockwise (monotone chain, Andrew 1979)."""
-    ordered = sorted(set(map(tuple, points.tolist())))
-    if len(ordered) < 3:
-        return np.array(ordered)
+    """Return the convex hull of points (n, 2), counter-clockwise; of points on a line, those in their order."""
+    from scipy.spatial import ConvexHull, QhullError
 
-    def half(each: list[tuple[float, ...]]) -> list[tuple[float, ...]]:
-        chain: list[tuple[float, ...]] = []
-        for x, y in each:
-            while len(chain) > 1 and _turn(chain[-2], chain[-1], (x, y)) <= 0.0:
-                chain.pop()
-            chain.append((x, y))
-        return chain[:-1]
-
-    return np.array(half(ordered) + half(ordered[::-1]))
-
-
-def _turn(a: tuple[float, ...], b: tuple[float, ...], c: tuple[float, ...]) -> float:
-    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+    distinct: FloatArray = np.unique(points, axis=0)
+    try:
+        hull: FloatArray = distinct[ConvexHull(distinct).vertices]
+    except (QhullError, ValueError):  # fewer than three points, or all on a line
+        return distinct
+    return hull

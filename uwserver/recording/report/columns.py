@@ -1,11 +1,12 @@
-"""Values of a field as columns of numbers: plain numbers as they are, rows of echoes and pictures of them as one row each."""
+"""Collects the values of a field as columns of numbers. Echoes of sonars, also those in pictures, become one row per ping."""
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from array import array
 from collections.abc import Iterator, Mapping
-from typing import Any, Protocol
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -17,38 +18,32 @@ from uwserver.ports import Buffer, Field
 FloatArray = npt.NDArray[np.float64]
 
 ACROSS = 256
-"""Numbers that are kept of a row of echoes, each the largest of its neighbours: more than a plot of pings over time is high."""
+"""Numbers that are kept of a row of echoes, each the largest of its neighbours. A plot of pings over time has fewer pixels."""
 _ECHOES: Mapping[str, Mapping[str, int]] = {
     "multibeam": {"image": 2},
     "scanning_sonar": {"bins": 1},
     "side_scan": {"port": 1, "starboard": 1},
 }
-"""Fields of sonars that hold echoes over range, by kind, and their dimensions."""
+"""Number of dimensions of the fields that contain echoes over range, by the kind of sonar."""
 
 
-class Column(Protocol):
-    """Numbers of one field as they come; `size` of them a message."""
+class Column(ABC):
+    """The numbers of one field, `size` of them per message."""
 
-    size: int
-    numbers: array[float]
-
-    def add(self, value: Any) -> None:
-        """Take the value of a message; ValueError or TypeError, with nothing taken, where it does not fit."""
-
-    def whole(self, count: int) -> FloatArray:
-        """(count, size) of the first messages."""
-
-
-class _Column:
     def __init__(self, size: int) -> None:
         self.size, self.numbers = size, array("d")
 
+    @abstractmethod
+    def add(self, value: Any) -> None:
+        """Add the value of a message. Raises ValueError or TypeError, and adds nothing, when it does not fit."""
+
     def whole(self, count: int) -> FloatArray:
+        """Return the numbers (count, size) of the first messages."""
         return np.frombuffer(self.numbers, dtype=np.float64)[: count * self.size].reshape(count, self.size)
 
 
-class Numbers(_Column):
-    """Of a field of numbers."""
+class Numbers(Column):
+    """The column of a field of numbers."""
 
     def add(self, value: Any) -> None:
         if value is None:
@@ -62,11 +57,11 @@ class Numbers(_Column):
                 del self.numbers[len(self.numbers) // self.size * self.size :]
                 self.numbers.extend([math.nan if v is None else v for v in value])
         else:
-            raise ValueError(f"{value!r} where {self.size} numbers should stand")
+            raise ValueError(f"{value!r} instead of {self.size} numbers")
 
 
-class Echoes(_Column):
-    """Of a buffer of echoes over range: the amplitude, of a picture that of the strongest beam at each range."""
+class Echoes(Column):
+    """The column of a buffer of echoes over range: their amplitudes; of a picture those of the strongest beam at each range."""
 
     def __init__(self, dimensions: int) -> None:
         super().__init__(ACROSS)
@@ -83,7 +78,7 @@ class Echoes(_Column):
 
 
 def columns_of(kind: str, fields: Mapping[str, Field]) -> Iterator[tuple[str, Column]]:
-    """Names and empty columns of the fields of a port of this kind; texts and other buffers have none."""
+    """Yield names and empty columns of the fields of a port of this kind. Texts and other buffers have no column."""
     echoes = _ECHOES.get(kind, {})
     for name, field in fields.items():
         if field.type not in ("str", "bytes", "buffer"):

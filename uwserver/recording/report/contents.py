@@ -1,4 +1,4 @@
-"""All that a report shows of a recording, worked out once for pages and pictures."""
+"""Computes everything that a report shows, for pages and pictures alike."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from uwserver.recording.report.truth import Truth, truth_of
 from uwserver.scenario.solids.archive import unpack
 
 _MARGIN = 0.25
-"""Of the tracks' size, around them."""
+"""Margin around the tracks, as a part of their extent."""
 _LEAST_M = 10.0
 """Half the side of the smallest map."""
 _NARROWEST = 0.6
-"""Shorter side of the map over the longer one, at least."""
+"""Smallest ratio of the shorter to the longer side of the map."""
 _TRACK_POINTS = 2500
 
 
 @dataclass(frozen=True)
 class Track:
-    """Of a vehicle from above: times (n) s and places (n, 3) m in N; or what its estimator believed."""
+    """The track of a vehicle, true or estimated: times t (n), s, and places p (n, 3), m in N."""
 
     vehicle: str
     t: FloatArray
@@ -39,15 +39,17 @@ class Track:
 
 @dataclass(frozen=True)
 class Contents:
-    """Attributes:
-    title: of the report.
-    summary, vehicles: tables.
-    remarks: what is missing or doubtful.
-    events: in order of time.
-    errors: of sensors against the truth.
-    panels: plots over time.
-    tracks, area, floor, outlines: of the map.
-    end_s: of the run.
+    """The contents of a report.
+
+    Attributes:
+        title: title of the report.
+        summary, vehicles: tables.
+        remarks: what is missing or doubtful.
+        events: in the order of time.
+        errors: errors of sensors against the truth.
+        panels: plots over time.
+        tracks, area, floor, outlines: the map.
+        end_s: end of the run, s.
     """
 
     title: str
@@ -65,14 +67,14 @@ class Contents:
 
 
 def contents_of(recorded: Recorded, only: Collection[str] = ()) -> Contents:
-    """What a report of a recording shows.
+    """Return the contents of the report of a recording.
 
     Args:
-        recorded: that was read.
-        only: vehicles that it is about; all without.
+        recorded: the recording.
+        only: the vehicles in the report; all if empty.
 
     Raises:
-        ValueError: a vehicle of `only` is not in it.
+        ValueError: a vehicle of `only` is not in the recording.
     """
     known = list(
         dict.fromkeys((*recorded.scenario.get("vehicles", {}), *(s.vehicle for s in recorded.series.values())))
@@ -92,9 +94,11 @@ def contents_of(recorded: Recorded, only: Collection[str] = ()) -> Contents:
         remarks.append(f"Sea floor and structures are not shown: {error}.")
     floor = sea_floor(solids, area)
     errors = {n: tuple(sensor_errors(recorded, n, truth)) if (truth := truths[n]) else () for n in vehicles}
-    if any(truths[name] is None for name in vehicles):
-        missing = ", ".join(name for name in vehicles if truths[name] is None)
-        remarks.append(f"Where {missing} really was is not recorded: no track, and no errors of its sensors.")
+    if missing := [name for name in vehicles if truths[name] is None]:
+        names = ", ".join(missing)
+        remarks.append(
+            f"The true motion of {names} was not recorded: there is no track, and there are no errors of its sensors."
+        )
     title = str(recorded.scenario["scenario"].get("title") or recorded.scenario.get("name") or recorded.path.stem)
     return Contents(
         title=f"{title} ({recorded.path.name})",
@@ -117,7 +121,7 @@ def _tracks(recorded: Recorded, vehicle: str, truth: Truth | None) -> list[Track
     if truth is not None:
         found.append(_track(vehicle, truth.t, truth.p_NB, is_estimate=False))
     for series in recorded.series.values():
-        is_estimator = series.kind == "autopilot" and series.direction == "sensor"  # its orders hold a p_N as well
+        is_estimator = series.kind == "autopilot" and series.direction == "sensor"  # its commands have a p_N too
         if series.vehicle == vehicle and is_estimator and "p_N" in series.columns:
             known = series.columns.get("position_valid", np.ones((len(series.t), 1)))
             p = np.where(known > 0.5, series.columns["p_N"], np.nan)

@@ -1,4 +1,4 @@
-"""So many points that a screen can show them: of each pixel the least and the largest number."""
+"""Reduces samples to the points that a screen can show: the smallest and the largest number of each pixel."""
 
 from __future__ import annotations
 
@@ -10,14 +10,16 @@ from uwserver.recording.report.columns import FloatArray
 from uwserver.recording.report.reading import IntArray
 
 PIXELS = 900
-"""Columns of a plot; twice as many points are kept."""
+"""Width of a plot; twice as many points are kept."""
 
 
 @dataclass(frozen=True)
 class Thinned:
-    """Attributes:
-    t: (m) s, never decreasing.
-    y: (m, k).
+    """The points that are kept.
+
+    Attributes:
+        t: (m) s, never decreasing.
+        y: (m, k).
     """
 
     t: FloatArray
@@ -25,9 +27,9 @@ class Thinned:
 
 
 def thinned(t: FloatArray, y: FloatArray, pixels: int = PIXELS) -> Thinned:
-    """Samples (n, k) at t (n, ascending) as at most two rows a pixel, which hold the extremes of each column in the order in which they came.
+    """Reduce samples y (n, k) at t (n, ascending) to at most two rows per pixel: the extremes of each column, in the order in which they came.
 
-    A pixel in which a column has no number at all has none afterwards; a peak is never lost.
+    No peak is lost. A column without a number in a pixel has none there afterwards.
     """
     if len(t) <= 2 * pixels:
         return Thinned(t, y)
@@ -46,9 +48,8 @@ def thinned(t: FloatArray, y: FloatArray, pixels: int = PIXELS) -> Thinned:
 
 
 def _first_of(y: FloatArray, starts: IntArray, ends: IntArray, value: FloatArray) -> FloatArray:
-    """Where in its pixel each column first has this value; (pixels, k)."""
+    """Return the index (pixels, k) at which each column first has this value in each pixel."""
     pixel = np.repeat(np.arange(len(starts)), ends - starts)
     number = np.arange(len(y), dtype=float)[:, None]
     places = np.where(y == value[pixel], number, np.inf)
-    found: FloatArray = np.minimum.reduceat(places, starts, axis=0)
-    return found
+    return np.minimum.reduceat(places, starts, axis=0)

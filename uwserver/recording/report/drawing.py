@@ -1,4 +1,4 @@
-"""The report as pictures, for a paper or a mail: one tall PNG, or a PDF with a page for each group. Needs matplotlib (extra `plot`)."""
+"""Draws the report for papers and mails: one tall PNG, or a PDF with a page for each group. Needs matplotlib (extra `plot`)."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from uwserver.recording.report.panels import Panel
 _WIDTH_IN, _ROW_IN, _MAP_IN = 8.0, 1.7, 4.5
 _DPI = 110
 _MOST_PANELS = 40
-"""Of one PNG: beyond that no viewer is comfortable, and the PDF has them all."""
+"""Largest number of panels in one PNG. Viewers cope badly with taller pictures; a PDF has all panels."""
 _MOST_EVENTS = 300
 
 
 def write_png(contents: Contents, path: Path) -> int:
-    """The map and the first panels, one below the other. Returns how many panels were left out. OSError when it cannot be written."""
+    """Draw the map and the first panels below each other; return how many panels are left out. Raises OSError when it cannot be written."""
     from matplotlib.figure import Figure
 
     chosen = contents.panels[:_MOST_PANELS]
@@ -36,8 +36,11 @@ def write_png(contents: Contents, path: Path) -> int:
     return len(contents.panels) - len(chosen)
 
 
-def write_pdf(contents: Contents, path: Path) -> None:
-    """A page with tables and map, then one for each group of panels of each vehicle. OSError when it cannot be written."""
+def write_pdf(contents: Contents, path: Path) -> int:
+    """Draw a page with tables and map, and a page for each group of panels of each vehicle; return 0, as no panel is left out.
+
+    Raises OSError when it cannot be written.
+    """
     from matplotlib.backends.backend_pdf import PdfPages
     from matplotlib.figure import Figure
 
@@ -45,8 +48,8 @@ def write_pdf(contents: Contents, path: Path) -> None:
         figure = Figure(figsize=(_WIDTH_IN, 11.0), layout="constrained")
         table, axis = figure.subplots(2, 1)
         table.axis("off")
-        told = [*contents.summary, *((f"{v.name}: {name}", value) for v in contents.vehicles for name, value in v.rows)]
-        lines = [f"{name:<28} {value}" for name, value in told] + list(contents.remarks)
+        rows = [*contents.summary, *((f"{v.name}: {name}", value) for v in contents.vehicles for name, value in v.rows)]
+        lines = [f"{name:<28} {value}" for name, value in rows] + list(contents.remarks)
         table.text(
             0.0, 1.0, _plain("\n".join(lines)), va="top", family="monospace", fontsize=7, transform=table.transAxes
         )
@@ -60,6 +63,7 @@ def write_pdf(contents: Contents, path: Path) -> None:
                 _panel(axis, panel, contents)
             figure.suptitle(_plain(f"{vehicle}: {group}"), fontsize=10)
             pages.savefig(figure)
+    return 0
 
 
 def _map(axis: Any, contents: Contents) -> None:
@@ -93,8 +97,7 @@ def _panel(axis: Any, panel: Panel, contents: Contents) -> None:
         )
     for number, table in enumerate(panel.tables):
         less = thinned(table.t, np.stack([line.y for line in table.lines], axis=1))
-        is_band = panel.band and number == len(panel.tables) - 1
-        if is_band:
+        if panel.band and number == len(panel.tables) - 1:
             axis.fill_between(less.t, less.y[:, 1], less.y[:, 0], color="0.85", lw=0)
             continue
         for line, y in zip(table.lines, less.y.T, strict=True):
@@ -121,6 +124,5 @@ def _panel(axis: Any, panel: Panel, contents: Contents) -> None:
 
 
 def _plain(text: str) -> str:
-    """Text that matplotlib takes for text, not for mathematics, without what no font can show."""
-    shown = "".join(c if c.isprintable() or c == "\n" else " " for c in text)
-    return shown.replace("$", r"\$")
+    """Return text in which matplotlib finds no mathematics, without characters that no font can show."""
+    return "".join(c if c.isprintable() or c == "\n" else " " for c in text).replace("$", r"\$")

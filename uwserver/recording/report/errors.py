@@ -1,8 +1,8 @@
-"""How far sensors were from the truth, and how far their configured errors let them be.
+"""Computes the errors of sensors against the truth, and the standard deviations that their configuration gives.
 
-Compared at the instants of the samples, at the sensors' own places. The standard deviation is what the tables of the sensor and its modifiers
-say, constant errors that are drawn once a run included; a wrong sound speed, an outlier or a fault is in no table's standard deviation, and
-shows as an error beyond it.
+Samples are compared at their own times and at the place of the sensor. The standard deviation comes from the tables of the sensor and its modifiers,
+including constant errors that are drawn once per run. A wrong sound speed, an outlier or a fault is not part of it, so it appears as a larger
+error.
 """
 
 from __future__ import annotations
@@ -20,30 +20,30 @@ from uwserver.environment.column import WaterColumn, uniform_column
 from uwserver.environment.earth import EARTH_RATE
 from uwserver.environment.geodesy import north_east
 from uwserver.recording.report.columns import FloatArray
-from uwserver.recording.report.reading import Recorded, Series
+from uwserver.recording.report.reading import IntArray, Recorded, Series
 from uwserver.recording.report.truth import Mount, Truth, mount_of, rotations, small_angles
 from uwserver.scenario.water.tables import Environment
 from uwserver.sensors.motion.triad import HUMP
 from uwserver.units import STANDARD_ATMOSPHERE_PA, deg, rad
 
 BOUND = 3.0
-"""Standard deviations that are drawn."""
+"""Number of standard deviations at which bounds are drawn."""
 _XYZ = ("x", "y", "z")
 _NED = ("north", "east", "down")
 
 
 @dataclass(frozen=True)
 class SensorError:
-    """Of one field of a sensor, or of an estimate.
+    """The error of one field of a sensor, or of an estimate.
 
     Attributes:
-        path: of its port.
-        title: what is compared.
-        unit: of `error` and `sigma`.
-        labels: of the k components.
+        path: path of the port.
+        title: the quantity.
+        unit: unit of `error` and `sigma`.
+        labels: names of the k components.
         t: (n) s.
-        error: (n, k) told less true.
-        sigma: (n, k) standard deviation; None where no table tells any.
+        error: (n, k) measured minus true.
+        sigma: (n, k) standard deviation; None if no table gives one.
     """
 
     path: str
@@ -56,7 +56,7 @@ class SensorError:
 
     @property
     def inside(self) -> float | None:
-        """Share of the numbers within three standard deviations, 0 to 1."""
+        """Return the share of the numbers within three standard deviations, 0 to 1; None if it is unknown."""
         if self.sigma is None:
             return None
         good = np.isfinite(self.error)
@@ -64,14 +64,16 @@ class SensorError:
 
     @property
     def rms(self) -> float:
-        """Over all components, of those that are numbers."""
+        """Return the root mean square over all components, without NaN."""
         return float(np.sqrt(np.nanmean(self.error**2)))
 
 
 def sensor_errors(recorded: Recorded, vehicle: str, truth: Truth) -> Iterator[SensorError]:
-    """Of all sensors and estimates of a vehicle whose truth can be worked out from the recording."""
+    """Yield the errors of all sensors and estimates of a vehicle whose true values the recording gives."""
     file = recorded.scenario.get("vehicles", {}).get(vehicle, {}).get("vehicle", {})
     tables, mounts = file.get("sensors", {}), file.get("mounts", {})
+    scenario = recorded.scenario["scenario"]
+    world, environment = scenario.get("world", {}), scenario.get("environment", {})
     for path, series in recorded.series.items():
         _, _, below = path.partition("/")
         name, _, stream = below.partition("/")
@@ -84,39 +86,37 @@ def sensor_errors(recorded: Recorded, vehicle: str, truth: Truth) -> Iterator[Se
         chosen = truth.pairs(series.t)
         chosen = chosen[series.valid[chosen]]
         if len(chosen) > 1:
-            yield from compare(_Case(recorded, series, truth, table, mount_of(table, mounts), chosen))
+            yield from compare(_Case(world, environment, series, truth, table, mount_of(table, mounts), chosen))
 
 
 @dataclass(frozen=True)
 class _Case:
-    """A sensor and all that its comparison needs; `chosen` are the samples that are compared."""
+    """A sensor with everything that the comparison needs.
 
-    recorded: Recorded
+    Attributes:
+        world, environment: tables of the scenario.
+        series: samples of the sensor.
+        truth: true motion of the vehicle.
+        table: table of the sensor.
+        mount: place of the sensor.
+        chosen: indices (n) of the samples that are compared.
+    """
+
+    world: Mapping[str, Any]
+    environment: Mapping[str, Any]
     series: Series
     truth: Truth
     table: Mapping[str, Any]
     mount: Mount
-    chosen: Any
+    chosen: IntArray
 
     @property
     def t(self) -> FloatArray:
-        t: FloatArray = self.series.t[self.chosen]
-        return t
+        return self.series.t[self.chosen]
 
-    @property
-    def environment(self) -> Mapping[str, Any]:
-        found: Mapping[str, Any] = self.recorded.scenario["scenario"].get("environment", {})
-        return found
-
-    @property
-    def world(self) -> Mapping[str, Any]:
-        found: Mapping[str, Any] = self.recorded.scenario["scenario"].get("world", {})
-        return found
-
-    def told(self, name: str) -> FloatArray:
-        """(n, k) of a field."""
-        found: FloatArray = self.series.columns[name][self.chosen]
-        return found
+    def measured(self, name: str) -> FloatArray:
+        """Return the values (n, k) of a field."""
+        return self.series.columns[name][self.chosen]
 
     def R_NB(self) -> FloatArray:
         return rotations(self.truth.at(self.t, "q_NB"))
@@ -125,21 +125,20 @@ class _Case:
         return self.truth.at(self.t, "p_NB") + self.R_NB() @ self.mount.p
 
     def v_NS_B(self) -> FloatArray | None:
-        """Velocity of the mount, in B."""
+        """Return the velocity of the mount, in B."""
         if self.truth.v_NB_B is None or self.truth.w_NB_B is None:
             return None
-        found: FloatArray = self.truth.at(self.t, "v_NB_B") + np.cross(self.truth.at(self.t, "w_NB_B"), self.mount.p)
-        return found
+        return self.truth.at(self.t, "v_NB_B") + np.cross(self.truth.at(self.t, "w_NB_B"), self.mount.p)
 
     def error(self, field: str, title: str, labels: tuple[str, ...], error: FloatArray, own: FloatArray) -> SensorError:
-        """With what the modifiers of a field add to the sensor's own standard deviation, (n, k) or (k)."""
+        """Return an error with the standard deviation of the sensor itself, `own` (n, k) or (k), and of the modifiers of the field."""
         port = self.series.fields[field]
         sigma = np.sqrt(np.broadcast_to(own, error.shape) ** 2 + self.modified(field, error.shape))
         path = self.series.path
         return SensorError(path, title, port.unit, labels, self.t, error, sigma if sigma.any() else None)
 
     def modified(self, field: str, shape: tuple[int, ...]) -> FloatArray:
-        """Variance (n, k) that the modifiers give a field, as their kinds define it."""
+        """Return the variance (n, k) of the modifiers of a field, as their kinds define it."""
         total = np.zeros(shape)
         elapsed = self.t[:, None]
         for m in self.table.get("modifiers", {}).values():
@@ -160,12 +159,10 @@ class _Case:
                     total = total + (rate**2 + scatter**2) * elapsed**2 + density**2 * elapsed
                 case "quantise":
                     total = total + float(m.get("step", 0.0)) ** 2 / 12.0
-                case _:
-                    pass
         return total
 
     def number(self, name: str) -> float:
-        """Of the sensor's table; nothing of an ideal one."""
+        """Return a number of the sensor's table; 0 for an ideal sensor."""
         return 0.0 if self.table.get("ideal") else float(self.table.get(name, 0.0))
 
 
@@ -173,7 +170,7 @@ _NONE = np.zeros(1)
 
 
 def _position(case: _Case) -> Iterator[SensorError]:
-    yield case.error("p_NS", "position", _NED, case.told("p_NS") - case.p_NS(), _NONE)
+    yield case.error("p_NS", "position", _NED, case.measured("p_NS") - case.p_NS(), _NONE)
     yield _turned(case, "q_NS", "attitude", _NONE)
 
 
@@ -183,23 +180,19 @@ def _attitude(case: _Case) -> Iterator[SensorError]:
     if case.table.get("secant_latitude"):
         heading /= math.cos(rad(float(case.world.get("origin_lat_deg", 0.0))))
     found = _turned(case, "q_NS", "attitude", np.array([tilt, tilt, heading]))
-    if case.table.get("north") == "magnetic":  # its heading is another one by the declination
+    if case.table.get("north") == "magnetic":  # its heading differs from the true one by the declination
         sigma = None if found.sigma is None else found.sigma[:, :2]
         found = SensorError(found.path, "tilt", "deg", found.labels[:2], found.t, found.error[:, :2], sigma)
     yield found
 
 
 def _turned(case: _Case, field: str, title: str, sigma_deg: FloatArray) -> SensorError:
-    """Small rotations about the axes of N, in degrees; modifiers of a quaternion are not counted."""
+    """Return an error as small rotations about the axes of N, in degrees. Modifiers of the quaternion are not counted."""
     true = case.R_NB() if field == "q_NB" else case.R_NB() @ case.mount.R
-    error = _degrees(small_angles(rotations(case.told(field)) @ np.swapaxes(true, 1, 2)))
+    error = small_angles(rotations(case.measured(field)) @ np.swapaxes(true, 1, 2)) * deg(1.0)
     sigma = np.broadcast_to(sigma_deg, error.shape)
     labels = ("about north", "about east", "heading")
     return SensorError(case.series.path, title, "deg", labels, case.t, error, sigma if sigma.any() else None)
-
-
-def _degrees(angles: FloatArray) -> FloatArray:
-    return angles * deg(1.0)
 
 
 def _gps(case: _Case) -> Iterator[SensorError]:
@@ -207,17 +200,16 @@ def _gps(case: _Case) -> Iterator[SensorError]:
     if "origin_lat_deg" not in world or "origin_lon_deg" not in world:
         return
     origin = rad(float(world["origin_lat_deg"])), rad(float(world["origin_lon_deg"]))
-    north, east = north_east(case.told("latitude")[:, 0], case.told("longitude")[:, 0], *origin)
-    told = np.stack([north, east, -case.told("height")[:, 0]], axis=1)
+    north, east = north_east(case.measured("latitude")[:, 0], case.measured("longitude")[:, 0], *origin)
+    place = np.stack([north, east, -case.measured("height")[:, 0]], axis=1)
     noise = case.number("noise_m")
     across, down = (math.hypot(case.number(f"{way}_sigma_m"), noise) for way in ("horizontal", "vertical"))
-    yield case.error("height", "position", _NED, told - case.p_NS(), np.array([across, across, down]))
+    yield case.error("height", "position", _NED, place - case.p_NS(), np.array([across, across, down]))
     v = case.v_NS_B()
     if v is not None:
         true = np.einsum("nij,nj->ni", case.R_NB(), v)
-        yield case.error(
-            "v_NS", "velocity", _NED, case.told("v_NS") - true, np.array([case.number("velocity_sigma_mps")])
-        )
+        own = np.array([case.number("velocity_sigma_mps")])
+        yield case.error("v_NS", "velocity", _NED, case.measured("v_NS") - true, own)
 
 
 def _dvl(case: _Case) -> Iterator[SensorError]:
@@ -231,23 +223,23 @@ def _dvl(case: _Case) -> Iterator[SensorError]:
         device = np.sqrt(np.clip(covariance[case.chosen][:, [0, 4, 8]], 0.0, None))
     scale = math.hypot(case.number("scale_sigma"), case.number("scale_error"))
     own = np.hypot(device, scale * np.abs(true))
-    yield case.error("v_S", "velocity over ground", _XYZ, case.told("v_S") - true, own)
+    yield case.error("v_S", "velocity over ground", _XYZ, case.measured("v_S") - true, own)
 
 
 def _pressure(case: _Case) -> Iterator[SensorError]:
     depth = case.p_NS()[:, 2] + float(case.environment.get("surface_level_m", 0.0))
     if "depth" in case.series.columns:
-        yield case.error("depth", "depth", ("depth",), case.told("depth") - depth[:, None], _NONE)
+        yield case.error("depth", "depth", ("depth",), case.measured("depth") - depth[:, None], _NONE)
         return
     column = _column(case.environment)
     if column is not None:
         air = float(case.environment.get("atmospheric_pressure_pa", STANDARD_ATMOSPHERE_PA))
         true = air + np.interp(depth, column.depth, column.pressure)
-        yield case.error("pressure", "pressure", ("pressure",), case.told("pressure") - true[:, None], _NONE)
+        yield case.error("pressure", "pressure", ("pressure",), case.measured("pressure") - true[:, None], _NONE)
 
 
 def _environment(table: Mapping[str, Any]) -> Environment | None:
-    """The tables of the sea; None where they are of another version."""
+    """Return the tables of the sea; None if they are of another version."""
     try:
         return msgspec.convert(dict(table), Environment)
     except (msgspec.MsgspecError, TypeError, ValueError):
@@ -255,7 +247,7 @@ def _environment(table: Mapping[str, Any]) -> Environment | None:
 
 
 def _column(table: Mapping[str, Any]) -> WaterColumn | None:
-    """The still water of a scenario; None where nobody knows."""
+    """Return the still water of a scenario; None if it is unknown."""
     sea = _environment(table)
     if sea is None:
         return None
@@ -282,7 +274,7 @@ def _imu(case: _Case) -> Iterator[SensorError]:
 
 
 def _triad(case: _Case, field: str, title: str, table: str, true: FloatArray) -> SensorError:
-    """Errors of three axes, as `uwserver.sensors.motion.triad.TriadErrors` describes them."""
+    """Return the error of a triad; its standard deviation follows `uwserver.sensors.motion.triad.TriadErrors`."""
     e: Mapping[str, Any] = {} if case.table.get("ideal") else case.table.get(table, {})
 
     def number(name: str) -> float:
@@ -293,7 +285,7 @@ def _triad(case: _Case, field: str, title: str, table: str, true: FloatArray) ->
     others = np.sum(true**2, axis=1, keepdims=True) - true**2
     moving = (number("scale") * true) ** 2 + number("cross_axis") ** 2 * others
     own = np.sqrt(steady + moving + number("random_walk") ** 2 * case.t[:, None])
-    return case.error(field, title, _XYZ, case.told(field) - true, own)
+    return case.error(field, title, _XYZ, case.measured(field) - true, own)
 
 
 def _earth_rate(world: Mapping[str, Any]) -> FloatArray:
@@ -304,12 +296,12 @@ def _earth_rate(world: Mapping[str, Any]) -> FloatArray:
 
 
 def _estimate(case: _Case) -> Iterator[SensorError]:
-    """Of the built-in autopilot; no table says how good it is."""
+    """Yield the errors of the estimate of the built-in autopilot. No table gives its standard deviation."""
     p = case.truth.at(case.t, "p_NB")
-    yield SensorError(case.series.path, "estimated position", "m", _NED, case.t, case.told("p_N") - p, None)
+    yield SensorError(case.series.path, "estimated position", "m", _NED, case.t, case.measured("p_N") - p, None)
     if case.truth.v_NB_B is not None:
         v = np.einsum("nij,nj->ni", case.R_NB(), case.truth.at(case.t, "v_NB_B"))
-        yield SensorError(case.series.path, "estimated velocity", "m/s", _NED, case.t, case.told("v_N") - v, None)
+        yield SensorError(case.series.path, "estimated velocity", "m/s", _NED, case.t, case.measured("v_N") - v, None)
     yield _turned(case, "q_NB", "estimated attitude", _NONE)
 
 

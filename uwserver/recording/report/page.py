@@ -1,7 +1,7 @@
-"""The report as one HTML page: everything it needs is in it, and nothing in it is fetched.
+"""Makes the report as one HTML page that contains everything it needs and loads nothing.
 
-What comes from the recording is data, not markup: it stands as JSON in a script element that is never run, with every character escaped that
-could end it, and reaches the page as text. A Content-Security-Policy lets the page's own script run alone.
+Content of the recording is data, not markup. It is JSON in a script element that is never run, with every character escaped that could end the
+element, and the page inserts it as text. A Content-Security-Policy allows only the page's own script to run.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ import base64
 import hashlib
 import html
 import re
-from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -22,7 +21,7 @@ from uwserver.recording.report.bathymetry import SeaFloor, data_url
 from uwserver.recording.report.columns import FloatArray
 from uwserver.recording.report.contents import Contents, Track
 from uwserver.recording.report.decimation import thinned
-from uwserver.recording.report.panels import Panel, Picture
+from uwserver.recording.report.panels import Panel, Picture, Table
 
 _HERE = Path(__file__).parent
 _EXPORT = re.compile(r"^export \{ (\w+) as default \};\s*$", re.MULTILINE)
@@ -37,7 +36,7 @@ _ESCAPED = {
 
 
 def page(contents: Contents) -> str:
-    """The whole page."""
+    """Return the whole page."""
     script, style = _script(), _style()
     policy = f"default-src 'none'; script-src '{_hash(script)}'; style-src '{_hash(style)}'; img-src data:"
     head = (
@@ -46,12 +45,12 @@ def page(contents: Contents) -> str:
         f'<meta name="viewport" content="width=device-width">\n<link rel="icon" href="data:,">\n'
         f"<title>{html.escape(contents.title)}</title>\n<style>{style}</style>\n</head>\n"
     )
-    told = f'<script type="application/json" id="data">{_json(_told(contents))}</script>'
-    return f"{head}<body>\n{told}\n<script>{script}</script>\n</body>\n</html>\n"
+    data = f'<script type="application/json" id="data">{_json(_data(contents))}</script>'
+    return f"{head}<body>\n{data}\n<script>{script}</script>\n</body>\n</html>\n"
 
 
-def _json(told: dict[str, Any]) -> str:
-    text = msgspec.json.encode(told)
+def _json(data: dict[str, Any]) -> str:
+    text = msgspec.json.encode(data)
     for character, escaped in _ESCAPED.items():
         text = text.replace(character, escaped)
     return text.decode()
@@ -62,7 +61,7 @@ def _hash(text: str) -> str:
 
 
 def _vendored(name: str) -> str:
-    """A file of uPlot: beside this one in an installed package, with the web view's in a checkout."""
+    """Read a file of uPlot. In an installed package it is beside this module, in a checkout it is with the files of the web view."""
     beside = _HERE / "uplot"
     folder = beside if beside.is_dir() else _HERE.parents[2] / "clients" / "web" / "vendor" / "uplot-1.6.32"
     return (folder / "dist" / name).read_text(encoding="utf-8")
@@ -73,7 +72,7 @@ def _script() -> str:
     library = _vendored("uPlot.esm.js")
     name = _EXPORT.search(library)
     if name is None:
-        raise RuntimeError("uPlot.esm.js exports nothing by default: reinstall uwserver")
+        raise RuntimeError("uPlot.esm.js has no default export: reinstall uwserver")
     plain = _EXPORTED.sub("", _EXPORT.sub("", library))
     wrapped = f"const uPlot = (() => {{\n{plain}\nreturn {name[1]};\n}})();\n"
     return wrapped + (_HERE / "page.js").read_text(encoding="utf-8")
@@ -84,7 +83,7 @@ def _style() -> str:
     return _vendored("uPlot.min.css") + "\n" + (_HERE / "page.css").read_text(encoding="utf-8")
 
 
-def _told(contents: Contents) -> dict[str, Any]:
+def _data(contents: Contents) -> dict[str, Any]:
     return {
         "title": contents.title,
         "summary": contents.summary,
@@ -109,7 +108,7 @@ def _told(contents: Contents) -> dict[str, Any]:
 
 
 def _panel(panel: Panel) -> dict[str, Any]:
-    told: dict[str, Any] = {
+    data: dict[str, Any] = {
         "vehicle": panel.vehicle,
         "group": panel.group,
         "title": panel.title,
@@ -119,22 +118,17 @@ def _panel(panel: Panel) -> dict[str, Any]:
         "note": panel.note,
     }
     if panel.picture is not None:
-        return {**told, "picture": _picture(panel.picture)}
-    return {
-        **told,
-        "tables": [
-            _table(table.t, [(x.label, x.y, x.is_stepped, x.is_faint) for x in table.lines]) for table in panel.tables
-        ],
-    }
+        return {**data, "picture": _picture(panel.picture)}
+    return {**data, "tables": [_table(table) for table in panel.tables]}
 
 
-def _table(t: FloatArray, lines: Sequence[tuple[str, FloatArray, bool, bool]]) -> dict[str, Any]:
-    less = thinned(t, np.stack([line[1] for line in lines], axis=1))
+def _table(table: Table) -> dict[str, Any]:
+    less = thinned(table.t, np.stack([line.y for line in table.lines], axis=1))
     return {
         "t": _numbers(less.t),
         "lines": [
-            {"label": label, "y": _numbers(y), "step": step, "faint": faint}
-            for (label, _, step, faint), y in zip(lines, less.y.T, strict=True)
+            {"label": line.label, "y": _numbers(y), "step": line.is_stepped, "faint": line.is_faint}
+            for line, y in zip(table.lines, less.y.T, strict=True)
         ],
     }
 
@@ -144,8 +138,8 @@ def _numbers(values: FloatArray) -> str:
 
 
 def _picture(picture: Picture) -> dict[str, Any]:
-    told = {name: getattr(picture, name) for name in ("begin", "end", "low", "high", "least", "most", "unit")}
-    return {**told, "png": data_url(picture.png)}
+    data = {name: getattr(picture, name) for name in ("begin", "end", "low", "high", "least", "most", "unit")}
+    return {**data, "png": data_url(picture.png)}
 
 
 def _map(contents: Contents) -> dict[str, Any]:

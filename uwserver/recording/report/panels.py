@@ -1,4 +1,4 @@
-"""What is drawn of a recording, over time: for a page and for pictures alike."""
+"""Computes the plots over time of a report, for pages and pictures alike."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from uwserver.recording.report.truth import Truth, euler, rotations
 from uwserver.units import deg
 
 _WIDE = 12
-"""Components of a field above which it is drawn as a picture over time."""
+"""A field with more components than this is drawn as a picture over time."""
 _COLUMNS = 1200
-"""Of a picture over time, at most."""
+"""Largest width of a picture over time."""
 _EXACT = 1e-5
-"""Errors below this, in the unit of the sensor, of one without configured errors are rounding: not drawn."""
+"""Smaller errors of a sensor without configured errors, in the unit of the sensor, are rounding errors and are not drawn."""
 _TURN_DEG = deg(2.0 * np.pi)
 
 
 @dataclass(frozen=True)
 class Line:
-    """One number over time: (n) m."""
+    """A line of a plot: y (n) over the times of its table."""
 
     label: str
     y: FloatArray
@@ -35,7 +35,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Table:
-    """Lines that share their times (n), s."""
+    """Lines that share their times t (n), s."""
 
     t: FloatArray
     lines: tuple[Line, ...]
@@ -46,11 +46,11 @@ class Picture:
     """A number over time and another axis, as a picture whose first row is at `high`.
 
     Attributes:
-        begin, end: s.
-        low, high: of the other axis.
-        png: bytes.
-        least, most: what the darkest and the brightest stand for.
-        unit: of these.
+        begin, end: ends of the time axis, s.
+        low, high: ends of the other axis.
+        png: bytes of the picture.
+        least, most: the numbers that the darkest and the brightest colour show.
+        unit: unit of these numbers.
     """
 
     begin: float
@@ -65,15 +65,17 @@ class Picture:
 
 @dataclass(frozen=True)
 class Panel:
-    """Attributes:
-    vehicle: whose.
-    group: heading under which it stands.
-    title, unit: of the vertical axis.
-    tables: what is drawn.
-    is_down: large numbers are below, as depths.
-    band: the last table holds an upper and a lower line for each of the first: what is between is filled.
-    picture: instead of lines.
-    note: what a reader should know.
+    """One plot.
+
+    Attributes:
+        vehicle: name of the vehicle.
+        group: heading of the group.
+        title, unit: of the vertical axis.
+        tables: the lines.
+        is_down: the axis points down, as for depths.
+        band: the last table contains an upper and a lower line, and the area between them is filled.
+        picture: a picture instead of lines.
+        note: a remark for the reader.
     """
 
     vehicle: str
@@ -90,7 +92,7 @@ class Panel:
 def panels(
     recorded: Recorded, vehicle: str, truth: Truth | None, errors: Sequence[SensorError], floor: SeaFloor | float | None
 ) -> Iterator[Panel]:
-    """All of a vehicle, group by group; what was not recorded has none."""
+    """Yield all panels of a vehicle, group by group, without panels for what was not recorded."""
     return iter(sorted(_panels(recorded, vehicle, truth, errors, floor), key=lambda panel: _GROUPS.index(panel.group)))
 
 
@@ -144,14 +146,12 @@ def _panel(
         yield Panel(vehicle, group, title, unit, found, is_down)
 
 
-def _table(
-    series: Series, label: str, name: str, factor: float = 1.0, column: int = 0, **look: bool
-) -> Iterator[Table]:
-    """One column of a series, where it was valid; nothing where it has none."""
+def _table(series: Series, label: str, name: str, *, is_stepped: bool = False) -> Iterator[Table]:
+    """Yield a table of the first column of a field, where it is valid; nothing if the series has none."""
     if name in series.columns:
-        y = np.where(series.valid, series.columns[name][:, column], np.nan) * factor
+        y = np.where(series.valid, series.columns[name][:, 0], np.nan)
         if np.isfinite(y).any():
-            yield Table(series.t, (Line(label, y, **look),))
+            yield Table(series.t, (Line(label, y, is_stepped),))
 
 
 def _short(series: Series) -> str:
@@ -199,7 +199,7 @@ def _headings(sensors: Sequence[Series], truth: Truth | None) -> Iterator[Table]
 
 
 def _attitudes(sensors: Sequence[Series], truth: Truth | None) -> Iterator[tuple[str, FloatArray, FloatArray]]:
-    """Name, times and roll, pitch, yaw (n, 3) in degrees, of all that tell an attitude of the body."""
+    """Yield name, times and roll, pitch, yaw (n, 3), degrees, of the truth and of all sensors that measure the attitude of the body."""
     if truth is not None:
         yield "true", truth.t, euler(rotations(truth.q_NB)) * deg(1.0)
     for series in sensors:
@@ -211,7 +211,11 @@ def _attitudes(sensors: Sequence[Series], truth: Truth | None) -> Iterator[tuple
 
 
 def _unwrapped(angle: FloatArray, start: float | None) -> tuple[FloatArray, float | None]:
-    """Angles (n, degrees) without jumps of a turn, beginning within half a turn of `start`, from 0 to one turn otherwise; and where they begin."""
+    """Remove jumps of a full turn from angles (n), degrees.
+
+    Returns:
+        The angles, and the angle at which they begin. It is within half a turn of `start`, or in the first turn if `start` is None.
+    """
     good = np.flatnonzero(np.isfinite(angle))
     if not len(good):
         return angle, start
@@ -226,7 +230,7 @@ def _unwrapped(angle: FloatArray, start: float | None) -> tuple[FloatArray, floa
 def _fields(
     series: Series, group: str, names: Sequence[str] | None = None, *, is_stepped: bool = False
 ) -> Iterator[Panel]:
-    """A panel for each field that has numbers."""
+    """Yield a panel for each field that has numbers."""
     for name, column in series.columns.items():
         if names is not None and name not in names:
             continue
@@ -236,13 +240,8 @@ def _fields(
             continue
         title = f"{_short(series)} {name}"
         if column.shape[1] > _WIDE:
-            yield Panel(
-                series.vehicle,
-                group,
-                title,
-                "",
-                picture=_picture(series.t, valid, 0.0, float(column.shape[1]), field.unit),
-            )
+            picture = _picture(series.t, valid, 0.0, float(column.shape[1]), field.unit)
+            yield Panel(series.vehicle, group, title, "", picture=picture)
             continue
         stepped = is_stepped or field.type in ("bool", "int")
         lines = tuple(
@@ -269,14 +268,14 @@ def _locks(series: Series) -> Panel:
 
 
 def _waterfall(series: Series) -> Iterator[Panel]:
-    """Echoes over range and time, of each ping a column."""
+    """Yield a panel with the echoes over range and time, one column per ping."""
     rows, reach = _echoes(series), series.columns.get("range")
     if rows is None or reach is None or not np.isfinite(rows).any() or not np.isfinite(reach).any():
         return
     far = float(np.nanmax(reach))
     note = _OF_A_PING[series.kind] if np.nanmin(reach) == far else "pings of shorter range are stretched"
     unit = series.fields[_ROWS[series.kind][0]].unit
-    if unit == "Pa":  # over range it changes by many powers of ten
+    if unit == "Pa":  # pressures change by many powers of ten over the range
         rows, unit = _decibels(rows), "dB re 1 uPa"
     both_sides = series.kind == "side_scan"
     picture = _picture(series.t, rows, -far if both_sides else 0.0, far, unit)
@@ -286,15 +285,15 @@ def _waterfall(series: Series) -> Iterator[Panel]:
 
 _ROWS = {"multibeam": ("image",), "scanning_sonar": ("bins",), "side_scan": ("port", "starboard")}
 _OF_A_PING = {
-    "multibeam": "of each ping the strongest beam at each range",
-    "scanning_sonar": "each ping as it came, whatever the head's bearing",
+    "multibeam": "the strongest beam of each ping at each range",
+    "scanning_sonar": "all pings in their order, whatever the bearing of the head",
     "side_scan": "slant range, to starboard above 0 and to port below",
 }
 _RANGE_DB = 80.0
 
 
 def _echoes(series: Series) -> FloatArray | None:
-    """(n, k) from the near end to the far one, or from the far end of port to that of starboard."""
+    """Return echoes (n, k) from the near end to the far end, or from the far end of port to that of starboard; None if fields are missing."""
     found = [series.columns[name] for name in _ROWS[series.kind] if name in series.columns]
     if len(found) < len(_ROWS[series.kind]):
         return None
@@ -302,26 +301,26 @@ def _echoes(series: Series) -> FloatArray | None:
 
 
 def _decibels(pressure: FloatArray) -> FloatArray:
-    """Levels re 1 uPa of amplitudes (Pa), those far below the largest as high as that."""
+    """Return levels re 1 uPa of amplitudes (Pa), limited to a range of `_RANGE_DB` below the largest."""
     largest = max(float(np.nanmax(pressure)), 1e-30)
     levels: FloatArray = 20.0 * np.log10(np.maximum(pressure, largest * 10.0 ** (-0.05 * _RANGE_DB)) * 1e6)
     return levels
 
 
 def _picture(t: FloatArray, rows: FloatArray, low: float, high: float, unit: str) -> Picture:
-    """Of rows (n, k) over time: the largest of each pixel."""
+    """Return a picture of rows (n, k) over time; each pixel shows the largest of its numbers."""
     count = min(_COLUMNS, len(t))
     begin, end = float(t[0]), float(t[-1])
     place = np.clip(((t - begin) / max(end - begin, 1e-9) * count).astype(int), 0, count - 1)
     columns: FloatArray = np.full((count, rows.shape[1]), np.nan)
     np.fmax.at(columns, place, rows)
-    # A pixel without a sample shows the one before: a slow sensor gives no stripes.
+    # A column without a sample repeats the one before, so that a slow sensor gives no stripes.
     filled = np.isfinite(columns).any(axis=1)
     last = np.maximum.accumulate(np.where(filled, np.arange(count), 0))
     columns = columns[last]
     least, most = float(np.nanmin(columns)), float(np.nanmax(columns))
     grey = np.nan_to_num((columns - least) / max(most - least, 1e-12)) * 255.0
-    # Rows of the picture run from the far end down to the near one.
+    # The first row of the picture is at the far end.
     return Picture(begin, end, low, high, png(np.rint(grey.T[::-1]).astype(np.uint8), _SONAR), least, most, unit)
 
 
@@ -333,7 +332,7 @@ def _ramp(stops: Mapping[int, tuple[int, int, int]]) -> bytes:
 
 
 _SONAR = _ramp({0: (8, 8, 20), 70: (72, 30, 92), 140: (190, 70, 60), 200: (246, 160, 50), 255: (255, 248, 210)})
-"""Dark blue to white over red and orange: brightness grows with the number."""
+"""From dark blue over red and orange to white; the brightness grows with the number."""
 
 
 def _error(vehicle: str, error: SensorError) -> Panel:

@@ -1,24 +1,34 @@
-"""What a report needs of a recording, as columns of numbers. Reads its parts and chunks once, in their order: also of a file that has no end."""
+"""Reads a recording into columns of numbers, for a report. It reads each part once, and can read a file that has no end."""
 
 from __future__ import annotations
 
 import contextlib
 import re
-import struct
 from array import array
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections import Counter
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import IO, Any
 
 import msgspec
 import numpy as np
 import numpy.typing as npt
+import zstandard
+from mcap.records import Channel, Chunk, DataEnd, Metadata, Schema
+from mcap.stream_reader import StreamReader
 
+from uwserver.logfiles.mcap_records import CHANNEL, MESSAGE, MESSAGE_HEAD, SCHEMA, learn, records_in
 from uwserver.ports import Cast, Event, Field
 from uwserver.recording.format import EVENTS, METADATA
 from uwserver.recording.parts import SERVED
-from uwserver.recording.reading import MOST_CHUNK_BYTES, MOST_RECORD_BYTES, NotReplayable, parts_of
+from uwserver.recording.reading import (
+    DAMAGE,
+    MOST_CHUNK_BYTES,
+    MOST_RECORD_BYTES,
+    NotReplayable,
+    check_chunk_size,
+    parts_of,
+)
 from uwserver.recording.report.columns import Column, FloatArray, columns_of
 from uwserver.recording.states import CASTS, STATES, CastRecord, read_state
 from uwserver.scenario.files.opening import opened
@@ -27,26 +37,26 @@ from uwserver.units import NANOSECONDS
 IntArray = npt.NDArray[np.int64]
 
 MOST_EVENTS = 20_000
-"""That a report keeps."""
+"""Largest number of events in a report."""
 
-_CHANNEL, _SCHEMA, _MESSAGE = 0x04, 0x03, 0x05
-_MESSAGE_HEAD = struct.Struct("<HIQQ")
+_LATEST_NS = 10**9 * NANOSECONDS
+"""32 years; a message with a later time is damaged."""
 _TYPES = {"number": "float", "integer": "int", "boolean": "bool", "string": "str", "object": "bytes"}
 
 
 @dataclass(frozen=True)
 class Series:
-    """What one port told.
+    """The samples or commands of one port.
 
     Attributes:
-        path: of the port; the part before the first "/" is its vehicle.
-        kind: of the component.
+        path: path of the port; the part before the first "/" is its vehicle.
+        kind: kind of the component.
         direction: "sensor" or "actuator".
-        fields: by name; those of text and of pictures but a sonar's have no columns.
-        t: (n) measured at, s of simulation time; of a command, when it acted.
-        seq: (n) of samples, 0 for commands.
-        valid: (n).
-        columns: (n, size) of each field, NaN where there is no value.
+        fields: by name; texts, and pictures except those of sonars, have no columns.
+        t: (n) simulation time, s, of the measurement; of a command, when it acted.
+        seq: (n) sequence numbers of samples, 0 for commands.
+        valid: (n) whether the sample is valid.
+        columns: (n, size) for each field, NaN where there is no value.
     """
 
     path: str
@@ -60,7 +70,7 @@ class Series:
 
     @property
     def vehicle(self) -> str:
-        """First level of the path."""
+        """Return the first level of the path."""
         return self.path.partition("/")[0]
 
 
@@ -69,14 +79,14 @@ class Recorded:
     """A recording.
 
     Attributes:
-        path: of the file; of the first, if there are several.
-        head: the metadata record, as text.
-        scenario: its resolved scenario as plain tables: name, scenario, vehicles, materials.
-        series: of each port that said something, by path.
-        poses: (n, 8) of each body: t (s), p_NB (m), q_NB (w x y z), from the states; none in old recordings.
-        events: what every client was told.
+        path: the file, or the first of several.
+        head: the metadata record, as texts.
+        scenario: the resolved scenario as plain tables: name, scenario, vehicles, materials.
+        series: by path, for each port with data.
+        poses: (n, 8) for each body: t (s), p_NB (m), q_NB (w x y z), from the states; empty for old recordings.
+        events: the events that all clients received.
         end_s: simulation time of the last entry, s.
-        remarks: what is missing or doubtful, as sentences.
+        remarks: what is missing or doubtful, one sentence each.
     """
 
     path: Path
@@ -90,11 +100,11 @@ class Recorded:
 
 
 def read_recording(path: Path) -> Recorded:
-    """Read a recording of ours, of any version of the physics, with all its parts.
+    """Read a recording of ours with all its parts. Any version of the physics can be read.
 
     Raises:
         OSError: a file cannot be read.
-        ValueError: it is no recording of ours, or a part is missing; the text names it and says why.
+        ValueError: it is not a recording of ours, or a part is missing; the text names it and says why.
     """
     reading = _Reading(path)
     with opened(path) as file:
@@ -110,22 +120,20 @@ def read_recording(path: Path) -> Recorded:
 
 
 def fields_of(schema: dict[str, Any]) -> dict[str, Field]:
-    """The fields of a port again, as far as the JSON schema of its channel tells them."""
-    return {field.name: field for field in _fields(schema["properties"]["value"]["properties"])}
-
-
-def _fields(properties: dict[str, Any]) -> Iterator[Field]:
-    for name, told in properties.items():
-        text = told["description"]
+    """Return the fields of a port, by name, as far as the JSON schema of its channel describes them."""
+    found: dict[str, Field] = {}
+    for name, node in schema["properties"]["value"]["properties"].items():
+        text = node["description"]
         unit, frame = re.search(r"; unit ([^;]*)", text), re.search(r"; frame (\w+)", text)
-        shape = (int(told["maxItems"]),) if "items" in told else ()
-        type_: Any = _TYPES[told.get("items", told)["type"][0]]
-        yield Field(name, unit[1] if unit else "1", text, frame[1] if frame else "", shape, type_)
+        shape = (int(node["maxItems"]),) if "items" in node else ()
+        type_: Any = _TYPES[node.get("items", node)["type"][0]]
+        found[name] = Field(name, unit[1] if unit else "1", text, frame[1] if frame else "", shape, type_)
+    return found
 
 
 @dataclass
-class _Channel:
-    """A port of a recording while it is read."""
+class _PortData:
+    """The data of a port while the recording is read."""
 
     path: str
     kind: str
@@ -142,12 +150,12 @@ class _Channel:
     def add(self, message: dict[str, Any], publish_ns: int) -> None:
         t_ns, seq = int(message.get("t_ns", publish_ns)), int(message.get("seq", 0))
         if not 0 <= t_ns <= _LATEST_NS:
-            raise ValueError("a time that no world lives to see")
+            raise ValueError("the time is out of range")
         value, whole = message["value"], len(self.t)
         try:
             for name, column in self.columns.items():
                 column.add(value.get(name))
-        except BaseException:
+        except BaseException:  # all columns must stay equally long
             for column in self.columns.values():
                 del column.numbers[whole * column.size :]
             raise
@@ -174,26 +182,21 @@ class _Reading:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._found: dict[str, list[_Channel]] = {}
+        self._found: dict[str, list[_PortData]] = {}
         self._head: dict[str, str] | None = None
         self._schemas: dict[int, dict[str, Any]] = {}
-        self._channels: dict[int, _Channel | None] = {}
+        self._channels: dict[int, _PortData | None] = {}
         self._events: list[Event] = []
         self._own: dict[int, str] = {}
         self._casts: dict[int, Cast] = {}
         self._poses: dict[str, array[float]] = {}
-        self._bad: dict[str, int] = {}
+        self._bad: Counter[str] = Counter()
         self._more_events = 0
         self._end_ns = 0
         self._remarks: list[str] = []
 
     def read(self, path: Path, file: IO[bytes]) -> None:
-        """Read one file to its end, or to where it breaks off. Numbers of schemas and channels hold within a file."""
-        from mcap.exceptions import McapError
-        from mcap.records import Channel, Chunk, DataEnd, Metadata, Schema
-        from mcap.stream_reader import StreamReader
-        from zstandard import ZstdError
-
+        """Read one file to its end, or to where it breaks off. Numbers of schemas and channels are valid within a file."""
         self._schemas, self._channels, self._own = {}, {}, {}
         name = "file" if path == self._path else f"part {path.name}"
         ended = False
@@ -202,9 +205,9 @@ class _Reading:
                 if isinstance(record, Metadata) and record.name == METADATA and self._head is None:
                     self._head = record.metadata
                 elif isinstance(record, Schema):
-                    self._schema(record.id, record.data)
+                    self._schema(record)
                 elif isinstance(record, Channel):
-                    self._channel(record.id, record.topic, record.schema_id, record.metadata)
+                    self._channel(record)
                 elif isinstance(record, Chunk):
                     if self._head is None:
                         break
@@ -212,9 +215,10 @@ class _Reading:
                 elif isinstance(record, DataEnd):
                     ended = True
                     break
-        except (McapError, ZstdError, struct.error, ValueError, MemoryError, EOFError) as error:
+        except (*DAMAGE, MemoryError, EOFError) as error:
             if self._head is None:
-                text = f"{path}: not written by `uwserver run --record FILE`, or damaged at its start{f': {error}' if str(error) else ''}"
+                reason = f": {error}" if str(error) else ""
+                text = f"{path}: not written by `uwserver run --record FILE`, or damaged at its start{reason}"
                 raise ValueError(text) from error
             rest = "damaged" if file.read(1) else "cut off"
             self._remarks.append(f"The {name} is {rest} at byte {file.tell()}; the report ends there.")
@@ -225,10 +229,10 @@ class _Reading:
             self._remarks.append("The recording has no end: its server was killed, or it is still being written.")
 
     def recorded(self) -> Recorded:
-        """All that was read."""
+        """Return everything that was read."""
         assert self._head is not None
         try:
-            if SERVED in self._head:  # by another process, which never had it
+            if SERVED in self._head:  # the process that wrote it did not have the scenario
                 scenario: dict[str, Any] = {"scenario": {}}
                 self._remarks.append("Recorded from a running server: its scenario is not in the file.")
             else:
@@ -242,40 +246,37 @@ class _Reading:
         resets = sum(event.event == "reset" for event in self._events)
         if resets:
             self._remarks.append(
-                f"The world was reset {resets} times: what was told at the same time lies on top of one another."
+                f"The world was reset {resets} times: data of equal times are drawn on top of one another."
             )
-        found: dict[str, Series] = {}
-        for channel in (channel for channels in self._found.values() for channel in channels):
-            if len(channel.t):
-                # A name that went to another kind has a channel each; the longest is shown.
-                series = channel.series()
-                if channel.path not in found or len(found[channel.path].t) < len(series.t):
-                    found[channel.path] = _in_order(series)
+        # A path that was used for several kinds of ports has several entries; the longest is shown.
+        longest = {path: max(entries, key=lambda data: len(data.t)) for path, entries in self._found.items()}
+        found = {path: _in_order(data.series()) for path, data in longest.items() if len(data.t)}
         events = tuple(self._events)
         poses = {name: np.frombuffer(rows, dtype=np.float64).reshape(-1, 8) for name, rows in self._poses.items()}
         end_s = self._end_ns / NANOSECONDS
         return Recorded(self._path, self._head, scenario, found, poses, events, end_s, tuple(self._remarks))
 
-    def _schema(self, number: int, data: bytes) -> None:
-        with contextlib.suppress(msgspec.MsgspecError):  # one of another encoding, as Foxglove's
-            self._schemas[number] = msgspec.json.decode(data, type=dict[str, Any])
+    def _schema(self, schema: Schema) -> None:
+        with contextlib.suppress(msgspec.MsgspecError):  # Foxglove's schemas have another encoding
+            self._schemas[schema.id] = msgspec.json.decode(schema.data, type=dict[str, Any])
 
-    def _channel(self, number: int, topic: str, schema: int, about: dict[str, str]) -> None:
+    def _channel(self, channel: Channel) -> None:
+        number, topic, about = channel.id, channel.topic, channel.metadata
         if number in self._channels:
             return
         self._channels[number] = None
         if topic in (EVENTS, STATES, CASTS):
             self._own[number] = topic
-        elif "kind" in about and "direction" in about and schema in self._schemas:
+        elif "kind" in about and "direction" in about and channel.schema_id in self._schemas:
             try:
-                fields = fields_of(self._schemas[schema])
+                fields = fields_of(self._schemas[channel.schema_id])
             except (KeyError, TypeError, ValueError, IndexError):
                 self._remarks.append(f"The schema of {topic} cannot be read; it is left out.")
                 return
-            self._channels[number] = self._same(_Channel(topic, about["kind"], about["direction"], fields))
+            self._channels[number] = self._same(_PortData(topic, about["kind"], about["direction"], fields))
 
-    def _same(self, new: _Channel) -> _Channel:
-        """The channel of the same port in an earlier part; or else this one."""
+    def _same(self, new: _PortData) -> _PortData:
+        """Return the data of the same port in an earlier part; if there are none, the new data."""
         known = self._found.setdefault(new.path, [])
         for old in known:
             if (old.kind, old.direction, old.fields) == (new.kind, new.direction, new.fields):
@@ -283,55 +284,37 @@ class _Reading:
         known.append(new)
         return new
 
-    def _unpack(self, chunk: Any) -> None:
-        """The messages of a chunk. Not by the library, which makes an object of each record: it would take most of the time."""
-        import zstandard
-
-        size = max(chunk.uncompressed_size, len(chunk.data))
-        if chunk.compression == "zstd":
-            size = max(size, zstandard.frame_content_size(chunk.data))
-        if size > MOST_CHUNK_BYTES:
-            raise ValueError(f"a chunk of {size} bytes, at most {MOST_CHUNK_BYTES}: uwserver did not write it")
+    def _unpack(self, chunk: Chunk) -> None:
+        """Read the records of a chunk. The library would make an object of each message, which would take most of the time."""
+        check_chunk_size(chunk)
         data = chunk.data
         if chunk.compression:
             data = zstandard.ZstdDecompressor().decompress(data, max_output_size=MOST_CHUNK_BYTES)
-        place = 0
-        while place + 9 <= len(data):
-            code, length = data[place], int.from_bytes(data[place + 1 : place + 9], "little")
-            body = data[place + 9 : place + 9 + length]
-            if len(body) != length:
-                raise ValueError("a record goes beyond its chunk")
-            place += 9 + length
-            if code == _MESSAGE:
-                self._message(body)
-            elif code in (_CHANNEL, _SCHEMA):
-                self._declared(code, body)
-
-    def _declared(self, code: int, body: bytes) -> None:
-        from io import BytesIO
-
-        from mcap.data_stream import ReadDataStream
-        from mcap.records import Channel, Schema
-
-        stream = ReadDataStream(BytesIO(body))
-        if code == _SCHEMA:
-            schema = Schema.read(stream)
-            self._schema(schema.id, schema.data)
-        else:
-            channel = Channel.read(stream)
-            self._channel(channel.id, channel.topic, channel.schema_id, channel.metadata)
+        done = 0
+        for code, begin, done in records_in(data):
+            if code == MESSAGE:
+                self._message(data[begin:done])
+            elif code in (CHANNEL, SCHEMA):
+                schemas: dict[int, Schema] = {}
+                channels: dict[int, Channel] = {}
+                learn(code, data, begin, done, schemas, channels)
+                for schema in schemas.values():
+                    self._schema(schema)
+                for channel in channels.values():
+                    self._channel(channel)
+        if done < len(data):
+            raise ValueError("a record goes beyond its chunk")
 
     def _message(self, body: bytes) -> None:
-        number, _, log_ns, publish_ns = _MESSAGE_HEAD.unpack_from(body)
-        channel, data = self._channels.get(number), body[_MESSAGE_HEAD.size :]
+        number, _, log_ns, publish_ns = MESSAGE_HEAD.unpack_from(body)
+        port, data = self._channels.get(number), body[MESSAGE_HEAD.size :]
         try:
-            if channel is not None:
-                channel.add(msgspec.json.decode(data), publish_ns)
+            if port is not None:
+                port.add(msgspec.json.decode(data), publish_ns)
             elif number in self._own:
                 self._own_message(self._own[number], data)
         except (msgspec.MsgspecError, KeyError, TypeError, ValueError, AttributeError, OverflowError):
-            path = channel.path if channel is not None else self._own[number]
-            self._bad[path] = self._bad.get(path, 0) + 1
+            self._bad[port.path if port is not None else self._own[number]] += 1
             return
         self._end_ns = max(self._end_ns, min(log_ns, _LATEST_NS))
 
@@ -342,7 +325,7 @@ class _Reading:
         elif topic == STATES:
             state = read_state(data, self._casts).state
             if not 0 <= state.t_ns <= _LATEST_NS:
-                raise ValueError("a time that no world lives to see")
+                raise ValueError("the time is out of range")
             for body, pose in zip((*state.cast.vehicles, *state.cast.objects), state.poses.tolist(), strict=True):
                 self._poses.setdefault(body.name, array("d")).extend((state.t_ns / NANOSECONDS, *pose))
         elif len(self._events) < MOST_EVENTS:
@@ -351,16 +334,10 @@ class _Reading:
             self._more_events += 1
 
 
-_LATEST_NS = 10**9 * NANOSECONDS
-"""A world lives no longer; what says more is damaged."""
-
-
 def _in_order(series: Series) -> Series:
-    """By time: after a reset it begins anew, and what was before is drawn below what came after."""
+    """Return a series sorted by time. After a reset the times begin again; of equal times, those before the reset come first."""
     if np.all(np.diff(series.t) >= 0.0):
         return series
     order = np.argsort(series.t, kind="stable")
     columns = {name: column[order] for name, column in series.columns.items()}
-    return Series(
-        series.path, series.kind, series.direction, series.fields, series.t[order], series.seq[order], series.valid[order], columns
-    )  # fmt: skip
+    return replace(series, t=series.t[order], seq=series.seq[order], valid=series.valid[order], columns=columns)

@@ -1,4 +1,4 @@
-"""The table at the top of a report."""
+"""Makes the tables at the top of a report."""
 
 from __future__ import annotations
 
@@ -13,19 +13,21 @@ from uwserver.recording.report.reading import IntArray, Recorded, Series
 from uwserver.recording.report.truth import Truth
 
 Row = tuple[str, str]
-"""What, and how much with its unit."""
+"""A label, and a value with its unit."""
 
 _JITTER_M = 0.005
-"""A vehicle has moved when it is this far from where it was last said to have moved: what it trembles is no way."""
+"""A step counts as motion only if it leads this far from the end of the last step, so that jitter adds no distance."""
 _JOULES_PER_WH = 3600.0
 
 
 @dataclass(frozen=True)
 class VehicleSummary:
-    """Attributes:
-    name: of the vehicle.
-    model: name of its file.
-    rows: what it did.
+    """The table of a vehicle.
+
+    Attributes:
+        name: name of the vehicle.
+        model: name of its file.
+        rows: the table.
     """
 
     name: str
@@ -34,9 +36,11 @@ class VehicleSummary:
 
 
 def summary_of(recorded: Recorded) -> tuple[Row, ...]:
-    """Of the whole run."""
+    """Return the table of the whole run."""
     head, scenario = recorded.head, recorded.scenario["scenario"]
     faults = sum(event.event == "fault" for event in recorded.events)
+    rate = scenario.get("world", {}).get("rate_hz")
+    rate_hz = f"{rate:g}" if isinstance(rate, int | float) else "?"
     sensors = [series for series in recorded.series.values() if series.direction == "sensor"]
     rows = [
         ("scenario", str(recorded.scenario.get("name", ""))),
@@ -44,7 +48,7 @@ def summary_of(recorded: Recorded) -> tuple[Row, ...]:
         ("recorded", head.get("started_utc", "") or "?"),
         (
             "duration",
-            f"{recorded.end_s:.1f} s simulated, {_number(scenario.get('world', {}).get('rate_hz'))} ticks a second",
+            f"{recorded.end_s:.1f} s simulated, {rate_hz} ticks a second",
         ),
         (
             "uwserver",
@@ -65,7 +69,7 @@ def summary_of(recorded: Recorded) -> tuple[Row, ...]:
 def vehicle_summary(
     recorded: Recorded, vehicle: str, truth: Truth | None, errors: Sequence[SensorError]
 ) -> VehicleSummary:
-    """Of one vehicle; what was not recorded is not told."""
+    """Return the table of one vehicle, without rows for what was not recorded."""
     file = recorded.scenario.get("vehicles", {}).get(vehicle, {}).get("vehicle", {})
     mine = [series for series in recorded.series.values() if series.vehicle == vehicle]
     rows: list[Row] = []
@@ -89,7 +93,7 @@ def vehicle_summary(
 
 
 def distance_run(p: FloatArray) -> float:
-    """Length of a way (n, 3), m, without what is mere trembling."""
+    """Return the length of a path (n, 3), m, without jitter."""
     total, last = 0.0, p[0]
     for place in p[1:]:
         step = float(np.linalg.norm(place - last))
@@ -99,7 +103,7 @@ def distance_run(p: FloatArray) -> float:
 
 
 def missing_samples(seq: IntArray) -> int:
-    """How many numbers a sensor's samples leave out; after a reset they begin anew."""
+    """Return how many sequence numbers (n) are missing. After a reset the numbers begin again."""
     if len(seq) < 2:
         return 0
     steps = np.diff(np.sort(seq))
@@ -108,18 +112,10 @@ def missing_samples(seq: IntArray) -> int:
 
 def _battery(series: Series) -> list[Row]:
     rows: list[Row] = []
-    if "energy" in series.columns:
-        energy = series.columns["energy"][:, 0]
-        energy = energy[np.isfinite(energy)]
-        if len(energy):
-            rows.append(("energy used", f"{float(energy[-1] - energy[0]) / _JOULES_PER_WH:.2f} Wh"))
-    if "charge" in series.columns:
-        charge = series.columns["charge"][:, 0]
-        charge = charge[np.isfinite(charge)]
-        if len(charge):
-            rows.append(("charge left", f"{float(charge[-1]):.1%}"))
+    columns = (series.columns.get(name, np.zeros((0, 1)))[:, 0] for name in ("energy", "charge"))
+    energy, charge = (column[np.isfinite(column)] for column in columns)
+    if len(energy):
+        rows.append(("energy used", f"{float(energy[-1] - energy[0]) / _JOULES_PER_WH:.2f} Wh"))
+    if len(charge):
+        rows.append(("charge left", f"{float(charge[-1]):.1%}"))
     return rows
-
-
-def _number(value: object) -> str:
-    return f"{value:g}" if isinstance(value, int | float) else "?"

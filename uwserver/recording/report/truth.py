@@ -1,4 +1,4 @@
-"""Where a vehicle really was, from the truth in its recording; and where its sensors sat on it."""
+"""Reads the true motion of a vehicle from a recording, and the places of its sensors."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from uwserver.recording.report.reading import IntArray, Recorded
 from uwserver.units import rad
 
 _TICK_S = 1e-6
-"""Times closer than this are of the same tick."""
+"""Times closer than this belong to the same tick."""
 _COINCIDENT = 20
-"""Samples at instants of the truth that are enough to be compared alone, without interpolation."""
+"""If this many samples have the times of the truth, only these are compared, without interpolation."""
 
 
 @dataclass(frozen=True)
 class Truth:
-    """Of one vehicle.
+    """The true motion of one vehicle.
 
     Attributes:
         t: (n) s, strictly increasing.
         p_NB: (n, 3) m.
         q_NB: (n, 4) w x y z, continuous in sign.
-        v_NB_B, w_NB_B, v_dot_B, w_dot_B: (n, 3) m/s, rad/s and their derivatives; None where they were not recorded.
+        v_NB_B, w_NB_B, v_dot_B, w_dot_B: (n, 3) m/s, rad/s and their derivatives; None if they were not recorded.
     """
 
     t: FloatArray
@@ -40,14 +40,14 @@ class Truth:
     w_dot_B: FloatArray | None = None
 
     def pairs(self, t: FloatArray) -> IntArray:
-        """Which of the samples at `t` are compared: those of the same tick if there are enough, else all within the truth; as indices (m)."""
+        """Return the indices (m) of the samples at `t` (n) that are compared: those at ticks of the truth if there are enough, else all within it."""
         inside = np.flatnonzero((t >= self.t[0] - _TICK_S) & (t <= self.t[-1] + _TICK_S))
         nearest = np.clip(np.searchsorted(self.t, t[inside] - _TICK_S), 0, len(self.t) - 1)
         same = inside[np.abs(self.t[nearest] - t[inside]) <= _TICK_S]
         return same if len(same) >= _COINCIDENT else inside
 
     def at(self, t: FloatArray, name: str) -> FloatArray:
-        """One of the attributes at times (m) within it, (m, k): linear between two, attitudes normalised."""
+        """Return an attribute (m, k) at times (m): interpolated linearly, attitudes normalised."""
         rows: FloatArray = getattr(self, name)
         found = np.stack([np.interp(t, self.t, column) for column in rows.T], axis=1)
         if name == "q_NB":
@@ -57,14 +57,14 @@ class Truth:
 
 @dataclass(frozen=True)
 class Mount:
-    """Of a sensor: p_BS (m), and R_BS, which turns components in S into B."""
+    """The place of a sensor: p_BS (m), and R_BS, which turns components in S into components in B."""
 
     p: FloatArray
     R: FloatArray
 
 
 def truth_of(recorded: Recorded, vehicle: str) -> Truth | None:
-    """From ``<vehicle>/truth/...``, or the poses of the states; None where neither was recorded."""
+    """Return the truth from ``<vehicle>/truth/...``, or else from the recorded poses; None if neither was recorded."""
     pose = recorded.series.get(f"{vehicle}/truth/pose")
     if pose is not None and {"p_NB", "q_NB"} <= pose.columns.keys():
         rows = np.column_stack([pose.t, pose.columns["p_NB"], pose.columns["q_NB"]])
@@ -91,7 +91,7 @@ def truth_of(recorded: Recorded, vehicle: str) -> Truth | None:
 
 
 def mount_of(table: Mapping[str, Any], mounts: Mapping[str, Any]) -> Mount:
-    """Of a sensor's table as the head has it; a named mount of the vehicle stands for its own place."""
+    """Return the place of a sensor from its table in the head. If the table names a mount of the vehicle, that gives the place."""
     named = mounts.get(table.get("mount", ""), {})
     place = {**table, **{key: value for key, value in named.items() if key in ("position_frd_m", "rpy_deg")}}
     position, angles = place.get("position_frd_m", (0.0, 0.0, 0.0)), place.get("rpy_deg", (0.0, 0.0, 0.0))
@@ -100,18 +100,13 @@ def mount_of(table: Mapping[str, Any], mounts: Mapping[str, Any]) -> Mount:
 
 
 def rotations(q: FloatArray) -> FloatArray:
-    """(n, 3, 3) of unit quaternions (n, 4)."""
-    w, x, y, z = q.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
+    """Return rotation matrices (n, 3, 3) of unit quaternions (n, 4)."""
+    columns: Any = q.T  # the function for one quaternion also takes its four components as arrays
+    return np.moveaxis(np.array(matrix(columns)), 2, 0)
 
 
 def euler(R: FloatArray) -> FloatArray:
-    """(n, 3) roll, pitch, yaw, rad, of rotations (n, 3, 3)."""
+    """Return roll, pitch, yaw (n, 3), rad, of rotations (n, 3, 3)."""
     roll = np.arctan2(R[:, 2, 1], R[:, 2, 2])
     pitch = np.arcsin(np.clip(-R[:, 2, 0], -1.0, 1.0))
     yaw = np.arctan2(R[:, 1, 0], R[:, 0, 0])
@@ -119,7 +114,7 @@ def euler(R: FloatArray) -> FloatArray:
 
 
 def small_angles(R: FloatArray) -> FloatArray:
-    """(n, 3) rotation vectors, rad, of rotations (n, 3, 3) that are far from half a turn."""
+    """Return rotation vectors (n, 3), rad, of rotations (n, 3, 3) that are far from half a turn."""
     vector = 0.5 * np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1)
     sine = np.linalg.norm(vector, axis=1)
     angle = np.arctan2(sine, 0.5 * (np.trace(R, axis1=1, axis2=2) - 1.0))
