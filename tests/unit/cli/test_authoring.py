@@ -130,7 +130,10 @@ def test_without_a_mass_it_is_neutral_in_sea_water(folder: Path) -> None:
         (("--vehicle", "x", "--mass", "3"), "--mass is of a mesh"),
         (("--vehicle", "x", "--mesh", "none.stl"), "none.stl"),
         (("--vehicle", "x", "--mesh", "open.stl"), "is not closed, so it has no volume"),
-        (("--vehicle", "x", "--mesh", "mm.stl"), "600 m long, 400 m wide and 300 m high, unlike any vehicle: give the unit"),
+        (
+            ("--vehicle", "x", "--mesh", "mm.stl"),
+            "600 m long, 400 m wide and 300 m high, unlike any vehicle: give the unit",
+        ),
         (("--vehicle", "x", "--mesh", "mm.stl", "--scale", "0"), "--scale"),
     ],
 )

@@ -32,7 +32,9 @@ def test_faults_are_red_and_warnings_yellow_on_a_terminal(tank, monkeypatch):
     text = tank.read_text().replace("rate_hz = 7", "rate_hz = 8")
     tank.write_text(text)
     shown = CliRunner().invoke(main, ["check", "tank.toml"], color=True).output
-    assert "\x1b[33mtank.toml:4:25:\x1b[0m vehicles.rov.position_ned_m[2]: warning: it starts 5 m above the water" in shown
+    assert (
+        "\x1b[33mtank.toml:4:25:\x1b[0m vehicles.rov.position_ned_m[2]: warning: it starts 5 m above the water" in shown
+    )
     assert "\x1b[32mok\x1b[0m: tank.toml" in shown
     tank.write_text(SCENARIO)
     assert "\x1b[31mtank.toml:8:1:\x1b[0m" in CliRunner().invoke(main, ["check", "tank.toml"], color=True).output
