@@ -1,4 +1,4 @@
-"""The command ``uwserver``; ``python -m uwserver`` is the same."""
+"""The command ``uwserver``, also available as ``python -m uwserver``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import threading
 
 
 def start() -> None:
-    """Run the command line, which imports much; a signal must be heard before that."""
+    """Run the command line."""
+    # Before the imports, which take a while: a container must be able to end in that time too.
     if os.getpid() == 1:
         end_on_sigterm()
     try:
@@ -23,10 +24,10 @@ def start() -> None:
 
 
 def end_on_sigterm() -> None:
-    """End this process at once on SIGTERM until somebody else handles it, as it ends any other process than the first of a container.
+    """End this process at once on SIGTERM, until the server installs its own handler.
 
-    That one gets no signal that it does not handle itself. A thread waits for it, for Python's own handlers run between two lines of Python
-    only, and the compiler of kernels works for many seconds without any.
+    The kernel does not deliver an unhandled signal to the first process of a container. A thread waits for the signal, because Python runs its
+    handlers only between two instructions of Python code, and the compiler of kernels works for many seconds without one.
     """
     reader, writer = os.pipe()
     os.set_blocking(writer, False)

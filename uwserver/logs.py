@@ -1,4 +1,4 @@
-"""Logging of the server: readable lines, or one JSON object a line."""
+"""Logging of the server: readable lines, or a JSON object on each line."""
 
 from __future__ import annotations
 
@@ -8,27 +8,28 @@ import logging
 import os
 import sys
 import traceback
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, TextIO
 
 if TYPE_CHECKING:
     _Stream = logging.StreamHandler[TextIO]
 else:
-    _Stream = logging.StreamHandler  # Python 3.10 cannot say of what
+    _Stream = logging.StreamHandler  # the class takes no type argument in Python 3.10
 
 TOLD_S = 60.0
-"""Time for which a cause that was told is only counted."""
+"""Time for which a cause that was written is only counted."""
 VARIED = 10
-"""Lines of one cause in that time that may differ in what they name."""
+"""Lines with arguments that are written for one cause in that time, as their arguments may differ."""
 CAUSES = 256
-"""Causes that are remembered; the one that was told least recently is forgotten."""
+"""Causes that are remembered. If there are more, the oldest is forgotten."""
 _CAUSE_LENGTH = 200
 
 
 class JsonFormatter(logging.Formatter):
-    """``{"time": ..., "level": ..., "logger": ..., "text": ...}``; time in Unix seconds."""
+    """Writes ``{"time": ..., "level": ..., "logger": ..., "text": ...}``, with the time in Unix seconds."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """One line."""
+        """Return one line."""
         entry: dict[str, object] = {
             "time": record.created,
             "level": record.levelname.lower(),
@@ -40,22 +41,30 @@ class JsonFormatter(logging.Formatter):
         return json.dumps(entry, ensure_ascii=False)
 
 
+@dataclass
 class _Cause:
-    """What was told of one cause."""
+    """A cause since its first line.
 
-    def __init__(self, begin: float) -> None:
-        self.begin = begin
-        self.told = 0
-        self.held = 0
-        self.last: logging.LogRecord | None = None
+    Attributes:
+        begin: Unix time of the first line, s.
+        written, held: how many lines were written, and held back.
+        last: the last line that was held back.
+    """
+
+    begin: float
+    written: int = 0
+    held: int = 0
+    last: logging.LogRecord | None = None
 
 
 class SparingLog(_Stream):
-    """Writes each cause once a minute, and then how often it came: what floods (a library's line for each write to a peer that is gone, a
-    traceback for each connection that cannot be accepted) neither fills a disk nor hides other lines.
+    """Writes each cause once a minute, and afterwards how often it came in that minute.
 
-    A cause is logger, level, text before its arguments (the first line of it) and type of exception. Lines with arguments may differ, so
-    `VARIED` of them are written.
+    So a flood of lines neither fills the disk nor hides other lines. A library may write a line for each write to a peer that is gone, or
+    a traceback for each connection that cannot be accepted.
+
+    A cause is the logger, the level, the first line of the text before its arguments are inserted, and the type of the exception. Lines
+    with arguments may differ, so `VARIED` of them are written.
     """
 
     def __init__(self, stream: TextIO) -> None:
@@ -64,7 +73,7 @@ class SparingLog(_Stream):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write the record, or count it."""
-        self._tell_due(record.created)
+        self._summarise_due(record.created)
         if record.levelno < logging.INFO or self._is_to_be_written(record):
             super().emit(record)
 
@@ -72,13 +81,14 @@ class SparingLog(_Stream):
         """Write the counts of causes whose minute is over."""
         with self.lock or contextlib.nullcontext():
             if self._causes:
-                self._tell_due(logging.makeLogRecord({}).created)
+                # A new record has the present time, by the clock of other records.
+                self._summarise_due(logging.makeLogRecord({}).created)
             super().flush()
 
     def close(self) -> None:
         """Write all counts."""
         with self.lock or contextlib.nullcontext():
-            self._tell_due(float("inf"))
+            self._summarise_due(float("inf"))
         super().close()
 
     def _is_to_be_written(self, record: logging.LogRecord) -> bool:
@@ -89,25 +99,24 @@ class SparingLog(_Stream):
         if cause is None:
             if len(self._causes) >= CAUSES:
                 oldest = next(iter(self._causes))
-                self._tell(self._causes.pop(oldest))
+                self._summarise(self._causes.pop(oldest))
             cause = self._causes[key] = _Cause(record.created)
-        if cause.told < (VARIED if record.args else 1):
-            cause.told += 1
+        if cause.written < (VARIED if record.args else 1):
+            cause.written += 1
             return True
         cause.held += 1
         cause.last = record
         return False
 
-    def _tell_due(self, now: float) -> None:
-        """Causes stand in the order in which they began."""
-        while self._causes:
-            key, cause = next(iter(self._causes.items()))
+    def _summarise_due(self, now: float) -> None:
+        # Causes are in the order in which they began.
+        for key, cause in list(self._causes.items()):
             if now - cause.begin < TOLD_S:
                 return
             del self._causes[key]
-            self._tell(cause)
+            self._summarise(cause)
 
-    def _tell(self, cause: _Cause) -> None:
+    def _summarise(self, cause: _Cause) -> None:
         last = cause.last
         if last is not None:
             text = "%s (%d more of these since the line before)"
@@ -116,25 +125,26 @@ class SparingLog(_Stream):
 
 
 class TerminalFormatter(logging.Formatter):
-    """A line for whoever sits there: time of day, level where it matters, text; coloured unless NO_COLOR is set, so that it is no part of what else
-    is printed."""
+    """Writes lines for a person: time of day, level if it is not that of information, and text.
+
+    Lines have a colour, unless NO_COLOR is set, to tell them from other output.
+    """
 
     def format(self, record: logging.LogRecord) -> str:
-        """One line, and the traceback below it."""
-        begin, end = (
-            ("", "") if os.environ.get("NO_COLOR") else (_COLOURS[record.levelno >= logging.WARNING], "\x1b[0m")
-        )
+        """Return one line, with the traceback below it."""
+        begin, end = _DIM if record.levelno < logging.WARNING else _YELLOW, "\x1b[0m"
+        if os.environ.get("NO_COLOR"):
+            begin = end = ""
         level = f"{record.levelname.lower()}: " if record.levelno != logging.INFO else ""
         line = f"{begin}{self.formatTime(record, '%H:%M:%S')} {level}{record.getMessage()}{end}"
         return f"{line}\n{self.formatException(record.exc_info)}" if record.exc_info else line
 
 
-_COLOURS = ("\x1b[2m", "\x1b[33m")
-"""Dim, and yellow for a warning or worse."""
+_DIM, _YELLOW = "\x1b[2m", "\x1b[33m"
 
 
 def set_up_logging(level: str, as_json: bool) -> None:
-    """Log to standard error from `level` on, each cause once a minute."""
+    """Log to standard error the lines of this level and above, each cause once a minute."""
     output = SparingLog(sys.stderr)
     if as_json:
         output.setFormatter(JsonFormatter())
@@ -143,11 +153,11 @@ def set_up_logging(level: str, as_json: bool) -> None:
     else:
         output.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
     logging.basicConfig(level=level.upper(), handlers=[output], force=True)
-    # numba talks at debug level about every byte-code.
+    # At level debug numba writes lines for every byte-code.
     logging.getLogger("numba").setLevel(logging.WARNING)
 
 
 def place_of(error: BaseException, file: str = "") -> tuple[str, int]:
-    """File and line where an error was raised; with a `file`, the last line of that file on the way there (0 if none)."""
+    """Return the file and line at which an error was raised; with `file`, the last line of that file in the traceback, 0 if there is none."""
     frames = [frame for frame in traceback.extract_tb(error.__traceback__) if file in ("", frame.filename)]
     return (frames[-1].filename, frames[-1].lineno or 0) if frames else (file, 0)

@@ -20,7 +20,7 @@ from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
 from uwserver.cli.chromium import PATIENCE_S, Browser, Page, browsing
-from uwserver.cli.play import COMMANDS as PLAY
+from uwserver.cli.play import play
 from uwserver.recording.player_services import PLAYBACK_SERVICES
 
 PROBES = Path(__file__).parents[1] / "page_probes.js"
@@ -234,7 +234,6 @@ def test_what_changes_the_world_is_inactive_and_says_why(page: Page) -> None:
 def test_the_page_names_options_and_services_that_there_are() -> None:
     """docs/how-to/playback.md: its listings need logs of the reader's own."""
     page = (Path(__file__).parents[2] / "docs/how-to/playback.md").read_text()
-    (play,) = (command for command in PLAY if command.name == "play")
     options = {name for parameter in play.params for name in parameter.opts} | {"--mapping", "--record"}
     assert set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", page)) <= options
     there = {service.path for service in PLAYBACK_SERVICES}

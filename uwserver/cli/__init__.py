@@ -1,8 +1,8 @@
-"""The command line. Each group of commands has its module, imported only when it is used."""
+"""The command line. The module of a command is imported only when the command is used."""
 
 from __future__ import annotations
 
-import importlib
+import pkgutil
 from importlib.metadata import entry_points
 
 import click
@@ -10,45 +10,45 @@ import click
 from uwserver import __version__
 from uwserver.ports.checks import suggestion
 
-_WHERE = {
-    "run": "run",
-    "check": "scenario",
-    "schema": "scenario",
-    "list": "scenario",
-    "new": "authoring",
-    "show": "authoring",
-    "copy": "authoring",
-    "replay": "replay",
-    "play": "play",
-    "log": "log",
-    "export": "export",
-    "compare": "compare",
-    "record": "record",
-    "plot": "plot",
-    "shot": "shot",
-    "validate": "validate",
-    "manoeuvres": "manoeuvres",
-    "camera-info": "camera_info",
-    "doctor": "doctor",
+_COMMANDS = {
+    "run": "run:run",
+    "check": "scenario:check",
+    "schema": "scenario:schema",
+    "list": "scenario:list_",
+    "new": "authoring:new",
+    "show": "authoring:show",
+    "copy": "authoring:copy",
+    "replay": "replay:replay",
+    "play": "play:play",
+    "log": "log:log_command",
+    "export": "export:export",
+    "compare": "compare:compare",
+    "record": "record:record",
+    "plot": "plot:plot",
+    "shot": "shot:shot",
+    "validate": "validate:validate",
+    "manoeuvres": "manoeuvres:manoeuvres",
+    "camera-info": "camera_info:camera_info",
+    "doctor": "doctor:doctor",
 }
-_ELSEWHERE = {"bench": "uwserver-bench"}
-"""Commands of other distributions, found by their entry point in the group ``uwserver.commands``."""
+"""The module below `uwserver.cli` and the function of each command, in the order in which help lists them."""
+_OTHER_DISTRIBUTIONS = {"bench": "uwserver-bench"}
+"""Commands of other distributions, which are found by their entry point in the group ``uwserver.commands``."""
 
 
-class _Lazy(click.Group):
-    """Finds a command in its module when it is asked for: `uwserver list` need not load the server."""
+class _Commands(click.Group):
+    """Imports a command when it is asked for, so that `uwserver list`, for example, need not load the server."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return [*_WHERE, *_ELSEWHERE]
+        return [*_COMMANDS, *_OTHER_DISTRIBUTIONS]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name in _ELSEWHERE:
-            return _elsewhere(cmd_name)
-        if cmd_name not in _WHERE:
+        if cmd_name in _OTHER_DISTRIBUTIONS:
+            return _command_of_distribution(cmd_name)
+        if cmd_name not in _COMMANDS:
             return None
-        module = importlib.import_module(f"uwserver.cli.{_WHERE[cmd_name]}")
-        found: click.Command = next(command for command in module.COMMANDS if command.name == cmd_name)
-        return found
+        command: click.Command = pkgutil.resolve_name(f"uwserver.cli.{_COMMANDS[cmd_name]}")
+        return command
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -59,9 +59,9 @@ class _Lazy(click.Group):
         return super().resolve_command(ctx, args)
 
 
-def _elsewhere(name: str) -> click.Command:
-    """The command of another distribution; one that says what to install, when that is missing or does not load."""
-    package = _ELSEWHERE[name]
+def _command_of_distribution(name: str) -> click.Command:
+    """Return the command of another distribution, or one that tells what to install if that is missing or does not load."""
+    package = _OTHER_DISTRIBUTIONS[name]
     fault = "it is not installed"
     for entry in entry_points(group="uwserver.commands", name=name):
         try:
@@ -70,10 +70,10 @@ def _elsewhere(name: str) -> click.Command:
             fault = f"it does not load ({error})"
         else:
             return command
-    text = f"{fault}: pip install {package} (in a checkout of the sources: pip install ./{name})"
 
     def refuse(**_: object) -> None:
-        raise click.ClickException(f"uwserver {name}: {text}")
+        remedy = f"pip install {package} (in a checkout of the sources: pip install ./{name})"
+        raise click.ClickException(f"uwserver {name}: {fault}: {remedy}")
 
     takes_all = {"ignore_unknown_options": True, "allow_extra_args": True, "help_option_names": []}
     return click.Command(
@@ -81,7 +81,7 @@ def _elsewhere(name: str) -> click.Command:
     )
 
 
-@click.group(cls=_Lazy, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="uwserver")
 def main() -> None:
     """Headless co-simulation server for underwater robots."""

@@ -1,4 +1,4 @@
-"""Commands that write files to begin with, or show those that are shipped: new, show, copy."""
+"""The commands `new`, `show` and `copy`: files to begin with, and the files that are shipped."""
 
 from __future__ import annotations
 
@@ -24,21 +24,39 @@ _POSITIVE = click.FloatRange(min=0.0, min_open=True)
 
 @click.command(short_help="Write a scenario or a vehicle file to begin with.")
 @click.argument("name", required=False)
-@click.option("--vehicle", metavar="VEHICLE", help=f"Of the scenario [default: {_DEFAULT}]; without NAME: the vehicle file to write.")  # fmt: skip
-@click.option("--from", "base", help=f"The vehicle that the new one begins as: a shipped one or a file [default: {_DEFAULT}].")  # fmt: skip
-@click.option("--mesh", help="The new vehicle's hull, x ahead: .stl, .obj, .ply, .glb, .gltf; a closed solid.")
-@click.option("--scale", type=_POSITIVE, help="m of one unit of the mesh: 0.001 for millimetres [default: 1].")
-@click.option("--up", type=click.Choice(["y", "z"]), help="The mesh's axis that points up [default: y for glTF, else z].")  # fmt: skip
-@click.option("--mass", type=_POSITIVE, help="kg, with --mesh [default: neutral in sea water].")
-@click.option("--from-morse", "script", metavar="SCRIPT", help="Builder script of MORSE as which the scenario begins; read, never run.")  # fmt: skip
+@click.option(
+    "--vehicle",
+    metavar="VEHICLE",
+    help=f"Vehicle of the scenario [default: {_DEFAULT}]; without NAME, name of the new vehicle.",
+)
+@click.option(
+    "--from", "base", help=f"Shipped vehicle or file from which the new vehicle takes the rest [default: {_DEFAULT}]."
+)
+@click.option(
+    "--mesh", help="Hull of the new vehicle, with x ahead: a closed solid as .stl, .obj, .ply, .glb or .gltf."
+)
+@click.option("--scale", type=_POSITIVE, help="Metres per unit of the mesh, 0.001 for millimetres [default: 1].")
+@click.option(
+    "--up", type=click.Choice(["y", "z"]), help="Axis of the mesh that points up [default: y for glTF, else z]."
+)
+@click.option("--mass", type=_POSITIVE, help="Mass in kg, with --mesh [default: neutral in sea water].")
+@click.option(
+    "--from-morse",
+    "script",
+    metavar="SCRIPT",
+    help="Convert this Builder script of the simulator MORSE; it is never run.",
+)
 def new(
     name: str | None, vehicle: str | None, base: str | None, mesh: str | None, scale: float | None, up: str | None,
     mass: float | None, script: str | None,
 ) -> None:  # fmt: skip
-    """Write a commented starter scenario NAME.toml here; or, without NAME, a vehicle file.
+    """Write a commented scenario NAME.toml in this folder. Without NAME, write a vehicle file.
 
-    `uwserver new tank --vehicle bluerov2` writes the scenario tank.toml. `uwserver new --vehicle crab --from bluerov2 --mesh hull.stl --mass 12`
-    writes the vehicle crab.toml: thrusters and sensors of BlueROV2, volume, centre and inertia from the mesh, added mass and damping by formula.
+    `uwserver new tank --vehicle bluerov2` writes the scenario tank.toml.
+
+    `uwserver new --vehicle crab --from bluerov2 --mesh hull.stl --mass 12` writes the vehicle file crab.toml. Thrusters and sensors are those
+    of the BlueROV2. Volume, centre of volume and inertia are computed from the mesh, added mass and damping by formula.
+
     `uwserver new sea --from-morse default.py` writes sea.toml from a scenario of the simulator MORSE.
     """
     given = {"--from": base, "--mesh": mesh, "--scale": scale, "--up": up, "--mass": mass}
@@ -57,14 +75,14 @@ def new(
 
 
 def _new_scenario(stem: str, vehicle: str, script: str | None) -> None:
-    _found(vehicle, "vehicles", "--vehicle")
+    _found(vehicle, "--vehicle")
     text = starter(stem, vehicle) if script is None else _converted(script, stem, vehicle)
-    path = _write(Path(f"{stem}.toml"), text)
+    path = _write(stem, text)
     click.echo(f"wrote {path}; next: uwserver check {path} && uwserver run {path}")
 
 
 def _converted(script: str, stem: str, vehicle: str) -> str:
-    """The scenario of a Builder script; what it says that is not in the scenario is printed."""
+    """Return the scenario of a Builder script, and print what the scenario leaves out."""
     try:
         with Path(script).open("rb") as file:
             text = file.read(LONGEST + 1).decode("utf-8-sig")
@@ -80,7 +98,7 @@ def _converted(script: str, stem: str, vehicle: str) -> str:
 def _new_vehicle(
     stem: str, base: str, mesh: str | None, scale: float, up: Literal["y", "z"] | None, mass: float | None
 ) -> None:
-    text = _found(base, "vehicles", "--from").read_text(encoding="utf-8-sig")
+    text = _found(base, "--from").read_text(encoding="utf-8-sig")
     begun_as = Path(base).stem
     if mesh is None:
         written = vehicle_starter(stem, begun_as, text)
@@ -93,7 +111,7 @@ def _new_vehicle(
         written = vehicle_starter(stem, begun_as, text, hull, mesh, mass, reading)
         size = " x ".join(f"{edge:.3g}" for edge in hull.size)
         click.echo(f"{mesh}: {size} m (length, width, height), {hull.volume:.4g} m3")
-    path = _write(Path(f"{stem}.toml"), written)
+    path = _write(stem, written)
     click.echo(f"wrote {path}; next: uwserver manoeuvres {path}, and uwserver new tank --vehicle {path}")
 
 
@@ -108,14 +126,14 @@ def show(name: str) -> None:
 @click.argument("name")
 @click.option("--as", "stem", help="Name of the copy, without .toml [default: NAME].")
 def copy(name: str, stem: str | None) -> None:
-    """Copy a shipped file here, to change it.
+    """Copy a shipped file into this folder, so that you can change it.
 
-    NAME is of a scenario, vehicle or device; the copy is NAME.toml.
+    NAME is the name of a scenario, vehicle or device; the copy is NAME.toml.
 
-    Files that a scenario names (its seabed, say) are not copied: give their paths in the copy.
+    Files that a scenario names, such as its seabed, are not copied: give their paths in the copy.
     """
     kind, source = _shipped(name)
-    path = _write(Path(f"{source.stem if stem is None else _stem(stem, '--as')}.toml"), source.read_text("utf-8"))
+    path = _write(source.stem if stem is None else _stem(stem, "--as"), source.read_text("utf-8"))
     uses = {
         "scenario": f"uwserver run {path}",
         "vehicle": f'model = "{path}" in a scenario beside it',
@@ -125,7 +143,7 @@ def copy(name: str, stem: str | None) -> None:
 
 
 def _shipped(name: str) -> tuple[str, Path]:
-    """What kind of file it is, and where."""
+    """Return the kind of a shipped file and its path."""
     found: Mapping[str, Mapping[str, Path]] = {kind: shipped(folder) for kind, folder in _FOLDERS.items()}
     stem = name.removesuffix(".toml")
     for kind, files in found.items():
@@ -136,11 +154,13 @@ def _shipped(name: str) -> tuple[str, Path]:
     raise click.BadParameter(text, param_hint="NAME")
 
 
-def _found(reference: str, folder: str, hint: str) -> Path:
-    def refuse(text: str) -> None:
-        raise click.BadParameter(text, param_hint=hint)
+def _found(reference: str, option: str) -> Path:
+    """Return the path of a vehicle file, shipped or not; a fault is one of the option."""
 
-    path = find(reference, folder, Path.cwd(), refuse)
+    def refuse(text: str) -> None:
+        raise click.BadParameter(text, param_hint=option)
+
+    path = find(reference, "vehicles", Path.cwd(), refuse)
     assert path is not None
     return path
 
@@ -158,7 +178,9 @@ def _stem(name: str, hint: str) -> str:
     return stem
 
 
-def _write(path: Path, text: str) -> Path:
+def _write(stem: str, text: str) -> Path:
+    """Write a new TOML file into the working folder, and return its path."""
+    path = Path(f"{stem}.toml")
     try:
         with path.open("x", encoding="utf-8") as file:
             file.write(text)
@@ -167,6 +189,3 @@ def _write(path: Path, text: str) -> Path:
     except OSError as error:
         raise click.ClickException(f"cannot write {label_of(path)}: {error.strerror}") from error
     return path
-
-
-COMMANDS = (new, show, copy)

@@ -1,14 +1,12 @@
-"""`uwserver camera-info`: the calibration file of a camera."""
+"""The command `camera-info`: the calibration file of a camera."""
 
 from __future__ import annotations
 
 import click
 from msgspec import UnsetType
 
-from uwserver.adapter import installed_adapters
+from uwserver.cli.loading import loaded
 from uwserver.ports.checks import suggestion
-from uwserver.scenario.files.errors import ScenarioError
-from uwserver.scenario.load.scenario import load
 from uwserver.sensors import CameraConfig
 from uwserver.sensors.optical.camera.calibration import DISTANCE_M, Calibration, as_opencv, as_ros, calibration
 
@@ -16,20 +14,22 @@ from uwserver.sensors.optical.camera.calibration import DISTANCE_M, Calibration,
 @click.command("camera-info", short_help="Print the calibration of a camera, for ROS or OpenCV.")
 @click.argument("scenario")
 @click.argument("camera")
-@click.option("--form", type=click.Choice(["ros", "opencv"]), default="ros", show_default=True, help="Of the file.")
+@click.option(
+    "--form", type=click.Choice(["ros", "opencv"]), default="ros", show_default=True, help="Format of the file."
+)
 @click.option(
     "--distance",
     default=DISTANCE_M,
     show_default=True,
     type=click.FloatRange(0.1, 1000.0),
-    help="Of the board, m: behind a flat port it counts.",
+    help="Distance of the calibration board in m; it matters behind a flat port.",
 )
 def camera_info(scenario: str, camera: str, form: str, distance: float) -> None:
-    """Print the calibration that CAMERA (rov/camera, or rov/camera/right of a pair) of SCENARIO has in the water, as YAML."""
-    try:
-        resolved = load(scenario, adapters=installed_adapters())
-    except ScenarioError as error:
-        raise click.ClickException(str(error)) from error
+    """Print the calibration of CAMERA in SCENARIO, under water, as YAML.
+
+    CAMERA is a path such as rov/camera; the right camera of a stereo pair is rov/camera/right.
+    """
+    resolved, _ = loaded(scenario)
     there: dict[str, Calibration] = {}
     for name, vehicle in resolved.vehicles.items():
         for key, config in vehicle.vehicle.sensors.items():
@@ -47,6 +47,3 @@ def camera_info(scenario: str, camera: str, form: str, distance: float) -> None:
         click.echo(
             f"a flat port is no lens: this model is off by {found.error_px:.2g} px rms at {distance:g} m", err=True
         )
-
-
-COMMANDS = (camera_info,)

@@ -1,4 +1,4 @@
-"""Processes that a command starts for itself: none outlives it."""
+"""Child processes of a command, none of which outlives it."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 PATIENCE_S = 20.0
-"""Wall time in which a process that is told to end may do so."""
+"""Wall time that a process gets to end after it was told to."""
 
 
 @contextlib.contextmanager
 def child(command: Sequence[str], patience_s: float = PATIENCE_S, **options: Any) -> Iterator[subprocess.Popen[Any]]:
     """Start a process, and end it however the block ends.
 
-    It hears no Ctrl-C of its own: who started it does, and ends it.
+    The process is in a session of its own, so Ctrl-C does not reach it: the parent ends it.
 
     Args:
         command: program and arguments.
-        patience_s: after so long it is killed.
+        patience_s: wall time after which the process is killed if SIGTERM has not ended it.
         options: for `subprocess.Popen`.
     """
     with subprocess.Popen(command, start_new_session=True, **options) as process:
@@ -28,8 +28,8 @@ def child(command: Sequence[str], patience_s: float = PATIENCE_S, **options: Any
         finally:
             process.terminate()
             try:
-                process.wait(patience_s)
-            except subprocess.TimeoutExpired:
-                pass
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    process.wait(patience_s)
             finally:
-                process.kill()  # also when this wait was interrupted; nothing, where it has ended
+                # Also when Ctrl-C interrupts the wait. It does nothing to a process that has ended.
+                process.kill()

@@ -1,4 +1,4 @@
-"""A real browser without a desktop: Chromium by its DevTools protocol. No driver has to be installed for it."""
+"""Drives Chromium without a desktop, through its DevTools protocol. No driver has to be installed."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from uwserver.simulation.clock import SystemTime
 from uwserver.units import NANOSECONDS
 
 PATIENCE_S = 150.0
-"""For a picture on a machine that does much else."""
+"""Wall time to wait for an answer, enough for a picture on a busy machine."""
 NAMES = ("chromium", "chromium-browser", "google-chrome")
-"""Programs that are looked for."""
+"""Names of the programs that are tried."""
 FORMATS = {".png": "png", ".webp": "webp", ".jpg": "jpeg", ".jpeg": "jpeg"}
-"""Files of pictures, and what DevTools calls them."""
-# Drawn in software, so that a picture is the same with any graphics card, or none. The sandbox needs what containers lack; pages of our own
-# servers alone are opened. Containers have little shared memory, too.
+"""Suffixes of picture files, each with its DevTools name."""
+# Software rendering gives the same picture with any graphics card, or none. The sandbox does not work in most containers, and only pages of our
+# own servers are opened. Containers also have little shared memory.
 _OPTIONS = (
     "--headless=new", "--no-sandbox", "--no-first-run", "--disable-extensions", "--remote-debugging-port=0", "--mute-audio",
     "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--window-size=900,620",
@@ -36,54 +36,59 @@ _OPTIONS = (
 )  # fmt: skip
 _LISTENS = re.compile(r"DevTools listening on (ws://\S+)")
 _QUALITY = 85
-"""Of formats that lose something, per cent."""
-_LOOK_S = 0.05
+"""Quality of the lossy formats, per cent."""
+_POLL_S = 0.05
 _TIME = SystemTime()
 _KEYS = {"Space": " ", "Enter": "\r", "Tab": "\t"}
 
 
 class NoChromium(Exception):
-    """There is none; the text says what to install."""
+    """No Chromium was found; the text says what to install."""
 
 
 class ChromiumFailed(Exception):
-    """It did not start, has ended, or a page did not come to what was waited for; the text says what was the matter."""
+    """Chromium did not start or has ended, or a page did not reach the expected state; the text says why."""
 
 
 def chromium(name: str = "") -> str:
-    """Path of the browser.
+    """Return the path of the browser.
 
     Args:
-        name: of a program, or its path; "" looks for one of `NAMES`.
+        name: name or path of a program; "" tries `NAMES`.
 
     Raises:
-        NoChromium: there is none.
+        NoChromium: there is no such program.
     """
-    found = next((path for each in ((name,) if name else NAMES) if (path := shutil.which(each))), None)
-    if found is not None:
-        return found
+    for each in (name,) if name else NAMES:
+        if path := shutil.which(each):
+            return path
     if name:
         raise NoChromium(f'no program "{name}" can be run: name the one of Chromium or Chrome')
-    looked = ", ".join(NAMES)
     raise NoChromium(
-        f"no Chromium is installed here (looked for {looked}): install it (apt install chromium), or name a program by --browser"
+        f"no Chromium is installed here (looked for {', '.join(NAMES)}): install it (apt install chromium), "
+        "or name a program by --browser"
     )
 
 
 class Browser:
-    """A running Chromium; `say` speaks to all of it. `before` is run in each page ahead of its own scripts."""
+    """A running Chromium.
+
+    Attributes:
+        pages: open pages by DevTools session.
+    """
 
     def __init__(self, socket: ClientConnection, before: str) -> None:
+        """Speak to Chromium through a connected socket; each page runs the script `before` ahead of its own scripts."""
         self._socket = socket
         self._before = before
         self._id = 0
         self.pages: dict[str, Page] = {}
 
     def say(self, method: str, session: str | None = None, **params: Any) -> dict[str, Any]:
-        """A command and its result.
+        """Send a DevTools command, to one page if there is a `session`, and return its result.
 
         Raises:
-            ChromiumFailed: it is refused, or there is no answer.
+            ChromiumFailed: the command is refused, or there is no answer.
         """
         self._id += 1
         message = {"id": self._id, "method": method, "params": params}
@@ -106,7 +111,7 @@ class Browser:
                 page.hear(answer)
 
     def open(self, url: str, before: str = "", size: tuple[int, int] = (900, 560)) -> Page:
-        """A page of its own profile, which believes to have the focus; `before` is run ahead of its own scripts."""
+        """Open a page in a profile of its own. The page believes that it has the focus, and runs the script `before` first."""
         context = self.say("Target.createBrowserContext")["browserContextId"]
         target = self.say("Target.createTarget", url="about:blank", browserContextId=context, newWindow=True)[
             "targetId"
@@ -123,11 +128,11 @@ class Browser:
 
 
 class Page:
-    """One page.
+    """One open page.
 
     Attributes:
-        faults: what the console, the network and scripts complained of.
-        loading: files that are under way, by DevTools' names.
+        faults: complaints of the console, the network and the scripts.
+        loading: DevTools' identifiers of the files that are being loaded.
     """
 
     def __init__(self, browser: Browser, session: str, context: str) -> None:
@@ -136,17 +141,16 @@ class Page:
         self.loading: set[str] = set()
 
     def say(self, method: str, **params: Any) -> dict[str, Any]:
-        """A command to this page."""
+        """Send a DevTools command to this page; see `Browser.say`."""
         return self._browser.say(method, self._session, **params)
 
     def hear(self, event: dict[str, Any]) -> None:
-        """Something that it tells by itself."""
+        """Take in an event that the page has sent."""
         params = event.get("params", {})
         if event["method"] == "Runtime.consoleAPICalled" and params["type"] in ("error", "assert"):
             self.faults.append(str([argument.get("value", argument.get("description")) for argument in params["args"]]))
         elif event["method"] == "Runtime.exceptionThrown":
-            details = params["exceptionDetails"]
-            self.faults.append(str(details.get("exception", {}).get("description", details["text"])))
+            self.faults.append(_described(params["exceptionDetails"]))
         elif event["method"] == "Log.entryAdded" and params["entry"]["level"] == "error":
             self.faults.append(f"{params['entry']['text']} {params['entry'].get('url', '')}")
         elif event["method"] == "Network.responseReceived" and params["response"]["status"] >= 400:
@@ -157,27 +161,26 @@ class Page:
             self.loading.discard(params["requestId"])
 
     def ask(self, expression: str) -> Any:
-        """The value of an expression, of a promise what it gives.
+        """Return the value of a JavaScript expression; a promise is awaited.
 
         Raises:
-            ChromiumFailed: it throws.
+            ChromiumFailed: the expression throws.
         """
         found = self.say("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
         if "exceptionDetails" in found:
-            details = found["exceptionDetails"]
-            raise ChromiumFailed(f"{expression}: {details.get('exception', {}).get('description', details['text'])}")
+            raise ChromiumFailed(f"{expression}: {_described(found['exceptionDetails'])}")
         return found["result"].get("value")
 
     def wait(self, condition: str, why: str = "", sign: str = "0") -> None:
-        """Until an expression is true.
+        """Wait until a JavaScript expression is true.
 
         Args:
             condition: the expression.
-            why: what it means, for the fault.
-            sign: an expression whose change shows that something proceeds; patience begins anew then.
+            why: what its failure means, for the error text.
+            sign: an expression that changes while there is progress; each change starts the time-out again.
 
         Raises:
-            ChromiumFailed: it is not for `PATIENCE_S`.
+            ChromiumFailed: it was not true for `PATIENCE_S`.
         """
         since, seen = _TIME.now_ns(), None
         while True:
@@ -188,10 +191,10 @@ class Page:
                 since, seen = _TIME.now_ns(), now
             if _TIME.now_ns() - since > PATIENCE_S * NANOSECONDS:
                 raise ChromiumFailed(f"{why or condition}: {self.faults} {self.ask('window.uw?.said')}")
-            pause(2 * _LOOK_S)
+            pause(2 * _POLL_S)
 
     def key(self, code: str, down: bool) -> None:
-        """Press or release a key, named as by `KeyboardEvent.code`."""
+        """Press or release a key, named as in `KeyboardEvent.code`."""
         text = _KEYS.get(code, code.removeprefix("Key").lower())
         number = {"Space": 32, "Enter": 13, "Tab": 9}.get(code, ord(text[0].upper()))
         kind = "rawKeyDown" if down else "keyUp"
@@ -200,7 +203,7 @@ class Page:
 
     @contextlib.contextmanager
     def holding(self, *codes: str) -> Iterator[None]:
-        """With keys held down."""
+        """Hold keys down within the block."""
         for code in codes:
             self.key(code, True)
         try:
@@ -210,20 +213,25 @@ class Page:
                 self.key(code, False)
 
     def click(self, selector: str) -> None:
-        """Click what a selector names."""
+        """Click the element of a CSS selector, once it is there."""
         self.wait(f"document.querySelector({selector!r})")
         self.ask(f"document.querySelector({selector!r}).click()")
 
     def picture(self, path: Path) -> None:
-        """Keep what it looks like; the name ends as one of `FORMATS`."""
+        """Write a picture of the page; the suffix of the file is one of `FORMATS`."""
         kind = FORMATS[path.suffix.lower()]
         quality = {} if kind == "png" else {"quality": _QUALITY}
         path.write_bytes(base64.b64decode(self.say("Page.captureScreenshot", format=kind, **quality)["data"]))
 
     def close(self) -> None:
-        """Leave."""
+        """Close the page and its profile."""
         self._browser.pages.pop(self._session, None)
         self._browser.say("Target.disposeBrowserContext", browserContextId=self._context)
+
+
+def _described(details: dict[str, Any]) -> str:
+    """Return the text of DevTools' `ExceptionDetails`."""
+    return str(details.get("exception", {}).get("description", details["text"]))
 
 
 def pause(seconds: float) -> None:
@@ -233,22 +241,22 @@ def pause(seconds: float) -> None:
 
 @contextlib.contextmanager
 def browsing(program: str, folder: Path, before: str = "") -> Iterator[Browser]:
-    """A running browser, which ends with the block.
+    """Run the browser until the end of the block.
 
     Args:
         program: its path (see `chromium`).
-        folder: for its profile and all else that it writes; the path must be short, for a socket is made in it.
-        before: a script that each page runs ahead of its own ones.
+        folder: for its profile and everything else that it writes. The path must be short, because Chromium makes a socket in it.
+        before: a script that each page runs ahead of its own scripts.
 
     Raises:
-        ChromiumFailed: it does not start.
+        ChromiumFailed: the browser does not start.
     """
     command = [program, *_OPTIONS, f"--user-data-dir={folder / 'profile'}", "about:blank"]
     told = folder / "told.txt"
     environment = {**os.environ, "TMPDIR": str(folder)}
     with told.open("wb") as file, child(command, stdout=subprocess.DEVNULL, stderr=file, env=environment) as process:
         try:
-            # Without pings: on a machine that does much else Chromium is silent for longer than these would wait.
+            # No pings: on a busy machine Chromium is silent for longer than their time-out.
             socket = connect(_address(told, process), max_size=None, open_timeout=PATIENCE_S, ping_interval=None)
         except (OSError, WebSocketException) as error:
             raise ChromiumFailed(f"{program} cannot be reached: {error}") from error
@@ -260,9 +268,10 @@ def browsing(program: str, folder: Path, before: str = "") -> Iterator[Browser]:
 
 
 def _address(told: Path, process: subprocess.Popen[Any]) -> str:
-    """Where DevTools listen: Chromium says it, wherever its profile really is (a snap has a /tmp of its own)."""
+    """Return the address of DevTools from what Chromium prints. The file in its profile may be elsewhere: a snap has a /tmp of its own."""
     since = _TIME.now_ns()
     while _TIME.now_ns() - since < PATIENCE_S * NANOSECONDS:
+        # Before the file is read: a process that ended after this has written all its words.
         has_ended = process.poll() is not None
         text = told.read_text(errors="replace")
         if found := _LISTENS.search(text):
@@ -271,5 +280,5 @@ def _address(told: Path, process: subprocess.Popen[Any]) -> str:
             raise ChromiumFailed(
                 f"Chromium ended at once, with status {process.returncode}: {text.strip()[-500:] or 'it said nothing'}"
             )
-        pause(_LOOK_S)
+        pause(_POLL_S)
     raise ChromiumFailed(f"Chromium did not start within {PATIENCE_S:g} s")

@@ -1,4 +1,4 @@
-"""Colours on terminals. Where the output is none, click takes them out; where NO_COLOR is set, they are not put in (no-color.org)."""
+"""Colours on terminals. click removes them where the output is no terminal; NO_COLOR prevents them (no-color.org)."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ Colour = Literal["green", "yellow", "red", "cyan"]
 
 
 def styled(text: str, fg: Colour | None = None, bold: bool = False) -> str:
-    """The text in a colour."""
+    """Return the text in a colour."""
     return text if os.environ.get("NO_COLOR") else click.style(text, fg=fg, bold=bold or None)
 
 
 def coloured_problems(text: str) -> str:
-    """Faults and warnings of scenarios, one a line: the place red, or yellow for a warning."""
+    """Return the faults and warnings of a scenario, one on each line, with the place in red, or in yellow for a warning."""
     return "\n".join(map(_problem, text.splitlines()))
 
 

@@ -1,27 +1,27 @@
-"""`uwserver compare`: how far two recordings are apart, for people and for tests of controllers."""
+"""The command `compare`: how far two recordings differ, for people and for tests of controllers."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from uwserver.cli.errors import told
+from uwserver.cli.options import FILE, SECONDS
 from uwserver.ports.checks import suggestion
-from uwserver.ports.values import matching
+from uwserver.ports.values import matches, matching
 from uwserver.units import NANOSECONDS
 
 if TYPE_CHECKING:
     from uwserver.recording.compare import Compared
     from uwserver.recording.differences import Distance
 
-_FILE = click.Path(path_type=Path)
-_SECONDS = click.FloatRange(0.0, 1e9)
-_SAME, _APART, _BAD = 0, 1, 2
 _TAKES = (
     "compare takes what `uwserver run --record FILE` or `uwserver record` has written. A log of another origin becomes such a file: "
     "serve it by `uwserver play LOG --port 0 --paused`, write that down by `uwserver record 127.0.0.1:PORT OUT.mcap`, and call playback/resume"
@@ -30,12 +30,12 @@ _TAKES = (
 
 @dataclass(frozen=True)
 class Limit:
-    """What a field may be apart at most.
+    """The largest difference that is allowed for a field.
 
     Attributes:
-        measure: rms or max.
-        port, field: which; the port may be a pattern.
-        most: in the unit of the field, of an attitude rad.
+        measure: "rms" or "max".
+        port, field: names of the port, which may be a pattern, and of its field.
+        most: the limit in the unit of the field, in rad for an attitude.
     """
 
     measure: str
@@ -48,13 +48,26 @@ class Limit:
 
 
 @click.command(short_help="Compare two recordings, port by port.")
-@click.argument("a", type=_FILE)
-@click.argument("b", type=_FILE)
-@click.option("--ports", default="**", show_default=True, help="Ports to look at: * is one level, ** any.")
-@click.option("--from", "from_s", type=_SECONDS, default=0.0, help="First simulation time, s.")
-@click.option("--to", "to_s", type=_SECONDS, help="Last simulation time, s.")
-@click.option("--rms", multiple=True, metavar="PORT.FIELD=LIMIT", help="Largest RMS; may be given several times.")
-@click.option("--max", "largest", multiple=True, metavar="PORT.FIELD=LIMIT", help="Likewise the largest difference.")
+@click.argument("a", type=FILE)
+@click.argument("b", type=FILE)
+@click.option(
+    "--ports",
+    default="**",
+    show_default=True,
+    help="Pattern of the ports to compare: * is one level, ** any number of levels.",
+)
+@click.option("--from", "from_s", type=SECONDS, default=0.0, help="Compare from this simulation time on, s.")
+@click.option("--to", "to_s", type=SECONDS, help="Compare up to this simulation time, s.")
+@click.option(
+    "--rms", multiple=True, metavar="PORT.FIELD=LIMIT", help="Limit of the RMS difference; may be given several times."
+)
+@click.option(
+    "--max",
+    "largest",
+    multiple=True,
+    metavar="PORT.FIELD=LIMIT",
+    help="Limit of the largest difference; may be given several times.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 def compare(
     a: Path,
@@ -66,49 +79,30 @@ def compare(
     largest: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Compare recordings A and B: RMS and largest difference of each field, what only one of them has, and where they first part.
+    """Compare the recordings A and B: RMS and largest difference of each field, ports that only one of them has, and the first difference.
 
-    Samples are paired by their times, or interpolated where these differ; angles are wrapped, attitudes compared by their angle.
+    Samples are paired by their times, and interpolated where the times differ. Angles are wrapped; attitudes are compared by the angle
+    between them.
 
     uwserver compare before.mcap after.mcap --rms rov/truth/pose.p_NB=0.05 --max rov/truth/pose.q_NB=0.1
 
-    Exits with 0 if all limits are kept (without a limit: if nothing differs), with 1 if not, with 2 if the files or limits are no good.
+    The exit status is 0 if all limits are kept, or nothing differs where no limit is given. It is 1 if not, and 2 if a file or a limit is
+    wrong.
     """
     from uwserver.recording.compare import compare as compare_files
     from uwserver.recording.reading import NoRecording, NotReplayable
 
-    try:
+    def advised(error: Exception) -> str:
+        return f"{error}; {_TAKES}" if isinstance(error, NoRecording) else str(error)
+
+    with told(a, NotReplayable, ValueError, text=advised, status=2):
         limits = [*(_limit("rms", text) for text in rms), *(_limit("max", text) for text in largest)]
         end_ns = None if to_s is None else round(to_s * NANOSECONDS)
-        wanted = _Wanted(ports)
-        found = compare_files(a, b, wanted, round(from_s * NANOSECONDS), end_ns)
+        found = compare_files(a, b, partial(matches, ports), round(from_s * NANOSECONDS), end_ns)
         verdicts = [verdict for limit in limits for verdict in _verdicts(limit, found)]
-    except NoRecording as error:
-        _refuse(f"{error}; {_TAKES}")
-    except (NotReplayable, ValueError) as error:
-        _refuse(str(error))
-    except OSError as error:
-        _refuse(f"{error.filename or a}: {error.strerror or error}")
-    beyond = [verdict for verdict in verdicts if not verdict["kept"]]
-    is_fine = not beyond if limits else found.is_same
-    lines = _json(a, b, found, verdicts, is_fine) if as_json else "\n".join(_text(a, b, found, verdicts))
-    click.echo(lines)
-    raise SystemExit(_SAME if is_fine else _APART)
-
-
-class _Wanted:
-    """Whether a port fits a pattern; each is asked once."""
-
-    def __init__(self, pattern: str) -> None:
-        self._pattern = pattern
-
-    def __call__(self, port: str) -> bool:
-        return bool(matching(self._pattern, [port]))
-
-
-def _refuse(text: str) -> Any:
-    click.echo(f"Error: {text}", err=True)
-    raise SystemExit(_BAD)
+    is_fine = all(verdict["kept"] for verdict in verdicts) if limits else found.is_same
+    click.echo(_json(a, b, found, verdicts, is_fine) if as_json else "\n".join(_text(a, b, found, verdicts)))
+    raise SystemExit(0 if is_fine else 1)
 
 
 def _limit(measure: str, text: str) -> Limit:
@@ -124,14 +118,15 @@ def _limit(measure: str, text: str) -> Limit:
 
 
 def _verdicts(limit: Limit, found: Compared) -> Iterator[dict[str, Any]]:
-    """Whether each field that a limit names keeps it. Raises ValueError where it names none."""
-    for port in matching(limit.port, sorted({*found.only[0], *found.only[1]})):
+    """Yield whether each field that a limit names keeps it. Raises ValueError if the limit names no field."""
+    alone = matching(limit.port, sorted({*found.only[0], *found.only[1]}))
+    for port in alone:
         yield _verdict(limit, port, None, "only one of them has it")
     ports = matching(limit.port, list(found.ports))
     fields = [
         (port, found.ports[port].fields[limit.field]) for port in ports if limit.field in found.ports[port].fields
     ]
-    if not fields and not matching(limit.port, [*found.only[0], *found.only[1]]):
+    if not fields and not alone:
         if not ports:
             raise ValueError(f'{limit}: no port "{limit.port}"{suggestion(limit.port, list(found.ports))}')
         names = sorted({name for port in ports for name in found.ports[port].fields})
@@ -155,8 +150,15 @@ def _verdict(limit: Limit, port: str, value: float | None, why: str) -> dict[str
     }  # fmt: skip
 
 
-def _unit(distance: Distance) -> str:
+def unit_of(distance: Distance) -> str:
+    """Return the unit in which a field differs; attitudes differ by an angle."""
     return "rad" if distance.column.is_quaternion else distance.column.unit
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return a line for each row of a table, with the columns aligned at the left."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
 
 
 def _json(a: Path, b: Path, found: Compared, verdicts: list[dict[str, Any]], is_fine: bool) -> str:
@@ -169,7 +171,7 @@ def _json(a: Path, b: Path, found: Compared, verdicts: list[dict[str, Any]], is_
             "valid_differs": pair.valid.unequal,
             "fields": {
                 name: {
-                    "unit": _unit(each), "count": each.count, "rms": each.rms, "max": each.largest, "max_ns": each.largest_ns,
+                    "unit": unit_of(each), "count": each.count, "rms": each.rms, "max": each.largest, "max_ns": each.largest_ns,
                     "unequal": each.unequal, "first_ns": each.first_ns,
                 }
                 for name, each in pair.fields.items()
@@ -201,11 +203,8 @@ def _text(a: Path, b: Path, found: Compared, verdicts: list[dict[str, Any]]) -> 
     yield from found.remarks
     rows = list(_rows(found))
     if rows:
-        header = ("port", "samples", "field", "RMS", "largest", "unit", "at", "")
-        widths = [max(len(row[k]) for row in (header, *rows)) for k in range(len(header))]
         yield ""
-        for row in (header, *rows):
-            yield "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        yield from aligned([("port", "samples", "field", "RMS", "largest", "unit", "at", ""), *rows])
     for verdict in verdicts:
         value = verdict["why"] if verdict["value"] is None else f"{verdict['value']:.6g}"
         what = f"{verdict['measure']} of {verdict['port']}.{verdict['field']}: {value}"
@@ -222,12 +221,13 @@ def _state_line(found: Compared) -> str:
 
 
 def _rows(found: Compared) -> Iterator[tuple[str, ...]]:
-    """Fields that differ."""
+    """Yield a row for each field that differs."""
     for port, pair in found.ports.items():
-        told = f"{pair.samples[0]}" if pair.samples[0] == pair.samples[1] else f"{pair.samples[0]}/{pair.samples[1]}"
+        one, other = pair.samples
+        count = f"{one}" if one == other else f"{one}/{other}"
         notes = [f"{pair.pairs[1]} interpolated"] if pair.pairs[1] else []
         notes += [f"{pair.alone} alone"] if pair.alone else []
-        notes += ["not as many"] if pair.samples[0] != pair.samples[1] and not notes else []
+        notes += ["not as many"] if one != other and not notes else []
         if pair.valid.unequal:
             notes.append(f"{pair.valid.unequal} valid in one only")
         for name, each in pair.fields.items():
@@ -236,8 +236,5 @@ def _rows(found: Compared) -> Iterator[tuple[str, ...]]:
             more = [f"{each.unequal} unequal"] if each.unequal else []
             at = "" if each.largest_ns is None else f"{each.largest_ns / 1e9:.9g} s"
             numbers = (f"{each.rms:.4g}", f"{each.largest:.4g}") if each.count else ("", "")
-            yield port, told, name, *numbers, _unit(each), at, ", ".join([*notes, *more])
+            yield port, count, name, *numbers, unit_of(each), at, ", ".join([*notes, *more])
             notes = []
-
-
-COMMANDS = (compare,)

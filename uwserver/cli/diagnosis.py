@@ -1,4 +1,4 @@
-"""What `uwserver doctor` looks at: each function examines one thing and returns what it found."""
+"""What `uwserver doctor` examines: each function looks at one thing and returns what it found."""
 
 from __future__ import annotations
 
@@ -35,7 +35,8 @@ _OPTIONAL = {
     "simplejpeg": ("simplejpeg", "JPEG of cameras", "pictures"),
     "av": ("av", "H.264 of cameras, MP4", "video"),
 }
-"""Module, who needs it, and the extra that brings it ("": none, every installation has it), by distribution; engines have findings of their own."""
+"""By distribution: its module, what needs it, and the extra that installs it ("" where every installation has it). Engines of contacts have
+findings of their own."""
 
 _WAITS, _PERIOD_NS, _LATE_NS = 200, NANOSECONDS // 500, NANOSECONDS // 1000
 _NEEDED_MB = 400
@@ -46,10 +47,10 @@ class Finding:
     """One thing that was examined.
 
     Attributes:
-        name: what it is.
-        level: a fault prevents `uwserver run`, a warning lessens it.
+        name: the thing that was examined.
+        level: a fault prevents `uwserver run`; a warning means that something works less well, or not at all.
         text: what was found.
-        remedy: what to do; empty when all is well.
+        remedy: what to do; "" if nothing is wrong.
     """
 
     name: str
@@ -58,19 +59,21 @@ class Finding:
     remedy: str = ""
 
 
+def _judged(name: str, is_fine: bool, text: str, remedy: str) -> Finding:
+    """Return a finding that is a warning with a remedy unless it is fine."""
+    return Finding(name, "ok", text) if is_fine else Finding(name, "warning", text, remedy)
+
+
 def python() -> Finding:
-    """The version of the interpreter."""
-    found = ".".join(map(str, sys.version_info[:3]))
-    if sys.version_info[:2] > _NEWEST_TRIED:
-        newest = ".".join(map(str, _NEWEST_TRIED))
-        return Finding(
-            "python", "warning", f"{found}: not tried", f"should anything fail, use Python {newest} or older"
-        )
-    return Finding("python", "ok", found)
+    """Check the version of the interpreter."""
+    found, newest = (".".join(map(str, version)) for version in (sys.version_info[:3], _NEWEST_TRIED))
+    is_tried = sys.version_info[:2] <= _NEWEST_TRIED
+    remedy = f"should anything fail, use Python {newest} or older"
+    return _judged("python", is_tried, found if is_tried else f"{found}: not tried", remedy)
 
 
 def wheels() -> Iterator[Finding]:
-    """The packages that every server needs can be imported; those of extras are there."""
+    """Check that the packages that every server needs can be imported, and that those of the extras are installed."""
     for distribution, module in _REQUIRED.items():
         yield _wheel(distribution, module, "fault", "pip install --force-reinstall uwserver")
     for distribution, (module, purpose, extra) in _OPTIONAL.items():
@@ -80,18 +83,18 @@ def wheels() -> Iterator[Finding]:
 
 def _wheel(distribution: str, module: str, level: Level, remedy: str) -> Finding:
     try:
-        # Those of extras are only looked for: nothing here needs them.
+        # Packages of extras are only looked for, as an import takes time and nothing here needs them.
         if level == "fault":
             importlib.import_module(module)
         elif find_spec(module) is None:
             return Finding(distribution, level, "is not installed", remedy)
         return Finding(distribution, "ok", importlib.metadata.version(distribution))
-    except (ImportError, OSError) as error:  # OSError: a library of the system is missing
+    except (ImportError, OSError) as error:  # OSError: a shared library of the system is missing
         return Finding(distribution, level, f"cannot be imported: {error}", remedy)
 
 
 def contacts() -> Finding:
-    """The engine that contacts use. It is only looked for: the import of Bullet prints, and nothing here needs it."""
+    """Check for an engine of contacts, without importing it: Bullet prints when it is imported."""
     missing = missing_engine()
     if missing is not None:
         return Finding("contacts", "warning", missing, "only scenarios with something solid need one")
@@ -101,7 +104,7 @@ def contacts() -> Finding:
 
 
 def rays() -> Finding:
-    """What ranging sensors look for triangles with."""
+    """Check for the library that finds the triangles that rays meet."""
     if find_spec("embreex") is not None:
         return Finding("rays", "ok", f"embreex {importlib.metadata.version('embreex')}")
     text = "embreex is not installed: sonars and other ranging sensors see the same, through a slower tree of uwserver's own"
@@ -109,7 +112,7 @@ def rays() -> Finding:
 
 
 def kernels() -> Finding:
-    """The cache of compiled kernels: where, writable, warm."""
+    """Check the cache of compiled kernels: its folder, whether that can be written, and what is compiled."""
     from uwserver.physics.kernel.compiled import cache_state
     from uwserver.world.builds import STAGES, kernels_of, missing
 
@@ -120,18 +123,16 @@ def kernels() -> Finding:
         remedy = "set NUMBA_CACHE_DIR to a folder that you own and nobody else can write"
         return Finding("kernels", "warning", cache_state.reason, remedy)
     where = f"{cache_state.folder} ({cache_state.reason or 'writable'})"
-    if not rest:
-        return Finding("kernels", "ok", f"compiled, in {where}")
-    text = f"not compiled yet: {', '.join(rest)}; in {where}"
+    text = f"not compiled yet: {', '.join(rest)}; in {where}" if rest else f"compiled, in {where}"
     seconds = sum(STAGES[stage] for stage in rest)
     remedy = (
         f"a run compiles what it needs first, {seconds:.0f} s of processor time for all; now: uwserver doctor --warm"
     )
-    return Finding("kernels", "warning", text, remedy)
+    return _judged("kernels", not rest, text, remedy)
 
 
 def threads() -> Finding:
-    """Whether two threads can step a world of many bodies."""
+    """Check whether two threads can step a world of many bodies."""
     from uwserver.physics.kernel.team import cores, why_alone
 
     reason = why_alone()
@@ -141,22 +142,21 @@ def threads() -> Finding:
 
 
 def port(number: int = DEFAULT_PORT) -> Finding:
-    """The default port is free on loopback, or who has it."""
+    """Check that the default port is free on loopback, and find out which program has it if not."""
     name = f"port {number}"
     with socket.socket() as probe:
-        # As servers do: a port whose last connection has just closed counts as free.
+        # As servers do, so that a port whose last connection has just closed counts as free.
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind(("127.0.0.1", number))
         except OSError as error:
-            owner = _speaker(number)
             remedy = "end it, or: uwserver run --port 7601 (0 takes a free port)"
-            return Finding(name, "fault", f"{owner or 'another program'} has it ({error.strerror})", remedy)
+            return Finding(name, "fault", f"{_program_at(number)} has it ({error.strerror})", remedy)
     return Finding(name, "ok", "free")
 
 
-def _speaker(number: int) -> str | None:
-    """What a uwserver at the port says of itself; None when nobody there speaks its protocol."""
+def _program_at(number: int) -> str:
+    """Return what a uwserver at the port says of itself, or "another program" if what is there does not speak its protocol."""
     hello = b'{"jsonrpc":"2.0","id":1,"method":"hello","params":{"version":1}}\n'
     try:
         with socket.create_connection(("127.0.0.1", number), 1.0) as peer:
@@ -165,9 +165,9 @@ def _speaker(number: int) -> str | None:
             with peer.makefile("rb") as lines:
                 answer = json.loads(lines.readline(65536))
     except (OSError, ValueError):
-        return None
+        answer = None
     if not isinstance(answer, dict) or answer.get("jsonrpc") != "2.0":
-        return None
+        return "another program"
     result = answer.get("result")
     if isinstance(result, dict) and "scenario" in result:
         return f"a running {result.get('server')} with scenario {result['scenario']}"
@@ -175,42 +175,36 @@ def _speaker(number: int) -> str | None:
 
 
 def timer() -> Finding:
-    """How late the machine wakes a thread from absolute deadlines 2 ms apart."""
+    """Measure how late the machine wakes a thread at absolute deadlines that are 2 ms apart."""
     pace, wake = Pace(SystemTime()), threading.Event()
     pace.anchor(0)
     late = sorted(pace.wait(k * _PERIOD_NS, wake) or 0 for k in range(1, _WAITS + 1))
     p50, p99 = late[_WAITS // 2], late[_WAITS * 99 // 100]
     text = f"wakes {p50 / 1e6:.2f} ms late (p50), {p99 / 1e6:.2f} ms (p99) at 500 Hz"
-    if p99 <= _LATE_NS:
-        return Finding("timer", "ok", text)
     remedy = "more than 1 ms: ticks will be late; end other work, or use a machine without shared CPUs"
-    return Finding("timer", "warning", text, remedy)
+    return _judged("timer", p99 <= _LATE_NS, text, remedy)
 
 
 def processors() -> Finding:
-    """CPUs that this process may use."""
+    """Count the CPUs that this process may use."""
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if count >= 2:
-        return Finding("cpus", "ok", str(count))
-    return Finding("cpus", "warning", "1", "clients and simulation share it: expect late ticks under load")
+    return _judged("cpus", count >= 2, str(count), "clients and simulation share it: expect late ticks under load")
 
 
 def memory(meminfo: Path = Path("/proc/meminfo")) -> Finding:
-    """Memory that is available to new programs."""
+    """Check the memory that is available to new programs."""
     try:
         lines = meminfo.read_text().splitlines()
         kilobytes = next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable:"))
     except (OSError, StopIteration, ValueError):
         return Finding("memory", "ok", "this system does not tell")
     megabytes = kilobytes // 1024
-    if megabytes >= _NEEDED_MB:
-        return Finding("memory", "ok", f"{megabytes} MB available")
     remedy = f"a server takes up to {_NEEDED_MB} MB: end something"
-    return Finding("memory", "warning", f"{megabytes} MB available", remedy)
+    return _judged("memory", megabytes >= _NEEDED_MB, f"{megabytes} MB available", remedy)
 
 
 def adapters() -> Iterator[Finding]:
-    """Every installed adapter can be loaded."""
+    """Check that every installed adapter can be loaded."""
     entries = adapter_entries()
     if not entries:
         yield Finding("adapters", "fault", "none is installed", "pip install --force-reinstall uwserver")
@@ -224,7 +218,7 @@ def adapters() -> Iterator[Finding]:
 
 
 def folder(where: Path | None = None) -> Finding:
-    """Recordings and new scenarios can be written here."""
+    """Check that recordings and new scenarios can be written into a folder, by default the working folder."""
     here = where or Path.cwd()
     try:
         with tempfile.TemporaryFile(dir=here):
@@ -235,14 +229,14 @@ def folder(where: Path | None = None) -> Finding:
 
 
 def scenario(reference: str) -> Finding:
-    """A scenario, shipped or a file, is right, and all that it needs is installed."""
+    """Check that a scenario, shipped or a file, has no fault, and that all that it needs is installed."""
     from uwserver.scenario.files.errors import ScenarioError
     from uwserver.scenario.load.scenario import load
 
     name = f"scenario {reference}"
     try:
         resolved = load(reference, adapters=installed_adapters())
-    except (ScenarioError, AdapterNotFound) as error:
+    except ScenarioError as error:
         return Finding(name, "fault", str(error), f"mend it until this says ok: uwserver check {reference}")
     if resolved.missing:
         absent, _, remedy = resolved.missing.partition("; all that this scenario needs: ")
@@ -251,7 +245,7 @@ def scenario(reference: str) -> Finding:
 
 
 def examine(reference: str = "") -> Iterator[Finding]:
-    """Everything, in the order in which it is needed; also that of one scenario, when there is a reference to one."""
+    """Examine everything, in the order in which a server needs it; with a reference, also what that scenario needs."""
     yield python()
     yield from wheels()
     yield contacts()

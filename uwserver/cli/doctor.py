@@ -1,4 +1,4 @@
-"""`uwserver doctor`: what is missing on this machine, and what to do."""
+"""The command `doctor`: what is missing on this machine, and what to do about it."""
 
 from __future__ import annotations
 
@@ -19,12 +19,14 @@ _SIGNS = {"ok": "ok     ", "warning": "warning", "fault": "FAULT  "}
 
 @click.command(short_help="Test this machine, and whether it has what a scenario needs.")
 @click.argument("scenario", default="")
-@click.option("--warm", is_flag=True, help="Compile the physics now, and remove the caches of older versions.")
+@click.option("--warm", is_flag=True, help="Compile the physics now, and remove caches of older versions.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 def doctor(scenario: str, warm: bool, as_json: bool) -> None:
-    """Test this machine: packages, kernel cache, port, timer; with SCENARIO (a shipped name or a file) also all that this one needs.
+    """Test this machine: packages, cache of compiled kernels, port, timer and more.
 
-    Exits with 1 if something prevents a server from running.
+    With SCENARIO, a shipped scenario or a file, also test whether everything that it needs is installed.
+
+    The exit status is 1 if something prevents a server from running.
     """
     broken = _warm() if warm else []
     findings: list[Finding] = []
@@ -47,7 +49,7 @@ def _line(finding: Finding) -> str:
 
 
 def _warm() -> list[Finding]:
-    """Compile what the cache lacks; a finding only if that fails. Progress goes to standard error."""
+    """Compile what the cache lacks, with progress on standard error. Return a finding only if that fails."""
     try:
         from uwserver.physics.kernel.compiled import cache_state
         from uwserver.world.warm import prune, warm
@@ -59,6 +61,3 @@ def _warm() -> list[Finding]:
         for old in prune(cache_state.folder):
             click.echo(f"kernels: removed {old}", err=True)
     return []
-
-
-COMMANDS = (doctor,)

@@ -1,14 +1,17 @@
-"""`uwserver export`: a log of any origin in the format of others."""
+"""The command `export`: writes a log of any origin in another format."""
 
 from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Iterable
+from contextlib import closing
 from pathlib import Path
 
 import click
 
-from uwserver.cli.log import printable
+from uwserver.cli.errors import told
+from uwserver.cli.log import printable, printable_error
+from uwserver.cli.options import FILE
 from uwserver.logfiles import Log, LogError
 from uwserver.logfiles.export.alog import write_alog
 from uwserver.logfiles.export.rosbag2 import write_rosbag2
@@ -43,81 +46,78 @@ _TABLES: dict[str, Callable[[Log, Iterable[TopicTable], Path], None]] = {
 _EXTRAS = {"av": "video", "pyarrow": "logs", "rosbags": "logs", "h5netcdf": "netcdf", "h5py": "netcdf"}
 
 
-@click.command(short_help="Write a log in the format of others.")
-@click.argument("file", type=click.Path(path_type=Path))
-@click.option("--to", "kind", type=click.Choice(list(_ENDS)), required=True, help="Format.")
+@click.command(short_help="Write a log in another format.")
+@click.argument("file", type=FILE)
+@click.option("--to", "kind", type=click.Choice(list(_ENDS)), required=True, help="Format to write.")
 @click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path),
-    help="File or folder; default: the name of FILE with another end.",
+    type=FILE,
+    help="File or folder to write; default: the name of FILE with the suffix of the format.",
 )
 @click.option(
     "--topics",
     multiple=True,
-    help='Topics or ports, "*" for a level and "**" for any; may be repeated. Default: all ports and events.',
+    help='Topics or ports to write, "*" for one level and "**" for any number; may be given several times. Default: all ports and events.',
 )
 @click.option(
     "--mapping",
     "mapping_file",
-    type=click.Path(path_type=Path),
-    help="Of rosbag2, alog and tlog; default: what `uwserver log --mapping` finds.",
+    type=FILE,
+    help="Mapping file for rosbag2, alog and tlog; default: what `uwserver log --mapping` finds.",
 )
 def export(file: Path, kind: str, output: Path | None, topics: tuple[str, ...], mapping_file: Path | None) -> None:
-    """Write FILE, a recording of ours or any log that `uwserver log` reads, as Parquet, CSV, NetCDF, MATLAB, ROS 2 bag, MOOS or MAVLink log, video.
+    """Write FILE in another format: Parquet, CSV, NetCDF, MATLAB, ROS 2 bag, MOOS log, MAVLink log or video.
 
-    The first four hold every topic as it is, with units and frames; the next three hold poses and sensors, converted as the mapping says; mp4 holds
-    the pictures of one topic.
+    FILE is a recording of uwserver or any other log that `uwserver log` reads.
+
+    Parquet, CSV, NetCDF and MATLAB hold every topic as it is, with units and frames. ROS 2 bags, MOOS and MAVLink logs hold poses and
+    sensors, converted as the mapping says. A video (mp4) holds the pictures of one topic.
 
     Example: uwserver export run.mcap --to csv --topics "rov/**"
     """
     target = output or file.with_name(f"{file.stem}{_ENDS[kind]}")
     try:
-        if target.exists():
-            raise LogError(f"{target} is there already: give another name by --output")
-        mapping = read_mapping(mapping_file) if mapping_file else None
-        log = open_parts(file)
-        try:
-            told = _whole(log, kind, target, topics, mapping)
-        finally:
-            log.close()
-    except LogError as error:
-        raise click.ClickException(printable(str(error))) from error
-    except OSError as error:
-        raise click.ClickException(f"{error.filename or target}: {error.strerror or error}") from error
+        with told(target, LogError, text=printable_error):
+            if target.exists():
+                raise LogError(f"{target} is there already: give another name by --output")
+            mapping = read_mapping(mapping_file) if mapping_file else None
+            with closing(open_parts(file)) as log:
+                remarks = _write_whole(log, kind, target, topics, mapping)
     except ImportError as error:
         package = (error.name or str(error)).split(".")[0]
         raise click.ClickException(
             f"writing it needs {package}: pip install 'uwserver[{_EXTRAS.get(package, 'logs')}]'"
         ) from error
-    for line in told:
+    for line in remarks:
         click.echo(printable(line), err=True)
     click.echo(f"wrote {target}")
 
 
-def _whole(log: Log, kind: str, target: Path, patterns: tuple[str, ...], mapping: Mapping | None) -> list[str]:
-    """As `_write`, beside the target first: it is there when it is whole, and nothing is left of one that failed."""
+def _write_whole(log: Log, kind: str, target: Path, patterns: tuple[str, ...], mapping: Mapping | None) -> list[str]:
+    """Write as `_write` does, to a temporary place beside the target first, so that a failure leaves nothing behind."""
     if kind in _FOLDERS:
         target.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".uwserver-export-", dir=target.parent) as place:
-        made = Path(place) / target.name  # its own name, as a bag's files are called after it
-        told = _write(log, kind, made, patterns, mapping)
+        made = Path(place) / target.name  # with its final name, after which the files in a bag are called
+        remarks = _write(log, kind, made, patterns, mapping)
         made.rename(target)
-    return told
+    return remarks
 
 
 def _write(log: Log, kind: str, target: Path, patterns: tuple[str, ...], mapping: Mapping | None) -> list[str]:
-    """Write it; sentences about what was left out."""
+    """Write the log, and return sentences about what was left out."""
+    remarks = list(log.remarks)
     if kind in _TABLES:
-        chosen, told = _chosen(log, patterns, list(log.topics)), list(log.remarks)
+        chosen = _chosen(log, patterns, list(log.topics))
         if not patterns and (internal := [name for name in chosen if _is_internal(log, name)]):
             chosen.difference_update(internal)
             count = sum(log.topics[name].count != 0 for name in internal)
-            told.append(f"{count} topics for replay, playback and viewers are left out: --topics '**' has them")
+            remarks.append(f"{count} topics for replay, playback and viewers are left out: --topics '**' has them")
         _TABLES[kind](log, topic_tables(log, chosen), target)
-        return told
+        return remarks
     if kind == "mp4":
-        return [*log.remarks, *write_mp4(log, _chosen(log, patterns, list(log.topics)), target)]
+        return [*remarks, *write_mp4(log, _chosen(log, patterns, list(log.topics)), target)]
     mapping = mapping or mapping_of(log)
     if patterns:
         names = _chosen(log, patterns, [*mapping.tracks, *mapping.ports])
@@ -131,36 +131,29 @@ def _write(log: Log, kind: str, target: Path, patterns: tuple[str, ...], mapping
         raise LogError(
             f"{log.path}: no poses and no sensors are found in it: give a mapping (uwserver log FILE --mapping prints one)"
         )
-    told = list(log.remarks)
     tracks: dict[str, FoundTrack] = {}
     for name in mapping.tracks:
         try:
             tracks |= pose_tracks(log, mapping, [name])
+            remarks += [f"track {name}: {remark}" for remark in tracks[name].remarks]
         except LogError as error:
-            told.append(f"left out: {error}")
-            continue
-        told += [f"track {name}: {remark}" for remark in tracks[name].remarks]
+            remarks.append(f"left out: {error}")
     if kind == "alog":
         write_alog(log, mapping, tracks, target)
-        return told
-    return told + (write_tlog if kind == "tlog" else write_rosbag2)(log, mapping, tracks, target)
+        return remarks
+    return remarks + (write_tlog if kind == "tlog" else write_rosbag2)(log, mapping, tracks, target)
 
 
 def _is_internal(log: Log, topic: str) -> bool:
-    """Whether a topic of a recording of ours is no port, nor its events, but there for replay, playback or viewers."""
+    """Tell whether a topic of a recording of uwserver serves replay, playback or viewers, and is neither a port nor the events."""
     return log.kind == "uwserver" and (topic.startswith("/") or (topic.startswith("uwserver/") and topic != EVENTS))
 
 
 def _chosen(log: Log, patterns: tuple[str, ...], names: list[str]) -> set[str]:
-    if not patterns:
-        return set(names)
-    found: set[str] = set()
+    found: set[str] = set() if patterns else set(names)
     for pattern in patterns:
         fitting = [pattern] if pattern in names else matching(pattern, names)
         if not fitting:
             raise LogError(f'{log.path}: no topic "{pattern}"; there are: {", ".join(names[:40])}')
         found.update(fitting)
     return found
-
-
-COMMANDS = [export]

@@ -1,9 +1,8 @@
-"""A command that visibly moves a vehicle: what `uwserver run` proposes to type."""
+"""Finds a command that visibly moves a vehicle, for `uwserver run` to suggest."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
 import numpy as np
 
@@ -11,18 +10,18 @@ from uwserver.actuators import ActuatorConfig, ForceTorqueConfig, PropellerConfi
 from uwserver.scenario.load.resolved import ResolvedVehicle
 
 STRENGTH = 0.5
-"""Of the strongest thruster, as part of full command: well above a dead band, and not a race."""
+"""Command of the strongest thruster as a part of full command: well above a dead band, and not fast."""
 _DOWN, _AHEAD = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _TURNING_M = 5.0
-"""Weight of moments against forces, 1/m: a vehicle that goes straight is worth more than one that goes fast."""
+"""Weight of moments relative to forces, 1/m. It is large because to go straight matters more than to go fast."""
 
 
 def first_command(vehicle: ResolvedVehicle) -> str:
-    """Arguments for `uwclient send`: down, else ahead; "" for a vehicle with nothing of a kind that is known here."""
+    """Return arguments for `uwclient send` that move a vehicle down, or else ahead; "" if no actuator is of a kind known here."""
     for name, actuator in vehicle.vehicle.actuators.items():
-        value = _value(vehicle, actuator)
-        if value:
-            seconds = 10 if isinstance(actuator, PropellerConfig) else 3  # one propeller on a long hull takes its time
+        if value := _value(vehicle, actuator):
+            # A long hull with one propeller gathers speed slowly.
+            seconds = 10 if isinstance(actuator, PropellerConfig) else 3
             return f"{vehicle.name}/{name} {value} --rate 10 --seconds {seconds}"
     return ""
 
@@ -41,11 +40,10 @@ def _value(vehicle: ResolvedVehicle, actuator: ActuatorConfig) -> str:
 
 
 def thruster_command(vehicle: ResolvedVehicle, actuator: ThrustersConfig) -> list[float]:
-    """Commands u that push down, or ahead where nothing pushes down; without turning the vehicle, as far as its thrusters can."""
-    table: Mapping[str, object] = vehicle.vehicle.thrusters
-    members = [vehicle.vehicle.thrusters[name] for name in actuator.members or table]
+    """Return commands u that push down, or ahead if nothing pushes down, and turn the vehicle as little as its thrusters allow."""
+    thrusters = vehicle.vehicle.thrusters
     columns = []
-    for thruster in members:
+    for thruster in map(thrusters.__getitem__, actuator.members or thrusters):
         axis = np.array(thruster.axis_frd) / np.linalg.norm(thruster.axis_frd)
         moment = np.cross(np.array(thruster.position_frd_m), axis)
         columns.append(np.concatenate([axis, _TURNING_M * moment]))

@@ -1,14 +1,17 @@
-"""`uwserver log`: what is in a log file of any origin, and the mapping that makes tracks and ports of it."""
+"""The command `log`: what is in a log file of any origin, and the mapping that turns it into tracks and ports."""
 
 from __future__ import annotations
 
 import textwrap
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import click
 import msgspec
 
+from uwserver.cli.errors import told
+from uwserver.cli.options import FILE
 from uwserver.logfiles import Log, LogError, LogField, Topic
 from uwserver.logfiles.joined_log import open_parts
 from uwserver.logfiles.mapping import mapping_text
@@ -28,45 +31,44 @@ _MAPPING_HEAD = """\
 
 
 @click.command(name="log", short_help="Tell what is in a log file of any origin.")
-@click.argument("file", type=click.Path(path_type=Path))
-@click.option("--json", "as_json", is_flag=True, help="As JSON.")
+@click.argument("file", type=FILE)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
 @click.option(
     "--mapping",
     "as_mapping",
     is_flag=True,
-    help="Print a mapping (TOML): which topics are whose pose and which port's samples.",
+    help="Print a mapping (TOML) instead: which topics hold the pose of which vehicle, and the samples of which port.",
 )
 def log_command(file: Path, as_json: bool, as_mapping: bool) -> None:
-    """Tell what is in FILE: time span, topics with their numbers, rates, fields and units, gaps and resets of the clock.
+    """Tell what is in FILE: the time span, each topic with its number of messages, rate, fields and units, gaps and resets of the clock.
 
-    FILE is a recording of ours, any MCAP, a MAVLink .tlog, an ArduPilot .bin, a MOOS .alog, a bag of ROS 1 or ROS 2 (.bag, .db3, or its
-    folder), a PX4 .ulg, or a table (.csv, .parquet).
+    FILE is a recording of uwserver, any other MCAP file, a MAVLink .tlog, an ArduPilot .bin, a MOOS .alog, a bag of ROS 1 or ROS 2 (.bag,
+    .db3 or a folder), a PX4 .ulg, or a table (.csv, .parquet).
 
     Example: uwserver log dive.tlog --mapping > dive.toml
     """
-    try:
-        log = open_parts(file)
-        try:
-            if as_mapping:
-                text = _MAPPING_HEAD + mapping_text(mapping_of(log)).rstrip("\n")
-            elif as_json:
-                text = msgspec.json.format(msgspec.json.encode(_described(log)), indent=2).decode()
-            else:
-                text = _told(log)
-        finally:
-            log.close()
-    except LogError as error:
-        raise click.ClickException(printable(str(error))) from error
+    with told(file, LogError, text=printable_error), closing(open_parts(file)) as log:
+        if as_mapping:
+            text = _MAPPING_HEAD + mapping_text(mapping_of(log)).rstrip("\n")
+        elif as_json:
+            text = msgspec.json.format(msgspec.json.encode(_described(log)), indent=2).decode()
+        else:
+            text = _summary(log)
     click.echo(text)
 
 
 def printable(text: str) -> str:
-    """Text of a log without what could command a terminal."""
+    """Return text from a log with a placeholder for each control character, so that it cannot command a terminal."""
     return "".join(c if c.isprintable() else "\ufffd" for c in text)
 
 
+def printable_error(error: Exception) -> str:
+    """Return the message of an error that may quote a log, as `printable`."""
+    return printable(str(error))
+
+
 def _rate_hz(log: Log, topic: Topic) -> float | None:
-    """Mean rate; None where it cannot be known."""
+    """Return the mean rate of a topic, or None where it cannot be known."""
     if topic.count is None or topic.count < 2:
         return None
     first = log.start_ns if topic.first_ns is None else topic.first_ns
@@ -88,7 +90,7 @@ def _described(log: Log) -> dict[str, Any]:
     }
 
 
-def _told(log: Log) -> str:
+def _summary(log: Log) -> str:
     lines = [f"{log.path}: {_KINDS[log.kind]}, {seconds(log.end_ns - log.start_ns)}, {len(log.topics)} topics"]
     if log.epoch_ns is not None:
         lines.append(f"  from {utc_text(log.epoch_ns + log.start_ns)} to {utc_text(log.epoch_ns + log.end_ns)}")
@@ -115,12 +117,7 @@ def _fields(fields: tuple[LogField, ...]) -> str:
 
 
 def _field(field: LogField) -> str:
-    """With its unit, once: a table's header may say it already."""
-    told = (
-        (field.unit, field.frame) if not field.name.endswith((f"[{field.unit}]", f"({field.unit})")) else (field.frame,)
-    )
-    about = " ".join(filter(None, told))
+    """Return a field's name with its unit and frame. The header of a table may already end in the unit."""
+    has_unit = field.name.endswith((f"[{field.unit}]", f"({field.unit})"))
+    about = " ".join(filter(None, ("" if has_unit else field.unit, field.frame)))
     return printable(f"{field.name} [{about}]" if about else field.name)
-
-
-COMMANDS = [log_command]

@@ -1,7 +1,7 @@
-"""A world that one page alone looks at: `python -m uwserver.cli.lone_view SCENARIO [SEED]` says the page's address in a line.
+"""Serves a world to a single page: `python -m uwserver.cli.lone_view SCENARIO [SEED]` prints the page's address in one line.
 
-It listens on a free port of loopback and wants a token, has no other adapter, stands still at time 0, runs as fast as it can when it is told to,
-and ends with its standard input: it cannot outlive who started it.
+The server listens on a free port of loopback, asks for a token and has no other adapter. The world is paused at time 0 and runs as fast as
+possible when it is told to. The server ends when its standard input does, so it cannot outlive its parent.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ import subprocess
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from uwserver.cli.child import child
+from uwserver.cli.loading import with_changes
 from uwserver.cli.web_view import KIND
 
 if TYPE_CHECKING:
@@ -24,19 +24,19 @@ if TYPE_CHECKING:
 
 
 class ViewFailed(Exception):
-    """There is no address: the process has told why."""
+    """The server ended before it had an address; it has printed why."""
 
 
 @contextmanager
 def lone_view(scenario: str, seed: int | None = None) -> Iterator[str]:
-    """The address of such a page, with its token; the server is a process of its own and ends with the block.
+    """Start such a server in a process of its own, and end it with the block. Yields the page's address, with its token.
 
     Args:
         scenario: a shipped name or a file.
-        seed: instead of the scenario's.
+        seed: random seed; None takes that of the scenario.
 
     Raises:
-        ViewFailed: see there.
+        ViewFailed: the server did not start.
     """
     command = [sys.executable, "-m", "uwserver.cli.lone_view", scenario, *([] if seed is None else [str(seed)])]
     with child(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
@@ -48,16 +48,16 @@ def lone_view(scenario: str, seed: int | None = None) -> Iterator[str]:
 
 
 def seen_alone(resolved: Resolved, adapters: Mapping[str, type[Any]], token: str) -> Resolved:
-    """The scenario with a web view as its only adapter, and nothing else that listens.
+    """Return the scenario with a web view as its only adapter, and nothing else that listens.
 
     Args:
-        resolved: of the scenario.
-        adapters: configuration types by kind, of those that are installed.
-        token: that its page must show.
+        resolved: the scenario.
+        adapters: configuration types of the installed adapters by kind.
+        token: the token that the page must show.
     """
     view = adapters[KIND](port=0, required=True, token=token)
     server = msgspec.structs.replace(resolved.scenario.server, metrics=False)
-    return replace(resolved, scenario=msgspec.structs.replace(resolved.scenario, adapters={KIND: view}, server=server))
+    return with_changes(resolved, adapters={KIND: view}, server=server)
 
 
 async def _serve(resolved: Resolved, seed: int | None, token: str) -> int:
@@ -69,11 +69,12 @@ async def _serve(resolved: Resolved, seed: int | None, token: str) -> int:
 
     def leave() -> None:
         loop.remove_reader(sys.stdin)
-        server.shutdown("who started it has gone")
+        server.shutdown("its parent process has ended")
 
     server = Server(resolved, Options(seed, Timing("freerun", paused=True), shown=KIND, announce=announce))
     loop = asyncio.get_running_loop()
-    if sys.platform != "win32":  # whose loop knows sockets alone
+    # The loop of Windows can wait for sockets only.
+    if sys.platform != "win32":
         loop.add_reader(sys.stdin, leave)
     return await server.run()
 

@@ -1,4 +1,4 @@
-"""Sonars that shall see their own vehicle, and see little else: so near to its collision shapes, or so turned, that these fill their field."""
+"""Warns of sonars with `sees_own_vehicle` whose field of view is filled by the collision shapes of their own vehicle."""
 
 from __future__ import annotations
 
@@ -14,26 +14,28 @@ from uwserver.sensors import Pose, SensorConfig
 from uwserver.sensors.acoustic.pinging import PingingSonar, PingTable
 
 _SHARE = 0.05
-"""Of the power that a sonar sends and hears; what meets less of it is its margin."""
-_MOST = 2000
+"""Part of a sonar's power, sent and received, that may meet its own vehicle without a warning."""
+_MOST_RAYS = 2000
 _FARTHEST_M = 100.0
 
 
 def facing_their_hull(resolved: Resolved) -> Iterator[str]:
-    """A line for each sonar of which a good part of the rays meets its own vehicle, as it starts.
+    """Yield a line for each sonar of which a good part of the power meets its own vehicle in its initial attitude.
 
-    Only the outside of shapes is met: a sonar that sits inside one looks through that one, but not through those beside it.
+    Rays meet only the outside of shapes, so a sonar inside a shape looks through that one, but not through those beside it.
     """
-    told = set()
+    seen = set()
     for vehicle in resolved.vehicles.values():
         for name, sensor in vehicle.vehicle.sensors.items():
-            key = id(vehicle.vehicle), name  # copies share it
-            if vehicle.solid is None or not isinstance(sensor, PingTable) or not sensor.enabled or key in told:
+            # Copies of a vehicle share its file: one line is enough for all.
+            key = id(vehicle.vehicle), name
+            if vehicle.solid is None or not isinstance(sensor, PingTable) or key in seen:
                 continue
-            if not sensor.sees_own_vehicle:
+            if not (sensor.enabled and sensor.sees_own_vehicle):
                 continue
-            told.add(key)
-            from uwserver.scenario.build.members import mount_of  # takes a moment, which most scenarios need not
+            seen.add(key)
+            # Imported here because it takes a moment and few scenarios need it.
+            from uwserver.scenario.build.members import mount_of
 
             mount = mount_of(sensor, vehicle.vehicle)
             share, nearest = blocked(sensor, mount, vehicle.solid)
@@ -47,20 +49,21 @@ def facing_their_hull(resolved: Resolved) -> Iterator[str]:
 
 
 def blocked(sensor: SensorConfig, mount: Pose, solid: Solid) -> tuple[float, float]:
-    """The part of a sonar's power that meets a solid of its body, as it starts, and the distance (m) of what is nearest.
+    """Return the part of a sonar's power that meets a solid of its body in the initial attitude, and the distance (m) of the nearest point.
 
     Args:
-        sensor: its table, of a `PingTable`.
-        mount: X_BS.
-        solid: in B.
+        sensor: the sonar's table, a `PingTable`.
+        mount: pose of the sensor in B, X_BS.
+        solid: the collision shapes in B.
     """
-    from uwserver.physics.rays.casting import Rays  # compiled
+    # Imported here because its kernels may have to be compiled.
+    from uwserver.physics.rays.casting import Rays
 
     built = sensor.build(mount)
     assert isinstance(built, PingingSonar)
     lighting = built.head.lighting
     grid = lighting.swath.grid
-    some = slice(None, None, max(len(grid.direction) // _MOST, 1))
+    some = slice(None, None, max(len(grid.direction) // _MOST_RAYS, 1))
     direction: FloatArray = grid.direction[some] @ (np.array(matrix(mount.q)) @ lighting.axes).T
     power = grid.cells["emitted"][some]
     rays, state = Rays(), np.zeros((1, 13))

@@ -1,4 +1,4 @@
-"""What cannot keep the time that its tables give it: readings that may be computed too late, and sonars that cannot ping so often."""
+"""Warns of sensors that cannot keep their times: readings that may be computed too late, and sonars that cannot ping often enough."""
 
 from __future__ import annotations
 
@@ -7,19 +7,25 @@ from typing import NamedTuple
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.sensors.acoustic.pinging import PingTable
 
-_FEW = 4
-"""Sensors that are named."""
+_MOST_NAMED = 4
+"""Sensors that are named in a warning; further ones are counted."""
+_CAMERA = (
+    "more read_out_s or latency_s, fewer pixels (width, height), or a lower rate_hz of all, so that they seldom meet"
+)
+_SONAR = (
+    "more processing_s or latency_s, fewer beams, bins or rays, or a lower rate_hz of all, so that they seldom meet"
+)
 
 
 class _Computed(NamedTuple):
-    """A sensor whose readings are computed.
+    """A sensor whose readings take processor time to compute.
 
     Attributes:
-        path: of its port.
-        cost: of a reading, s of processor time.
-        given: from its begin to its delivery, s.
-        piece: of a reading that is computed in pieces the longest, s; otherwise its cost.
-        keys: what makes the latter longer, and the former shorter.
+        path: path of its port.
+        cost: processor time of a reading, s.
+        given: time from the start of a reading to its delivery, s.
+        piece: longest piece of a reading that is computed in pieces, s; otherwise the cost.
+        keys: changes to the table that lengthen `given` or shorten `cost`.
     """
 
     path: str
@@ -29,15 +35,20 @@ class _Computed(NamedTuple):
     keys: str
 
     def keeps(self, other: _Computed) -> float:
-        """How long another may have to wait for it, s: for all of it, but where this is due later for a piece, and for what it cannot have done
-        so long after its begin."""
+        """Return how long another sensor may have to wait for this one, s.
+
+        If this reading is due first, the other one waits for all of it. If it is due later, the other one waits for the piece that is being
+        computed, or for what cannot have been done in the time by which this reading began earlier.
+        """
         later = self.given - other.given
         return self.cost if later <= 0.0 else max(self.piece, self.cost - later)
 
 
 def late(resolved: Resolved) -> list[str]:
-    """A line for each sensor whose readings may be dropped in real time: they are computed one at a time, that which is due first before others,
-    but a piece that is in work is not left."""
+    """Return a line for each sensor whose readings may be dropped in real time.
+
+    One reading is computed at a time, the one that is due first before others; but a piece that has begun is not interrupted.
+    """
     each = [
         _Computed(
             f"{vehicle}/{name}", sensor.computing_s, sensor.given_s, getattr(sensor, "piece_s", sensor.computing_s),
@@ -47,6 +58,7 @@ def late(resolved: Resolved) -> list[str]:
         for name, sensor in v.vehicle.sensors.items()
         if sensor.enabled and hasattr(sensor, "computing_s") and hasattr(sensor, "given_s") and sensor.computing_s > 0.0
     ]  # fmt: skip
+    # Two of each group of equal sensors are enough to find the longest wait.
     alike: dict[tuple[float, ...], list[_Computed]] = {}
     for one in each:
         alike.setdefault((one.cost, one.given, one.piece), []).append(one)
@@ -66,16 +78,8 @@ def late(resolved: Resolved) -> list[str]:
     return _shortened(lines, "may be late too")
 
 
-_CAMERA = (
-    "more read_out_s or latency_s, fewer pixels (width, height), or a lower rate_hz of all, so that they seldom meet"
-)
-_SONAR = (
-    "more processing_s or latency_s, fewer beams, bins or rays, or a lower rate_hz of all, so that they seldom meet"
-)
-
-
 def hasty(resolved: Resolved) -> list[str]:
-    """A line for each sonar that is asked for more pings than its range leaves time for."""
+    """Return a line for each sonar whose rate is higher than its range leaves time for."""
     lines = [
         f"rate: {vehicle}/{name} cannot ping rate_hz = {sensor.rate_hz:g} times a second: with range_m = {sensor.range_m:g} and overhead_s = "
         f"{sensor.overhead_s:g} about {sensor.pings_hz:.3g} a second"
@@ -87,7 +91,8 @@ def hasty(resolved: Resolved) -> list[str]:
 
 
 def _shortened(lines: list[str], what: str) -> list[str]:
-    return lines if len(lines) <= _FEW else [*lines[:_FEW], f"and {len(lines) - _FEW} more {what}"]
+    more = len(lines) - _MOST_NAMED
+    return lines if more <= 0 else [*lines[:_MOST_NAMED], f"and {more} more {what}"]
 
 
 def _ms(seconds: float) -> str:

@@ -1,4 +1,4 @@
-"""`uwserver play`: a recording served as if it were live."""
+"""The command `play`: serves a recording as if it were live."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from uwserver.cli.colour import styled
+from uwserver.cli.errors import told
+from uwserver.cli.options import FILE, LOG_LEVEL, SECONDS
 from uwserver.cli.played_adapters import with_played_adapters
 from uwserver.cli.run import announced_address, with_address
 from uwserver.cli.web_view import open_page, where_to_look, with_token, with_view_token, with_web_view
@@ -21,8 +23,6 @@ if TYPE_CHECKING:
     from uwserver.simulation.clock import Timing
 
 log = logging.getLogger(__name__)
-
-_SECONDS = click.FloatRange(0.0, 1e9)
 
 
 class _Speed(click.ParamType[float]):
@@ -41,19 +41,41 @@ class _Speed(click.ParamType[float]):
 
 
 @click.command("play", short_help="Serve a recording as if it were live.")
-@click.argument("file", type=click.Path(path_type=Path))
-@click.option("--speed", type=_Speed(), default=1.0, metavar="FACTOR|max", help="Recorded seconds per second.")
-@click.option("--from", "from_s", type=_SECONDS, metavar="SECONDS", help="Begin at this simulation time.")
-@click.option("--to", "to_s", type=_SECONDS, metavar="SECONDS", help="End at this simulation time.")
-@click.option("--loop", "loops", is_flag=True, help="Begin anew at the end.")
+@click.argument("file", type=FILE)
+@click.option(
+    "--speed",
+    type=_Speed(),
+    default=1.0,
+    metavar="FACTOR|max",
+    help="Recorded seconds per second of wall time; max is as fast as possible [default: 1].",
+)
+@click.option("--from", "from_s", type=SECONDS, metavar="SECONDS", help="Begin at this simulation time.")
+@click.option("--to", "to_s", type=SECONDS, metavar="SECONDS", help="End at this simulation time.")
+@click.option("--loop", "loops", is_flag=True, help="Begin again at the end.")
 @click.option("--paused", is_flag=True, help="Begin paused.")
-@click.option("--map", "names", multiple=True, metavar="OLD=NEW", help="Serve a vehicle under another name.")
-@click.option("--mapping", type=click.Path(path_type=Path), help="Of a log of another origin (see `uwserver log`).")
-@click.option("--port", type=click.IntRange(0, 65535), help="Port of the sockets adapter; 0 takes free ones.")
-@click.option("--bind", help="Address that it listens on.")
-@click.option("--adapter", "chosen", multiple=True, metavar="NAME", help="Serve this one as it was, on any network.")
+@click.option(
+    "--map",
+    "names",
+    multiple=True,
+    metavar="OLD=NEW",
+    help="Serve the vehicle OLD under the name NEW; may be given several times.",
+)
+@click.option("--mapping", type=FILE, help="Mapping file of a log of another origin (see `uwserver log --mapping`).")
+@click.option(
+    "--port", type=click.IntRange(0, 65535), help="Port of the sockets adapter; 0 takes free ports for all adapters."
+)
+@click.option("--bind", help="Address on which the sockets adapter listens.")
+@click.option(
+    "--adapter",
+    "chosen",
+    multiple=True,
+    metavar="NAME",
+    help="Let this adapter of the recording do all that its table says, on any network; may be given several times.",
+)
 @click.option("--open", "opens", is_flag=True, help="Open the web view in a browser.")
-@click.option("--log-level", default="info", type=click.Choice(["debug", "info", "warning", "error"]))
+@click.option(
+    "--log-level", default="info", show_default=True, type=LOG_LEVEL, help="Least important log lines to write."
+)
 def play(
     file: Path,
     speed: float,
@@ -69,7 +91,9 @@ def play(
     opens: bool,
     log_level: str,
 ) -> None:
-    """Serve FILE, a recording of `uwserver run --record FILE` or a log of another origin, with its ports and times, until SIGINT or SIGTERM.
+    """Serve FILE with its ports and times, until Ctrl-C (SIGINT) or SIGTERM.
+
+    FILE is a recording of `uwserver run --record FILE` or `uwserver record`, or a log of another origin.
 
     Example: uwserver play dive.mcap --from 60 --speed 5 --open
     """
@@ -81,15 +105,10 @@ def play(
 
     set_up_logging(log_level, False)
     with tempfile.TemporaryDirectory(prefix="uwserver-play-") as place:
-        try:
+        with told(file, NotPlayable):
             track = _opened(file, _renames(names), mapping, Path(place))
-        except NotPlayable as error:
-            raise click.ClickException(str(error)) from error
-        except OSError as error:
-            raise click.ClickException(f"{error.filename or file}: {error.strerror or error}") from error
         span = Range(from_s, to_s, loops)
-        fault = span.fault(track)
-        if fault:
+        if fault := span.fault(track):
             track.close()
             raise click.ClickException(f"{file}: {fault}")
         for remark in track.remarks:
@@ -101,19 +120,20 @@ def play(
 
 
 def _opened(file: Path, names: dict[str, str], mapping: Path | None, place: Path) -> Track:
-    """A recording of ours; or a log of another origin, written as one into a folder."""
+    """Open a recording of uwserver, or convert a log of another origin to one in the folder `place`."""
     from uwserver.recording.player_file import NotOurs
     from uwserver.recording.player_import import import_log
     from uwserver.recording.player_served import import_served, is_served
     from uwserver.recording.player_track import Track
 
+    may_be_ours = mapping is None and file.is_file()
     try:
-        if mapping is None and file.is_file():
+        if may_be_ours:
             return Track(file, names)
     except NotOurs:
         click.echo(f"uwserver: no scenario of uwserver is in {file.name}: it is read as a log, once")
     target = place / "log.mcap"
-    if mapping is None and file.is_file() and is_served(file):
+    if may_be_ours and is_served(file):
         remarks = import_served(file, target)
     else:
         remarks = import_log(file, mapping, target)
@@ -162,8 +182,7 @@ def _serve(
         for line in where_to_look(resolved, view, page, shown):
             if line:
                 click.echo(line)
-        run = track.runs[0]
-        length = (run.to_ns - run.from_ns) / 1e9
+        length = (track.runs[0].to_ns - track.runs[0].from_ns) / 1e9
         click.echo(styled(f"uwserver plays {track.path}: {resolved.name}, {length:.1f} s", bold=True))
         for name, where in addresses.items():
             if name != view:
@@ -184,13 +203,10 @@ def _serve(
 
 
 def advised(text: str, file: str) -> str:
-    """Why it cannot start; of an address that is in use with the option that helps, as the table of a recorded adapter cannot be edited."""
+    """Return why the server cannot start, with advice that suits a recording, whose adapter tables cannot be edited."""
     from uwserver.adapter.listening import IN_USE
 
     if IN_USE not in text:
         return text
     what = text.partition(", or give this adapter")[0]
     return f"{what}, or play it beside: `uwserver play {file} --port 0` takes free ports for all that it serves"
-
-
-COMMANDS = (play,)

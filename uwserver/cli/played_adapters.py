@@ -1,16 +1,16 @@
-"""Which adapters of a recording `uwserver play` serves: a file decides nothing about the network of whoever plays it."""
+"""Decides which adapters of a recording `uwserver play` serves. A file must not decide what its reader's machine does on the network."""
 
 from __future__ import annotations
 
 import logging
 import re
 from collections.abc import Collection, Mapping
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from uwserver.adapter.listening import is_loopback
+from uwserver.cli.loading import with_changes
 
 if TYPE_CHECKING:
     from uwserver.scenario.load.resolved import Resolved
@@ -20,27 +20,27 @@ log = logging.getLogger(__name__)
 SERVERS = (
     "sockets", "web", "foxglove", "rosbridge", "moosdb", "moos_text", "morse", "player", "video", "devices", "ros2", "zenoh",
 )  # fmt: skip
-"""Kinds that listen at one address, and call nobody unless their table says so."""
+"""Kinds that listen at one address and connect to nobody unless their table says so."""
 CALLERS = ("ros1", "yarp", "moos", "mavlink")
-"""Kinds that call a peer, which they may where it is at its usual address on this machine."""
+"""Kinds that connect to a peer. They may do so if the peer is at its usual address on this machine."""
 IN_THE_LOOP = ("ardupilot_json", "px4_hil")
-"""Kinds for autopilots that fly the vehicle, which a recording does not let anybody do."""
+"""Kinds for autopilots that fly the vehicle. Nobody can fly the vehicle of a recording."""
 _REACHING = ("allow_network", "connect", "scouting", "discovery", "transport", "ardupilot", "name_server", "host")
-"""Keys by which a table makes one of those reach other machines."""
+"""Keys of those kinds by which a table reaches other machines."""
 _ALLOWING = ("allowed_origins", "allowed_hosts", "frame_ancestors")
-"""Keys that say who else may ask."""
+"""Keys by which a table lets web pages and host names in."""
 _OF_FILES = (
     "alog", "tlog", "serial", "config_file", "config", "tls_cert", "tls_key", "tls_client_ca", "path", "folder", "file", "device",
 )  # fmt: skip
-"""Keys of adapters by which they would open a file or a device."""
+"""Keys by which an adapter would open a file or a device."""
 _LOCALHOST = r"(127\.0\.0\.1|localhost|\[::1\])"
 _HERE = re.compile(rf"tcp/{_LOCALHOST}:\d{{1,5}}")
 _GROUND_STATION = re.compile(rf"(udpin|tcpin):{_LOCALHOST}:\d{{1,5}}|udpout:{_LOCALHOST}:145[56]\d")
-"""Links of MAVLink: those that listen, and the ports at which ground stations listen."""
+"""MAVLink links that listen, or that send to the ports at which ground stations listen."""
 _VIEWER = re.compile(rf"{_LOCALHOST}:(56\d\d|145[56]\d)")
-"""Where ground stations wait for pictures, and for MAVLink."""
+"""Addresses at which ground stations expect video and MAVLink."""
 _PLOTTER = re.compile(rf"{_LOCALHOST}:101[0-2]\d")
-"""Where chart plotters wait for NMEA 0183."""
+"""Addresses at which chart plotters expect NMEA 0183."""
 _LISTENING_LINK = re.compile(r"^((?:udpin|tcpin):.*):\d+$")
 _MOOSDB_PORTS = range(9000, 9100)
 _MASTER = "http://127.0.0.1:11311"
@@ -51,20 +51,20 @@ _FREE_ENDPOINT = f"tcp/{_LOOPBACK}:0"
 def with_played_adapters(
     resolved: Resolved, known: Mapping[str, type[Any]], port: int | None, chosen: Collection[str] = ()
 ) -> Resolved:
-    """The scenario of a recording with the adapters that serve it, as their own types.
+    """Return the scenario of a recording with the adapters that may serve it, as configurations of their own types.
 
-    Without being asked for by name, an adapter listens on this machine alone, and calls peers of it at their usual addresses; one that would reach
-    others is left out. No adapter that would open a file or a device, that set the pace of the world, or that is for an autopilot in the loop, is
-    served at all.
+    An adapter that is not in `chosen` listens on this machine only, and connects only to peers at their usual addresses on this machine. It
+    is left out, with a warning, if it would reach further. An adapter is never served if it would open a file or a device, if it set the pace
+    of the world, or if it is for an autopilot in the loop.
 
     Args:
-        resolved: of the recording, whose adapters are plain tables.
-        known: configuration types of adapters, by kind.
-        port: 0 gives all free ports.
-        chosen: names of adapters that may do what their table says.
+        resolved: scenario of the recording, whose adapters are plain tables.
+        known: configuration types of adapters by kind.
+        port: 0 gives all adapters free ports.
+        chosen: names of adapters that may do all that their table says.
 
     Raises:
-        ValueError: the recording has no adapter of a name in `chosen`.
+        ValueError: the recording has no adapter with a name in `chosen`.
     """
     world, tables, configs = resolved.scenario.world, resolved.scenario.adapters, {}
     for name in chosen:
@@ -80,54 +80,49 @@ def with_played_adapters(
             log.warning('adapter "%s" of the recording is left out: %s', name, error)
     if not configs and "sockets" in known:
         configs["sockets"] = known["sockets"]()
-    if port == 0:  # beside the server that was recorded
-        configs = {name: _with_free_ports(config) for name, config in configs.items()}
     here: dict[str, Any] = {"metrics_bind": _LOOPBACK, "allowed_hosts": ()}
+    # The server that was recorded may still run on this machine.
     if port == 0:
+        configs = {name: _with_free_ports(config) for name, config in configs.items()}
         here["metrics_port"] = 0
-    server = msgspec.structs.replace(resolved.scenario.server, **here)
-    return replace(resolved, scenario=msgspec.structs.replace(resolved.scenario, adapters=configs, server=server))
+    return with_changes(resolved, adapters=configs, server=msgspec.structs.replace(resolved.scenario.server, **here))
 
 
 def _config(table: Any, known: Mapping[str, type[Any]]) -> Any:
-    """The configuration of an adapter, from its table in a recording.
+    """Return the configuration of an adapter from its table in a recording.
 
     Raises:
-        ValueError: it is not installed, names files, or does not fit.
+        ValueError: the adapter is not installed, or the table names files or does not fit the adapter.
     """
     kind = table.get("kind")
     if kind not in known:
         raise ValueError(f"no adapter of kind {str(kind)[:40]!r} is installed")
     if kind in IN_THE_LOOP:
         raise ValueError("it is for an autopilot that flies the vehicle, and a recording flies by itself")
-    named = sorted(_named(table))
-    if named:
+    if named := sorted(_named(table)):
         raise ValueError(f"it names files or devices ({', '.join(named)}), which a recording does not open")
     return msgspec.convert(table, known[kind])
 
 
 def _named(table: Any) -> set[str]:
-    """Keys of a table, and of those in it, that name files or devices."""
-    if isinstance(table, Mapping):
-        keys = {
-            key for key in _OF_FILES if table.get(key) and not (key == "device" and isinstance(table[key], Mapping))
-        }
-        if any(isinstance(link, str) and link.startswith("serial:") for link in _links(table)):
-            keys.add("links")
-        return keys.union(*map(_named, table.values()))
-    return set().union(*map(_named, table)) if isinstance(table, list | tuple) else set()
-
-
-def _links(table: Mapping[str, Any]) -> Any:
+    """Return the keys that name files or devices, in a table and in all tables within it."""
+    if isinstance(table, list | tuple):
+        return set().union(*map(_named, table))
+    if not isinstance(table, Mapping):
+        return set()
+    # The key `device` of the devices adapter holds a table for each device, and is no file.
+    keys = {key for key in _OF_FILES if table.get(key) and not (key == "device" and isinstance(table[key], Mapping))}
     links = table.get("links")
-    return links if isinstance(links, list | tuple) else ()
+    if isinstance(links, list | tuple) and any(isinstance(link, str) and link.startswith("serial:") for link in links):
+        keys.add("links")
+    return keys.union(*map(_named, table.values()))
 
 
 def _local(config: Any) -> Any:
-    """An adapter that listens on this machine alone, for those that its kind lets in by itself.
+    """Return the configuration of an adapter that listens on this machine only, and lets in only those that its kind lets in by default.
 
     Raises:
-        ValueError: it would reach further.
+        ValueError: the adapter would reach further.
     """
     hint = "--adapter with its name serves it"
     kind = config.__struct_config__.tag
@@ -144,7 +139,8 @@ def _local(config: Any) -> Any:
     if "bind" in usual:
         changes["bind"] = _LOOPBACK
     if kind == "ros1":
-        changes["master"] = _MASTER  # not the environment's, which may be that of a robot
+        # Without it the adapter would take the master of the environment, which may be that of a robot.
+        changes["master"] = _MASTER
     if kind == "devices":
         changes["device"] = {
             name: msgspec.structs.replace(table, bind=_LOOPBACK) for name, table in config.device.items()
@@ -153,7 +149,7 @@ def _local(config: Any) -> Any:
 
 
 def _called(kind: str, config: Any) -> list[str]:
-    """Keys of a table that name a peer which is not at its usual address on this machine."""
+    """Return the keys of a table that name a peer which is not at its usual address on this machine."""
     match kind:
         case "ros1":
             return ["master"] if config.master not in (None, _MASTER, _MASTER.replace(_LOOPBACK, "localhost")) else []
@@ -177,7 +173,7 @@ def _called(kind: str, config: Any) -> list[str]:
 
 
 def _with_free_ports(config: Any) -> Any:
-    """An adapter that listens at ports that are free, wherever it has one."""
+    """Return the configuration of an adapter with every port on which it listens set to a free one."""
     names = {f.name for f in msgspec.structs.fields(config)}
     changes: dict[str, Any] = {
         n: 0 for n in names if n.rpartition("_")[2] == "port" and isinstance(getattr(config, n), int)

@@ -1,4 +1,4 @@
-"""`uwserver record`: what a running server serves, written down from another process."""
+"""The command `record`: records from another process what a running server serves."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import IO, TYPE_CHECKING, Any
 import click
 import msgspec
 
+from uwserver.cli.errors import told
 from uwserver.ports import Event, Port, Sample
 
 if TYPE_CHECKING:
@@ -20,35 +21,47 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 FLUSH_S = 0.5
-"""A chunk is written at the latest after this wall time: that much a killed recorder loses."""
+"""Wall time after which a chunk is written at the latest, and so what a killed recorder loses."""
 MOST_ANSWER_BYTES = 32 << 20
-"""Of one line of the server, whose own limit is half of it."""
+"""Longest line that is accepted from the server, whose own limit is half of it."""
 MOST_WAITING = 10_000
-"""Samples of ports that the server has not described yet."""
+"""Samples that may wait for the description of their ports."""
 FIRST_BACKOFF_S, LAST_BACKOFF_S = 0.25, 5.0
 _CHUNK = 1 << 16
 
 
 class Ended(Exception):
-    """The recording is at its end; the text says why."""
+    """The recording has ended; the text says why."""
 
 
 class Failed(Exception):
-    """The server does not answer as it should, or is another one; the text says what to do."""
+    """The server does not answer as it should, or is another server; the text says what to do."""
 
 
 @click.command(short_help="Record what a running server serves.")
 @click.argument("where", nargs=-1, required=True, metavar="[SERVER] OUT")
-@click.option("--ports", multiple=True, metavar="PATTERN", help="Only these, as 'rov/*'; may be given several times.")
-@click.option("--seconds", type=click.FloatRange(0.0, 1e9), help="End after so much wall time; default: at Ctrl-C.")
-@click.option("--token", envvar="UWSERVER_TOKEN", default="", help="That the server asks for; default: UWSERVER_TOKEN.")
+@click.option(
+    "--ports",
+    multiple=True,
+    metavar="PATTERN",
+    help="Record only ports that match this pattern, such as 'rov/*'; may be given several times.",
+)
+@click.option("--seconds", type=click.FloatRange(0.0, 1e9), help="End after this wall time; default: at Ctrl-C.")
+@click.option(
+    "--token",
+    envvar="UWSERVER_TOKEN",
+    default="",
+    help="Token of the server; default: the environment variable UWSERVER_TOKEN.",
+)
 def record(where: tuple[str, ...], ports: tuple[str, ...], seconds: float | None, token: str) -> None:
-    """Record the samples and events of a running SERVER (HOST:PORT of its sockets adapter, default 127.0.0.1:7600) to the file OUT.
+    """Record the samples and events of a running server to the file OUT.
+
+    SERVER is HOST:PORT of its sockets adapter, by default 127.0.0.1:7600.
 
     uwserver record 127.0.0.1:7600 dive.mcap --ports 'rov/*' --seconds 60
 
-    A lost connection is made again. The file has what was served: it can be plotted, compared and played, with boxes for vehicles, but not
-    replayed, as the scenario and the commands of others are not in it (`uwserver run --record` has them).
+    A lost connection is opened again. The file holds what was served. It can be plotted, compared and played, with boxes for vehicles. It
+    cannot be replayed, because it holds neither the scenario nor the commands of other clients; a file of `uwserver run --record` does.
     """
     if len(where) > 2:
         raise click.UsageError("give a server, as 127.0.0.1:7600, and one file")
@@ -57,15 +70,13 @@ def record(where: tuple[str, ...], ports: tuple[str, ...], seconds: float | None
     if not (colon and host and number.isdigit()):
         raise click.UsageError(f'"{server}" is no HOST:PORT, as 127.0.0.1:7600')
     attached = Attached((host.strip("[]"), int(number)), out, ports or ("**",), token)
-    try:
+    with told(out, Failed):
         why = asyncio.run(_run(attached, seconds))
-    except (Failed, OSError) as error:
-        raise click.ClickException(str(error)) from error
     click.echo(f"wrote {out}: {attached.samples} samples, {attached.lost} lost; {why}")
 
 
 async def _run(attached: Attached, seconds: float | None) -> str:
-    """Record until the time is over, a signal comes, or the server ends; says which."""
+    """Record until the time is over, a signal comes, or the server ends; return which of these it was."""
     loop = asyncio.get_running_loop()
     task = loop.create_task(attached.run())
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -88,11 +99,11 @@ async def _run(attached: Attached, seconds: float | None) -> str:
 
 
 class Attached:
-    """A client of the native protocol that writes what it gets.
+    """A client of the native protocol that records what it receives.
 
     Attributes:
-        samples: written.
-        lost: that the server dropped because this client was too slow, or while it was not connected.
+        samples: how many samples were written.
+        lost: how many the server dropped because this client was too slow or not connected.
     """
 
     def __init__(self, address: tuple[str, int], out: Path, patterns: tuple[str, ...], token: str) -> None:
@@ -109,11 +120,11 @@ class Attached:
         self._agreed = 0
 
     async def run(self) -> str:
-        """Record until the server ends; says so.
+        """Record until the server ends, and return why it ended. A lost connection is opened again, with growing pauses.
 
         Raises:
-            OSError: the server cannot be reached at first, or the file not be written.
-            Failed: it refuses, or is another run when it comes back.
+            OSError: the file cannot be written.
+            Failed: the server cannot be reached at first, refuses a request, or answers in another protocol.
         """
         backoff, host = FIRST_BACKOFF_S, "{}:{}".format(*self._address)
         while True:
@@ -141,16 +152,14 @@ class Attached:
 
     async def _session(self, reader: asyncio.StreamReader, sender: asyncio.StreamWriter) -> None:
         self._is_described = self._is_subscribed = False
+        # Agreement to all patterns is remembered: from then on the file is kept whatever happens (see `give_up`).
         self._agreed = 0 if self._agreed < len(self._patterns) else self._agreed
         hello = {"version": 1, "name": "uwserver-record", **({"token": self._token} if self._token else {})}
         self._send(sender, "hello", hello)
         self._send(sender, "describe", {})
         rest, loop = b"", asyncio.get_running_loop()
-        while True:
-            chunk = await self._chunk(reader)
-            if not chunk:
-                raise ConnectionError("the server closed the connection")
-            *lines, rest = (rest + chunk).split(b"\n") if b"\n" in chunk else (rest + chunk,)
+        while chunk := await self._chunk(reader):
+            *lines, rest = (rest + chunk).split(b"\n")
             if len(rest) > MOST_ANSWER_BYTES:
                 raise Failed(f"a line of more than {MOST_ANSWER_BYTES} bytes: that is no uwserver")
             for line in lines:
@@ -158,24 +167,24 @@ class Attached:
             if loop.time() - self._flushed >= FLUSH_S:
                 self._flush()
                 self._flushed = loop.time()
+        raise ConnectionError("the server closed the connection")
 
     async def _chunk(self, reader: asyncio.StreamReader) -> bytes:
-        """What comes next; b"" at the end. What is written already goes to the disk meanwhile."""
+        """Return the next bytes, b"" at the end. While none come, what is written already goes to the disk."""
         read = asyncio.ensure_future(reader.read(_CHUNK))
         try:
             while not read.done():
-                await asyncio.wait(
-                    {read}, timeout=FLUSH_S
-                )  # `wait_for` would lose a cancellation that comes together with data
+                # Not `wait_for`, which would lose a cancellation that comes together with data.
+                await asyncio.wait({read}, timeout=FLUSH_S)
                 if not read.done():
                     self._flush()
-            return read.result()
-        except ConnectionError:
-            raise
-        except OSError as error:  # of the network, not of the disk
-            raise ConnectionError(error.strerror or str(error)) from error
         finally:
             read.cancel()
+        try:
+            return read.result()
+        except OSError as error:
+            # Tells faults of the network, such as "no route to host", from those of the disk.
+            raise ConnectionError(error.strerror or str(error)) from error
 
     def _send(self, sender: asyncio.StreamWriter, method: str, params: dict[str, Any]) -> None:
         message = {"jsonrpc": "2.0", "id": method, "method": method, "params": params}
@@ -199,14 +208,16 @@ class Attached:
         except (msgspec.MsgspecError, KeyError, TypeError, AttributeError) as error:
             raise Failed(f"an answer that cannot be read ({error}): give the address of a sockets adapter") from error
 
-    def _described(self, told: dict[str, Any], sender: asyncio.StreamWriter) -> None:
-        found = {port["path"]: msgspec.convert(port, Port) for port in told["ports"]}
+    def _described(self, description: dict[str, Any], sender: asyncio.StreamWriter) -> None:
+        """Take in the answer to `describe`, subscribe after the first one, and write the samples that have waited for it."""
+        ports = [msgspec.convert(port, Port) for port in description["ports"]]
+        # Equal ports stay the same objects, by which the writer tells them apart.
+        changed = {port.path: port for port in ports if self._ports.get(port.path) != port}
         if self._writer is None:
-            self._begin(told, found)
+            self._begin(description, changed)
         else:
-            self._writer.know(port for path, port in found.items() if self._ports.get(path) != port)
-        # Equal ports stay the objects that they are: the writer tells kinds apart by them.
-        self._ports |= {path: port for path, port in found.items() if self._ports.get(path) != port}
+            self._writer.know(changed.values())
+        self._ports |= changed
         if not self._is_described:
             self._is_described = True
             for pattern in self._patterns:
@@ -215,7 +226,7 @@ class Attached:
         for params in waiting:
             self._write(params)
 
-    def _begin(self, told: dict[str, Any], ports: dict[str, Port]) -> None:
+    def _begin(self, description: dict[str, Any], ports: dict[str, Port]) -> None:
         from uwserver.recording.format import FORMAT, versions_here
         from uwserver.recording.opening import new_file
         from uwserver.recording.parts import SERVED
@@ -225,7 +236,7 @@ class Attached:
             "format": FORMAT,
             **msgspec.structs.asdict(versions_here()),
             SERVED: "{}:{}".format(*self._address),
-            "describe": msgspec.json.encode(told).decode(),
+            "describe": msgspec.json.encode(description).decode(),
         }
         self._file = new_file(self._out)
         try:
@@ -234,7 +245,7 @@ class Attached:
             self._file.close()
             self._out.unlink(missing_ok=True)
             raise
-        click.echo(f"recording {told['world']['scenario']} to {self._out}; Ctrl-C ends it", err=True)
+        click.echo(f"recording {description['world']['scenario']} to {self._out}; Ctrl-C ends it", err=True)
 
     def _sample(self, params: dict[str, Any]) -> None:
         if params["port"] in self._ports:
@@ -284,13 +295,10 @@ class Attached:
             self._file.close()
 
     def give_up(self) -> None:
-        """Close the file as it is: readable up to its last chunk. Where the server never agreed to all patterns, nothing is left of it."""
+        """Close the file as it is, readable up to its last chunk. If the server never agreed to all patterns, remove it."""
         if self._file is not None:
             with contextlib.suppress(OSError):
                 self._file.close()
             if self._agreed < len(self._patterns):
                 with contextlib.suppress(OSError):
                     self._out.unlink()
-
-
-COMMANDS = (record,)

@@ -1,9 +1,8 @@
-"""`uwserver run`: a scenario as a server."""
+"""The command `run`: serves a scenario."""
 
 from __future__ import annotations
 
 import logging
-import math
 import os
 import shutil
 import sys
@@ -17,34 +16,24 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
-from uwserver.cli.colour import coloured_problems, styled
-from uwserver.cli.rotation import rotated
+from uwserver.adapter import Token, is_loopback, known_token, new_token
+from uwserver.cli.colour import styled
+from uwserver.cli.loading import loaded, require_packages, with_adapter, with_changes
+from uwserver.cli.options import LOG_LEVEL, SECONDS, Number, rotated
 from uwserver.cli.web_view import open_page, where_to_look, with_token, with_view_token, with_web_view
 
 if TYPE_CHECKING:
-    from uwserver.adapter import Token
     from uwserver.recording.parts import Rotation
     from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
     from uwserver.server.life_cycle import Options
     from uwserver.simulation.clock import Timing
 
 DEFAULT_SCENARIO = "bluerov2_pool"
-
-
-class _Number(click.FloatRange):
-    """`FloatRange`, which lets NaN through."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        number: float = super().convert(value, param, ctx)
-        if math.isnan(number):
-            self.fail("a number is needed, not nan", param, ctx)
-        return number
-
-
-_SECONDS = _Number(0.0, 1e9)
 _FILE = click.Path(path_type=Path, dir_okay=False)
-_PROFILE = "Print what a tick takes, by stage and kind, every so many seconds of wall time, and at the end."
-_SAVE_AT = "Save the state at this simulation time; may be given several times."
+_PROFILE = (
+    "Print the cost of a tick, by stage and kind, each time this many seconds of wall time have passed, and at the end."
+)
+_SAVE_AT = "Save the state of the world to FILE at this simulation time; may be given several times."
 
 
 @click.command("run", short_help="Serve a scenario (default bluerov2_pool) until Ctrl-C.")
@@ -52,83 +41,87 @@ _SAVE_AT = "Save the state at this simulation time; may be given several times."
 @click.option(
     "--port",
     type=click.IntRange(0, 65535),
-    help="Port of the first sockets adapter; 0 takes a free one, for the web view too.",
+    help="Port of the first sockets adapter; 0 takes a free port, also for the web view.",
 )
-@click.option("--bind", help="Address that the first sockets adapter listens on.")
+@click.option("--bind", help="Address on which the first sockets adapter listens.")
 @click.option(
     "--allow-origin",
     multiple=True,
     metavar="ORIGIN",
-    help="Pages that may connect to it, as http://localhost:8000; may be given several times.",
+    help="Web pages that may connect to the first sockets adapter, such as http://localhost:8000; may be given several times.",
 )
 @click.option("--open", "opens", is_flag=True, help="Open the web view in a browser.")
-@click.option("--metrics-bind", help="Address of /health and /metrics.")
-@click.option("--seed", type=click.IntRange(0), help="Random seed, instead of the scenario's.")
-@click.option("--mode", type=click.Choice(["realtime", "freerun", "lockstep"]), help="How time passes.")
-@click.option("--speed", type=_Number(1e-3, 1000.0), help="Simulated seconds per second (realtime).")
+@click.option("--metrics-bind", help="Address on which /health and /metrics are served.")
+@click.option("--seed", type=click.IntRange(0), help="Random seed, instead of that of the scenario.")
+@click.option(
+    "--mode",
+    type=click.Choice(["realtime", "freerun", "lockstep"]),
+    help="How time passes: with wall time, as fast as possible, or in steps that clients grant.",
+)
+@click.option("--speed", type=Number(1e-3, 1000.0), help="Simulated seconds per second of wall time, in mode realtime.")
 @click.option("--paused", is_flag=True, help="Start paused.")
-@click.option("--until", "until_s", type=_SECONDS, metavar="SECONDS", help="End at this simulation time.")
-@click.option("--record", type=_FILE, help="Write an MCAP file (see `uwserver replay`).")
+@click.option("--until", "until_s", type=SECONDS, metavar="SECONDS", help="End at this simulation time.")
+@click.option("--record", type=_FILE, help="Record the run to an MCAP file, which `uwserver replay` can run again.")
 @rotated
 @click.option(
-    "--no-foxglove", is_flag=True, help="Record no channels for Foxglove, Lichtblick and rerun beside our own."
+    "--no-foxglove", is_flag=True, help="Leave channels for Foxglove, Lichtblick and rerun out of the recording."
 )
 @click.option("--from", "begin", type=_FILE, help="Begin at a saved state of this scenario.")
-@click.option("--save-at", type=(_SECONDS, _FILE), multiple=True, metavar="SECONDS FILE", help=_SAVE_AT)
-@click.option("--profile", type=_Number(0.01, 3600.0), metavar="SECONDS", help=_PROFILE)
-@click.option("--log-level", default="info", type=click.Choice(["debug", "info", "warning", "error"]))
-@click.option("--log-json", is_flag=True, help="One JSON object a log line.")
+@click.option("--save-at", type=(SECONDS, _FILE), multiple=True, metavar="SECONDS FILE", help=_SAVE_AT)
+@click.option("--profile", type=Number(0.01, 3600.0), metavar="SECONDS", help=_PROFILE)
+@click.option(
+    "--log-level", default="info", show_default=True, type=LOG_LEVEL, help="Least important log lines to write."
+)
+@click.option(
+    "--log-json", is_flag=True, help="Write each log line as a JSON object, and print no addresses and suggestions."
+)
 def run(
     scenario: str, port: int | None, bind: str | None, allow_origin: tuple[str, ...], opens: bool, metrics_bind: str | None,
     seed: int | None, mode: str | None, speed: float | None, paused: bool, until_s: float | None, record: Path | None,
     rotation: Rotation, no_foxglove: bool, begin: Path | None, save_at: tuple[tuple[float, Path], ...], profile: float | None,
     log_level: str, log_json: bool,
 ) -> None:  # fmt: skip
-    """Serve SCENARIO (a shipped name or a file; default bluerov2_pool) until SIGINT or SIGTERM."""
-    from uwserver.adapter import AdapterNotFound, installed_adapters
+    """Serve SCENARIO until Ctrl-C (SIGINT) or SIGTERM.
+
+    SCENARIO is a shipped scenario or a file, by default bluerov2_pool.
+    """
     from uwserver.logs import set_up_logging
-    from uwserver.scenario.files.errors import ScenarioError
-    from uwserver.scenario.load.scenario import load
     from uwserver.server.life_cycle import Options, StartFailed, timing_of
     from uwserver.server.signals import end_undisturbed
     from uwserver.server.state_files import read_state
 
     set_up_logging(log_level, log_json)
-    try:
-        adapters = installed_adapters()
-        resolved = load(scenario, adapters=adapters)
-    except (ScenarioError, AdapterNotFound) as error:
-        click.echo(coloured_problems(str(error)), err=True)
-        sys.exit(1)
+    resolved, adapters = loaded(scenario)
     for warning in resolved.warnings:
         logging.getLogger(__name__).warning("%s", warning)
-    if resolved.missing:
-        click.echo(f"uwserver: {resolved.name}: {resolved.missing}", err=True)
-        sys.exit(1)
-    resolved = _with_metrics(with_address(resolved, port, bind, allow_origin), metrics_bind)
-    resolved, token = (resolved, "") if log_json else _with_new_token(resolved)  # the adapter logs one of its own
+    require_packages(resolved)
+    resolved = with_address(resolved, port, bind, allow_origin)
+    if metrics_bind is not None:
+        server = msgspec.structs.replace(resolved.scenario.server, metrics_bind=metrics_bind)
+        resolved = with_changes(resolved, server=server)
+    # With JSON nothing is printed: the adapter makes a token itself, and logs it.
+    resolved, token = (resolved, "") if log_json else _with_new_token(resolved)
     resolved, view = with_web_view(resolved, adapters, port)
     resolved, shown = with_view_token(resolved, view, makes=not log_json)
     timing = _timing(timing_of(resolved), mode, speed, paused)
     try:
         state = None if begin is None else read_state(begin)
         announce = partial(_announce, resolved, log_json, token, view=view, shown=shown, opens=opens)
-        options = Options(
-            seed,
-            timing,
-            record,
-            until_s,
-            state,
-            save_at,
-            profile,
-            view,
-            announce,
-            click.echo,
-            rotation,
-            not no_foxglove,
-        )
         with ExitStack() as ending:
-            options = replace(options, announce=_then_compile_the_rest(options.announce, ending))
+            options = Options(
+                seed,
+                timing,
+                record,
+                until_s,
+                state,
+                save_at,
+                profile,
+                view,
+                _then_compile_the_rest(announce, ending),
+                click.echo,
+                rotation,
+                not no_foxglove,
+            )
             status = _run_loop(resolved, options)
     except (StartFailed, OSError) as error:
         click.echo(f"uwserver: {error}", err=True)
@@ -138,7 +131,7 @@ def run(
 
 
 def _timing(given: Timing, mode: str | None, speed: float | None, paused: bool) -> Timing:
-    """The scenario's, with what the command line says of it."""
+    """Return the timing of the scenario with the changes of the command line."""
     timing = replace(given, mode=mode or given.mode, speed=speed or given.speed, paused=paused or given.paused)  # type: ignore[arg-type]
     if timing.mode == "lockstep" and not timing.lockstep_clients:
         raise click.UsageError("lockstep needs names: set lockstep_clients in [world.clock] of the scenario")
@@ -146,79 +139,60 @@ def _timing(given: Timing, mode: str | None, speed: float | None, paused: bool) 
 
 
 def _run_loop(resolved: Resolved, options: Options) -> int:
-    if not resolved.scenario.server.uvloop:
-        from uwserver.server.loop import run as run_loop
+    from uwserver.server.life_cycle import Server
+    from uwserver.server.loop import run as run_loop
 
-        return run_loop(_serve(resolved, options))
+    async def serve() -> int:
+        # The server must be made on the running loop.
+        return await Server(resolved, options).run()
+
+    if not resolved.scenario.server.uvloop:
+        return run_loop(serve())
     try:
         import uvloop
     except ImportError:
         raise click.UsageError("[server] uvloop = true needs it: pip install 'uwserver[uvloop]'") from None
-    return uvloop.run(_serve(resolved, options))
-
-
-async def _serve(resolved: Resolved, options: Options) -> int:
-    from uwserver.server.life_cycle import Server
-
-    return await Server(resolved, options).run()
+    return uvloop.run(serve())
 
 
 def with_address(resolved: Resolved, port: int | None, bind: str | None, origins: tuple[str, ...]) -> Resolved:
-    """The scenario with another address, or pages that may connect, for its first sockets adapter."""
+    """Return the scenario with another address for its first sockets adapter, or other pages that may connect to it."""
     given = (("port", port), ("bind", bind), ("allowed_origins", origins or None))
     changes: dict[str, Any] = {k: v for k, v in given if v is not None}
     if not changes:
         return resolved
-    if (name := _first_sockets(resolved)) is None:
+    name, config = _first_sockets(resolved)
+    if not name:
         raise click.UsageError("--port, --bind and --allow-origin need a sockets adapter in the scenario")
-    return _with_adapter(resolved, name, changes)
+    return with_adapter(resolved, name, msgspec.structs.replace(config, **changes))
 
 
-def _first_sockets(resolved: Resolved) -> str | None:
-    """Name of the adapter to which the printed commands lead."""
-    kinds = ((name, str(config.__struct_config__.tag)) for name, config in resolved.scenario.adapters.items())
-    return next((name for name, kind in kinds if kind == "sockets"), None)
-
-
-def _with_adapter(resolved: Resolved, name: str, changes: dict[str, Any]) -> Resolved:
-    adapters = dict(resolved.scenario.adapters)
-    adapters[name] = msgspec.structs.replace(adapters[name], **changes)
-    return replace(resolved, scenario=msgspec.structs.replace(resolved.scenario, adapters=adapters))
+def _first_sockets(resolved: Resolved) -> tuple[str, Any]:
+    """Return name and configuration of the adapter for which commands are printed, or "" and None if there is none."""
+    given: Mapping[str, Any] = resolved.scenario.adapters
+    found = ((name, config) for name, config in given.items() if config.__struct_config__.tag == "sockets")
+    return next(found, ("", None))
 
 
 def _with_new_token(resolved: Resolved) -> tuple[Resolved, str]:
-    """The scenario with the token that its first sockets adapter would make itself, so that the printed commands hold it; "" for none."""
-    from uwserver.adapter import is_loopback, new_token
+    """Return the scenario with a new token, and this token, if its first sockets adapter would make one; otherwise the scenario and "".
 
-    name = _first_sockets(resolved)
-    if name is None or _has_token(resolved, name) or is_loopback(_config(resolved, name).bind):
+    It is made here so that the printed commands can hold it.
+    """
+    name, config = _first_sockets(resolved)
+    if not name or known_token(config.token) or is_loopback(config.bind):
         return resolved, ""
     token = new_token()
-    return _with_adapter(resolved, name, {"token": token}), token
-
-
-def _has_token(resolved: Resolved, name: str) -> bool:
-    from uwserver.adapter import known_token
-
-    return known_token(_config(resolved, name).token) is not None
-
-
-def _config(resolved: Resolved, name: str) -> Any:
-    """Of an adapter: of a class of its own distribution."""
-    return resolved.scenario.adapters[name]
-
-
-def _with_metrics(resolved: Resolved, bind: str | None) -> Resolved:
-    if bind is None:
-        return resolved
-    server = msgspec.structs.replace(resolved.scenario.server, metrics_bind=bind)
-    return replace(resolved, scenario=msgspec.structs.replace(resolved.scenario, server=server))
+    return with_adapter(resolved, name, msgspec.structs.replace(config, token=token)), token
 
 
 def _then_compile_the_rest(
     announce: Callable[[dict[str, str]], None], ending: ExitStack
 ) -> Callable[[dict[str, str]], None]:
-    """`announce`, and then a process of the lowest priority that compiles what this scenario does not need, until the server ends."""
+    """Return a function that announces, and then starts a process that compiles what this scenario does not need.
+
+    The process has the lowest priority and ends with the server.
+    """
     from uwserver.physics.kernel.compiled import cache_state
     from uwserver.world.builds import STAGES, missing, start, stop
 
@@ -244,16 +218,16 @@ def _announce(
     shown: Token | None = None,
     opens: bool = False,
 ) -> None:
-    """Say where to look, where to connect and what to type next.
+    """Print where to look, where to connect and what to type next.
 
     Args:
         resolved: the scenario.
-        quiet: say nothing.
-        token: that was made for this run; "" for one that the user knows, or none.
-        addresses: of the adapters, by name.
+        quiet: print nothing.
+        token: the token that was made for this run; "" if there is none or the user knows it.
+        addresses: address of each adapter by name.
         view: name of the adapter of the web view; "" for none.
-        shown: token that its pages need; None for none.
-        opens: open it.
+        shown: the token that its pages need; None for none.
+        opens: open the web view in a browser.
     """
     from uwserver.cli.scenario import alike
 
@@ -272,28 +246,27 @@ def _announce(
             click.echo(f"  {name}: {address}")
     if last_said:
         click.echo(last_said)
-    sockets = _first_sockets(resolved)
+    sockets, config = _first_sockets(resolved)
     first = next(iter(resolved.vehicles.values()), None)
     if sockets and first:
         if token:
             click.echo(
-                f"Others can reach {addresses[sockets]}: whoever connects shows a token, which was made for this run."
+                f"Other machines can reach {addresses[sockets]}: clients must show the token that was made for this run."
             )
-        wanted = not token and _has_token(resolved, sockets)
+        wanted = not token and known_token(config.token)
         click.echo("In another terminal" + (", UWSERVER_TOKEN set there to the server's token:" if wanted else ":"))
         _suggest(addresses[sockets], token, first)
     click.echo("Ctrl-C ends it.\n")
 
 
 def announced_address(resolved: Resolved, addresses: Mapping[str, str]) -> str:
-    """What to type for the client to reach the first sockets adapter."""
-    name = _first_sockets(resolved)
-    port = addresses.get(name or "", "").rpartition(":")[2]
+    """Return the command by which the client reaches the first sockets adapter."""
+    port = addresses.get(_first_sockets(resolved)[0], "").rpartition(":")[2]
     return _client() + ("" if port in ("", "7600") else f" --port {port}")
 
 
 def _client() -> str:
-    """What to type for the client: its name, or its path when it stands beside this Python but not on PATH."""
+    """Return the command of the client: its name, or its path if it is beside this Python but not on PATH."""
     beside = Path(sys.executable).parent / "uwclient"
     if shutil.which("uwclient") or not beside.exists():
         return "uwclient"
@@ -310,6 +283,3 @@ def _suggest(address: str, token: str, vehicle: ResolvedVehicle) -> None:
     for line in ("topics", f"watch '{vehicle.name}/*'", f"send {command}" if command else ""):
         if line:
             click.echo(styled(f"  {client} {line}", fg="cyan"))
-
-
-COMMANDS = (run,)

@@ -1,4 +1,4 @@
-"""Commands about scenario files: check, schema, list."""
+"""The commands `check`, `schema` and `list`, which are about scenario files and what they are made of."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import click
 from msgspec import Struct
 
 from uwserver.actuators import ActuatorConfig
-from uwserver.adapter import AdapterNotFound, AdapterTable, installed_adapters
+from uwserver.adapter import AdapterTable, installed_adapters
 from uwserver.cli.colour import coloured_problems, styled
 from uwserver.cli.own_hull import facing_their_hull
 from uwserver.cli.pace import hasty, late
@@ -27,53 +27,52 @@ from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.load.scenario import load
 from uwserver.sensors import ModemTable, SensorConfig
 
-_FEW = 4
-"""Sensors that are named."""
+_MOST_NAMED = 4
+"""Sensors that are named in a warning; further ones are counted."""
 _MOST_CORES = 0.8
+"""Part of a core above which one thread cannot make all pictures in real time."""
 
 
 @click.command(short_help="Check scenario files, or shipped scenarios by name.")
 @click.argument("files", metavar="FILE...", nargs=-1, required=True)
-@click.option("--explain", is_flag=True, help="Print the resolved scenario as TOML, every default written out.")
+@click.option("--explain", is_flag=True, help="Print the loaded scenario as TOML, with every default.")
 def check(files: tuple[str, ...], explain: bool) -> None:
-    """Check scenario files (or shipped scenarios by name); exit status 1 if any has a fault."""
-    adapters = _adapters()
-    failed = False
-    for file in files:
-        try:
-            resolved = load(file, adapters=adapters)
-        except ScenarioError as error:
-            failed = True
-            click.echo(coloured_problems(str(error)), err=True)
-            continue
+    """Check scenario files, or shipped scenarios by name. The exit status is 1 if any of them has a fault."""
+    adapters = installed_adapters()
+    are_fine = [_check(file, adapters, explain) for file in files]
+    sys.exit(0 if all(are_fine) else 1)
+
+
+def _check(file: str, adapters: Mapping[str, type[Any]], explain: bool) -> bool:
+    """Print what is wrong with a scenario, or a summary; return whether nothing is wrong."""
+    try:
+        resolved = load(file, adapters=adapters)
         if explain:
             click.echo(explain_resolved(resolved), nl=False)
         for warning in resolved.warnings:
             click.echo(coloured_problems(str(warning)), err=True)
         if resolved.missing:
-            failed = True
             click.echo(styled(f"{file}: {resolved.missing}", fg="red"), err=True)
-            continue
+            return False
         problems = unserved(resolved)
         if any(problem.severity == "error" for problem in problems):
-            failed = True
-            click.echo(coloured_problems(str(ScenarioError(problems))), err=True)
-            continue
-        for warning in problems:
-            click.echo(coloured_problems(str(warning)), err=True)
-        # With --explain, standard output is TOML and nothing else.
-        click.echo(styled("ok", fg="green") + summary(file, resolved).removeprefix("ok"), err=explain)
-        for line in parts(resolved):
-            click.echo(f"  {line}", err=explain)
-        if (told := pictures(resolved)) is not None:
-            click.echo(told, err=True)
-        for line in (*late(resolved), *hasty(resolved), *facing_their_hull(resolved)):
-            click.echo(line, err=True)
-    sys.exit(1 if failed else 0)
+            raise ScenarioError(problems)
+    except ScenarioError as error:
+        click.echo(coloured_problems(str(error)), err=True)
+        return False
+    for warning in problems:
+        click.echo(coloured_problems(str(warning)), err=True)
+    # With --explain, standard output is TOML and nothing else.
+    click.echo(styled("ok", fg="green") + summary(file, resolved).removeprefix("ok"), err=explain)
+    for line in parts(resolved):
+        click.echo(f"  {line}", err=explain)
+    for line in (*pictures(resolved), *late(resolved), *hasty(resolved), *facing_their_hull(resolved)):
+        click.echo(line, err=True)
+    return True
 
 
 def summary(file: str, resolved: Resolved) -> str:
-    """One line: vehicles, their ports with rates, adapters."""
+    """Return one line with the vehicles, their ports and rates, and the adapters."""
     scenario = resolved.scenario
     vehicles = ", ".join(f"{name} ({v.entry.model})" for name, v in alike(resolved).items()) or "none"
     ports = [
@@ -99,7 +98,10 @@ def summary(file: str, resolved: Resolved) -> str:
 
 
 def unserved(resolved: Resolved) -> list[Problem]:
-    """What adapters name of the world that is not there or not fit, so that a run would refuse it. The world is built where one names anything."""
+    """Return what adapters name in the world that is missing or does not fit, so that a run would refuse it.
+
+    The world is built only if an adapter has such checks.
+    """
     overridden = {
         name: config
         for name, config in resolved.scenario.adapters.items()
@@ -107,7 +109,8 @@ def unserved(resolved: Resolved) -> list[Problem]:
     }
     if not overridden:
         return []
-    from uwserver.scenario.build.world import build  # takes a moment, which most scenarios need not
+    # Imported here because it takes a moment, and most scenarios need no such check.
+    from uwserver.scenario.build.world import build
 
     assert resolved.path is not None
     world, document = build(resolved), read(resolved.path)
@@ -115,27 +118,28 @@ def unserved(resolved: Resolved) -> list[Problem]:
     for name, config in overridden.items():
         ports = {path: port for path, port in world.ports.items() if config.truth or not port.is_truth}
         for keys, fault in config.faults(ports, world.services):
-            severity: Severity = "error" if config.required else "warning"  # a run tries the latter again and again
+            # A run tries again and again to start an adapter that is not required.
+            severity: Severity = "error" if config.required else "warning"
             text = fault + _off(fault, resolved)
             problems.append(document.problem(("adapters", name, *keys), text, severity=severity))
     return problems
 
 
 def _off(fault: str, resolved: Resolved) -> str:
-    """What to do where a sensor that is named is there, but not enabled."""
+    """Return what to do about a fault that names a sensor which exists but is not enabled; "" for other faults."""
     paths = (f'"{vehicle.name}/{sensor}"' for vehicle in resolved.vehicles.values() for sensor in vehicle.off)
     return "; it is off: set enabled = true in its table" if any(path in fault for path in paths) else ""
 
 
 def parts(resolved: Resolved) -> Iterator[str]:
-    """A line for each part of an adapter that serves more than one thing: ``devices.device.dvl: ...``."""
+    """Yield a line for each part of an adapter that serves more than one thing: ``devices.device.dvl: ...``."""
     for name, config in resolved.scenario.adapters.items():
         for key, text in config.parts().items():
             yield f"{name}.{key}: {text}"
 
 
-def pictures(resolved: Resolved) -> str | None:
-    """What sensors that make pictures cost in real time; None where there are none."""
+def pictures(resolved: Resolved) -> Iterator[str]:
+    """Yield a line about the cost in real time of the sensors that make pictures, if there are any."""
     each = [
         (getattr(sensor, "cores", 0.0), f"{vehicle}/{name}")
         for vehicle, v in resolved.vehicles.items()
@@ -144,52 +148,52 @@ def pictures(resolved: Resolved) -> str | None:
     ]
     each = sorted([one for one in each if one[0] > 0.0], reverse=True)
     if not each:
-        return None
+        return
     total = sum(part for part, _ in each)
-    text = f"pictures: in real time about {100.0 * total:.0f} % of a core while somebody reads all of them ("
-    text += ", ".join(f"{path} {100.0 * part:.0f} %" for part, path in each[:_FEW])
-    text += f" and {len(each) - _FEW} more)" if len(each) > _FEW else ")"
-    if total > _MOST_CORES:
-        text += "; one thread makes them all: most will be dropped. Lower rate_hz, beams, bins or rays_vertical, or a clock in mode freerun"
-    return text
+    named = ", ".join(f"{path} {100.0 * part:.0f} %" for part, path in each[:_MOST_NAMED])
+    more = f" and {len(each) - _MOST_NAMED} more" if len(each) > _MOST_NAMED else ""
+    advice = "; one thread makes them all: most will be dropped. Lower rate_hz, beams, bins or rays_vertical, or a clock in mode freerun"
+    yield (
+        f"pictures: in real time about {100.0 * total:.0f} % of a core while somebody reads all of them ({named}{more})"
+        f"{advice if total > _MOST_CORES else ''}"
+    )
 
 
 def alike(resolved: Resolved) -> dict[str, ResolvedVehicle]:
-    """The first of each run of vehicles that share one file, by what they are called together: ``rov``, or ``rov_1..rov_40``."""
+    """Return the first of each run of vehicles that share a file, by their common name: ``rov``, or ``rov_1..rov_40``."""
     groups = [list(group) for _, group in groupby(resolved.vehicles.values(), key=lambda v: id(v.vehicle))]
     return {g[0].name if len(g) == 1 else f"{g[0].name}..{g[-1].name}": g[0] for g in groups}
 
 
 @click.command(short_help="Print the JSON Schema of scenario, vehicle or device files.")
-@click.option("--vehicle", "kind", flag_value="vehicle", help="Of vehicle files.")
-@click.option("--device", "kind", flag_value="device", help="Of device files: thrusters and sensors.")
-@click.option("--scenario", "kind", flag_value="scenario", default=True, help="Of scenario files (default).")
+@click.option("--vehicle", "kind", flag_value="vehicle", help="Print the schema of vehicle files.")
+@click.option("--device", "kind", flag_value="device", help="Print the schema of device files: thrusters and sensors.")
+@click.option(
+    "--scenario", "kind", flag_value="scenario", default=True, help="Print the schema of scenario files (the default)."
+)
 def schema(kind: FileKind) -> None:
-    """Print the JSON Schema of scenario files, or of vehicle or device files."""
+    """Print the JSON Schema of scenario, vehicle or device files."""
     click.echo(json_schema(kind), nl=False)
 
 
-def _files(folder: str, key: str) -> Callable[[], dict[str, str]]:
-    return lambda: {name: str(read(path).raw.get(key, "")) for name, path in shipped(folder).items()}
+def _files(folder: str, key: str) -> dict[str, str]:
+    return {name: str(read(path).raw.get(key, "")) for name, path in shipped(folder).items()}
 
 
-def _kinds(union: Any) -> Callable[[], dict[str, str]]:
-    return lambda: {kind: first_sentence(struct) for kind, struct in kinds_of(union).items()}
-
-
-def _adapter_lines() -> dict[str, str]:
-    return {kind: first_sentence(config) for kind, config in _adapters().items()}
+def _kinds(kinds: Mapping[str, type]) -> dict[str, str]:
+    return {kind: first_sentence(table) for kind, table in kinds.items()}
 
 
 _LISTS: Mapping[str, Callable[[], dict[str, str]]] = {
-    "scenarios": _files("", "title"),
-    "vehicles": _files("vehicles", "description"),
-    "devices": _files("devices", "kind"),
-    "sensors": _kinds(SensorConfig),
-    "actuators": _kinds(ActuatorConfig),
-    "modifiers": _kinds(ModifierConfig),
-    "adapters": _adapter_lines,
+    "scenarios": lambda: _files("", "title"),
+    "vehicles": lambda: _files("vehicles", "description"),
+    "devices": lambda: _files("devices", "kind"),
+    "sensors": lambda: _kinds(kinds_of(SensorConfig)),
+    "actuators": lambda: _kinds(kinds_of(ActuatorConfig)),
+    "modifiers": lambda: _kinds(kinds_of(ModifierConfig)),
+    "adapters": lambda: _kinds(installed_adapters()),
 }
+"""A text for each thing in a section, by its name."""
 
 
 @click.command("list", short_help="List scenarios, vehicles, devices, and kinds of component.")
@@ -198,8 +202,11 @@ _LISTS: Mapping[str, Callable[[], dict[str, str]]] = {
 def list_(what: str | None, kind: str | None) -> None:
     """List what is installed: scenarios, vehicles, devices, and the kinds of sensor, actuator, modifier and adapter.
 
-    `uwserver list sensors` also tells what each kind measures, its keys and its device files, `uwserver list sensors dvl` that of one kind;
-    `uwserver list modifiers` the keys of each; `uwserver list vehicles bluerov2` its thrusters, fins, propellers, sensors and actuators.
+    `uwserver list sensors` also shows what each kind measures, its keys and its device files; `uwserver list sensors dvl` shows one kind.
+
+    `uwserver list modifiers` also shows the keys of each kind.
+
+    `uwserver list vehicles bluerov2` shows the thrusters, fins, propellers, sensors and actuators of this vehicle.
     """
     for section in [what] if what else list(_LISTS):
         if not what:
@@ -219,11 +226,7 @@ def list_(what: str | None, kind: str | None) -> None:
                     click.echo(f"    {detail}")
 
 
-def _sensor_details() -> dict[str, list[str]]:
-    return {name: list(_of_sensor(kind)) for name, kind in sensor_kinds().items()}
-
-
-def _of_sensor(kind: SensorKind) -> Iterator[str]:
+def _sensor_lines(kind: SensorKind) -> Iterator[str]:
     for output in kind.outputs:
         yield output.doc
         for field in output.fields:
@@ -241,16 +244,7 @@ def _keys(table: type[Struct]) -> str:
 
 
 _DETAILS: Mapping[str, Callable[[], Mapping[str, list[str]]]] = {
-    "sensors": _sensor_details,
+    "sensors": lambda: {name: list(_sensor_lines(kind)) for name, kind in sensor_kinds().items()},
     "modifiers": lambda: {name: [_keys(table)] for name, table in modifier_kinds().items()},
 }
-
-
-def _adapters() -> dict[str, type]:
-    try:
-        return installed_adapters()
-    except AdapterNotFound as error:
-        raise click.ClickException(str(error)) from error
-
-
-COMMANDS = (check, schema, list_)
+"""Further lines about each thing in a section, by its name."""

@@ -1,4 +1,4 @@
-"""`uwserver shot`: a picture of the web view, made without a desktop."""
+"""The command `shot`: makes a picture of the web view without a desktop."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from urllib.parse import parse_qsl, urlencode
 
 import click
 
-from uwserver.cli.colour import coloured_problems
+from uwserver.cli.errors import told
+from uwserver.cli.loading import loaded, require_packages
+from uwserver.cli.options import Number
 from uwserver.ports.checks import suggestion
 
 if TYPE_CHECKING:
     from uwserver.cli.chromium import Page
-    from uwserver.scenario.load.resolved import Resolved
 
 VIEWS = ("orbit", "follow", "board", "top")
 _NARROWEST, _WIDEST = 320, 4096
-_DEFAULT_S, _LONGEST_S = 10.0, 1e6
 _PICTURES_HZ = 4
-"""At most, of wall time: drawn in software they take what the world wants to run with."""
+"""Largest rate of pictures in wall time. Drawn in software, they take processor time that the world needs to run."""
 _TRAIL_LOOKS, _TRAIL_STEP_S = 40, 0.5
-"""The page looks at so many moments before the last one: it remembers them as trails."""
+"""Moments before the last one that the page shows, and their distance: it remembers them as trails."""
 _READY = "window.uw && uw.frames > 0 && uw.app.description && uw.app.status.mode"
 _CAMERA = "[uw.frames, ...(uw.drawing.stage.camera.matrixWorld.elements)]"
 _STILL = 1e-3
-"""Of the camera, between pictures: m, and parts of its axes."""
+"""Largest change of the camera's pose between pictures, in m and in components of its axes, if it is at rest."""
 
 
 def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, int]:
@@ -44,32 +44,33 @@ def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, i
     return size
 
 
-def _time(ctx: click.Context, param: click.Parameter, seconds: float) -> float:
-    if not 0.0 <= seconds <= _LONGEST_S:  # nan, too
-        raise click.BadParameter(f"{seconds:g}: it must be within 0 and {_LONGEST_S:g} s", ctx, param)
-    return seconds
-
-
 @click.command("shot", short_help="Make a picture of the web view, without a desktop.")
 @click.argument("scenario")
 @click.argument("output", type=click.Path(path_type=Path, dir_okay=False))
 @click.option(
-    "--at", "at_s", type=float, default=_DEFAULT_S, show_default=True, callback=_time, metavar="SECONDS",
+    "--at", "at_s", type=Number(0.0, 1e6), default=10.0, show_default=True, metavar="SECONDS",
     help="Simulation time of the picture.",
 )  # fmt: skip
-@click.option("--view", type=click.Choice(VIEWS), help="From where; default: follow, or what --link says.")
-@click.option("--vehicle", metavar="NAME", help="Which vehicle; default: the first.")
+@click.option("--view", type=click.Choice(VIEWS), help="Position of the camera; default: follow, or what --link says.")
+@click.option("--vehicle", metavar="NAME", help="Vehicle or free object to look at; default: the first vehicle.")
 @click.option(
-    "--size", default="1280x720", show_default=True, callback=_size, metavar="WxH", help="Of the picture, pixels."
+    "--size",
+    default="1280x720",
+    show_default=True,
+    callback=_size,
+    metavar="WxH",
+    help="Width and height of the picture in pixels.",
 )
 @click.option(
     "--link",
     default="",
     metavar="TEXT",
-    help="What stands behind the # of a link of the page, as 'dock=off&show=lamps'.",
+    help="What follows the # in a link to the page, such as 'dock=off&show=lamps'.",
 )
-@click.option("--seed", type=click.IntRange(0), help="Random seed, instead of the scenario's.")
-@click.option("--browser", default="", metavar="PROGRAM", help="Chromium or Chrome; default: found by its name.")
+@click.option("--seed", type=click.IntRange(0), help="Random seed, instead of that of the scenario.")
+@click.option(
+    "--browser", default="", metavar="PROGRAM", help="Name or path of Chromium or Chrome; default: the one on PATH."
+)
 def shot(
     scenario: str,
     output: Path,
@@ -81,9 +82,10 @@ def shot(
     seed: int | None,
     browser: str,
 ) -> None:
-    """Write to OUTPUT (.png, .webp or .jpg) how the page of the web view shows SCENARIO (a shipped name or a file).
+    """Write a picture of the web view of SCENARIO to OUTPUT (.png, .webp or .jpg).
 
-    The world runs on a server of its own, which nothing else reaches, as fast as it can and with no other adapter; Chromium draws the page.
+    SCENARIO is a shipped scenario or a file. The world runs as fast as possible on a server of its own, which has no other adapter and which
+    nothing else can reach. Chromium draws the page.
     """
     from uwserver.cli.chromium import FORMATS, ChromiumFailed, NoChromium, chromium
     from uwserver.cli.lone_view import ViewFailed
@@ -92,40 +94,22 @@ def shot(
         raise click.ClickException(f"{output}: its name must end in {', '.join(FORMATS)}")
     if not output.parent.is_dir():
         raise click.ClickException(f"{output}: there is no folder {output.parent}")
-    try:
+    with told(output, NoChromium, ChromiumFailed, ViewFailed):
         program = chromium(browser)
-        resolved = _loaded(scenario)
-        _check_vehicle(resolved, vehicle)
+        _check(scenario, vehicle)
         given = {"view": view, "vehicle": vehicle}
         parts = {"view": "follow", "quality": "high", **dict(parse_qsl(link)), **{k: v for k, v in given.items() if v}}
         with showing(scenario, program, size, parts, seed) as page:
             advance(page, at_s)
             settle(page)
             page.picture(output)
-    except (NoChromium, ChromiumFailed, ViewFailed) as error:
-        raise click.ClickException(str(error)) from error
-    except OSError as error:
-        raise click.ClickException(f"{error.filename or output}: {error.strerror or error}") from error
     click.echo(f"wrote {output}: {output.stat().st_size // 1024 + 1} KiB")
 
 
-def _loaded(scenario: str) -> Resolved:
-    from uwserver.adapter import AdapterNotFound, installed_adapters
-    from uwserver.scenario.files.errors import ScenarioError
-    from uwserver.scenario.load.scenario import load
-
-    try:
-        resolved = load(scenario, adapters=installed_adapters())
-    except (ScenarioError, AdapterNotFound) as error:
-        click.echo(coloured_problems(str(error)), err=True)
-        sys.exit(1)
-    if resolved.missing:
-        raise click.ClickException(f"{resolved.name}: {resolved.missing}")
-    return resolved
-
-
-def _check_vehicle(resolved: Resolved, vehicle: str | None) -> None:
-    """Free objects can be looked at too, as in the page."""
+def _check(scenario: str, vehicle: str | None) -> None:
+    """Check that a scenario can run, and that it has the vehicle or free object to look at."""
+    resolved, _ = loaded(scenario)
+    require_packages(resolved)
     names = [*resolved.vehicles, *resolved.objects]
     if vehicle is not None and vehicle not in names:
         there = ", ".join(names) or "none"
@@ -136,7 +120,7 @@ def _check_vehicle(resolved: Resolved, vehicle: str | None) -> None:
 
 @contextlib.contextmanager
 def _ending_by_signal() -> Iterator[None]:
-    """SIGTERM, and SIGHUP of a closed terminal, unwind as Ctrl-C does: what was begun is ended."""
+    """Let SIGTERM, and the SIGHUP of a closed terminal, unwind the block as Ctrl-C does, so that the child processes are ended."""
 
     def leave(number: int, frame: object) -> None:
         sys.exit(128 + number)
@@ -154,17 +138,20 @@ def _ending_by_signal() -> Iterator[None]:
 def showing(
     scenario: str, program: str, size: tuple[int, int], parts: Mapping[str, str], seed: int | None = None
 ) -> Iterator[Page]:
-    """A page that shows a world of its own, which stands still at time 0. Page, browser and server end with the block, and by SIGTERM. Main thread.
+    """Open a page that shows a world of its own, paused at time 0. Main thread only.
+
+    Page, browser and server end with the block, and on SIGTERM.
 
     Args:
         scenario: a shipped name or a file.
         program: path of the browser.
-        size: of the page, pixels.
-        parts: of its link: `view`, `vehicle`, `quality`, ...
-        seed: instead of the scenario's.
+        size: width and height of the page, pixels.
+        parts: settings in the link to the page: `view`, `vehicle`, `quality`, ...
+        seed: random seed; None takes that of the scenario.
 
     Raises:
-        ChromiumFailed, ViewFailed: see there.
+        ChromiumFailed: the browser did not start, or the page did not show the world.
+        ViewFailed: the server did not start.
     """
     from uwserver.cli.chromium import ChromiumFailed, browsing
     from uwserver.cli.lone_view import lone_view
@@ -182,10 +169,10 @@ def showing(
 
 
 def advance(page: Page, t_s: float) -> None:
-    """Let the world of `showing` run to a time, s, and stand still there; the page remembers what it has seen of the way.
+    """Let the world of `showing` run to a simulation time, s, and pause there. The page remembers the way there as trails.
 
     Raises:
-        ChromiumFailed: it does not come so far.
+        ChromiumFailed: the world does not reach that time.
     """
     now = page.ask("uw.app.link.call('world/status').then((status) => status.t_s)")
     looks = (t_s - k * _TRAIL_STEP_S for k in range(_TRAIL_LOOKS, 0, -1))
@@ -196,7 +183,7 @@ def advance(page: Page, t_s: float) -> None:
 def _run_until(page: Page, t_s: float) -> None:
     from uwserver.cli.chromium import ChromiumFailed
 
-    # Not awaited: it may take long, and then what proceeds is looked at.
+    # The call is not awaited, because it may take longer than the time-out of an answer; the page's time shows the progress.
     run = f"uw.app.link.call('world/run_until', {{ t_s: {t_s!r} }}).then(() => '', (error) => error.message)"
     page.ask(f"uw.ran = null, void {run}.then((why) => {{ uw.ran = why; }})")
     page.wait("uw.ran !== null", f"the world did not reach {t_s:g} s", sign="uw.app.timeline.newest?.t")
@@ -207,10 +194,10 @@ def _run_until(page: Page, t_s: float) -> None:
 
 
 def settle(page: Page) -> None:
-    """Wait until everything is loaded and drawn, and the camera stands still.
+    """Wait until everything is loaded and drawn, and the camera is at rest.
 
     Raises:
-        ChromiumFailed: that does not come about.
+        ChromiumFailed: this does not happen in time.
     """
     from uwserver.cli.chromium import ChromiumFailed, pause
 
@@ -227,6 +214,3 @@ def settle(page: Page) -> None:
     raise ChromiumFailed(
         f"the picture does not come to rest: {len(page.loading)} files under way, {page.ask('uw.said')}"
     )
-
-
-COMMANDS = (shot,)

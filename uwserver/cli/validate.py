@@ -1,4 +1,4 @@
-"""`uwserver validate`: oracle files against the production integrator."""
+"""The command `validate`: compares the simulator's integrator with reference trajectories (oracle files)."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from uwserver.cli.options import FILE
 from uwserver.validation.oracle import OracleResult
 from uwserver.validation.oracle import validate as validate_oracle
 
@@ -15,13 +16,13 @@ _RATE = click.FloatRange(0.0, 1e6, min_open=True)
 
 
 @click.command(short_help="Run oracle files through the integrator.")
-@click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path(path_type=Path))
-@click.option("--rate-hz", default=240.0, show_default=True, type=_RATE, help="Physics rate.")
+@click.argument("files", nargs=-1, required=True, metavar="FILE...", type=FILE)
+@click.option("--rate-hz", default=240.0, show_default=True, type=_RATE, help="Rate of the integrator, Hz.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 def validate(files: tuple[Path, ...], rate_hz: float, as_json: bool) -> None:
-    """Run oracle files (format uwserver-oracle-1) through the integrator and print the largest errors.
+    """Run reference trajectories (oracle files, format uwserver-oracle-1) through the integrator, and print the largest errors.
 
-    Exits with 1 if a file cannot be read or is not of the format; the others are still run.
+    The exit status is 1 if a file cannot be read or has another format; the other files are still run.
     """
     results: dict[str, OracleResult] = {}
     faults: list[str] = []
@@ -60,7 +61,7 @@ def _as_json(results: dict[str, OracleResult]) -> list[dict[str, object]]:
 
 
 def _table(results: dict[str, OracleResult]) -> str:
-    """One line a file: each largest error and the time where it occurs."""
+    """Return a line for each file, with each largest error and the time at which it occurs."""
     if not results:
         return ""
     width = max(len("file"), *(len(Path(file).name) for file in results))
@@ -69,6 +70,3 @@ def _table(results: dict[str, OracleResult]) -> str:
         cells = [f"{worst.error:9.3g} at {worst.t_s:6g} s" for worst in result[:4]]
         lines.append(f"{Path(file).name:{width}}  {result.rate_hz:8g}  " + "  ".join(f"{cell:>20}" for cell in cells))
     return "\n".join(lines)
-
-
-COMMANDS = (validate,)

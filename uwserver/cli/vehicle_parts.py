@@ -1,4 +1,4 @@
-"""What a vehicle file has, as lines of text: where its thrusters sit and push, its fins, propellers, sensors and actuators."""
+"""Describes a vehicle file in lines of text: where its thrusters are and push, its fins, propellers, sensors and actuators."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from uwserver.table import Vector3
 
 
 def parts_of(name: str) -> Iterator[str]:
-    """Lines about a shipped vehicle; places in B (forward, right, down)."""
+    """Yield lines about a shipped vehicle, with positions in B (forward, right, down)."""
     scenario = ScenarioBuilder(name).vehicle("v", name, position_ned_m=(0.0, 0.0, 5.0)).build()
     file = load(scenario, adapters={}).vehicles["v"].vehicle
     body = file.rigid_body
@@ -38,7 +38,7 @@ def _propulsors(file: VehicleFile) -> Iterator[str]:
 
 
 def _direction(axis: Vector3) -> str:
-    """A direction in B in words, its components behind: ``ahead and right (0.71, 0.71, 0.00)``."""
+    """Return a direction in B in words, followed by its components: ``ahead and right (0.71, 0.71, 0.00)``."""
     unit = np.array(axis) / np.linalg.norm(axis)
     names = (("ahead", "astern"), ("right", "left"), ("down", "up"))
     words = [names[k][int(unit[k] < 0)] for k in range(3) if abs(unit[k]) > 0.2]

@@ -1,4 +1,4 @@
-"""A vehicle drawn from its file: shapes, propulsors, fins, and the centres of gravity and buoyancy, in three views. Needs matplotlib."""
+"""Draws a vehicle from its file in three views: shapes, propulsors, fins, and the centres of gravity and buoyancy. Needs matplotlib."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from uwserver.scenario.load.resolved import ResolvedVehicle
 from uwserver.validation.manoeuvres.outline import outline
 
 _VIEWS = (("from above", 0, 1), ("from starboard", 0, 2), ("from behind", 1, 2))
-"""Title, and the axes of B to the right and down."""
+"""Title of each view, and the axes of B that point to the right and down in it."""
 _AXES = ("x, m", "y, m", "z, m")
 _HULL, _FLOAT, _THRUST, _FIN = "0.85", "tab:blue", "tab:red", "tab:green"
 _ARROW = 0.16
-"""Length of an arrow over the size of the vehicle."""
+"""Length of an arrow relative to the size of the vehicle."""
 _NAME_PT = 10
-"""Of names: as large as the other text, and readable where a page shows the picture half as wide."""
+"""Font size of names: they must be readable where a page shows the picture at half its width."""
 
 
 def vehicle_picture(resolved: ResolvedVehicle, body: BodyParams) -> Figure:
-    """Three views of a checked vehicle; arrows show which way a propulsor pushes the vehicle at a positive command."""
+    """Draw three views of a checked vehicle. Arrows show in which direction a propulsor pushes the vehicle at a positive command."""
     hull = outline(resolved.solid) if resolved.solid is not None else []
     floats = outline(_buoyancy(body))
     parts = [*hull, *floats, *(np.array([t.r]) for t in body.thrusters), *(_plate(f) for f in body.appendages.foils)]
@@ -45,18 +45,9 @@ def vehicle_picture(resolved: ResolvedVehicle, body: BodyParams) -> Figure:
         _draw_propulsors(axis, body, right, down, _ARROW * size)
         axis.plot(body.r_g[right], body.r_g[down], "k+", ms=9, mew=1.6, zorder=6, label="centre of gravity")
         axis.plot(
-            body.r_b[right],
-            body.r_b[down],
-            "o",
-            ms=7,
-            mfc="none",
-            mec=_FLOAT,
-            mew=1.4,
-            zorder=6,
-            label="centre of buoyancy",
-        )
-        axis.set(xlabel=_AXES[right], ylabel=_AXES[down], title=title, aspect="equal")
-        axis.set_adjustable("datalim")
+            body.r_b[right], body.r_b[down], "o", ms=7, mfc="none", mec=_FLOAT, mew=1.4, zorder=6, label="centre of buoyancy"
+        )  # fmt: skip
+        axis.set(xlabel=_AXES[right], ylabel=_AXES[down], title=title, aspect="equal", adjustable="datalim")
         axis.invert_yaxis()
         axis.margins(0.18)
         axis.grid(visible=True, alpha=0.25)
@@ -69,14 +60,14 @@ def vehicle_picture(resolved: ResolvedVehicle, body: BodyParams) -> Figure:
 
 
 def _buoyancy(body: BodyParams) -> Solid:
-    """The shapes of the displaced volume, for drawing."""
+    """Return the shapes of the displaced volume, for drawing."""
     return Solid("buoyancy", tuple(
         Placed(Box(shape.half) if shape.kind == SHAPE_BOX else Sphere(shape.half[0]), shape.center) for shape in body.shapes
     ))  # fmt: skip
 
 
 def _hull(points: FloatArray, right: int, down: int) -> tuple[FloatArray, FloatArray]:
-    """Corners, in their order, of the convex hull of points (n, 3) in a view: those that lie farthest in some direction."""
+    """Return the corners, in order, of the convex hull of points (n, 3) in a view: the points that lie farthest in some direction."""
     flat = points[:, [right, down]]
     angle = np.linspace(0.0, 2.0 * np.pi, 240, endpoint=False)
     corners = flat[np.argmax(flat @ np.stack([np.cos(angle), np.sin(angle)]), axis=0)]
@@ -84,7 +75,7 @@ def _hull(points: FloatArray, right: int, down: int) -> tuple[FloatArray, FloatA
 
 
 def _plate(foil: FoilParams) -> FloatArray:
-    """(4, 3) corners of a plate of a foil's span and area, in B, m; area from rho A / 2 in sea water."""
+    """Return the (4, 3) corners of a plate with a foil's span and area, in B, m. The area follows from rho A / 2 in sea water."""
     hinge, chord = (np.array(v) / np.linalg.norm(v) for v in (foil.hinge, foil.chord))
     depth = foil.pressure_area / 1025.0 / max(foil.radius, 1e-6)
     signs = ((1, 1), (1, -1), (-1, -1), (-1, 1))
@@ -115,7 +106,7 @@ def _draw_propulsors(axis: Any, body: BodyParams, right: int, down: int, length:
 
 
 def _circle(unit: FloatArray) -> FloatArray:
-    """(n, 3) of radius 1 about a unit vector."""
+    """Return (n, 3) points of the circle of radius 1 about a unit vector."""
     side = np.cross(unit, [1.0, 0.0, 0.0] if abs(unit[0]) < 0.9 else [0.0, 1.0, 0.0])
     side = side / np.linalg.norm(side)
     angle = np.linspace(0.0, 2.0 * np.pi, 48)[:, None]
@@ -124,15 +115,14 @@ def _circle(unit: FloatArray) -> FloatArray:
 
 
 def _name(axis: Any, places: Sequence[tuple[str, FloatArray]], right: int, down: int, colour: str) -> None:
-    """Write names beside places in B; what lies behind each other in a view shares a line."""
+    """Write names beside places in B. Names of places that coincide in a view share a line."""
     names: dict[tuple[float, float], list[str]] = {}
     for name, r in places:
-        names.setdefault((round(float(r[right]), 2), round(float(r[down]), 2)), []).append(
-            name.partition(".")[2] or name
-        )
+        place = round(float(r[right]), 2), round(float(r[down]), 2)
+        names.setdefault(place, []).append(name.partition(".")[2] or name)
     middle = np.mean(list(names) or [(0.0, 0.0)], axis=0)
     for place, together in names.items():
-        # Away from the middle of all, where arrows and other names are fewer.
+        # Outwards, where arrows and other names are fewer.
         side, below = (1 if place[i] >= middle[i] else -1 for i in (0, 1))
         axis.annotate(
             ", ".join(together), place, textcoords="offset points", xytext=(9 * side, -9 * below), fontsize=_NAME_PT, color=colour,

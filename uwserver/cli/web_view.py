@@ -1,20 +1,20 @@
-"""The web view of `uwserver run`: there by default, and never what a server fails by."""
+"""The web view of `uwserver run`: it is served by default, and a server never fails because of it."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, urlsplit
 
 import click
 import msgspec
 
+from uwserver.adapter import Token, is_loopback, known_token, token_for
 from uwserver.cli.colour import styled
+from uwserver.cli.loading import with_adapter
 
 if TYPE_CHECKING:
-    from uwserver.adapter import Token
     from uwserver.scenario.load.resolved import Resolved
 
 KIND = "web"
@@ -22,61 +22,53 @@ _ALL = ("0.0.0.0", "::")
 
 
 def with_web_view(resolved: Resolved, adapters: Mapping[str, type[Any]], port: int | None) -> tuple[Resolved, str]:
-    """The scenario with a web view, and the name of its adapter; "" where it has none.
+    """Return the scenario with a web view, and the name of the view's adapter; "" if it has none.
 
     Args:
-        resolved: of the scenario.
-        adapters: configuration types by kind, of those that are installed.
-        port: of the command line: 0 takes a free one for the web view too; any other is that of another adapter.
+        resolved: the scenario.
+        adapters: configuration types of the installed adapters by kind.
+        port: option of the command line. 0 takes a free port for the web view too; any other port is that of another adapter.
     """
-    given = resolved.scenario.adapters
+    given: Mapping[str, Any] = resolved.scenario.adapters
     name = next((name for name, config in given.items() if config.__struct_config__.tag == KIND), "")
-    if not name:
-        if not resolved.scenario.server.web or KIND not in adapters:
-            return resolved, ""
+    if name:
+        config = given[name]
+    else:
         name = KIND if KIND not in given else f"{KIND}_view"
-        if name in given:
+        if not resolved.scenario.server.web or KIND not in adapters or name in given:
             return resolved, ""
         config = adapters[KIND](required=False)
-    else:
-        config = given[name]
     if port == 0:
         config = msgspec.structs.replace(config, port=0)
-    scenario = msgspec.structs.replace(resolved.scenario, adapters={**given, name: config})
-    return replace(resolved, scenario=scenario), name
+    return with_adapter(resolved, name, config), name
 
 
 def with_view_token(resolved: Resolved, name: str, makes: bool) -> tuple[Resolved, Token]:
-    """The scenario with the token that its web view would make itself, so that the printed address holds it.
+    """Return the scenario with the token that its web view would make itself, so that the printed address can hold it.
 
     Args:
-        resolved: of the scenario.
-        name: of the adapter; "" for no view.
-        makes: otherwise none is made here.
+        resolved: the scenario.
+        name: name of the view's adapter; "" for no view.
+        makes: whether a token may be made here.
     """
-    from uwserver.adapter import Token, known_token, token_for
-
     config: Any = resolved.scenario.adapters.get(name)
     if not hasattr(config, "needs_token"):
         return resolved, Token(None)
     token = token_for(known_token(config.token), makes and config.needs_token)
     if not token.is_new:
         return resolved, token
-    adapters = {**resolved.scenario.adapters, name: msgspec.structs.replace(config, token=token.text)}
-    return replace(resolved, scenario=msgspec.structs.replace(resolved.scenario, adapters=adapters)), token
+    return with_adapter(resolved, name, msgspec.structs.replace(config, token=token.text)), token
 
 
 def where_to_look(resolved: Resolved, name: str, address: str, token: Token | None) -> tuple[str, str]:
-    """What is said of the page before all else, and what after the other addresses; "" for nothing.
+    """Return what to print about the page before anything else, and what to print after the other addresses; "" for nothing.
 
     Args:
-        resolved: of the scenario.
-        name: of the view's adapter.
-        address: of the page, on this machine; "" where there is none.
-        token: that it needs; None for none.
+        resolved: the scenario.
+        name: name of the view's adapter.
+        address: address of the page on this machine; "" for no page.
+        token: the token that the page needs; None for none.
     """
-    from uwserver.adapter import is_loopback
-
     if not address:
         return "", ""
     shown, is_new = token or (None, False)
@@ -93,7 +85,7 @@ def where_to_look(resolved: Resolved, name: str, address: str, token: Token | No
         ), ""
     if not is_loopback(bind) or all(is_loopback(_bind(config)) for config in adapters.values()):
         return "Open " + styled(page, fg="cyan", bold=True) + known, ""
-    # Likely a container, or a machine without a screen: nobody there could open an address of its own.
+    # Other adapters are open to the network, so this is likely a container or a machine without a screen, where nobody can open this page.
     return "", (
         f"The web view is at {page}{known} for this machine alone; in a container, for nobody. To reach it from elsewhere give it "
         f'an address in the scenario, and publish its port: [adapters.{name}] kind = "{KIND}", bind = "0.0.0.0"'
@@ -105,14 +97,15 @@ def _bind(config: Any) -> str:
 
 
 def with_token(address: str, token: str | None) -> str:
-    """The address by which a page comes with its token, which browsers send to nobody."""
+    """Return the address of a page with its token in the fragment, which browsers do not send to a server."""
     return f"{address}#token={quote(token, safe='')}" if address and token else address
 
 
 def open_page(address: str) -> threading.Thread | None:
-    """Show a page in the browser of this desktop, or say that it cannot be.
+    """Open a page in the browser of this desktop, or print that there is none.
 
-    Returns the thread that does it: a browser of a terminal ends only when its user ends it, and some take seconds to answer.
+    Returns:
+        The thread that opens it, because a browser in a terminal runs until its user ends it, and some take seconds to answer.
     """
     if not address:
         click.echo("uwserver: there is no web view to open", err=True)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-import uwserver.cli.authoring as commands
+from uwserver.cli import main
 from uwserver.scenario.files.documents import shipped
 from uwserver.scenario.load.scenario import load
 
@@ -27,8 +27,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def run(name: str, *arguments: str) -> Result:
-    command = {command.name: command for command in commands.COMMANDS}[name]
-    return CliRunner().invoke(command, arguments)
+    return CliRunner().invoke(main, [name, *arguments])
 
 
 def stl(path: Path, scale: float = 1.0, faces: int = 12) -> Path:

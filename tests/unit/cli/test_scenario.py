@@ -12,6 +12,7 @@ from click.testing import CliRunner, Result
 
 import uwserver.cli.scenario as commands
 from uwserver.adapter import AdapterTable
+from uwserver.cli import main
 from uwserver.modifiers import ModifierConfig
 from uwserver.ports import Port, Service
 from uwserver.scenario.files.convert import kinds_of
@@ -62,8 +63,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def run(name: str, *arguments: str) -> Result:
-    command = {command.name: command for command in commands.COMMANDS}[name]
-    return CliRunner().invoke(command, arguments)
+    return CliRunner().invoke(main, [name, *arguments])
 
 
 def test_check_sums_up_what_is_right() -> None:

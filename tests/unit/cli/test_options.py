@@ -6,7 +6,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from uwserver.cli.rotation import rotated
+from uwserver.cli.options import rotated
 from uwserver.recording.parts import ONE_FILE, Rotation
 
 GOT: list[Rotation] = []
