@@ -110,7 +110,8 @@ class SparingLog(_Stream):
 
     def _summarise_due(self, now: float) -> None:
         # Causes are in the order in which they began.
-        for key, cause in list(self._causes.items()):
+        while self._causes:
+            key, cause = next(iter(self._causes.items()))
             if now - cause.begin < TOLD_S:
                 return
             del self._causes[key]
