@@ -1,4 +1,5 @@
-"""A TCP port that goes on to serve whom it has, whoever knocks: it accepts a few at a time, and pauses when the process has no descriptors."""
+"""A TCP port that keeps serving its peers however many more connect: it accepts a few at a time, and pauses when the process has no
+descriptors left."""
 
 from __future__ import annotations
 
@@ -8,6 +9,7 @@ import errno
 import socket
 import ssl
 from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass
 from typing import Any
 
 from uwserver.adapter.listening import ANOTHER, cannot_listen
@@ -16,24 +18,24 @@ from uwserver.adapter.refusals import Refusals
 from uwserver.adapter.tls import handshake_refusal
 
 BACKLOG = 256
-"""Connections that wait in the kernel to be accepted."""
+"""Connections that may wait in the kernel to be accepted."""
 AT_ONCE = 16
-"""Connections accepted before the loop does something else."""
+"""Connections that are accepted before the loop does something else."""
 PAUSE_S = 0.5
-"""Wall time for which nobody is accepted when there are no descriptors left."""
+"""Wall time for which no connection is accepted when there are no descriptors left."""
 HANDSHAKE_S = 10.0
-"""Wall time in which a peer must have ended its TLS handshake, unless the adapter says otherwise."""
+"""Wall time in which a peer must complete its TLS handshake, unless the adapter sets another limit."""
 NO_DESCRIPTORS = frozenset((errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM))
 
 
 def note_no_descriptors(error: OSError, refusals: Refusals) -> None:
-    """Tell that nobody can be accepted now."""
-    text = f"no connection can be accepted ({error.strerror}), those that knock wait: raise `ulimit -n`, or close files and clients"
+    """Report that no connection can be accepted now."""
+    text = f"no connection can be accepted ({error.strerror}), new ones wait: raise `ulimit -n`, or close files and clients"
     refusals.note("descriptors", text)
 
 
 class _Arrival:
-    """A peer from its acceptance until its protocol has it: while TLS shakes hands it is a stranger like others."""
+    """A peer between its acceptance and the start of its protocol. During the TLS handshake it counts as a stranger, like others."""
 
     is_half_open = False
 
@@ -45,7 +47,7 @@ class _Arrival:
         self._task.add_done_callback(self._ended)
 
     def close(self) -> None:
-        """It is not let in."""
+        """Refuse the peer."""
         self._task.cancel()
 
     abort = close
@@ -58,76 +60,67 @@ class _Arrival:
             await asyncio.get_running_loop().connect_accepted_socket(
                 self._protocol, self._stream, ssl=tls, ssl_handshake_timeout=timeout
             )
-        except ssl.SSLError as error:
-            self._refuse(str(error.reason or "unknown"))
-        except ConnectionAbortedError:
-            self._refuse("TIMEOUT")
-        except OSError:
-            pass  # it went away; port scanners and health checks do
+        except OSError as error:
+            # Other errors mean that the peer went away, as port scanners and health checks do.
+            if isinstance(error, ssl.SSLError | ConnectionAbortedError):
+                reason = str(error.reason or "unknown") if isinstance(error, ssl.SSLError) else "TIMEOUT"
+                self._listener.peers.refusals.note(*handshake_refusal(reason))
 
     def _protocol(self) -> asyncio.Protocol:
         if self._listener.tls is None:
-            self._listener.peers.leave(self)  # what is made now enters itself
+            # The protocol that is made now enters the peers itself.
+            self._listener.peers.leave(self)
         return self._listener.make()
-
-    def _refuse(self, reason: str) -> None:
-        self._listener.peers.refusals.note(*handshake_refusal(reason))
 
     def _ended(self, task: asyncio.Task[None]) -> None:
         if not self._has_begun:
             self._stream.close()
         self._listener.peers.leave(self)
         if not task.cancelled() and (error := task.exception()) is not None:
-            raise error  # a fault of ours, for the loop's log
+            # A fault of uwserver, which the loop logs.
+            raise error
 
 
+@dataclass(eq=False)
 class Listener:
-    """Accepts on the sockets of one port.
-
-    Args:
-        sockets: listening, non-blocking.
-        make: a protocol for each peer.
-        peers: those that have come.
-        tls: what TLS needs; None for a plain port.
-        handshake_s: wall time in which a peer must have ended its TLS handshake.
+    """Accepts connections on the sockets of one port.
 
     Attributes:
-        sockets, make, peers, tls, handshake_s: as given.
+        sockets: listening and non-blocking.
+        make: makes a protocol for each peer.
+        peers: the peers of the adapter.
+        tls: the context of TLS; None for a plain port.
+        handshake_s: wall time in which a peer must complete its TLS handshake.
     """
 
-    def __init__(
-        self,
-        sockets: list[socket.socket],
-        make: Callable[[], asyncio.Protocol],
-        peers: Peers[Any],
-        tls: ssl.SSLContext | None,
-        handshake_s: float,
-    ) -> None:
-        self.sockets = sockets
-        self.make = make
-        self.peers = peers
-        self.tls = tls
-        self.handshake_s = handshake_s
+    sockets: list[socket.socket]
+    make: Callable[[], asyncio.Protocol]
+    peers: Peers[Any]
+    tls: ssl.SSLContext | None
+    handshake_s: float
+
+    def __post_init__(self) -> None:
         self._loop = asyncio.get_running_loop()
         self._resuming: dict[socket.socket, asyncio.TimerHandle] = {}
         self._is_closed = False
-        for listener in sockets:
+        for listener in self.sockets:
             self._resume(listener)
 
     @property
     def port(self) -> int:
-        """The port that it has really got."""
+        """The port on which it listens, also if a free one was asked for."""
         return int(self.sockets[0].getsockname()[1])
 
     def close(self) -> None:
-        """Accept nobody any more. May be called again."""
-        if not self._is_closed:
-            self._is_closed = True
-            for listener in self.sockets:
-                self._loop.remove_reader(listener)
-                listener.close()
-            for timer in self._resuming.values():
-                timer.cancel()
+        """Stop accepting. May be called again."""
+        if self._is_closed:
+            return
+        self._is_closed = True
+        for listener in self.sockets:
+            self._loop.remove_reader(listener)
+            listener.close()
+        for timer in self._resuming.values():
+            timer.cancel()
 
     def _resume(self, listener: socket.socket) -> None:
         self._resuming.pop(listener, None)
@@ -145,7 +138,8 @@ class Listener:
                     self._loop.remove_reader(listener)
                     self._resuming[listener] = self._loop.call_later(PAUSE_S, self._resume, listener)
                     return
-                continue  # it went away before it was accepted
+                # The peer went away before it was accepted.
+                continue
             stream.setblocking(False)
             self.peers.enter(_Arrival(self, stream), host_of(address))
 
@@ -162,18 +156,18 @@ async def serve_tcp(
     tls: ssl.SSLContext | None = None,
     handshake_s: float = HANDSHAKE_S,
 ) -> AsyncIterator[Listener]:
-    """A TCP server while the context is open; then all peers are closed, those that do not go are cut off.
+    """Serve TCP while the context is open, and then close all peers.
 
     Args:
-        make: a protocol for each that connects, usually a `Connection`.
-        peers: those that have connected.
+        make: makes a protocol for each peer, usually a `Connection`.
+        peers: the peers of the adapter.
         bind, port: the address; port 0 takes a free one.
-        key: of the adapter's table that gives the port.
-        rival: who most likely holds the port when it is in use.
+        key: key of the adapter's table that sets the port.
+        rival: the program that most likely has the port when it is in use.
         tls, handshake_s: see `Listener`.
 
     Raises:
-        CannotListen: the address cannot be had.
+        CannotListen: the address is not available.
     """
     try:
         listener = Listener(await _bound(bind, port), make, peers, tls, handshake_s)
@@ -187,8 +181,9 @@ async def serve_tcp(
 
 
 async def _bound(bind: str, port: int) -> list[socket.socket]:
-    """A socket for each address that a name stands for, all at the same port."""
-    try:  # an address: no thread is needed to look it up
+    """Return a listening socket for each address of a name, all at the same port."""
+    try:
+        # An address needs no lookup, for which the loop would start a thread.
         found = socket.getaddrinfo(
             bind or None, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE | socket.AI_NUMERICHOST
         )
@@ -201,8 +196,8 @@ async def _bound(bind: str, port: int) -> list[socket.socket]:
             sockets.append(listener)
             listener.setblocking(False)
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            # Whom it accepts inherits this. asyncio sets it only for sockets whose protocol number is given; without it a reply behind a
-            # sample waits for the peer's delayed acknowledgement, 40 ms.
+            # Accepted sockets inherit this option. asyncio sets it only for sockets whose protocol number is given. Without it, a reply that
+            # follows a sample waits 40 ms for the peer's delayed acknowledgement.
             listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             if family == socket.AF_INET6:
                 listener.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)

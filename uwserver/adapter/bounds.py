@@ -1,7 +1,7 @@
-"""What a message may cost, found out before a decoder sees it: a decoder keeps all other threads waiting until it is done.
+"""Bounds the cost of a message before a decoder sees it, because a decoder holds up all other threads until it is done.
 
-Nothing here takes longer than the message is long, recurses, or reserves what a message only claims. The limits were measured so that no
-decoder takes more than 1 ms (`uwserver bench hostile`); what is refused here costs far less.
+All functions take time in proportion to the length of the message, do not recurse, and reserve no memory for sizes that a message only
+claims. The limits were measured so that no decoder takes more than 1 ms (`uwserver bench hostile`); to refuse a message costs far less.
 """
 
 from __future__ import annotations
@@ -9,47 +9,47 @@ from __future__ import annotations
 from uwserver.ports import ErrorCode
 
 STRANGER_LIMIT = 4 << 10
-"""Longest message of a peer that has not been let in yet, bytes."""
+"""Longest message of a peer that is not admitted yet, bytes."""
 MESSAGE_LIMIT = 64 << 10
-"""Longest message, bytes; binary values and plain texts do not count."""
+"""Longest message, bytes, not counting binary values and plain texts."""
 PLAIN_TEXT = 1 << 10
-"""Length from which a text of ASCII without backslashes (base64, say) is plain, bytes: it costs no more than its copy."""
+"""Length in bytes from which an ASCII text without backslashes, such as base64, counts as plain: to decode it costs no more than to copy it."""
 MAX_PLAIN = 512 << 10
-"""Longest JSON message with its plain texts, and bytes in all plain texts of a msgpack message."""
+"""Longest JSON message including its plain texts, and the most bytes in all plain texts of a msgpack message."""
 MAX_BINARY = 1 << 20
-"""Bytes in all binary values of one msgpack message: a decoder copies them at once, 0.6 ms into fresh memory."""
+"""Most bytes in all binary values of a msgpack message. A decoder copies them at once, which takes 0.6 ms into fresh memory."""
 LONG_NUMBER = 17
-"""Digits from which a number is long. Decoders are slow with what lies half-way between two doubles, which takes 17 digits or an exponent."""
+"""Digits from which a number is long. Decoders are slow with numbers half-way between two doubles, which need 17 digits or an exponent."""
 FEW = 16
-"""Exponents and long numbers that any decoder may have to do with."""
+"""Exponents and long numbers in a message that any decoder may get."""
 LONG_NUMBERS_LIMIT = 16 << 10
 """Longest JSON message with more of them, bytes."""
 HUGE_LIMIT = 8 << 10
-"""Longest JSON message with more of them, bytes, where they have exponents of three digits: these take twice as long as any others."""
+"""Longest JSON message with more of them, bytes, if they have exponents of three digits, which take twice as long as others."""
 MAX_DIGITS = 400
-"""Digits of a number in JSON: more than any double needs."""
+"""Most digits of a number in JSON, more than any double needs."""
 MAX_DEPTH = 32
-"""Maps and lists within each other."""
+"""Deepest nesting of maps and lists."""
 MAX_CONTAINERS = 1536
-"""Maps and lists in one message."""
+"""Most maps and lists in a message."""
 MAX_VALUES = 6144
-"""Values in one message, keys of maps included."""
+"""Most values in a message, including keys of maps."""
 MAX_TEXTS = 4096
-"""Texts in one JSON message, keys of maps included."""
+"""Most texts in a JSON message, including keys of maps."""
 
 _NO_BRACKETS = bytes(set(range(256)) - set(b"[]{}"))
 _ONE_KIND = bytes.maketrans(b"{}", b"[]")
-# Every digit becomes 0 and every point goes, so that a number is a row of zeros and an exponent "0e".
+# Every digit becomes 0 and points are removed, so that a number becomes a row of zeros, and a number with an exponent has "0e" in it.
 _NUMBERS = bytes.maketrans(b"123456789E", b"000000000e")
 _HUGE = (b"e000", b"e+000", b"e-000")
 _EXPONENT, _LONG_ROW, _ENDLESS_ROW = b"0e", b"0" * LONG_NUMBER, b"0" * (MAX_DIGITS + 1)
 
 
 class Excess(Exception):
-    """A message would cost too much; the text says why and what to do.
+    """A message would cost too much to decode; the text says why, and what to do.
 
     Attributes:
-        code: `too_large`, or `invalid_request` where its size is not the cause.
+        code: `too_large`, or `invalid_request` if the size is not the cause.
     """
 
     def __init__(self, text: str, code: ErrorCode = "invalid_request") -> None:
@@ -58,13 +58,16 @@ class Excess(Exception):
 
 
 def weigh_json(text: bytes) -> bool:
-    """Whether a JSON text has more than a few exponents and long numbers. What is no JSON is the decoder's to say.
+    """Check the cost of a JSON text. It may be no JSON at all, which the decoder will find.
+
+    Returns:
+        Whether it has more than `FEW` exponents and long numbers, so that the fast decoder would be slow.
 
     Raises:
-        Excess: it is not to be decoded.
+        Excess: it must not be decoded.
     """
     if len(text) <= MESSAGE_LIMIT:
-        # Nearly all there are; what stands in texts is counted too, which does not matter below the limits.
+        # The fast path, for nearly all messages. It also counts what is inside texts, which is harmless below the limits.
         separators = text.count(b",") + text.count(b":")
         brackets = text.count(b"[") + text.count(b"{")
         if separators < MAX_VALUES and brackets <= MAX_DEPTH and not _has_costly_numbers(text):
@@ -94,7 +97,7 @@ def _has_costly_numbers(text: bytes) -> bool:
 
 
 def _outside(text: bytes) -> bytes:
-    """What stands outside of the texts of a JSON message; of each text, its quotes."""
+    """Return a JSON message without the contents of its texts, of which only quotes are left."""
     is_larger = len(text) > MESSAGE_LIMIT
     if is_larger and (len(text) > MAX_PLAIN or b"\\" in text or not text.isascii()):
         raise _too_large()
@@ -115,20 +118,22 @@ def _check_brackets(outside: bytes) -> None:
     brackets = outside.translate(None, _NO_BRACKETS)
     if brackets.count(b"[") + brackets.count(b"{") > MAX_CONTAINERS:
         raise _too_many(MAX_CONTAINERS, "maps and lists")
-    # If there are more, then one is closed that was not opened.
+    # If there are more brackets than twice the containers, some are closed without being open, and a decoder stops there.
     brackets = brackets[: 2 * MAX_CONTAINERS].translate(_ONE_KIND)
+    # Each round removes the innermost level of nesting.
     for _ in range(MAX_DEPTH):
-        brackets = brackets.replace(b"[]", b"")  # the innermost: each round takes one level of nesting away
-    # Of brackets that fit each other only deeper ones are left; of others, no decoder goes deeper than these rounds and what is left open.
+        brackets = brackets.replace(b"[]", b"")
+    # If the brackets match, only levels that are deeper than the limit are left. If they do not, no decoder goes deeper than the removed
+    # levels and those that stay open.
     if b"[]" in brackets or brackets.count(b"[") > MAX_DEPTH:
         raise _too_deep()
 
 
 def weigh_msgpack(frame: bytes | memoryview) -> None:
-    """Let a msgpack frame pass that is exactly one complete value of maps, lists, texts, bytes and numbers.
+    """Check that a msgpack frame is exactly one complete value of maps, lists, texts, bytes and numbers, and costs little to decode.
 
     Raises:
-        Excess: it is not to be decoded.
+        Excess: it must not be decoded.
     """
     try:
         position, binary, plain = _walked(frame)
@@ -144,12 +149,18 @@ def weigh_msgpack(frame: bytes | memoryview) -> None:
 
 
 def _walked(frame: bytes | memoryview) -> tuple[int, int, int]:
-    """Where the value ends, and how many bytes are in its binary values and plain texts. IndexError where the frame is too short."""
+    """Return where the value ends, and the number of bytes in its binary values and in its plain texts.
+
+    Raises:
+        IndexError: the frame is too short.
+    """
     position = binary = plain = values = containers = 0
-    open_containers: list[int] = []  # values that each enclosing container still waits for
+    # Values that each enclosing container still waits for.
+    open_containers: list[int] = []
     awaited = 1
     while True:
-        while awaited:  # what a message costs is this loop
+        # Nearly all the time is spent in this inner loop over scalars and short texts.
+        while awaited:
             size = SIZES[frame[position]]
             if size < 0:
                 break
@@ -172,7 +183,8 @@ def _walked(frame: bytes | memoryview) -> tuple[int, int, int]:
                 plain += count
             position += count
             continue
-        count *= -size  # a map holds a key and a value for each entry
+        # LIST is -1 and MAP is -2: a map holds a key and a value for each entry.
+        count *= -size
         values += count
         containers += 1
         if values > MAX_VALUES:
@@ -186,9 +198,9 @@ def _walked(frame: bytes | memoryview) -> tuple[int, int, int]:
 
 
 def length_at(frame: bytes | memoryview, position: int) -> tuple[int, int]:
-    """Of the map, list, text or binary value that begins at a position: how many values or bytes it holds, and where these begin."""
+    """Return the number of entries or bytes in the map, list, text or binary value at a position, and where they begin."""
     width = _WIDTHS[frame[position]]
-    # Of a one-byte header the low bits count: 4 for maps and lists (texts so short are in SIZES).
+    # A header of one byte has the number of entries of a map or list in its lower 4 bits. Texts with such a header are in SIZES.
     count = int.from_bytes(frame[position + 1 : position + 1 + width], "big") if width else frame[position] & 0x0F
     return count, position + 1 + width
 
@@ -210,33 +222,21 @@ LIST, MAP, TEXT, BINARY, REFUSED = -1, -2, -3, -4, -5
 
 
 def _sizes() -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """By type byte: bytes of a whole scalar or short text, else what it begins; and the width of its length field."""
+    """Return the tables `SIZES` and `_WIDTHS`."""
     sizes, widths = [1] * 256, [0] * 256
-    for lead in range(0x80, 0x90):
-        sizes[lead] = MAP
-    for lead in range(0x90, 0xA0):
-        sizes[lead] = LIST
-    for lead in range(0xA0, 0xC0):
-        sizes[lead] = 1 + (lead & 0x1F)
+    sizes[0x80:0x90] = [MAP] * 16
+    sizes[0x90:0xA0] = [LIST] * 16
+    sizes[0xA0:0xC0] = range(1, 33)  # short texts
     for lead in (0xC1, *range(0xC7, 0xCA), *range(0xD4, 0xD9)):  # unused, extensions
         sizes[lead] = REFUSED
-    for lead, size in zip(range(0xCA, 0xD4), (5, 9, 2, 3, 5, 9, 2, 3, 5, 9), strict=True):  # floats, then integers
-        sizes[lead] = size
-    for lead, (size, width) in zip(
-        (*range(0xC4, 0xC7), *range(0xD9, 0xE0)),
-        (
-            *((BINARY, n) for n in (1, 2, 4)),
-            *((TEXT, n) for n in (1, 2, 4)),
-            (LIST, 2),
-            (LIST, 4),
-            (MAP, 2),
-            (MAP, 4),
-        ),
-        strict=True,
-    ):
-        sizes[lead], widths[lead] = size, width
+    sizes[0xCA:0xD4] = (5, 9, 2, 3, 5, 9, 2, 3, 5, 9)  # floats, then integers
+    for first, kind, bytes_of_length in (
+        (0xC4, BINARY, (1, 2, 4)), (0xD9, TEXT, (1, 2, 4)), (0xDC, LIST, (2, 4)), (0xDE, MAP, (2, 4)),
+    ):  # fmt: skip
+        for lead, width in enumerate(bytes_of_length, first):
+            sizes[lead], widths[lead] = kind, width
     return tuple(sizes), tuple(widths)
 
 
 SIZES, _WIDTHS = _sizes()
-"""By type byte of msgpack: bytes of a whole scalar or short text, else LIST, MAP, TEXT, BINARY or REFUSED."""
+"""By type byte of msgpack: the bytes of a whole scalar or short text, or else LIST, MAP, TEXT, BINARY or REFUSED; the width of its length field."""

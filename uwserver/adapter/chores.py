@@ -1,4 +1,4 @@
-"""What is done in pieces on the loop: a long answer, or tidying up after a client that is gone."""
+"""Work that is done in pieces on the loop, such as a long answer, or the clean-up after a client that is gone."""
 
 from __future__ import annotations
 
@@ -16,8 +16,10 @@ REST_S = 0.004
 
 
 class Chores:
-    """One after the other, on the running loop, with a rest whenever a turn is used up: what the loop does keeps the simulation waiting for the
-    interpreter."""
+    """Does pieces of work one after the other on the running loop, with a rest after each turn of `TURN_S`.
+
+    The rests are for the simulation, which cannot have the interpreter while the loop works.
+    """
 
     def __init__(self) -> None:
         self._loop = asyncio.get_running_loop()
@@ -28,7 +30,7 @@ class Chores:
         return len(self._waiting)
 
     def add(self, steps: Iterator[None]) -> None:
-        """Do this too, after what waits already."""
+        """Take on a piece of work, after those that wait already. Each step of the iterator should be short."""
         self._waiting.append(steps)
         if self._turn is None:
             self._turn = self._loop.call_later(0.0, self._work)
@@ -41,7 +43,8 @@ class Chores:
                 next(self._waiting[0])
             except StopIteration:
                 self._waiting.popleft()
-            except Exception:  # a fault of ours must not keep the others waiting
+            except Exception:
+                # A fault of an adapter must not keep the other pieces waiting.
                 log.exception("what an adapter does in pieces ends by a fault of it")
                 self._waiting.popleft()
             if self._waiting and self._loop.time() >= end:
@@ -49,7 +52,7 @@ class Chores:
                 return
 
     def close(self) -> None:
-        """Leave what is left."""
+        """Drop the work that is left."""
         if self._turn is not None:
             self._turn.cancel()
         self._waiting.clear()

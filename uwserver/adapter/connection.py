@@ -1,6 +1,6 @@
-"""One TCP peer of many: its input is worked off in turns, its end is told to it, and what it does costs a bounded amount of memory.
+"""One TCP peer of many. Its input is handled in turns, it is told why its connection ends, and it costs a bounded amount of memory.
 
-Nothing a peer sends takes more than `TURN_S` of the loop before others have their turn.
+Whatever a peer sends, it takes at most `TURN_S` of the loop before others have their turn.
 """
 
 from __future__ import annotations
@@ -19,28 +19,28 @@ log = logging.getLogger(__name__)
 TURN_S = 0.001
 """Wall time after which the other peers have their turn."""
 REST_S = 0.002
-"""Wall time before a peer that has used up its turn has the next: at most a third of all time is theirs."""
+"""Wall time between two turns of a peer that has more to do, so that all peers get at most a third of the time."""
 LINGER_S = 1.0
-"""Wall time that a peer has to read the last text."""
+"""Wall time in which a peer may read the last text."""
 HIGH_WATER = 1 << 16
 """Bytes in the transport above which `pause_writing` is called."""
 
 
 class Connection(asyncio.Protocol):
-    """A TCP peer. A derived class says what bytes mean: `receive` and `step`; and may say what happens at `opened` and `closed`.
+    """A TCP peer. A derived class implements `receive` and `step`, which say what bytes mean, and may implement `opened`, `closed` and others.
 
     Args:
-        peers: of the adapter.
-        first_message_s: wall time in which the peer must be admitted (`admit`), which is for the derived class to say; `math.inf` where it
-            may wait among strangers, until others need the place. Default: all are admitted as they come.
+        peers: the peers of the adapter.
+        first_message_s: wall time in which the derived class must admit the peer (`admit`). With `math.inf` the peer may wait among the
+            strangers until another peer needs the place. By default every peer is admitted when it connects.
 
     Attributes:
-        host: of the peer, see `host_of`.
-        is_stranger: it was not admitted yet.
-        is_half_open: the peer sends nothing more, but may still read (``echo ... | nc -N``).
-        peers, loop, transport: as given, as running, as connected.
-        is_closing: it ends; nothing is read or written any more.
-        is_working: a turn of this peer is under way.
+        host: host of the peer, see `host_of`.
+        is_stranger: whether the peer is not admitted yet.
+        is_half_open: whether the peer sends nothing more, but may still read (``echo ... | nc -N``).
+        peers, loop, transport: the given peers, the running loop, and the transport once it is connected.
+        is_closing: whether the connection is ending; then nothing is read or written any more.
+        is_working: whether a turn of this peer is being taken.
     """
 
     def __init__(self, peers: Peers[Any], first_message_s: float | None = None) -> None:
@@ -61,53 +61,53 @@ class Connection(asyncio.Protocol):
     # -- for derived classes --------------------------------------------------------------------------------------------------------
 
     def opened(self) -> None:
-        """The peer is there, and there is room for it."""
+        """Called when the peer has connected and there is room for it."""
 
     def takes_http(self, head: bytes) -> bool:
-        """Whether a peer that begins with such a request is answered here; by default it is refused."""
+        """Tell whether a peer that begins with this HTTP request is served; by default it is refused."""
         return False
 
     def receive(self, data: bytes) -> None:
-        """Store bytes, in pieces of any size."""
+        """Store received bytes, which come in pieces of any size."""
         raise NotImplementedError
 
     def step(self) -> bool:
-        """Take the next message of what was stored; False when there is none."""
+        """Handle the next message of the stored bytes; return False if there is none."""
         raise NotImplementedError
 
     def quiet_until(self) -> float:
-        """All that was stored is taken. Loop time until which nothing more is read of a peer that floods; 0.0 to read on."""
+        """Return the loop time until which nothing more is read from a peer that floods, or 0.0 to read on. Called when all messages are handled."""
         return 0.0
 
     def after_turn(self) -> None:
-        """A turn is over: what was written meanwhile may be sent together."""
+        """Called after each turn, so that everything that was written in it can be sent together."""
 
     def half_closed(self) -> None:
-        """The peer sends nothing more."""
+        """Called when the peer has ended its side of the connection."""
 
     @property
     def is_owed(self) -> bool:
-        """Whether anything may still come for the peer though it asks for nothing more."""
+        """Whether the peer may still get something although it asks for nothing more."""
         return False
 
     def missed(self) -> None:
-        """It was not admitted in time."""
+        """Refuse a peer that was not admitted in time."""
         text = f"nothing valid came within {self._first_message_s:g} s"
         self.peers.refusals.note("timeout", text)
         self.farewell(self.refused(Fault("timeout", text)))
 
     def refused(self, fault: Fault) -> bytes:
-        """The text that a peer gets for which there is no place, or which said nothing in time."""
+        """Return what a peer is sent if there is no place for it, or if it was not admitted in time."""
         return f"{fault.text}\n".encode()
 
     def stop(self) -> None:
-        """It begins to end: nothing more is taken of the peer, or sent to it."""
+        """Called when the connection begins to end. From now on nothing is taken from the peer or sent to it."""
 
     def closed(self) -> None:
-        """The peer is gone."""
+        """Called when the connection has ended."""
 
     def admit(self) -> bool:
-        """It has shown that it is one of ours: it takes a place of those. Where there is none it is told so, and ends; then False."""
+        """Give a place to a peer that has shown that it speaks this protocol. If there is none, tell it so, end the connection and return False."""
         if not self.is_stranger:
             return True
         fault = self.peers.admit(self)
@@ -122,7 +122,7 @@ class Connection(asyncio.Protocol):
 
     @property
     def waiting(self) -> int:
-        """Bytes that the peer has not taken yet."""
+        """Bytes that wait to be sent to the peer."""
         return self.transport.get_write_buffer_size()
 
     def write(self, data: bytes) -> None:
@@ -131,18 +131,19 @@ class Connection(asyncio.Protocol):
             self.transport.write(data)
 
     def close(self) -> None:
-        """Send what the peer still takes, then close."""
+        """Close the connection once the peer has taken what waits for it."""
         if not self.is_closing:
             self._begin_closing()
             self.transport.close()
 
     def farewell(self, last: bytes, linger_s: float | None = None) -> None:
-        """End the connection with a last text, and leave the peer a moment to read it: closing at once would destroy it on its way, as soon
-        as one more byte comes from the peer.
+        """End the connection with a last text, and leave the peer some time to read it.
+
+        If the socket were closed at once, one more byte from the peer would reset the connection, and destroy the text on its way.
 
         Args:
             last: the text.
-            linger_s: wall time of that moment; default `LINGER_S`.
+            linger_s: wall time to leave; default `LINGER_S`.
         """
         if self.is_closing:
             return
@@ -155,17 +156,17 @@ class Connection(asyncio.Protocol):
         self.transport.resume_reading()  # to see the peer's end; what it sends is thrown away
 
     def abort(self) -> None:
-        """Close at once."""
+        """Close the connection at once."""
         self.is_closing = True
         self.transport.abort()
 
     def go_on(self) -> None:
-        """What kept `step` from the next message is over: take on, in a turn of its own."""
+        """Continue with the next message in a turn of its own, after something held `step` up."""
         if self._turn is None and not self.is_working and not self.is_closing:
             self._turn = self.loop.call_soon(self._work)
 
     def finish_if_done(self) -> None:
-        """Close when the peer asks for nothing more and is owed nothing."""
+        """Close the connection if the peer asks for nothing more and is owed nothing."""
         if self.is_half_open and not self.is_closing and self._turn is None and not self.is_owed:
             self.close()
 
@@ -174,7 +175,7 @@ class Connection(asyncio.Protocol):
         self._stop_turns()
         self._stop_deadline()
         self.stop()
-        # A peer that reads nothing would keep its connection, and our memory, for ever.
+        # Without a limit, a peer that reads nothing would keep its connection, and memory of the server, for ever.
         self._linger = self.loop.call_later(LINGER_S if linger_s is None else linger_s, self.transport.abort)
 
     def _stop_deadline(self) -> None:
@@ -190,7 +191,7 @@ class Connection(asyncio.Protocol):
     # -- asyncio --------------------------------------------------------------------------------------------------------------------
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Begin; a peer too many is told and sent away."""
+        """Begin the connection, or refuse it if there is no place for the peer."""
         self.transport = cast(asyncio.Transport, transport)
         self.transport.set_write_buffer_limits(HIGH_WATER)
         self.host = host_of(self.transport.get_extra_info("peername"))
@@ -203,7 +204,7 @@ class Connection(asyncio.Protocol):
         self.opened()
 
     def connection_lost(self, error: Exception | None) -> None:
-        """End; the peer died, or we closed."""
+        """Clean up after the connection has ended for any reason."""
         self.is_closing = True
         self._stop_turns()
         self._stop_deadline()
@@ -215,7 +216,7 @@ class Connection(asyncio.Protocol):
             self.peers.leave(self)
 
     def eof_received(self) -> bool:
-        """The peer sends nothing more. Returns whether the connection stays open."""
+        """Note that the peer sends nothing more; return whether the connection stays open."""
         if self.is_closing:
             return False
         self.is_half_open = True
@@ -233,7 +234,7 @@ class Connection(asyncio.Protocol):
                 self._work()
 
     def _recognised(self, first: FirstBytes, data: bytes) -> bytes:
-        """The first bytes, once they show that they are for us; who speaks another protocol is closed with nothing of it read."""
+        """Return the first bytes once they show that they may be of our protocol. A peer that speaks another protocol is refused unread."""
         first.receive(data)
         if first.speech == "unknown":
             return b""
@@ -247,7 +248,7 @@ class Connection(asyncio.Protocol):
         return b""
 
     def _work(self) -> None:
-        """Take what is there, for one turn."""
+        """Handle what is there for one turn."""
         self._turn = None
         self.is_working = True
         try:

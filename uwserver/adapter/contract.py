@@ -1,8 +1,8 @@
 """The contract between the server and an adapter, and how adapters are found.
 
-An adapter turns ports into one protocol. It lives on the asyncio loop, never on the simulation thread, and sees the world only through its
-`AdapterContext`. A new adapter is one folder (or one distribution) with an entry point in the group ``uwserver.adapters``; nothing in uwserver
-is edited for it. Where a packet of a peer is a tick, the adapter has a `Driver`, which is asked on the simulation thread.
+An adapter serves ports in one protocol. It lives on the asyncio loop, never on the simulation thread, and sees the world only through its
+`AdapterContext`. A new adapter is one folder, or one distribution, with an entry point in the group ``uwserver.adapters``; nothing in uwserver
+has to be edited for it. If each packet of a peer is a tick, the adapter has a `Driver`, which runs on the simulation thread.
 """
 
 from __future__ import annotations
@@ -35,40 +35,44 @@ class AdapterTable(Table, tag_field="kind", kw_only=True, frozen=True):
     required: bool = True
 
     def needs(self) -> Mapping[str, str]:
-        """Modules that are imported only once it runs, each with the requirement that brings it: ``{"h5py": "uwserver[netcdf]"}``.
+        """Return modules that are imported only when the adapter runs, each with its requirement: ``{"h5py": "uwserver[netcdf]"}``.
 
-        Those that are not installed are told before anything else is done.
+        Modules that are not installed are reported before anything else is done.
         """
         return {}
 
     def faults(
         self, ports: Mapping[str, Port], services: Mapping[str, Service]
     ) -> Iterable[tuple[tuple[str, ...], str]]:
-        """What it names of the world and cannot serve: keys below its table, and what is wrong. `uwserver check` tells it, as a run would.
+        """Return what the table names in the world and the adapter cannot serve. `uwserver check` reports it, as a run would.
 
         Args:
-            ports: that it may serve, by path, when the scenario begins.
-            services: of its components, by path.
+            ports: the ports that the adapter may serve when the scenario begins, by path.
+            services: the services of the scenario's components, by path.
+
+        Returns:
+            For each fault the keys below the adapter's table, and what is wrong.
         """
         return ()
 
     def parts(self) -> Mapping[str, str]:
-        """What it serves where, if that is more than one thing: a text by the key of its table, which `uwserver check` tells."""
+        """Return what the adapter serves where, if that is more than one thing: a text for each key of its table, for `uwserver check`."""
         return {}
 
 
 @dataclass
 class AdapterStats:
-    """What an adapter reports of itself, in ``world/status`` and metrics. Counted by the adapter, on the loop.
+    """What an adapter reports about itself in ``world/status`` and in metrics. The adapter counts on the loop.
 
     Attributes:
         state: one of starting, running, retrying, failed, stopped.
-        address: where a peer finds it, as the user would type it.
-        peers: connected now.
-        samples_sent, bytes_sent, commands, calls, errors, dropped: since the start; `dropped` counts samples lost to slow peers.
-        encoded: samples encoded since the start: once for all peers that take the same encoding and fields.
-        restarts: times that it was started again after a failure.
+        address: where a peer finds the adapter, as a user would type it.
+        peers: number of peers that are connected now.
+        samples_sent, bytes_sent, commands, calls, errors, dropped: counts since the start; `dropped` are samples lost because peers are slow.
+        encoded: samples that were encoded since the start. A sample is encoded once for all peers with the same encoding and fields.
+        restarts: how often the adapter was started again after a failure.
         last_error: text of the last failure.
+        details: further values of the adapter by name.
     """
 
     state: str = "starting"
@@ -87,28 +91,27 @@ class AdapterStats:
 
 
 class Subscriber(Protocol):
-    """Where an adapter takes in what the world says; called on the loop, once a tick; must not block.
+    """Receives samples and events for an adapter. It is called on the loop, once for each tick, and must not block.
 
-    It may have an attribute (or property) `wanted`: paths of the ports whose samples it reads, a collection, or None for all, which holds where
-    there is none. Samples are made of ports that somebody wants, and of no others; what others want comes too. It is looked at when the
-    subscriber is attached, after the ports have changed, when it has had the event of that, and at `AdapterContext.follow_wants`. Until then
-    samples of ports that just came are made in any case.
+    A subscriber may have some of these optional attributes and methods:
 
-    It may also have `thinned`: path -> what is enough of that port (`uwserver.ports.thinning.Thinning`, some of them), for ports of which it
-    needs no other samples than those that one of these takes. They are looked at together with `wanted`, and hold until the event of a reset or
-    of other ports. More samples may come; those that are needed come all.
-
-    It may have a method `put_told`, which gets samples of some ticks that follow each other at once (`Told`), as rows of
-    numbers, and is called in place of `put_samples` where all of them are rows; where others read too, of one tick.
-
-    It may have a method `send_samples`, without arguments, which is called where no more samples wait: the ticks may then be sent together.
+    - `wanted`, an attribute or property: the paths of the ports whose samples it reads, or None for all ports, which is the default. Samples
+      are made only for ports that some subscriber wants; a subscriber also gets those that others want. The attribute is read when the
+      subscriber is attached, after it has received the event of changed ports, and at `AdapterContext.follow_wants`. Until then, samples of new
+      ports are made in any case.
+    - `thinned`: for each path the `uwserver.ports.thinning.Thinning` objects that are enough for that port. The subscriber needs only samples
+      that one of them takes, and gets all of these, perhaps with others. The attribute is read together with `wanted`, and holds until the
+      event of a reset or of changed ports.
+    - `put_told`: a method that gets the samples of several successive ticks at once, as rows of numbers (`Told`). It is called in place of
+      `put_samples` if all of these samples are rows; while others read too, it gets one tick at a time.
+    - `send_samples`: a method without arguments, which is called when no more samples wait, so that several ticks can be sent together.
     """
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
-        """All samples delivered in one tick (truth only if the adapter may serve it)."""
+        """Take in all samples that were delivered in one tick (truth only if the adapter may serve it)."""
 
     def put_event(self, event: Event) -> None:
-        """Something every client should know."""
+        """Take in an event that every client should know."""
 
 
 @dataclass(frozen=True)
@@ -116,8 +119,8 @@ class Order:
     """What a driver's peer wants next.
 
     Attributes:
-        ticks: that time may go on, at least 1; the peer is answered after the last.
-        commands: path of an actuator and field -> value, checked like any command, for the first of these ticks.
+        ticks: number of ticks that the world may go on, at least 1. The peer is answered after the last one.
+        commands: paths of actuators, each with its values by field. They are checked like any command, and act in the first of these ticks.
     """
 
     ticks: int
@@ -125,31 +128,31 @@ class Order:
 
 
 class Driver(Protocol):
-    """The part of an adapter that sets the pace of a lockstep world, for a protocol in which a peer's packet is a tick.
+    """The part of an adapter that sets the pace of a lockstep world, for protocols in which each packet of a peer is a tick.
 
-    It is called on the simulation thread, the only part of an adapter that is: the hand-over to the loop and back takes longer than a tick.
-    So it has its own non-blocking or time-limited socket, touches nothing that the loop changes, and never takes longer than it is told.
-    It may have `wanted`, as a `Subscriber`, which is looked at on the loop.
+    It is the only part of an adapter that is called on the simulation thread, because handing over to the loop and back takes longer than a
+    tick. So it needs a socket of its own that does not block or has a time limit, must not touch anything that the loop changes, and must never
+    take longer than it is allowed. It may have the attribute `wanted` of a `Subscriber`, which is read on the loop.
     """
 
     def order(self, wait_s: float) -> Order | None:
-        """The peer's next order, or None when none came within `wait_s` (wall time; at 0 it does not wait)."""
+        """Return the peer's next order, or None if none came within `wait_s` of wall time; with 0 it does not wait."""
 
     def see(self, t_ns: int, samples: Sequence[Sample]) -> None:
-        """A tick ended at t_ns, with these samples (truth only if the adapter may serve it). Every tick, also those of no order."""
+        """Take in the samples of a tick that ended at t_ns (truth only if the adapter may serve it). Called for every tick, ordered or not."""
 
     def answer(self, t_ns: int) -> None:
-        """The last tick of the order has ended, or the world was put to another time: tell the peer."""
+        """Tell the peer that the last tick of its order has ended, or that the world was set to another time."""
 
     def refuse(self, fault: Fault) -> None:
-        """A command of the order was not taken; the ticks are."""
+        """Tell the peer that a command of its order was refused. The ticks of the order are carried out."""
 
 
 class AdapterContext(Protocol):
-    """Everything an adapter may use of the server. All on the loop thread, but for what a `Driver` is asked.
+    """Everything that an adapter may use of the server. All of it belongs to the loop thread, except for calls of a `Driver`.
 
     Attributes:
-        name: the adapter's table name in the scenario.
+        name: name of the adapter's table in the scenario.
         stats: counters that the adapter keeps.
     """
 
@@ -162,59 +165,67 @@ class AdapterContext(Protocol):
 
     @property
     def ports(self) -> Mapping[str, Port]:
-        """Ports that this adapter may serve, by path."""
+        """The ports that this adapter may serve, by path."""
 
     @property
     def services(self) -> Mapping[str, Service]:
         """All services, by path."""
 
     def describe(self, pattern: str = "**") -> dict[str, Json]:
-        """The `describe` result of docs/reference/protocol.md for ports and services that match."""
+        """Return the result of `describe` (docs/reference/protocol.md) for the ports and services that match."""
 
     def hello(self) -> dict[str, Json]:
-        """Server name and version, scenario name: the common part of the answer to `hello`."""
+        """Return the common part of the answer to `hello`: name and version of the server, and the name of the scenario."""
 
     def last(self, port: str) -> Sample | None:
-        """The newest delivered sample of a port of which a subscriber of this adapter wants all, since it does; None before the first."""
+        """Return the newest delivered sample of a port, or None before the first.
+
+        A subscriber of this adapter must want all samples of the port; the samples since then count.
+        """
 
     def read(self, ports: Sequence[str], on_samples: Callable[[Sequence[Sample]], None], source: str = "") -> None:
-        """Ask for the newest delivered samples of some ports, which nobody needs to want.
+        """Ask for the newest delivered samples of some ports. No subscriber needs to want them.
 
         Args:
-            ports: paths; those that are not there, or have said nothing yet, are left out.
-            on_samples: gets them on the loop, once.
+            ports: paths. Ports that do not exist, or have sent nothing yet, are left out.
+            on_samples: gets the samples on the loop, once.
             source: as for `command`.
 
         Raises:
-            Refused: `overload`; too much that was asked waits already.
+            Refused: `overload`; too many requests wait already.
         """
 
     def look(self, on_state: Callable[[SceneState], None], source: str = "") -> None:
-        """Ask where all bodies are, and what their actuators achieve. This is ground truth: who tells it to peers says so in its table.
+        """Ask where all bodies are, and what their actuators achieve.
+
+        This is ground truth. An adapter that passes it on to peers must say so in its table.
 
         Args:
-            on_state: gets it on the loop, once.
+            on_state: gets the state on the loop, once.
             source: as for `command`.
 
         Raises:
-            Refused: `overload`; too much that was asked waits already.
+            Refused: `overload`; too many requests wait already.
         """
 
     def scene(self, cast: Cast) -> SceneView:
-        """What the world looks like with these bodies, which a `SceneState` names. The first of a large seabed takes some 10 ms."""
+        """Return a description of the world with these bodies, which a `SceneState` names. The first call with a large seabed takes some 10 ms."""
 
     def mesh(self, sha256: str) -> bytes | None:
-        """Triangles that a scene names by hash: u32 numbers of vertices and triangles, then f32 x, y, z of each vertex, then u32 vertex
-        numbers of each triangle, all little endian. None where no scene has named it."""
+        """Return the triangles that a scene names by hash, or None if no scene has named them.
+
+        They are the u32 numbers of vertices and triangles, then f32 x, y, z of each vertex, then u32 vertex numbers of each triangle, all in
+        little endian.
+        """
 
     def looks(self, sha256: str) -> bytes | None:
-        """The glTF file that a scene names by hash; None where no scene has named it."""
+        """Return the glTF file that a scene names by hash, or None if no scene has named it."""
 
     def attach(self, subscriber: Subscriber) -> Callable[[], None]:
-        """Begin to receive samples and events; the returned function ends it."""
+        """Begin to deliver samples and events; the returned function ends that."""
 
     def follow_wants(self) -> None:
-        """What a subscriber or driver of this adapter wants has changed. A step that is asked for after this gives those samples."""
+        """Read again what the subscribers and drivers of this adapter want. A step that is requested after this gives those samples."""
 
     def command(
         self, port: str, value: Mapping[str, object], source: str, on_reply: OnReply | None, queue: str = ""
@@ -222,11 +233,12 @@ class AdapterContext(Protocol):
         """Check and post a command; it is applied at the start of the next tick.
 
         Args:
-            port: path.
-            value: field name -> number or (nested) list.
-            source: who sent it, unique for a client.
-            on_reply: gets the one Reply on the loop; None where the protocol has no acknowledgement.
-            queue: in which it waits, where several peers share a source: each queue has its turn, and its own order. Default: the source's.
+            port: path of an actuator.
+            value: for each field name a number or a (nested) list.
+            source: name of the sender, unique for each client.
+            on_reply: gets the one Reply on the loop; None if the protocol has no acknowledgement.
+            queue: name of the queue in which the command waits, for several peers that share a source. Queues take turns, and each keeps its
+                order. Default: the queue of the source.
 
         Raises:
             Refused: unknown port or field, wrong shape, not finite, out of range; nothing was changed.
@@ -241,56 +253,56 @@ class AdapterContext(Protocol):
         client: str = "",
         queue: str = "",
     ) -> Callable[[], bool]:
-        """Check and start a service call. Replies that only read come before this returns.
+        """Check and start a call of a service. If the service only reads, its Reply comes before this returns.
 
         Args:
-            service: path.
-            args: argument name -> value.
+            service: path of the service.
+            args: value for each argument name.
             source: as for `command`.
-            on_reply: gets any Progress and the one Reply, on the loop.
-            client: the name with which the client joined, for the lockstep barrier.
+            on_reply: gets any Progress and the one Reply on the loop.
+            client: name with which the client joined, for the lockstep barrier.
             queue: as for `command`.
 
         Returns:
-            A function that cancels it: True when it was still under way (its Reply then says `preempted`).
+            A function that cancels the call. It returns True if the call was still running; its Reply is then `preempted`.
 
         Raises:
             Refused: unknown service or argument, wrong type, out of range, or busy.
         """
 
     def tell_conflict(self, text: str) -> None:
-        """Tell all clients that two peers want to command the same: an event `conflict`. From any thread; sparingly."""
+        """Send all clients the event `conflict`, because two peers command the same. May be called on any thread; use it sparingly."""
 
     def join(self, client: str) -> Callable[[], None]:
-        """A named client is there (it counts in a lockstep barrier); the returned function says that it left."""
+        """Count a named client in the lockstep barrier; the returned function ends that when the client leaves."""
 
     def drive(self, client: str, driver: Driver, on_reply: OnReply) -> Callable[[], None]:
         """Grant the ticks of a lockstep client through a driver, which is called on the simulation thread from now on.
 
         Args:
             client: a name in the scenario's `lockstep_clients`.
-            driver: see there.
-            on_reply: gets a Reply with a fault when the driver raised an exception; it is not called any more then.
+            driver: the driver.
+            on_reply: gets a Reply with a fault if the driver raises an exception, after which the driver is not called any more.
 
         Returns:
-            A function that ends it. When it returns, the driver is not called any more, and what it used may be closed.
+            A function that ends this. When it returns, the driver is not called any more, and its resources may be closed.
 
         Raises:
-            Refused: the world is not in lockstep, does not know the client, or it has a driver already.
+            Refused: the world is not in lockstep, does not know the client, or the client has a driver already.
         """
 
 
 @runtime_checkable
 class Adapter(Protocol):
-    """One configured adapter. Constructed on the loop as ``Kind(config, context)``; class attribute `Config` is its AdapterTable."""
+    """One configured adapter. It is constructed on the loop as ``Kind(config, context)``; the class attribute `Config` is its AdapterTable."""
 
     Config: type[Any]
 
     async def run(self, ready: asyncio.Event) -> None:
         """Serve until cancelled.
 
-        Sets `ready` once peers can connect. Reconnects by itself where it is the client. Leaves no task, thread, socket or file behind when it
-        ends or is cancelled. May raise: the server reports it and starts it again with back-off.
+        It sets `ready` once peers can connect. If the adapter is the client of its protocol, it reconnects by itself. It leaves no task, thread,
+        socket or file behind when it ends or is cancelled. It may raise: the server reports that, and starts the adapter again with back-off.
         """
 
 
@@ -299,7 +311,7 @@ class AdapterNotFound(Exception):
 
 
 def installed_adapters() -> dict[str, type[Any]]:
-    """Configuration type of each installed adapter, by kind. One that cannot be loaded is left out with a warning: the others still serve."""
+    """Return the configuration type of each installed adapter by kind. Adapters that cannot be loaded are left out, with a warning."""
     configs: dict[str, type[Any]] = {}
     for kind, entry in adapter_entries().items():
         try:
@@ -310,16 +322,16 @@ def installed_adapters() -> dict[str, type[Any]]:
 
 
 def adapter_entries() -> dict[str, EntryPoint]:
-    """Entry points by kind, without importing them: to look for them takes a millisecond or more for each hundred packages that are installed."""
+    """Return the entry points by kind, without importing them. This takes a millisecond or more for each hundred installed packages."""
     entries: Iterable[EntryPoint] = entry_points(group=ENTRY_POINT_GROUP)
     return {entry.name: entry for entry in sorted(entries, key=lambda entry: entry.name)}
 
 
 def load_adapter(kind: str) -> type[Any]:
-    """The adapter class of a kind.
+    """Return the adapter class of a kind.
 
     Raises:
-        AdapterNotFound: no such entry point, its module fails to import, or it is no adapter; names the distribution.
+        AdapterNotFound: there is no such entry point, its module cannot be imported, or it is no adapter; the text names the distribution.
     """
     entry = adapter_entries().get(kind)
     if entry is None:
@@ -347,5 +359,5 @@ def _loaded(kind: str, entry: EntryPoint) -> type[Any]:
 
 
 def _owner(entry: EntryPoint) -> str:
-    """Looked for only where there is something to tell: its description is read for it."""
+    """Return the name of the distribution. It is asked for only in an error, because it is read from the distribution's metadata."""
     return entry.dist.name if entry.dist else "unknown distribution"

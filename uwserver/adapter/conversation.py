@@ -1,7 +1,8 @@
-"""What one peer asked of the world and is owed: commands and calls, each with one answer, within limits, until it leaves.
+"""The commands and calls of one peer, each with one answer, within limits, until the peer leaves.
 
-An adapter that begins all commands and calls of a peer here need not mind who is still waiting: a peer that goes has its long-running calls
-ended, a call that takes too long is cancelled and told so, and nobody can make the server remember more than a limit.
+An adapter that begins all commands and calls of a peer through a `Conversation` need not keep track of them. When the peer leaves, its
+long-running calls are cancelled. A call that takes too long is cancelled, and the peer is told so. No peer can make the server remember more
+than a limit.
 """
 
 from __future__ import annotations
@@ -16,19 +17,19 @@ from uwserver.ports.stops import is_stop
 UNANSWERED = 1024
 """Commands and calls that may wait for the world."""
 STOPS = 16
-"""Calls that stop something which may wait besides."""
+"""Further calls that may wait if they stop something."""
 
 OnAnswer = Callable[[Reply], None]
-"""Gets the one answer, on the loop."""
+"""Gets the one answer on the loop."""
 OnProgress = Callable[[Progress], None]
 
 
 class Owed:
-    """How many commands and calls wait for the world: those of one conversation, or of several that share it.
+    """Counts the commands and calls that wait for the world, of one conversation or of several that share a limit.
 
     Attributes:
-        most: that may wait.
-        count: that wait.
+        most: how many may wait.
+        count: how many wait.
     """
 
     def __init__(self, most: int = UNANSWERED) -> None:
@@ -36,7 +37,7 @@ class Owed:
         self.count = 0
 
     def add(self, is_stop: bool = False) -> None:
-        """One more; for those that stop something there are further `STOPS`.
+        """Count one more. For calls that stop something the limit is higher by `STOPS`.
 
         Raises:
             Refused: too many wait already.
@@ -47,19 +48,19 @@ class Owed:
 
 
 class Conversation:
-    """One peer. Loop thread.
+    """The commands and calls of one peer. Loop thread.
 
     Args:
-        context: the world.
-        source: who it is among the peers of this adapter, for the world.
-        owed: counts what waits; default: a limit of its own.
-        queue: in which all that it asks waits for its tick, where several conversations share a source.
+        context: the context of the adapter.
+        source: name of the peer among the peers of this adapter, for the world.
+        owed: counts what waits; by default the conversation has a limit of its own.
+        queue: name of the queue in which its commands and calls wait for their tick, for several conversations that share a source.
 
     Attributes:
-        source: as given; may be changed when the peer has said its name.
-        client: the name with which it joined the lockstep barrier; "" before.
-        owed: as given.
-        is_closed: it has left; nothing is answered any more.
+        source: the given name; it may be changed when the peer has said its own name.
+        client: name with which the peer joined the lockstep barrier; "" before.
+        owed: the count of what waits.
+        is_closed: whether the peer has left; then nothing is answered any more.
     """
 
     def __init__(self, context: AdapterContext, source: str, owed: Owed | None = None, queue: str = "") -> None:
@@ -76,13 +77,13 @@ class Conversation:
         """Command an actuator.
 
         Args:
-            port: its path.
-            value: field name -> number or (nested) list.
-            answer: gets the Reply; None where the protocol has no acknowledgement.
-            source: who it is, where one conversation carries several senders.
+            port: path of the actuator.
+            value: for each field name a number or a (nested) list.
+            answer: gets the Reply; None if the protocol has no acknowledgement.
+            source: name of the sender, if one conversation carries several senders.
 
         Raises:
-            Refused: see `AdapterContext.command`; or too many wait. `answer` is not called then.
+            Refused: see `AdapterContext.command`; also if too many wait. Then `answer` is not called.
         """
         owed = self.owed
         self._context.stats.commands += 1
@@ -114,17 +115,17 @@ class Conversation:
         """Call a service.
 
         Args:
-            service: its path.
-            args: argument name -> value.
-            answer: gets the Reply. What only reads is answered before this returns.
-            key: under which it can be cancelled; None for a call that cannot.
-            progress: hears how far it is.
-            timeout_s: wall time after which it is cancelled and answered with a fault `timeout`; None for never.
-            advice: what the peer should do then; ends the text of that fault.
-            source: who it is, where one conversation carries several senders.
+            service: path of the service.
+            args: value for each argument name.
+            answer: gets the Reply. If the service only reads, it is called before this returns.
+            key: key by which the call can be cancelled; None if it cannot.
+            progress: gets the progress of the call.
+            timeout_s: wall time after which the call is cancelled and answered with the fault `timeout`; None for no limit.
+            advice: what the peer should do in that case; the end of the fault's text.
+            source: name of the sender, if one conversation carries several senders.
 
         Raises:
-            Refused: see `AdapterContext.call`; or too many wait. `answer` is not called then.
+            Refused: see `AdapterContext.call`; also if too many wait. Then `answer` is not called.
         """
         context, running = self._context, _Running(self, key, answer, progress)
         context.stats.calls += 1
@@ -145,7 +146,7 @@ class Conversation:
                 running.limit(timeout_s, Fault("timeout", text, service))
 
     def ended(self, running: _Running) -> None:
-        """A call has ended: called by it."""
+        """Forget a call that has ended."""
         self.owed.count -= 1
         alike = self._running[running.key]
         alike.remove(running)
@@ -153,46 +154,47 @@ class Conversation:
             del self._running[running.key]
 
     def is_running(self, key: object) -> bool:
-        """Whether a call of this key waits for its answer."""
+        """Tell whether a call with this key waits for its answer."""
         return key in self._running
 
     def cancel(self, key: object) -> bool:
-        """Cancel the calls of a key; True when one was still under way (its answer then says `preempted`)."""
-        cancelled = [running.cancel() for running in list(self._running.get(key, ()))]  # all of them
+        """Cancel all calls with a key; return True if one was still running, whose answer is then `preempted`."""
+        # A list, because `any` of a generator would stop at the first call that was still running.
+        cancelled = [running.cancel() for running in list(self._running.get(key, ()))]
         return any(cancelled)
 
     def join(self, client: str) -> None:
-        """The peer takes part in a lockstep barrier under this name.
+        """Let the peer take part in the lockstep barrier under this name.
 
         Raises:
-            Refused: the barrier does not take it.
+            Refused: the barrier does not know the name, or it is taken.
         """
         self.leave()
         self._leave = self._context.join(client)
         self.client = client
 
     def leave(self) -> None:
-        """The peer can grant no further tick: others must not wait for it."""
+        """Take the peer out of the lockstep barrier, so that others do not wait for it."""
         leave, self._leave = self._leave, None
         if leave is not None:
             leave()
 
     def end_calls(self) -> None:
-        """Nobody waits for its long-running calls any more: cancel them. What it commanded stands."""
+        """Cancel the peer's long-running calls, for which nobody waits any more. Its commands stand."""
         for running in [running for alike in self._running.values() for running in alike]:
             running.unlimit()
             if running.is_long:
                 running.cancel()
 
     def close(self) -> None:
-        """The peer has gone."""
+        """End the conversation when the peer has left."""
         self.is_closed = True
         self.leave()
         self.end_calls()
 
 
 class _Running:
-    """A call under way: its one answer, also when that comes too late."""
+    """A call that has not been answered, or that was given up before its answer came."""
 
     __slots__ = ("_answer", "_asked", "_overdue", "_progress", "_timer", "cancel", "is_done", "is_long", "key")
 
@@ -207,22 +209,22 @@ class _Running:
         self._timer: asyncio.TimerHandle | None = None
 
     def limit(self, timeout_s: float, overdue: Fault) -> None:
-        """Cancel it after this wall time, and say so."""
+        """Cancel the call after this wall time, and answer it with this fault."""
         self._timer = asyncio.get_running_loop().call_later(timeout_s, self._give_up, overdue)
 
     def _give_up(self, overdue: Fault) -> None:
         self._overdue = overdue
         if not self.cancel():
-            # It cannot be taken back; its answer, when it comes, has nobody who waits for it.
+            # The call cannot be cancelled any more. Nobody will wait for its real answer.
             self.on_reply(Reply(0, 0, fault=overdue))
 
     def unlimit(self) -> None:
-        """It may take as long as it takes."""
+        """Remove the limit of time."""
         if self._timer is not None:
             self._timer.cancel()
 
     def on_reply(self, outcome: Reply | Progress) -> None:
-        """What the world says."""
+        """Take in progress, or the answer of the world."""
         if self.is_done:
             return
         if isinstance(outcome, Progress):
@@ -236,7 +238,7 @@ class _Running:
             self._answer(outcome)
 
     def end(self) -> None:
-        """It is not waited for any more."""
+        """Stop waiting for the answer."""
         self.is_done = True
         self.unlimit()
         self._asked.ended(self)

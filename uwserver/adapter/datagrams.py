@@ -1,4 +1,4 @@
-"""Datagrams worked off in turns: nothing holds their senders back, so what comes at once must not be carried out at once."""
+"""Handles datagrams in turns. Nothing slows their senders down, so datagrams that come at once must not all be handled at once."""
 
 from __future__ import annotations
 
@@ -15,21 +15,23 @@ log = logging.getLogger(__name__)
 WAITING = 128 << 10
 """Bytes of one sender that may wait for their turn."""
 WAITING_OF_ALL = 4 << 20
-"""Bytes of all senders of a socket."""
+"""Bytes of all senders of a socket that may wait."""
 OVERHEAD = 256
-"""Bytes as which a datagram counts besides its own."""
+"""Bytes that are added to the size of each datagram, for the memory that it takes besides its own bytes."""
 
 Work = Callable[[], Iterator[None]]
-"""Takes a datagram, a piece at a time."""
+"""Handles a datagram, one piece with each step of the iterator."""
 
 
 class DatagramTurns:
-    """What has come by one socket. It is taken at once, until `TURN_S` have been used up; then there is a rest, as for a `Connection`, and
-    senders are served in turn, each in its own order. What cannot wait is dropped.
+    """The datagrams of one socket.
+
+    A datagram is handled at once until a turn of `TURN_S` is used up. Then there is a rest, as for a `Connection`, after which the senders
+    take turns; the datagrams of each sender keep their order. A datagram is dropped if too much waits.
 
     Args:
-        turns: of the adapter's peers, which have their turns one after the other.
-        turn_s, rest_s: wall time of a turn, and before the next; default: those of a `Connection`.
+        turns: the turns of the adapter's peers, which come one after the other.
+        turn_s, rest_s: wall time of a turn, and of the rest before the next; default: those of a `Connection`.
     """
 
     def __init__(self, turns: TurnTimes, turn_s: float | None = None, rest_s: float | None = None) -> None:
@@ -46,14 +48,15 @@ class DatagramTurns:
         self._next: asyncio.TimerHandle | None = None
 
     def put(self, sender: Hashable, size: int, work: Work) -> bool:
-        """Take a datagram, now or later.
+        """Handle a datagram now or later.
 
         Args:
-            sender: whose it is.
-            size: bytes that wait with it.
-            work: begun at its turn.
+            sender: the sender.
+            size: bytes of the datagram.
+            work: handles it; begun at its turn.
 
-        Returns False where it was dropped: too much waits already.
+        Returns:
+            False if the datagram was dropped, because too much waits already.
         """
         size += OVERHEAD
         waiting = self._waiting.get(sender, 0)
@@ -67,7 +70,7 @@ class DatagramTurns:
         return True
 
     def close(self) -> None:
-        """What waits is thrown away."""
+        """Throw away what waits."""
         if self._next is not None:
             self._next.cancel()
         self._queues.clear()
@@ -85,7 +88,8 @@ class DatagramTurns:
                 return
             try:
                 self._step()
-            except Exception:  # a fault of ours must not end the adapter
+            except Exception:
+                # A fault in the handling of one datagram must not end the adapter.
                 log.exception("a datagram is dropped by a fault of the adapter")
                 self._current = None
             end = now()
@@ -108,5 +112,6 @@ class DatagramTurns:
             else:
                 del self._queues[sender], self._waiting[sender]
             self._current = work()
+        # `self` marks the end of the iterator, which yields only None.
         if next(self._current, self) is self:
             self._current = None

@@ -1,7 +1,7 @@
-"""Peers that speak another protocol, known by their first bytes: HTTP, or TLS on a plain port. They get one answer and are closed.
+"""Recognises peers that speak another protocol by their first bytes: HTTP, or TLS on a plain port. They get one answer and are closed.
 
-Any web page can make a browser send a request to any port of this machine. A port that reads lines would skip the head as nonsense and
-obey the body, so a peer is recognised before a byte of it is read as ours.
+Any web page can make a browser send a request to any port of this machine. A port that reads lines would skip the head of such a request as
+nonsense and obey its body. So a peer is recognised before a byte of it is read as the port's own protocol.
 """
 
 from __future__ import annotations
@@ -12,28 +12,29 @@ from typing import Final, Literal
 from uwserver.adapter.bounds import STRANGER_LIMIT
 
 Speech = Literal["unknown", "own", "http", "tls"]
-"""What a peer speaks: not known yet, neither HTTP nor TLS (so perhaps ours), HTTP (RFC 9112, and the preface of RFC 9113), TLS (RFC 8446)."""
+"""What a peer speaks: not known yet; neither HTTP nor TLS, so perhaps the port's own protocol; HTTP (RFC 9112, and the preface of RFC 9113); TLS
+(RFC 8446)."""
 
 HEAD_LIMIT = STRANGER_LIMIT
-"""Bytes after which a target without an end is taken for HTTP's, and a method without one is none: browsers know no long ones."""
+"""Bytes after which a target that has not ended is taken for one of HTTP, and a method that has not ended for none: browsers use short methods."""
 
-# What is left of a word: a method is any token (RFC 9110, 5.6.2), a target anything without a blank.
+# The rest of a word: a method is any token (RFC 9110, 5.6.2), a target is anything without a blank.
 _TOKEN: Final = re.compile(rb"[!#$%&'*+\-.^_`|~0-9A-Za-z]*")
 _TARGET: Final = re.compile(rb"[^ \n]*")
 _VERSION: Final = b"HTTP/"
-# A record of a handshake (22), version 3.x, its length, and in it a ClientHello (1).
+# A handshake record (22), version 3.x, its length, and in it a ClientHello (1); or the beginning of this.
 _HELLO: Final = re.compile(rb"\x16(?:\x03(?:[\x00-\x04](?:.(?:.\x01?)?)?)?)?", re.DOTALL)
 _HELLO_SIZE: Final = 6
 
 TLS_ALERT: Final = b"\x15\x03\x01\x00\x02\x02\x28"
-"""A fatal alert, handshake_failure: a client ends at once, and says why."""
+"""The fatal alert handshake_failure, after which a client ends at once and says why."""
 
 
 class FirstBytes:
-    """The first bytes of a peer, until they show what it speaks. Each byte is looked at once, in pieces of any size.
+    """The first bytes of a peer, until they show what it speaks. They may come in pieces of any size; each byte is examined once.
 
     Attributes:
-        held: all that came so far.
+        held: all bytes so far.
         speech: what they show.
     """
 
@@ -44,7 +45,7 @@ class FirstBytes:
         self._at = 0
 
     def receive(self, data: bytes) -> None:
-        """Take bytes, until `speech` is known."""
+        """Take in bytes, until `speech` is known."""
         self.held += data
         if self.held.startswith(b"\x16"):
             self.speech = self._of_record()
@@ -60,7 +61,7 @@ class FirstBytes:
         return "tls" if len(head) == _HELLO_SIZE else "unknown"
 
     def _of_line(self) -> Speech:
-        """METHOD SP target SP HTTP/"""
+        """Recognise a line that begins with METHOD SP target SP HTTP/."""
         while self._words:
             found = self._words[0].match(self.held, self._at)
             assert found is not None
@@ -80,14 +81,14 @@ class FirstBytes:
 def http_answer(
     status: str, text: str, headers: str = "", *, kind: str = "text/plain; charset=utf-8", body: bool = True
 ) -> bytes:
-    """A whole HTTP answer, after which the connection is closed. No page of another origin can read it.
+    """Return a whole HTTP answer, after which the connection must be closed. No page of another origin can read it.
 
     Args:
         status: code and phrase.
         text: the body.
-        headers: further lines, each with its CRLF.
-        kind: of the text.
-        body: send it, which an answer to HEAD must not.
+        headers: further header lines, each with its CRLF.
+        kind: media type of the body.
+        body: whether to send the body, which an answer to HEAD must not do.
     """
     data = text.encode()
     head = (
@@ -106,4 +107,4 @@ REFUSALS: Final[dict[Speech, tuple[str, bytes]]] = {
     ),
     "tls": ("a peer speaks TLS here: this port is plain, see tls_cert of adapters that have it", TLS_ALERT),
 }
-"""Why such a peer is closed, for the log, and what it gets."""
+"""For each protocol the reason for the log, and what the peer is sent."""

@@ -1,6 +1,7 @@
-"""Streams of bytes to lines or frames, and those to values, without a socket: a peer's fault is an exception with a text, never a crash.
+"""Splits streams of bytes into lines or frames, and decodes these into values, without a socket. A fault of a peer is an exception with a text.
 
-`receive` only stores, ``next_...`` parses. Nothing is kept above the limit, and nothing is reserved for a length that was only claimed.
+`receive` only stores bytes, ``next_...`` parses them. Not more than the limit is kept, and no memory is reserved for a length that was only
+claimed.
 """
 
 from __future__ import annotations
@@ -17,10 +18,10 @@ from uwserver.ports import ErrorCode, Refused
 EncodingName = Literal["json", "msgpack"]
 
 LARGE = 64 << 10
-"""Length from which a frame is not copied, bytes: a copy into fresh memory takes 0.6 ms for a megabyte."""
+"""Length in bytes from which a frame is not copied: a copy into fresh memory takes 0.6 ms per megabyte."""
 
 _HEAD = 4 << 10
-"""Bytes of a line that is too long which are kept to say whose it was."""
+"""Bytes that are kept of a line that is too long, from which its request can be recognised."""
 
 _JSON = msgspec.json.Decoder()
 _MSGPACK = msgspec.msgpack.Decoder()
@@ -31,10 +32,10 @@ _SURROGATE = re.compile(rb"\\u[dD][89a-fA-F]")
 
 
 class Undecodable(Refused):
-    """Bytes that are no value (`parse_error`), or one that is not taken (`invalid_request`, `too_large`); the text says why.
+    """Bytes that are no value (`parse_error`), or a value that is refused (`invalid_request`, `too_large`); the text says why.
 
     Attributes:
-        is_valid: it may be a value of this encoding, but nested too deep, say.
+        is_valid: whether it may be a value of this encoding that is refused, because it is nested too deep, for example.
     """
 
     def __init__(self, code: ErrorCode, reason: str) -> None:
@@ -43,30 +44,31 @@ class Undecodable(Refused):
 
 
 def decode(data: bytes | memoryview, encoding: EncodingName) -> object:
-    """One value, and nothing after it; JSON comes as bytes. Neither stack nor memory nor time of any message is above the limits of `bounds`.
+    """Decode exactly one value. No message takes more stack, memory or time than the limits of `bounds` allow.
+
+    Args:
+        data: the encoded value; JSON as bytes.
+        encoding: its encoding.
 
     Raises:
-        Undecodable: see there.
+        Undecodable: it is no value, or a value that is refused.
     """
     try:
         if encoding == "msgpack":
             weigh_msgpack(data)
             value: object = _MSGPACK.decode(data)
             return value
-        data = bytes(data)  # no copy of what is bytes already
-        if weigh_json(data):
-            value = _decoded_slowly(data)
-        else:
-            value = _JSON.decode(data)
+        data = bytes(data)
+        return _decoded_slowly(data) if weigh_json(data) else _JSON.decode(data)
     except Excess as excess:
         raise Undecodable(excess.code, str(excess)) from None
-    except ValueError as error:  # msgspec's own errors are ValueErrors; others: no UTF-8
+    except ValueError as error:
+        # Errors of msgspec are ValueErrors, and so are those of text that is no UTF-8.
         raise Undecodable("parse_error", str(error)) from None
-    return value
 
 
 def _decoded_slowly(data: bytes) -> object:
-    """JSON with many exponents and long numbers: msgspec takes up to 15 us for one of these, the standard library 0.5 us."""
+    """Decode JSON with many exponents and long numbers. msgspec takes up to 15 us for such a number, the standard library 0.5 us."""
     if b"\\u" in data and _SURROGATE.search(_PAIR.sub(b"", data.replace(b"\\\\", b""))):
         raise ValueError("half a surrogate pair")
     return _SLOW.decode(data.decode())
@@ -87,7 +89,7 @@ _SLOW = json.JSONDecoder(parse_float=_finite, parse_constant=_no_constant)
 
 
 class TooLong(Refused):
-    """A line is longer than is taken.
+    """A line is longer than the limit.
 
     Attributes:
         head: its first bytes.
@@ -99,10 +101,10 @@ class TooLong(Refused):
 
 
 class Lines:
-    """Lines that end in LF or CRLF, without their ends and without blanks around them; blank lines count for nothing.
+    """Splits a stream into lines that end in LF or CRLF. Blanks around lines are removed, and blank lines are skipped.
 
     Args:
-        limit: longest line, bytes; the rest of a longer one is thrown away as it comes.
+        limit: longest line, bytes; the rest of a longer line is thrown away as it comes.
     """
 
     def __init__(self, limit: int) -> None:
@@ -112,7 +114,7 @@ class Lines:
         self._is_skipping = False
 
     def receive(self, data: bytes) -> None:
-        """Store bytes in pieces of any size."""
+        """Store bytes, in pieces of any size."""
         if self._is_skipping:
             end = data.find(b"\n")
             if end < 0:
@@ -122,10 +124,10 @@ class Lines:
         self._buffer += data
 
     def next_line(self) -> bytes | None:
-        """The next line; None until more bytes come.
+        """Return the next line, or None until more bytes come.
 
         Raises:
-            TooLong: told once a line; the next one can be had.
+            TooLong: a line is too long. It is raised once for each such line; the next line can be read then.
         """
         while True:
             end = self._buffer.find(b"\n", self._searched)
@@ -145,11 +147,12 @@ class Lines:
             self._skip_blanks()
 
     def _skip_blanks(self) -> None:
-        """All blank lines at once: one by one, those of a single piece would take the time of hundreds of ticks."""
+        """Skip all blank lines at once. One by one, those of a single piece of input could take the time of hundreds of ticks."""
         blanks = _BLANKS.match(self._buffer)
         if blanks is not None:
             end = blanks.end()
-            del blanks  # it holds the buffer
+            # The match holds a view of the buffer, which could not be resized.
+            del blanks
             del self._buffer[: self._buffer.rfind(b"\n", 0, end) + 1]
 
     def _too_long(self, size: int) -> None:
@@ -160,14 +163,14 @@ class Lines:
 
 
 class Frames:
-    """Frames that begin with their length, u32 big-endian.
+    """Splits a stream into frames that begin with their length, u32 big-endian.
 
     Args:
         limit: longest frame, bytes.
 
     Attributes:
-        is_lost: a frame was too long: where the next one begins is not known, nothing is taken any more.
-        head: the first bytes of that one, as far as they had come: whoever sends it in small pieces is told without the id.
+        is_lost: whether a frame was too long. Nothing is taken any more, because the start of the next frame is not known.
+        head: the first bytes of that frame, as far as they had come. If it is sent in small pieces, the id of the request is not among them.
     """
 
     def __init__(self, limit: int) -> None:
@@ -177,15 +180,15 @@ class Frames:
         self._buffer = bytearray()
 
     def receive(self, data: bytes) -> None:
-        """Store bytes in pieces of any size."""
+        """Store bytes, in pieces of any size."""
         if not self.is_lost:
             self._buffer += data
 
     def next_frame(self) -> bytes | memoryview | None:
-        """The next frame without its length, a large one as a view of what was received; None until more bytes come.
+        """Return the next frame without its length, or None until more bytes come. A large frame is a view of the received bytes.
 
         Raises:
-            Refused: it is too long (`too_large`); the connection is to be ended.
+            Refused: the frame is too long (`too_large`), and the connection must be ended.
         """
         if len(self._buffer) < 4:
             return None
@@ -203,23 +206,22 @@ class Frames:
             frame = _copied(self._buffer, 4, end)
             del self._buffer[:end]
             return frame
-        whole, self._buffer = (
-            self._buffer,
-            self._buffer[end:],
-        )  # what comes behind it is no more than one piece that was received
+        # The copied rest is short: at most one piece of input follows the end of the frame.
+        whole, self._buffer = self._buffer, self._buffer[end:]
         return memoryview(whole)[4:end].toreadonly()
 
 
 def _copied(buffer: bytearray, start: int, end: int) -> bytes:
-    with memoryview(buffer) as whole:  # a slice of it would be a copy more, and a slow one
+    # A slice of the bytearray itself would be one more copy, and a slow one.
+    with memoryview(buffer) as whole:
         return bytes(whole[start:end])
 
 
 def line(body: bytes) -> bytes:
-    """A body as `Lines` reads it; it holds no line end."""
+    """Return a body, which has no line end in it, as `Lines` reads it."""
     return body + b"\n"
 
 
 def frame(body: bytes) -> bytes:
-    """A body as `Frames` reads it."""
+    """Return a body as `Frames` reads it."""
     return len(body).to_bytes(4, "big") + body

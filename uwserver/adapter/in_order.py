@@ -1,4 +1,4 @@
-"""Work that takes too long for the loop, as the making of a JPEG: done on a thread, one after the other, and told on the loop in this order."""
+"""Does work that takes too long for the loop, such as the encoding of a JPEG, on a thread, and delivers the results on the loop in order."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 MOST = 4
-"""Pieces that are under way: who brings one more waits for the oldest, as if he did it himself. So nothing is lost, and little is kept."""
+"""Pieces of work that may be unfinished. The caller who brings one more waits for the oldest, so nothing is lost and little is kept."""
 
 
 class InOrder(Generic[T]):
-    """A thread, from its first piece of work on. Loop thread, but for the work itself.
+    """A thread that is started for the first piece of work. Everything but the work itself belongs to the loop thread.
 
     Args:
-        name: of the thread.
-        stats: counts what failed.
+        name: name of the thread.
+        stats: counters of the adapter, of which `errors` counts failures.
     """
 
     def __init__(self, name: str, stats: AdapterStats) -> None:
@@ -35,7 +35,7 @@ class InOrder(Generic[T]):
         self._under_way: deque[tuple[Future[T], Callable[[T | None], None]]] = deque()
 
     def put(self, work: Callable[[], T], done: Callable[[T | None], None]) -> None:
-        """Do a piece of work there; `done` gets what it gave, on the loop, or None where it failed."""
+        """Do a piece of work on the thread. `done` gets its result on the loop, or None if it failed."""
         if self._pool is None:
             self._pool = ThreadPoolExecutor(1, self._name)
         while len(self._under_way) >= MOST:
@@ -45,7 +45,8 @@ class InOrder(Generic[T]):
         future.add_done_callback(self._wake)
 
     def _wake(self, _: Future[T]) -> None:
-        with contextlib.suppress(RuntimeError):  # the loop is closed
+        # RuntimeError: the loop is closed.
+        with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self._drain)
 
     def _drain(self) -> None:
@@ -53,21 +54,21 @@ class InOrder(Generic[T]):
             self.hurry()
 
     def hurry(self) -> bool:
-        """Wait for the oldest piece that is under way, and tell what it gave; whether there was one."""
+        """Wait for the oldest unfinished piece of work and deliver its result; return whether there was one."""
         if not self._under_way:
             return False
         future, done = self._under_way.popleft()
         result: T | None = None
         try:
             result = future.result()
-        except (Exception, CancelledError) as error:  # noqa: BLE001  # a fault of ours must not end the adapter
+        except (Exception, CancelledError) as error:  # noqa: BLE001  # a fault in the work must not end the adapter
             self._stats.errors += 1
             log.warning("%s: not done: %s", self._name, error)
         done(result)
         return True
 
     async def close(self) -> None:
-        """End the thread; what is under way is not told any more."""
+        """End the thread. Results of unfinished work are not delivered any more."""
         under_way, self._under_way = self._under_way, deque()
         pool, self._pool = self._pool, None
         for future, _ in under_way:

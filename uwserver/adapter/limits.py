@@ -1,4 +1,4 @@
-"""What bounds a peer that asks too often, or for too much."""
+"""Limits for peers that ask too often, or for too much."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ class RateMeter:
     """Counts the requests of one client.
 
     Args:
-        most: allowed in a window.
+        most: requests that are allowed in a window.
         window_s: wall time of a window; default `WINDOW_S`.
 
     Attributes:
         count: requests in this window.
-        end: wall time (of the loop) at which the window ends.
+        end: loop time at which the window ends.
     """
 
     def __init__(self, most: int, window_s: float | None = None) -> None:
@@ -25,7 +25,7 @@ class RateMeter:
         self.end = 0.0
 
     def take(self, now: float, weight: int = 1) -> bool:
-        """Count one, or one that costs as much as several; whether it is still allowed."""
+        """Count a request, which may weigh as much as several; return whether it is still allowed."""
         if now >= self.end:
             self.end = now + self._window_s
             self.count = 0
@@ -33,28 +33,31 @@ class RateMeter:
         return self.count <= self.most
 
     def is_full(self, now: float) -> bool:
-        """Whether the next one is one too many, and the window lasts: for who lets it wait instead of refusing it."""
+        """Tell whether one more request would be too many in this window, for callers that let it wait instead of refusing it."""
         return self.count >= self.most and now < self.end
 
     def is_flooded(self, now: float) -> bool:
-        """Whether more came than allowed, and the window lasts."""
+        """Tell whether more requests came than are allowed in this window."""
         return self.count > self.most and now < self.end
 
 
 class TurnTimes:
-    """When peers that have used up their turn have the next one: one after the other, with a rest before each. What the loop does keeps the
-    simulation waiting for the interpreter; so however many peers flood, it has it to itself for most of the time."""
+    """Gives peers that have used up their turn the time of their next one: one after the other, with a rest before each.
+
+    While the loop works, the simulation waits for the interpreter. With the rests the simulation has it most of the time, however many peers
+    flood the server.
+    """
 
     def __init__(self) -> None:
         self._next = 0.0
 
     def after(self, now: float, turn_s: float, rest_s: float) -> float:
-        """When (time of the loop) a peer whose turn ends now has the next.
+        """Return the loop time at which a peer whose turn ends now has the next one.
 
         Args:
-            now: time of the loop.
-            turn_s: how long it may last.
-            rest_s: before each.
+            now: loop time.
+            turn_s: length of a turn.
+            rest_s: length of the rest before a turn.
         """
         at = max(self._next, now + rest_s)
         self._next = at + turn_s + rest_s

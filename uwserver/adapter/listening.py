@@ -1,4 +1,4 @@
-"""Where an adapter listens: addresses as users write them, and why one cannot be had, in words that say what to do."""
+"""Addresses on which adapters listen, as users write them, and errors that say what to do if one is not available."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from uwserver.adapter.contract import AdapterContext, Subscriber
 from uwserver.adapter.refusals import CannotServe
 
 IN_USE = "is in use"
-"""Words of an address that somebody else holds, in what `cannot_listen` says."""
+"""The words of `cannot_listen` for an address that another program has."""
 ANOTHER = "another uwserver"
-"""Who most likely holds an address that is in use."""
+"""The program that most likely has an address that is in use."""
 
 Kind = Literal["tcp", "udp"]
 
 
 class CannotListen(CannotServe):
-    """The address or the certificate cannot be had; the text says why and what to do."""
+    """The address is not available, or the certificate cannot be used; the text says why, and what to do."""
 
 
 def is_loopback(bind: str) -> bool:
-    """Whether only this machine reaches an address."""
+    """Tell whether only this machine can reach an address."""
     try:
         return ipaddress.ip_address(bind).is_loopback
     except ValueError:
@@ -34,14 +34,15 @@ def is_loopback(bind: str) -> bool:
 
 
 def may_connect(host: str, allowed: Sequence[str]) -> bool:
-    """Whether this server connects to a host that a peer has named: this machine, or one of those that were allowed."""
+    """Tell whether this server may connect to a host that a peer has named: this machine, or an allowed host."""
     return host in allowed or host == socket.gethostname() or is_loopback(host)
 
 
 def is_host_known(host: str, names: Sequence[str] = ()) -> bool:
-    """Whether an HTTP ``Host`` is meant for this server: an address, localhost, or one of the names; "*" stands for every name.
+    """Tell whether an HTTP ``Host`` names this server: by an address, as localhost, or by one of the names; "*" stands for every name.
 
-    A page whose name was made to point at this machine (DNS rebinding) is of our origin for its browser, but says its own name.
+    This check stops DNS rebinding. A page whose name was made to point at this machine has the origin of this server for its browser, but its
+    requests carry its own name.
     """
     name = host.strip().lower()
     name = name[1:].partition("]")[0] if name.startswith("[") else name.partition(":")[0]
@@ -55,21 +56,21 @@ def is_host_known(host: str, names: Sequence[str] = ()) -> bool:
 
 
 def address_text(bind: str, port: int) -> str:
-    """``host:port`` as a user would type it."""
+    """Return ``host:port`` as a user would type it."""
     return f"[{bind}]:{port}" if ":" in bind else f"{bind}:{port}"
 
 
 def cannot_listen(
     error: OSError, bind: str, port: int, kind: Kind = "tcp", *, key: str = "port", rival: str = ANOTHER
 ) -> CannotListen:
-    """What is wrong with an address.
+    """Return an exception that says what is wrong with an address.
 
     Args:
-        error: of the operating system.
+        error: error of the operating system.
         bind, port: the address.
-        kind: of the port.
-        key: of the adapter's table that gives the port.
-        rival: who most likely holds it when it is in use.
+        kind: whether it is a TCP or a UDP port.
+        key: key of the adapter's table that sets the port.
+        rival: the program that most likely has the port when it is in use.
     """
     where = f"{bind} {kind.upper()} port {port}"
     if error.errno == errno.EADDRINUSE:
@@ -88,10 +89,10 @@ def cannot_listen(
 
 
 def bound_socket(bind: str, port: int, kind: Kind, *, rival: str = ANOTHER) -> socket.socket:
-    """A non-blocking socket at an address, for datagrams or to accept connections, of a `Driver` say.
+    """Return a non-blocking socket at an address, for datagrams or to accept connections, for example for a `Driver`.
 
     Raises:
-        CannotListen: the address cannot be had.
+        CannotListen: the address is not available.
     """
     stream = socket.SOCK_STREAM if kind == "tcp" else socket.SOCK_DGRAM
     try:
@@ -114,13 +115,13 @@ def bound_socket(bind: str, port: int, kind: Kind, *, rival: str = ANOTHER) -> s
 
 @contextlib.contextmanager
 def serving(context: AdapterContext, subscriber: Subscriber, address: str, ready: asyncio.Event) -> Iterator[None]:
-    """What every adapter says of itself: that it runs, and where; it hears samples and events while the context is open.
+    """Report that an adapter runs, and where, and deliver samples and events while the context is open.
 
     Args:
-        context: as the adapter got it.
-        subscriber: takes in samples and events.
-        address: where a peer finds it, as a user would type it.
-        ready: as `Adapter.run` got it.
+        context: the context of the adapter.
+        subscriber: receives samples and events.
+        address: where a peer finds the adapter, as a user would type it.
+        ready: the event that `Adapter.run` got.
     """
     stats = context.stats
     detach = context.attach(subscriber)

@@ -1,4 +1,4 @@
-"""A file that an adapter logs to while it serves: on the disk within a second, and never in the way of the traffic."""
+"""A file to which an adapter logs while it serves. Its contents are on the disk within a second, and writing never delays the traffic."""
 
 from __future__ import annotations
 
@@ -13,20 +13,21 @@ from uwserver.adapter.contract import AdapterContext
 log = logging.getLogger(__name__)
 
 FLUSH_S = 1.0
-"""Wall time after which what was written is in the file at the latest, so that a killed server loses no more."""
+"""Wall time after which written bytes are in the file at the latest, and so what a killed server loses."""
 _BUFFER = 1 << 16
 
 
 class LogFile:
-    """Writes one file; an earlier one of this name is kept under the next free number (``dive_1.alog``). When the disk is full, say, it ends and
-    tells so; all else goes on. Loop thread.
+    """Writes one file. An earlier file of this name is kept under the next free number (``dive_1.alog``). Loop thread.
+
+    If writing fails, because the disk is full, for example, the file ends; the error is reported, and the adapter goes on.
 
     Args:
-        path: of the file; a relative one starts from the folder in which the server was started.
-        context: whose `stats` tell of errors.
+        path: path of the file; a relative path starts from the folder in which the server was started.
+        context: context of the adapter, whose `stats` report errors.
 
     Raises:
-        OSError: it cannot be opened.
+        OSError: the file cannot be opened.
     """
 
     def __init__(self, path: str, context: AdapterContext) -> None:
@@ -37,7 +38,7 @@ class LogFile:
         self._file: BinaryIO | None = Path(path).open("wb", buffering=_BUFFER)  # noqa: SIM115  # closed by `close`
 
     def write(self, data: bytes) -> None:
-        """Append; nothing once the file has ended."""
+        """Append bytes, unless the file has ended."""
         if self._file is None:
             return
         try:
@@ -63,11 +64,12 @@ class LogFile:
         log.warning("%s: %s", self._context.name, text)
         file, self._file = self._file, None
         if file is not None:
-            with contextlib.suppress(OSError):  # what it still holds cannot be written either
+            # To close the file writes its buffer, which cannot be written either.
+            with contextlib.suppress(OSError):
                 file.close()
 
     def close(self) -> None:
-        """End it."""
+        """Write what is buffered, and close the file."""
         if self._flushing is not None:
             self._flushing.cancel()
         self._flush()

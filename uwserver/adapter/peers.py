@@ -1,4 +1,4 @@
-"""Who is connected to an adapter: those that have shown that they are one of ours, and strangers, whose places are their own."""
+"""The peers of an adapter: those that have shown that they speak its protocol, and strangers, which have places of their own."""
 
 from __future__ import annotations
 
@@ -15,32 +15,32 @@ from uwserver.adapter.refusals import Refusals
 from uwserver.ports import Fault
 
 STRANGERS = 64
-"""Peers of an adapter that may be there without having shown that they are one of ours."""
+"""Peers of an adapter that may be connected without being admitted."""
 CLOSING_S = 0.2
 """Wall time in which peers may take what was written before the adapter ends."""
 
 
 class Peer(Protocol):
-    """A client of any transport, as an adapter counts and ends it.
+    """A client of any transport, as far as an adapter counts and ends it.
 
     Attributes:
-        is_half_open: it only listens on, and may be long dead.
+        is_half_open: whether the peer has ended its side, so that it only listens, and may be long dead.
     """
 
     is_half_open: bool
 
     def close(self) -> None:
-        """Send what it still takes, then end it."""
+        """End the connection once the peer has taken what waits for it."""
 
     def abort(self) -> None:
-        """End it at once."""
+        """End the connection at once."""
 
 
 P = TypeVar("P", bound=Peer)
 
 
 def host_of(address: object) -> str:
-    """The host of a socket's address, as peers are counted by: one owner has all 2^64 addresses of an IPv6 network."""
+    """Return the host of a socket's address, by which peers are counted. An IPv6 network counts as one, because one owner has its 2^64 addresses."""
     if not isinstance(address, tuple) or not address:
         return ""
     text = str(address[0])
@@ -60,20 +60,22 @@ def _is_here(host: str) -> bool:
 
 
 class Peers(Generic[P]):
-    """All peers of one adapter. Strangers never take the place of one that was admitted: when there are too many of them, the oldest of the
-    host that has most makes way.
+    """All peers of one adapter.
+
+    Strangers never take the place of an admitted peer. When there are too many strangers, the oldest one of the host with the most strangers
+    is closed.
 
     Args:
-        most: that may be admitted.
-        refusals: where it is told who was sent away.
-        stats: whose `peers` is kept; None where the adapter counts otherwise.
-        most_per_host: likewise of one host; this machine may have all. Default: `most`.
-        strangers: that may be there besides.
-        key: of the adapter's table that says `most`.
+        most: number of peers that may be admitted.
+        refusals: reports peers that are refused.
+        stats: counters whose `peers` is kept up to date; None if the adapter counts by itself.
+        most_per_host: number of peers that may be admitted from one host, except from this machine. Default: `most`.
+        strangers: number of strangers that may be connected besides.
+        key: key of the adapter's table that sets `most`.
 
     Attributes:
         most, refusals: as given.
-        turns: of those that have more to do than fits into one.
+        turns: times of the next turns of peers that have more to do than fits into one turn.
     """
 
     def __init__(
@@ -106,7 +108,7 @@ class Peers(Generic[P]):
         return len(self._admitted) + len(self._strangers) + len(self._leaving)
 
     def enter(self, peer: P, host: str = "") -> None:
-        """A peer is there, a stranger yet."""
+        """Count a new peer as a stranger."""
         self._strangers[peer] = host
         if len(self._strangers) > self._most_strangers:
             ((busiest, _),) = Counter(self._strangers.values()).most_common(1)
@@ -116,8 +118,10 @@ class Peers(Generic[P]):
         self._count()
 
     def admit(self, peer: P) -> Fault | None:
-        """A stranger has shown that it is one of ours. Gives what it is told when there is no place; one that only listens on, and may be
-        long dead, makes way."""
+        """Admit a stranger that has shown that it speaks the protocol. If there is no place, return the fault to send to it.
+
+        A peer that only listens, and may be long dead, makes way.
+        """
         host = self._strangers.get(peer, "")
         if not _is_here(host) and self._hosts[host] >= self._most_per_host:
             text = f"{self._most_per_host} clients of your host are connected: close some, or raise max_clients_per_host of the adapter"
@@ -136,7 +140,7 @@ class Peers(Generic[P]):
         return None
 
     def leave(self, peer: P) -> None:
-        """A peer is gone."""
+        """Forget a peer whose connection has ended."""
         self._leaving.pop(peer, None)
         self._give_up(peer)
         self._count()
@@ -144,7 +148,7 @@ class Peers(Generic[P]):
             self._all_gone.set()
 
     def _end(self, peer: P) -> None:
-        """It makes way: its place is free at once, though its connection takes a moment to end."""
+        """End a peer that makes way. Its place is free at once, although its connection takes a moment to end."""
         self._give_up(peer)
         self._leaving[peer] = None
         peer.abort()
@@ -164,7 +168,7 @@ class Peers(Generic[P]):
             self._stats.peers = len(self)
 
     async def close(self) -> None:
-        """End all; returns when they are gone."""
+        """End all connections; return when they have ended."""
         for peer in self:
             peer.close()
         try:
@@ -175,6 +179,7 @@ class Peers(Generic[P]):
         finally:
             for peer in self:
                 peer.abort()
+        # An aborted transport ends in the next turn of the loop.
         if len(self):
             self._all_gone.clear()
-            await self._all_gone.wait()  # an aborted transport is gone with the next turn of the loop
+            await self._all_gone.wait()

@@ -1,4 +1,4 @@
-"""Pictures of sensors as people see them: which field holds one, what its numbers look like on a screen, and JPEG of that.
+"""Pictures of sensors for people: which field holds a picture, what its numbers look like on a screen, and JPEG of that.
 
 A picture is a buffer: ``uint8 [h, w, 3]`` RGB, ``uint8 [h, w]`` grey, ``uint16 [h, w]`` distances in mm (0: nothing) or numbers of objects.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import importlib.util
 import io
-from functools import lru_cache
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -24,21 +24,21 @@ __all__ = [
 Pixels = NDArray[np.uint8]
 """``[h, w, 3]`` RGB or ``[h, w]`` grey, contiguous."""
 Levels = NDArray[np.float32]
-"""Of echoes."""
+"""Levels of echoes."""
 
 QUALITY = 80
-"""Of JPEG: 18 kB of a view under water of 640 x 480, in which no one sees a difference."""
+"""Default quality of JPEG. A view under water of 640 x 480 takes 18 kB, without a visible difference."""
 MOST_PIXELS = 1 << 24
-"""Of a picture that is shown; 4096 x 4096."""
+"""Most pixels of a picture that is shown, 4096 x 4096."""
 FAR_MM = 20_000
-"""Distance that is shown black; nearer is brighter."""
+"""Distance from which on pixels are black; nearer ones are brighter."""
 _IDS = 256
-"""Numbers of objects stand below; a picture of distances holds larger ones."""
+"""Numbers of objects are below this. A picture of distances has larger numbers."""
 EXTRA = "uwserver[pictures]"
 
 
 def picture_place(port: Port) -> int | None:
-    """Which of the port's fields holds pictures of two dimensions: the one named `image`, or else the first; None where none does."""
+    """Return the index of the port's field that holds pictures: the one named `image`, or else the first; None if there is none."""
     places = [place for place, field in enumerate(port.fields) if _is_picture(field)]
     named = [place for place in places if port.fields[place].name == "image"]
     return next(iter(named or places), None) if port.direction == "sensor" else None
@@ -54,9 +54,10 @@ def _is_picture(field: Field) -> bool:
 
 
 def pixels(picture: object) -> Pixels | None:
-    """What a picture looks like on a screen; None where a value is no picture, an empty one, or one of more than `MOST_PIXELS`.
+    """Return what a picture looks like on a screen, or None if a value is no picture, is empty, or has more than `MOST_PIXELS`.
 
-    Distances are grey, bright where near, black from `FAR_MM` on and where there is nothing; numbers of objects have a colour each.
+    Distances become grey: the nearer the brighter, and black from `FAR_MM` on and where there is nothing. Each number of an object has a
+    colour.
     """
     if not isinstance(picture, Buffer):
         return None
@@ -66,19 +67,14 @@ def pixels(picture: object) -> Pixels | None:
     if picture.dtype == "uint8" and (len(shape) == 2 or shape[2] == 3):
         return picture.array()
     if picture.dtype == "uint16" and len(shape) == 2:
-        return _of_numbers(picture.array())
+        numbers = picture.array()
+        return np.ascontiguousarray(_colours()[numbers]) if int(numbers.max()) < _IDS else _brightness()[numbers]
     return None
 
 
-def _of_numbers(numbers: NDArray[np.uint16]) -> Pixels:
-    if int(numbers.max()) < _IDS:
-        return np.ascontiguousarray(_colours()[numbers])
-    return _brightness()[numbers]
-
-
-@lru_cache(maxsize=1)
+@cache
 def _colours() -> Pixels:
-    """A colour for each number of an object, neighbours far apart; black for 0."""
+    """Return a colour for each number of an object: very different ones for successive numbers, black for 0."""
     hue = (np.arange(_IDS) * 0.618034) % 1.0
     channels = np.abs((hue[:, None] + np.array([0.0, 2 / 3, 1 / 3])) % 1.0 * 6.0 - 3.0) - 1.0
     table: Pixels = (64 + 191 * np.clip(channels, 0.0, 1.0)).astype(np.uint8)
@@ -86,17 +82,19 @@ def _colours() -> Pixels:
     return table
 
 
-@lru_cache(maxsize=1)
+@cache
 def _brightness() -> Pixels:
-    """Grey of each distance in mm."""
+    """Return the grey level of each distance in mm."""
     grey: Pixels = (255 - np.arange(1 << 16) * 255 // FAR_MM).clip(0, 255).astype(np.uint8)
     grey[0] = 0
     return grey
 
 
 def amplitudes(echoes: Buffer, dimensions: int = 1) -> Levels:
-    """What echoes of so many dimensions look like: counts and pressures as they are; of real and imaginary parts, one dimension more of two, their
-    amplitude."""
+    """Return echoes with so many dimensions as levels: counts and pressures as they are, and the amplitude of complex echoes.
+
+    Complex echoes have one more dimension of two, the real and the imaginary part.
+    """
     heard: Levels = echoes.array().astype(np.float32)
     if heard.ndim == dimensions + 1 and heard.shape[-1] == 2:
         heard = np.hypot(heard[..., 0], heard[..., 1])
@@ -104,20 +102,20 @@ def amplitudes(echoes: Buffer, dimensions: int = 1) -> Levels:
 
 
 def can_encode_jpeg() -> bool:
-    """Whether a library for JPEG is installed."""
+    """Tell whether a library for JPEG is installed."""
     return _jpeg_library() != ""
 
 
-@lru_cache(maxsize=1)
+@cache
 def _jpeg_library() -> str:
     return next((name for name in ("simplejpeg", "PIL") if importlib.util.find_spec(name) is not None), "")
 
 
 def jpeg(shown: Pixels, quality: int = QUALITY) -> bytes:
-    """A baseline JPEG, of colours with half their resolution (4:2:0). Most of the time is spent without the interpreter lock.
+    """Return a baseline JPEG, with colours at half the resolution (4:2:0). Most of the time is spent without the interpreter lock.
 
     Args:
-        shown: as `pixels` gives it.
+        shown: pixels as `pixels` returns them.
         quality: 1 to 100.
 
     Raises:
@@ -132,7 +130,7 @@ def jpeg(shown: Pixels, quality: int = QUALITY) -> bytes:
 
 
 def with_jpeg(port: Port, sample: Sample) -> Sample:
-    """The sample with the bytes of a JPEG for its picture; itself where it holds none.
+    """Return the sample with the bytes of a JPEG in place of its picture, or the sample itself if it has none.
 
     Raises:
         RuntimeError: no library for JPEG is installed.

@@ -1,4 +1,4 @@
-"""The newest good readings of the ports that an adapter's table names. Loop thread, or all of it on a driver's."""
+"""The newest good readings of the ports that an adapter's table names. All of it belongs to one thread: the loop's, or that of a driver."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from uwserver.ports import Port, Sample, Value
 
 
 class Reading:
-    """Some fields of one sensor.
+    """The newest values of some fields of a sensor.
 
     Attributes:
-        path: of the port.
-        rate_hz: of the port.
-        values: of the newest good sample, one entry for each field; None before the first, and (unless it keeps) after a bad one.
-        t_ns: simulation time at which they were true.
-        count: good samples so far.
+        path: path of the port.
+        rate_hz: rate of the port.
+        values: an entry for each field from the newest good sample; None before the first, and also after a bad sample if it does not keep values.
+        t_ns: simulation time at which the values were true.
+        count: number of good samples so far.
     """
 
     def __init__(self, port: Port, fields: Sequence[str], keeps: bool) -> None:
@@ -32,7 +32,7 @@ class Reading:
         self._keeps = keeps
 
     def take(self, sample: Sample) -> None:
-        """A newer sample."""
+        """Take in a newer sample."""
         picked = [sample.value[i] for i in self._indices]
         if sample.valid and all(map(_is_finite, picked)):
             self.values, self.t_ns = tuple(picked), sample.t_ns
@@ -43,18 +43,19 @@ class Reading:
 
 def _is_finite(value: Value) -> bool:
     try:
-        # A sum is not finite as soon as one of its terms is not; terms of a size that a sum cannot hold are no readings either.
+        # A sum is not finite if one of its terms is not. Terms so large that their sum overflows are no readings either.
         return math.isfinite(sum(value) if isinstance(value, tuple) else value)  # type: ignore[arg-type]  # None: see below
-    except TypeError:  # without a value
+    except TypeError:
+        # A value, or a component, is None.
         return False
 
 
 class Readings:
-    """All ports that were asked for.
+    """The readings of all ports that were asked for.
 
     Args:
-        ports: those of the context.
-        vehicle: below which names are looked for.
+        ports: ports of the context.
+        vehicle: vehicle below which names are looked up.
     """
 
     def __init__(self, ports: Mapping[str, Port], vehicle: str) -> None:
@@ -64,20 +65,20 @@ class Readings:
 
     @property
     def wanted(self) -> Collection[str]:
-        """Paths of those ports."""
+        """The paths of these ports."""
         return self._wanted.keys()
 
     def want(self, role: str, name: str, choices: Sequence[Sequence[str]], keeps: bool = True) -> Reading:
-        """Follow a port.
+        """Follow a port, and return its reading.
 
         Args:
             role: key of the adapter's table, for errors.
-            name: the port, below the vehicle or its whole path.
-            choices: sets of fields; the first of which the port has all is read.
-            keeps: hold the last good values when a bad sample comes.
+            name: name of the port below the vehicle, or its whole path.
+            choices: sets of fields. The first set of which the port has all fields is read.
+            keeps: keep the last good values when a bad sample comes.
 
         Raises:
-            CannotServe: no such sensor, or without these fields.
+            CannotServe: there is no such sensor, or it has none of the sets of fields.
         """
         port = port_of(role, name, self._ports, self._vehicle, "sensor")
         has = {field.name for field in port.fields}
@@ -90,7 +91,7 @@ class Readings:
         return reading
 
     def see(self, samples: Iterable[Sample]) -> None:
-        """The samples of a tick."""
+        """Take in the samples of a tick."""
         wanted = self._wanted
         for sample in samples:
             for reading in wanted.get(sample.port, ()):

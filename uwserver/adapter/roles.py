@@ -1,4 +1,4 @@
-"""Which vehicle, port and field the table of an adapter means. Each fault is a `CannotServe` that lists what there is."""
+"""Finds the vehicle, port and field that the table of an adapter names. Each fault is a `CannotServe` that lists what there is."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from uwserver.ports import Field, Port
 
 
 def vehicles_of(ports: Mapping[str, Port]) -> list[str]:
-    """Names of all vehicles with a port, in alphabetical order."""
+    """Return the names of all vehicles with a port, in alphabetical order."""
     return sorted({path.split("/")[0] for path in ports})
 
 
 def vehicle_of(name: str | None, ports: Mapping[str, Port]) -> str:
-    """The vehicle of this name, or the only one there is.
+    """Return the vehicle of this name, or the only vehicle if no name is given.
 
     Raises:
-        CannotServe: there is no such vehicle, or none is named and there is not exactly one.
+        CannotServe: there is no such vehicle, or no name is given and there is not exactly one vehicle.
     """
     names = vehicles_of(ports)
     there = ", ".join(names) or "none"
@@ -32,17 +32,17 @@ def vehicle_of(name: str | None, ports: Mapping[str, Port]) -> str:
 def port_of(
     role: str, name: str, ports: Mapping[str, Port], vehicle: str, direction: Literal["sensor", "actuator"]
 ) -> Port:
-    """The port that a key of the adapter's table names.
+    """Return the port that a key of the adapter's table names.
 
     Args:
         role: the key, for errors.
-        name: below the vehicle (``imu``), or a whole path.
-        ports: those of the context.
-        vehicle: that is meant.
-        direction: what it must be.
+        name: name of the port below the vehicle (``imu``), or a whole path.
+        ports: ports of the context.
+        vehicle: name of the vehicle.
+        direction: whether the port must be a sensor or an actuator.
 
     Raises:
-        CannotServe: there is no such sensor (actuator).
+        CannotServe: there is no such sensor or actuator.
     """
     path = name if name in ports else f"{vehicle}/{name}"
     port = ports.get(path)
@@ -54,21 +54,18 @@ def port_of(
 
 
 def field_of(role: str, port: Port, name: str) -> Field:
-    """A field of a port, by its name.
+    """Return a field of a port by its name.
 
     Raises:
-        CannotServe: it has no such field.
+        CannotServe: the port has no such field.
     """
-    for field in port.fields:
-        if field.name == name:
-            return field
-    names = ", ".join(field.name for field in port.fields)
-    raise CannotServe(f'{role}: "{port.path}" has no field "{name}", it has: {names}')
+    fields = {field.name: field for field in port.fields}
+    if name not in fields:
+        raise CannotServe(f'{role}: "{port.path}" has no field "{name}", it has: {", ".join(fields)}')
+    return fields[name]
 
 
 def port_of_kind(kind: str, ports: Mapping[str, Port], vehicle: str) -> Port | None:
-    """The vehicle's first port of a kind (``teleport``, ``gps``); ground truth is none."""
-    for path, port in ports.items():
-        if port.kind == kind and path.startswith(f"{vehicle}/") and not port.is_truth:
-            return port
-    return None
+    """Return the first port of a vehicle that has this kind (``teleport``, ``gps``) and is no ground truth, or None."""
+    own = (port for path, port in ports.items() if path.startswith(f"{vehicle}/") and not port.is_truth)
+    return next((port for port in own if port.kind == kind), None)

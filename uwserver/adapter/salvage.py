@@ -1,4 +1,4 @@
-"""What can still be read of a message that no decoder takes: so that its refusal names the request that it answers."""
+"""Reads single values from a message that cannot be decoded, so that its refusal can name the request that it answers."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import msgspec
 from uwserver.adapter.bounds import BINARY, LIST, MAP, MESSAGE_LIMIT, REFUSED, SIZES, TEXT, length_at
 
 LOOKED_AT = 2048
-"""Texts, maps and lists of JSON, or values of msgpack, that are looked at: whoever sends nonsense must not be worth more than a millisecond."""
+"""Texts, maps and lists of JSON, or values of msgpack, that are examined, so that nonsense takes at most a millisecond."""
 
-# The closing quote is optional: an unterminated text then takes linear time, and nothing behind its beginning is looked at.
+# The closing quote is optional. So a text without end takes linear time, and is the last token.
 _STRING = rb'"[^"\\]*(?:\\.[^"\\]*)*"?'
 _TOKEN = re.compile(_STRING + rb"|[\[\]{}]", re.DOTALL)
 _VALUE = re.compile(rb"\s*:\s*(-?\d{1,20}(?![\d.eE])|" + _STRING + rb")", re.DOTALL)
@@ -20,7 +20,7 @@ _FIXED_EXTENSIONS = {0xD4: 3, 0xD5: 4, 0xD6: 6, 0xD7: 10, 0xD8: 18}
 
 
 def json_member(text: bytes, name: str) -> int | str | None:
-    """The integer or text under a name in the outermost map of a JSON message, as far as it can be read; else None. Of several, the first."""
+    """Return the first integer or text under a name in the outermost map of a JSON message, or None if it cannot be read."""
     head = text[:MESSAGE_LIMIT]
     key = b'"%s"' % name.encode()
     depth = 0
@@ -42,13 +42,14 @@ def _plain(token: bytes) -> int | str | None:
         value: int | str = json.loads(token)
         if isinstance(value, str):
             value.encode()
-    except ValueError:  # cut off, or half a surrogate pair
+    except ValueError:
+        # It is cut off, or has half a surrogate pair in it.
         return None
     return value
 
 
 def msgpack_member(frame: bytes | memoryview, name: str) -> int | str | None:
-    """The same of a msgpack message."""
+    """Return the first integer or text under a name in the outermost map of a msgpack message, or None if it cannot be read."""
     if not frame or SIZES[frame[0]] != MAP:
         return None
     key = msgspec.msgpack.encode(name)
@@ -74,7 +75,10 @@ def _scalar(data: bytes | memoryview) -> int | str | None:
 
 
 def _after(frame: bytes | memoryview, position: int, left: int) -> tuple[int, int]:
-    """Where the next value begins, and how many more may be looked at; beyond the end where this one is cut off, or has more parts."""
+    """Return where the value after this one begins, and how many more values may be examined.
+
+    The position is beyond the end of the frame if this value is cut off, or has more parts than may be examined.
+    """
     awaited = 1
     for looked in range(left):
         if position >= len(frame):

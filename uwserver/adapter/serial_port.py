@@ -1,4 +1,4 @@
-"""A serial line or pseudo-terminal that may come and go."""
+"""A serial line or pseudo-terminal, which may appear and disappear while the adapter runs."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ log = logging.getLogger(__name__)
 
 _PIECE = 1 << 14
 WAITING = 1 << 16
-"""Bytes that wait for a slow line; newer ones are dropped above."""
+"""Bytes that may wait for a slow line; further ones are dropped."""
 
 
 class SerialPort:
-    """Opened by `attend`, again and again. Loop thread.
+    """A device that `attend` opens, and opens again after it was lost. Loop thread.
 
     Args:
-        path: of the device; its speed stays as the system has set it (`stty`).
-        context: of the adapter; its `stats` and the log tell why the device cannot be opened, or why it closed.
-        opened: called when it is open.
-        received: takes bytes.
-        closed: called when it was open and is not any more.
+        path: path of the device. Its speed stays as the system has set it (`stty`).
+        context: context of the adapter. Its `stats` and the log say why the device cannot be opened, or why it closed.
+        opened: called when the device has been opened.
+        received: called with received bytes.
+        closed: called when the device was open and is not any more.
     """
 
     def __init__(
@@ -46,23 +46,23 @@ class SerialPort:
         self._path = path
         self._context = context
         self._opened, self._received, self._closed = opened, received, closed
-        self._told = ""
+        self._logged = ""
         self._file = -1
         self._waiting = bytearray()
 
     @property
     def is_open(self) -> bool:
-        """Whether bytes can be written."""
+        """Whether the device is open."""
         return self._file >= 0
 
     @property
     def waiting(self) -> int:
-        """Bytes that are not written yet."""
+        """Bytes that wait to be written."""
         return len(self._waiting)
 
     def attend(self) -> None:
-        """Open the device if it is not; to be called now and then."""
-        if self._file >= 0:
+        """Open the device if it is not open. Call this regularly."""
+        if self.is_open:
             return
         if termios is None:
             self._fail("this system has no terminals as POSIX has: use UDP or TCP")
@@ -74,17 +74,17 @@ class SerialPort:
         except (OSError, termios.error) as error:
             self._fail(str(error))
             return
-        self._told = ""
+        self._logged = ""
         self._opened()
-        asyncio.get_running_loop().add_reader(self._file, self._read)
+        self.resume()
 
     def _fail(self, reason: str) -> None:
-        """Say so, in the log once until it is open again or fails for another reason."""
+        """Close the device and report why. The same reason is logged only once until the device is open again."""
         self.close()
         text = f"serial line {self._path}: {reason}; it is tried again"
         self._context.stats.last_error = text
-        if text != self._told:
-            self._told = text
+        if text != self._logged:
+            self._logged = text
             log.warning("%s: %s", self._context.name, text)
 
     def _read(self) -> None:
@@ -92,7 +92,8 @@ class SerialPort:
             data = os.read(self._file, _PIECE)
         except BlockingIOError:
             return
-        except OSError as error:  # the other end of a pseudo-terminal went
+        except OSError as error:
+            # For example because the other end of a pseudo-terminal has closed.
             self._fail(str(error))
             return
         if data:
@@ -101,43 +102,40 @@ class SerialPort:
             self._fail("closed")
 
     def pause(self) -> None:
-        """Read nothing more until `resume`."""
-        if self._file >= 0:
+        """Stop reading until `resume`."""
+        if self.is_open:
             asyncio.get_running_loop().remove_reader(self._file)
 
     def resume(self) -> None:
-        """Read on."""
-        if self._file >= 0:
+        """Go on reading."""
+        if self.is_open:
             asyncio.get_running_loop().add_reader(self._file, self._read)
 
     def write(self, data: bytes) -> bool:
-        """Write when the line takes it; False when too much waits already, or it is not open."""
-        if self._file < 0 or len(self._waiting) + len(data) > WAITING:
+        """Write bytes as the line takes them; return False if too many wait already, or the device is not open."""
+        if not self.is_open or len(self._waiting) + len(data) > WAITING:
             return False
         self._waiting += data
         self._write()
         return True
 
     def _write(self) -> None:
-        if self._file < 0:
-            return
         loop = asyncio.get_running_loop()
         try:
-            written = os.write(self._file, self._waiting)
+            del self._waiting[: os.write(self._file, self._waiting)]
         except BlockingIOError:
-            written = 0
+            pass
         except OSError:
             self.close()
             return
-        del self._waiting[:written]
         if self._waiting:
             loop.add_writer(self._file, self._write)
         else:
             loop.remove_writer(self._file)
 
     def close(self) -> None:
-        """End it."""
-        if self._file < 0:
+        """Close the device."""
+        if not self.is_open:
             return
         loop = asyncio.get_running_loop()
         loop.remove_reader(self._file)

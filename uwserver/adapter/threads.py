@@ -1,4 +1,4 @@
-"""Two crossings between the loop and the threads of a library (zenoh, a ROS 2 executor), both bounded."""
+"""Two bounded ways between the loop and the threads of a library, such as zenoh or a ROS 2 executor."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ WAITING = 4096
 
 
 class Worker:
-    """A thread for what may wait in a library: what a stalled peer holds up, opening and closing. Loop thread, but for the work itself.
+    """A thread for calls of a library that may block, for example because a peer is stalled. Everything but the work belongs to the loop thread.
 
     Args:
-        name: of the thread.
-        stats: counts what was dropped and what failed.
+        name: name of the thread.
+        stats: counters of the adapter, of which `dropped` and `errors` count dropped and failed work.
     """
 
     def __init__(self, name: str, stats: AdapterStats) -> None:
@@ -37,7 +37,7 @@ class Worker:
         self._lock = threading.Lock()
 
     def send(self, work: Callable[[], object]) -> bool:
-        """Do it there, in order; False when too much waits already, then it is not done, and counted."""
+        """Do a piece of work on the thread, in order; return False, and drop it, if too much waits already."""
         if self._waiting >= WAITING:
             self._stats.dropped += 1
             return False
@@ -49,7 +49,7 @@ class Worker:
     def _do(self, work: Callable[[], object]) -> None:
         try:
             work()
-        except Exception as error:  # noqa: BLE001  # the library may be closing, or the asker gone
+        except Exception as error:  # noqa: BLE001  # the library may be closing, or the peer may have left
             self._stats.errors += 1
             log.debug("%s: not done: %s", self._name, error)
         finally:
@@ -57,7 +57,7 @@ class Worker:
                 self._waiting -= 1
 
     async def run(self, work: Callable[[], T]) -> T:
-        """Do it there and wait for it. If the waiting is cancelled the work still ends first, so that nothing of it is left behind."""
+        """Do a piece of work on the thread and wait for its result. If this is cancelled, the work still ends first, and leaves nothing behind."""
         future = asyncio.get_running_loop().run_in_executor(self._pool, work)
         try:
             return await asyncio.shield(future)
@@ -66,7 +66,7 @@ class Worker:
             raise
 
     async def close(self, last: Callable[[], object]) -> None:
-        """End it; `last` (closing the library's session) runs beside what is stuck, and frees it."""
+        """End the thread. `last`, which closes the library's session, runs on another thread, and frees work that is stuck."""
         closing = ThreadPoolExecutor(1, f"{self._name}, closing")
         future = asyncio.get_running_loop().run_in_executor(closing, last)
         try:
@@ -77,14 +77,14 @@ class Worker:
 
 
 class Inbox(Generic[T]):
-    """What a library's threads hand to the loop: they only append, and wake it once.
+    """Items that a library's threads hand to the loop. A thread only appends an item, and wakes the loop once for all that wait.
 
     Args:
-        take: takes an item, on the loop.
-        capacity: items that may wait.
-        refuse: told of an item too many, on its thread.
-        size: of an item, bytes.
-        most_bytes: of items that may wait, all together; a single one may be larger.
+        take: called with an item on the loop.
+        capacity: number of items that may wait.
+        refuse: called with an item too many, on the library's thread.
+        size: returns the size of an item in bytes.
+        most_bytes: total size of the items that may wait; a single item may be larger.
     """
 
     def __init__(
@@ -95,16 +95,15 @@ class Inbox(Generic[T]):
         self._refuse = refuse
         self._capacity = capacity
         self._size, self._most_bytes = size, most_bytes
-        self._put_bytes = self._taken_bytes = (
-            0  # what waits is their difference: each has one thread at a time that changes it
-        )
+        # What waits is their difference. Each is changed by one thread at a time.
+        self._put_bytes = self._taken_bytes = 0
         self._loop = asyncio.get_running_loop()
         self._items: deque[T] = deque()
         self._lock = threading.Lock()
         self._is_awake = False
 
     def put(self, item: T) -> None:
-        """Hand over. Any thread."""
+        """Hand over an item. May be called on any thread."""
         size = self._size(item)
         with self._lock:
             waiting = self._put_bytes - self._taken_bytes
@@ -118,11 +117,12 @@ class Inbox(Generic[T]):
         if wake:
             try:
                 self._loop.call_soon_threadsafe(self._drain)
-            except RuntimeError:  # the loop is closed
+            except RuntimeError:
+                # The loop is closed.
                 self._items.clear()
 
     def _drain(self) -> None:
-        """Take what is there, for one turn of the loop."""
+        """Take items for one turn of the loop."""
         end = self._loop.time() + TURN_S
         try:
             while self._items:
@@ -134,5 +134,6 @@ class Inbox(Generic[T]):
         finally:
             with self._lock:
                 self._is_awake = bool(self._items)
-            if self._is_awake:  # after a rest, as for peers on sockets: however many flood, the simulation has the interpreter for most of the time
+            # After a rest, as for peers on sockets, so that the simulation has the interpreter most of the time, however much comes.
+            if self._is_awake:
                 self._loop.call_later(REST_S, self._drain)

@@ -1,4 +1,4 @@
-"""TLS of an adapter that listens, from the files that its table names; errors say what to do."""
+"""TLS of an adapter that listens, from the files that its table names. Errors say what to do."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from pathlib import Path
 from uwserver.adapter.listening import CannotListen
 
 MOST_BYTES = 1 << 20
-"""Of a file of certificates or of a key."""
+"""Largest size of a file with certificates or a key."""
 
 
 def tls_context(cert: str | None, key: str | None, client_ca: str | None) -> ssl.SSLContext | None:
-    """What TLS needs, at least version 1.2; None where no certificate is configured.
+    """Return a context for TLS 1.2 and later, or None if no certificate is configured.
 
     Args:
         cert, key: PEM files; a relative path starts from the folder in which the server was started.
@@ -38,11 +38,11 @@ def tls_context(cert: str | None, key: str | None, client_ca: str | None) -> ssl
         # The empty password keeps OpenSSL from asking for one at the terminal.
         context.load_cert_chain(cert, key, password="")
     except (ssl.SSLError, OSError) as error:
-        both = f'tls_cert "{cert}"' + (
-            f' and tls_key "{key}"' if key else " (which must hold the key too: tls_key is not set)"
-        )
-        text = f"{both} are no pair of certificate and key in PEM, or the key has a passphrase ({_reason(error)}): make both anew, or remove it"
-        raise CannotListen(text) from error
+        pair = f' and tls_key "{key}"' if key else " (which must hold the key too: tls_key is not set)"
+        raise CannotListen(
+            f'tls_cert "{cert}"{pair} are no pair of certificate and key in PEM, or the key has a passphrase ({_reason(error)}): '
+            "make both anew, or remove it"
+        ) from error
     if client_ca is not None:
         try:
             context.load_verify_locations(client_ca)
@@ -67,10 +67,10 @@ _REMEDIES = (
 
 
 def handshake_refusal(reason: str) -> tuple[str, str]:
-    """Cause and text for `Refusals.note` of a handshake that failed.
+    """Return the cause and the text of a failed handshake, for `Refusals.note`.
 
     Args:
-        reason: of OpenSSL, or ``TIMEOUT``.
+        reason: the reason that OpenSSL gives, or ``TIMEOUT``.
     """
     unknown = ((), "failure", "check the client's TLS settings and its trust in tls_cert")
     _, cause, remedy = next((entry for entry in _REMEDIES if reason in entry[0]), unknown)
@@ -82,7 +82,7 @@ def _check_readable(setting: str, file: str | None) -> None:
         return
     path = Path(file)
     try:
-        # OpenSSL would wait for a pipe, and read a device without end.
+        # OpenSSL would wait for a pipe, and read a device for ever.
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
         try:
             status = os.fstat(descriptor)
@@ -92,7 +92,8 @@ def _check_readable(setting: str, file: str | None) -> None:
             raise OSError(errno.EINVAL, "it is no plain file (a folder, a pipe or a device)")
         if status.st_size > MOST_BYTES:
             raise OSError(errno.EFBIG, f"it has {status.st_size} bytes: at most {MOST_BYTES}")
-    except ValueError as error:  # a NUL in the name
+    except ValueError as error:
+        # There is a NUL in the name.
         raise CannotListen(f"{setting}: no file can have this name: {error}") from error
     except OSError as error:
         text = f'{setting}: cannot read "{path.absolute()}" ({error.strerror})'

@@ -1,4 +1,4 @@
-"""The token that an adapter's clients show: the one of its table or of the environment, or one that is made for this run."""
+"""The token that an adapter's clients must show: that of its table or of the environment, or one that is made for this run."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ import secrets
 from typing import NamedTuple
 
 TOKEN_VARIABLE = "UWSERVER_TOKEN"
-"""Of the environment: the token of adapters whose table names none, and of clients."""
+"""Environment variable with the token of clients, and of adapters whose table has none."""
 
 
 class Token(NamedTuple):
-    """What clients must show.
+    """The token that clients must show.
 
     Attributes:
-        text: the token; None where none is needed.
-        is_new: it was made for this run, and somebody must be told.
+        text: the token; None if none is needed.
+        is_new: whether it was made for this run, so that the user must be told.
     """
 
     text: str | None
@@ -23,15 +23,15 @@ class Token(NamedTuple):
 
 
 def known_token(configured: str | None) -> str | None:
-    """The token of a table, else of the environment; None where neither has one."""
+    """Return the token of a table, or else of the environment; None if neither has one."""
     return configured or os.environ.get(TOKEN_VARIABLE) or None
 
 
 def new_token() -> str:
-    """A token that nobody guesses; hexadecimal, as a hyphen in front would be an option of a command line."""
+    """Return a token that nobody can guess. It is hexadecimal, because a command line would take a token with a leading hyphen for an option."""
     return secrets.token_hex(24)
 
 
 def token_for(known: str | None, needed: bool) -> Token:
-    """What clients must show: the known token, or a new one where one is needed and none is known."""
+    """Return the known token, or a new one if one is needed and none is known."""
     return Token(known) if known or not needed else Token(new_token(), True)

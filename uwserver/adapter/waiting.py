@@ -1,4 +1,4 @@
-"""Waiting that ends in time."""
+"""Waiting with a time limit."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ T = TypeVar("T")
 
 
 async def within(seconds: float, what: Awaitable[T], text: str) -> T:
-    """Wait for something, but no longer; `asyncio.wait_for` would lose a cancellation that comes together with the answer.
+    """Wait for a result, but no longer than so many seconds. `asyncio.wait_for` would lose a cancellation that comes together with the result.
 
     Raises:
-        TimeoutError: it took too long; says the text. It is an `OSError`, as other losses of a peer are.
+        TimeoutError: it took too long; the error begins with `text`. It is an `OSError`, like other losses of a peer.
     """
     task = asyncio.ensure_future(what)
     try:

@@ -1,4 +1,4 @@
-"""What an adapter may know of the world before it asks anything: typed facts, instead of digging in answers meant for peers."""
+"""What an adapter knows about the world without a request, as typed data."""
 
 from __future__ import annotations
 
@@ -11,23 +11,28 @@ from uwserver.units import NANOSECONDS
 
 
 class VehicleFacts(Struct, frozen=True):
-    """A vehicle of the scenario: its name, and the name that its vehicle file gives to the model (``BlueROV2 Heavy``)."""
+    """A vehicle of the scenario.
+
+    Attributes:
+        name: name in the scenario.
+        model: name that the vehicle file gives to the model (``BlueROV2 Heavy``).
+    """
 
     name: str
     model: str
 
 
 class WorldFacts(Struct, frozen=True, kw_only=True):
-    """The world as it is when asked.
+    """The world at the time of asking.
 
     Attributes:
         server: name of the server.
         scenario: name of the scenario.
-        rate_hz: ticks of the physics in a simulated second.
+        rate_hz: physics ticks per simulated second.
         epoch_utc: UTC of simulation time zero, ISO 8601.
-        mode: who sets the pace.
-        speed: simulated seconds in a second of wall time; it means something in mode realtime only.
-        vehicles: in the order of the scenario; spawned ones last.
+        mode: what sets the pace.
+        speed: simulated seconds per second of wall time; it has a meaning only in mode realtime.
+        vehicles: vehicles in the order of the scenario; spawned ones last.
     """
 
     server: str

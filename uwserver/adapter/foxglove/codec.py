@@ -1,4 +1,5 @@
-"""Foxglove's messages from our values: a codec, so degrees are met here. Numbers of fields stand in Foxglove's .proto files, see `schemas`."""
+"""Encodes Foxglove's messages. Degrees are allowed here, because this is a codec. The numbers of fields are those of Foxglove's .proto files, see
+`schemas`."""
 
 from __future__ import annotations
 
@@ -22,51 +23,51 @@ INFO, WARNING, ERROR = 2, 3, 4
 
 
 def timestamp(field: int, t_ns: int) -> bytes:
-    """google.protobuf.Timestamp of simulation time."""
+    """Encode a simulation time as google.protobuf.Timestamp."""
     seconds, nanos = divmod(t_ns, NANOSECONDS)
     return message(field, whole(1, seconds) + whole(2, nanos))
 
 
 def vector(field: int, v: Sequence[float]) -> bytes:
-    """Vector3."""
+    """Encode a Vector3."""
     return message(field, double(1, v[0]) + double(2, v[1]) + double(3, v[2]))
 
 
 def quaternion(field: int, q: Sequence[float]) -> bytes:
-    """Quaternion, of w x y z."""
+    """Encode a Quaternion from w, x, y, z."""
     return message(field, double(1, q[1]) + double(2, q[2]) + double(3, q[3]) + double(4, q[0]))
 
 
 def pose(field: int, p: Sequence[float], q: Sequence[float]) -> bytes:
-    """Pose."""
+    """Encode a Pose."""
     return message(field, vector(1, p) + quaternion(2, q))
 
 
 def colour(field: int, rgb: Sequence[float], alpha: float = 1.0) -> bytes:
-    """Color, of linear red, green, blue as the screen's (sRGB, IEC 61966-2-1)."""
+    """Encode a Color of the screen (sRGB, IEC 61966-2-1) from linear red, green and blue."""
     r, g, b = (12.92 * c if c <= 0.0031308 else 1.055 * c ** (1.0 / 2.4) - 0.055 for c in rgb)
     return message(field, double(1, r) + double(2, g) + double(3, b) + double(4, alpha))
 
 
 def transform(t_ns: int, parent: str, child: str, p: Sequence[float], q: Sequence[float]) -> bytes:
-    """One of FrameTransforms: the child's place and attitude in its parent."""
+    """Encode one of FrameTransforms: the child's position and attitude in its parent."""
     return message(1, timestamp(1, t_ns) + text(2, parent) + text(3, child) + vector(4, p) + quaternion(5, q))
 
 
 def pose_in_frame(t_ns: int, frame: str, p: Sequence[float], q: Sequence[float]) -> bytes:
-    """PoseInFrame."""
+    """Encode a PoseInFrame."""
     return timestamp(1, t_ns) + text(2, frame) + pose(3, p, q)
 
 
 def location_fix(t_ns: int, frame: str, latitude: float, longitude: float, height: float, sigmas: Vec3 | None) -> bytes:
-    """LocationFix.
+    """Encode a LocationFix.
 
     Args:
-        t_ns: when it was measured.
-        frame: of the antenna.
+        t_ns: simulation time of the measurement.
+        frame: frame of the antenna.
         latitude, longitude: rad.
         height: m.
-        sigmas: standard deviations east, north, up, m; None where the receiver tells none.
+        sigmas: standard deviations east, north, up, m; None if the receiver gives none.
     """
     known = b""
     if sigmas is not None:
@@ -76,7 +77,7 @@ def location_fix(t_ns: int, frame: str, latitude: float, longitude: float, heigh
 
 
 def laser_scan(t_ns: int, frame: str, start: float, end: float, ranges: Iterable[float]) -> bytes:
-    """LaserScan: distances (m) from one angle (rad, about z of the frame) to another."""
+    """Encode a LaserScan of distances (m) from one angle (rad, about z of the frame) to another."""
     return (
         timestamp(1, t_ns)
         + text(2, frame)
@@ -88,7 +89,7 @@ def laser_scan(t_ns: int, frame: str, start: float, end: float, ranges: Iterable
 
 
 def point_cloud(t_ns: int, frame: str, points: npt.NDArray[np.float32]) -> bytes:
-    """PointCloud of rows x, y, z (m), intensity."""
+    """Encode a PointCloud of rows (n, 4): x, y, z (m), intensity."""
     fields = b"".join(
         message(5, text(1, name) + fixed32(2, 4 * k) + whole(3, FLOAT32))
         for k, name in enumerate(("x", "y", "z", "intensity"))
@@ -98,51 +99,51 @@ def point_cloud(t_ns: int, frame: str, points: npt.NDArray[np.float32]) -> bytes
 
 
 def log_line(t_ns: int, level: int, what: str, name: str) -> bytes:
-    """Log."""
+    """Encode a Log."""
     return timestamp(1, t_ns) + whole(2, level) + text(3, what) + text(4, name)
 
 
 def cube(p: Vec3, q: Quat, size: Vec3, rgb: Vec3) -> bytes:
-    """A CubePrimitive of a SceneEntity."""
+    """Encode a CubePrimitive of a SceneEntity."""
     return message(8, pose(1, p, q) + vector(2, size) + colour(3, rgb))
 
 
 def sphere(p: Vec3, q: Quat, size: Vec3, rgb: Vec3) -> bytes:
-    """A SpherePrimitive."""
+    """Encode a SpherePrimitive of a SceneEntity."""
     return message(9, pose(1, p, q) + vector(2, size) + colour(3, rgb))
 
 
 def cylinder(p: Vec3, q: Quat, size: Vec3, rgb: Vec3) -> bytes:
-    """A CylinderPrimitive about z of its pose."""
+    """Encode a CylinderPrimitive about z of its pose."""
     return message(10, pose(1, p, q) + vector(2, size) + double(3, 1.0) + double(4, 1.0) + colour(5, rgb))
 
 
 def triangles(p: Vec3, q: Quat, vertices: npt.NDArray[np.float32], corners: npt.NDArray[np.uint32], rgb: Vec3) -> bytes:
-    """A TriangleListPrimitive of vertices (n, 3) and numbers of vertices (m, 3)."""
+    """Encode a TriangleListPrimitive of vertices (n, 3) and numbers of vertices (m, 3)."""
     points = b"".join(message(2, double(1, x) + double(2, y) + double(3, z)) for x, y, z in vertices.tolist())
     return message(12, pose(1, p, q) + points + colour(3, rgb) + words(5, corners.reshape(-1)))
 
 
 def model(p: Vec3, q: Quat, scale: float, data: bytes) -> bytes:
-    """A ModelPrimitive with its file (glTF, binary)."""
+    """Encode a ModelPrimitive with its file (glTF, binary)."""
     size = (scale, scale, scale)
     return message(14, pose(1, p, q) + vector(2, size) + text(6, "model/gltf-binary") + blob(7, data))
 
 
 def entity(t_ns: int, frame: str, name: str, primitives: dict[int, list[bytes]]) -> bytes:
-    """A SceneEntity of a SceneUpdate that stays and moves with its frame; primitives by the number of their field."""
+    """Encode a SceneEntity of a SceneUpdate that stays, and moves with its frame; primitives by the number of their field."""
     shapes = b"".join(part for number in sorted(primitives) for part in primitives[number])
     head = timestamp(1, t_ns) + text(2, frame) + text(3, name) + message(4, b"") + whole(5, 1)
     return message(2, head + shapes)
 
 
 def compressed_image(t_ns: int, frame: str, data: bytes) -> bytes:
-    """A CompressedImage in JPEG."""
+    """Encode a CompressedImage in JPEG."""
     return timestamp(1, t_ns) + blob(2, data) + text(3, "jpeg") + text(4, frame)
 
 
 def delete_all(t_ns: int) -> bytes:
-    """A SceneEntityDeletion of a SceneUpdate: of what was there earlier."""
+    """Encode a SceneEntityDeletion of a SceneUpdate, which deletes all that was there earlier."""
     return message(1, timestamp(1, t_ns) + whole(2, DELETE_ALL))
 
 

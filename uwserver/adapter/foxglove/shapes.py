@@ -1,4 +1,4 @@
-"""Shapes of a scene as Foxglove's primitives."""
+"""Turns shapes of a scene into Foxglove's primitives."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from uwserver.frames import Quat, Vec3, multiply, rotate
 from uwserver.ports import LooksView, ShapeView
 
 Files = Callable[[str], bytes]
-"""The bytes behind a hash; KeyError for one that is not known."""
+"""Returns the bytes for a hash; KeyError if the hash is not known."""
 
 MOST_TRIANGLES = 100_000
-"""Of one shape: a viewer in a browser chokes on more, and the message would have megabytes. A larger one is drawn with fewer of them."""
+"""Most triangles of a shape. Viewers in a browser stall with more, and the message would have megabytes, so larger meshes are simplified."""
 
 _HALF = math.sqrt(0.5)
 _Z_TO_X: Quat = (_HALF, 0.0, _HALF, 0.0)
-"""Ours lie about x, Foxglove's stand about z."""
+"""Cylinders of uwserver lie along x, those of Foxglove stand along z."""
 _Y_UP: Quat = (0.0, 1.0, 0.0, 0.0)
 _Z_UP: Quat = (_HALF, _HALF, 0.0, 0.0)
-"""From a file's frame to forward, right, down. Viewers take each glTF for y up, as its standard says, and turn it to z up themselves; these turn
-on from there."""
+"""Rotations from a file's frame to forward, right, down. Viewers assume that a glTF file has y up, as its standard says, and turn it to z up
+themselves; these rotations continue from there."""
 _PLANE_M, _PLANE_THICK_M = 400.0, 0.02
 _CUBE, _SPHERE, _CYLINDER, _TRIANGLES, _MODEL = 8, 9, 10, 12, 14
 
@@ -31,7 +31,7 @@ _CUBE, _SPHERE, _CYLINDER, _TRIANGLES, _MODEL = 8, 9, 10, 12, 14
 def entity_of(
     t_ns: int, frame: str, name: str, shapes: Iterable[ShapeView], looks: LooksView | None, meshes: Files, files: Files
 ) -> bytes:
-    """A thing in its frame: its model where it has one, else its shapes."""
+    """Encode a thing in its frame: its model if it has one, or else its shapes."""
     found: dict[int, list[bytes]] = {}
     if looks is not None:
         q = multiply(looks.q, _Y_UP if looks.up == "y" else _Z_UP)
@@ -73,7 +73,7 @@ def _moved(p: Vec3, by: Vec3) -> Vec3:
 def _mesh(
     packed: bytes,
 ) -> tuple[np.ndarray[tuple[int, ...], np.dtype[np.float32]], np.ndarray[tuple[int, ...], np.dtype[np.uint32]]]:
-    """Vertices and triangles as the web view gets them: u32 numbers of both, f32 vertices, u32 triangles."""
+    """Return vertices and triangles of a mesh as the web view gets it: u32 numbers of both, f32 vertices, u32 triangles."""
     n, m = np.frombuffer(packed, "<u4", 2).tolist()
     vertices = np.frombuffer(packed, "<f4", 3 * n, 8).reshape(n, 3)
     corners = np.frombuffer(packed, "<u4", 3 * m, 8 + 12 * n).reshape(m, 3)
@@ -86,7 +86,10 @@ def _coarser(
     vertices: np.ndarray[tuple[int, ...], np.dtype[np.float32]],
     corners: np.ndarray[tuple[int, ...], np.dtype[np.uint32]],
 ) -> tuple[np.ndarray[tuple[int, ...], np.dtype[np.float32]], np.ndarray[tuple[int, ...], np.dtype[np.uint32]]]:
-    """Fewer triangles: vertices of one cell of a grid become one (Rossignac and Borrel 1993), and triangles without area go."""
+    """Return a mesh with fewer triangles.
+
+    The vertices in a cell of a grid become one (Rossignac and Borrel 1993), and triangles without area are removed.
+    """
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     edge = max(float((high - low).max()), 1e-6) / (MOST_TRIANGLES / 2.0) ** 0.5
     while True:
@@ -97,4 +100,5 @@ def _coarser(
         kept = merged[(a != b) & (b != c) & (c != a)]
         if len(kept) <= MOST_TRIANGLES:
             return vertices[first], kept
-        edge *= 1.2  # until all of it is one cell, at the latest
+        # This ends when the whole mesh is in one cell, at the latest.
+        edge *= 1.2
