@@ -1,7 +1,8 @@
-"""Runs a reference trajectory (an oracle file) through the production integrator and measures how far it strays.
+"""Compares the production integrator with a reference trajectory (an oracle file).
 
-An oracle file is JSON of format ``uwserver-oracle-1``: one body in unbounded water, its matrices, a harmonic wrench, a uniform current, and
-the states that an independent, tighter integration reached. Its ``law`` is the equation of `uwserver.physics.dynamics.fossen`.
+An oracle file is JSON of the format ``uwserver-oracle-1``. It has one body in unbounded water with its matrices, a harmonic wrench, a uniform
+current, and the states that an independent integration with tighter tolerances reached. Its ``law`` is the equation of
+`uwserver.physics.dynamics.fossen`.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ class OracleWrench(Struct, frozen=True):
 
 
 class Oracle(Struct, frozen=True):
-    """The keys of an oracle file that a run needs; SI, frames N and B; others (description, law, ...) are ignored."""
+    """The keys of an oracle file that a run needs, in SI units and the frames N and B. Other keys (description, law, ...) are ignored."""
 
     weight_N: float
     buoyancy_N: float
@@ -62,22 +63,23 @@ class _Header(Struct, frozen=True):
 
 
 class Worst(NamedTuple):
-    """The largest error over all samples, and the time of its sample, s."""
+    """The largest error over all samples, and its time, s."""
 
     error: float
     t_s: float
 
 
 class OracleResult(NamedTuple):
-    """Largest errors of a run against the oracle's samples.
+    """The largest errors of a run, compared with the oracle's samples.
 
     Attributes:
         position: m.
         attitude: angle of the rotation between the two attitudes, degrees.
         linear_velocity: m/s.
         angular_velocity: rad/s.
-        rate_hz: steps were at most 1 / rate_hz long.
-        samples, steps: how many were compared and taken.
+        rate_hz: rate of the integrator; steps were at most 1 / rate_hz long.
+        samples: number of samples that were compared.
+        steps: number of steps that were taken.
     """
 
     position: Worst
@@ -90,13 +92,13 @@ class OracleResult(NamedTuple):
 
 
 def validate(path: Path, rate_hz: float = 240) -> OracleResult:
-    """Integrate an oracle file and compare at each of its samples.
+    """Integrate an oracle file, and compare the states with each of its samples.
 
-    Each interval between samples is cut into the smallest whole number of equal steps of at most 1 / rate_hz, so that samples are hit exactly.
+    Each interval between samples is divided into the smallest number of equal steps of at most 1 / rate_hz, so that steps end at samples.
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it is not of the format, or a key is missing or wrong, or the run diverged; the text names it.
+        ValueError: it has another format, a key is missing or wrong, or the run diverged; the text names it.
     """
     if not rate_hz > 0.0:
         raise ValueError(f"the rate must be positive, found {rate_hz}")
@@ -106,7 +108,7 @@ def validate(path: Path, rate_hz: float = 240) -> OracleResult:
 
 
 def load_oracle(path: Path) -> Oracle:
-    """Read and check an oracle file; errors as `validate`."""
+    """Read and check an oracle file. Raises the errors of `validate`."""
     text = path.read_bytes()
     try:
         header = msgspec.json.decode(text, type=_Header)
@@ -121,14 +123,13 @@ def load_oracle(path: Path) -> Oracle:
         oracle = msgspec.json.decode(text, type=Oracle)
     except msgspec.MsgspecError as error:
         raise ValueError(f"{path}: {error}") from error
-    fault = _fault(oracle)
-    if fault:
+    if fault := _fault(oracle):
         raise ValueError(f"{path}: {fault}")
     return oracle
 
 
 def _fault(oracle: Oracle) -> str:
-    """What is wrong with a well-formed oracle; empty if nothing."""
+    """Return what is wrong with a well-formed oracle, or ""."""
     M_RB, M_A = np.array(oracle.M_RB), np.array(oracle.M_A)
     for name, M in (("M_RB", M_RB), ("M_A", M_A)):
         if np.abs(M - M.T).max() > 1e-9 * np.abs(M).max():
@@ -145,7 +146,7 @@ def _fault(oracle: Oracle) -> str:
 
 
 def build(oracle: Oracle) -> Hydrodynamics:
-    """The oracle's body in its initial state, with its wrench and current."""
+    """Return a world with the oracle's body in its initial state, with its wrench and current."""
     body = BodyParams(
         M_RB=np.array(oracle.M_RB),
         M_A=np.array(oracle.M_A),
@@ -170,13 +171,13 @@ def build(oracle: Oracle) -> Hydrodynamics:
 
 
 def run(oracle: Oracle, rate_hz: float) -> tuple[FloatArray, int]:
-    """States (n, 13) at the oracle's times, and the number of steps taken; ValueError if the run diverged."""
+    """Return the states (n, 13) at the oracle's times, and the number of steps. Raises ValueError if the run diverged."""
     hydro = build(oracle)
-    # state0 belongs to t = 0, where the wrench's time starts, unless the first sample repeats it.
+    # state0 is the state at t = 0, where the time of the wrench starts, unless the first sample repeats it.
     t = oracle.t_s[0] if tuple(oracle.states[0]) == tuple(oracle.state0) else 0.0
     states, total = np.empty((len(oracle.t_s), 13)), 0
     for k, goal in enumerate(oracle.t_s):
-        # A hair less than a whole number of steps is that number.
+        # The small offset keeps rounding errors from adding a step.
         steps = math.ceil((goal - t) * rate_hz - 1e-9)
         for i in range(steps):
             hydro.dt = (goal - t) / steps
@@ -203,7 +204,10 @@ def _compare(oracle: Oracle, states: FloatArray, rate_hz: float, steps: int) -> 
 
 
 def _angle(a: FloatArray, b: FloatArray) -> float:
-    """Angle (rad) between two attitudes; exact for small angles, where an arc cosine is not, and blind to a quaternion's sign and length."""
+    """Return the angle (rad) between two attitudes.
+
+    It is exact for small angles, unlike an arc cosine, and does not depend on the sign and length of the quaternions.
+    """
     w = float(a @ b)
     v = a[0] * b[1:] - b[0] * a[1:] - np.cross(a[1:], b[1:])
     return 2.0 * math.atan2(float(np.linalg.norm(v)), abs(w))

@@ -1,1 +1,1 @@
-"""Manoeuvres of one vehicle, run open loop in still water, and the report of them: what `uwserver manoeuvres` tells."""
+"""Manoeuvres of one vehicle, run open loop in still water, and the report on them, which `uwserver manoeuvres` prints."""

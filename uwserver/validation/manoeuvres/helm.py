@@ -1,8 +1,8 @@
-"""What a vehicle can be told, whatever drives it: sticks of a pilot become commands of thrusters, shafts, fins or a wrench.
+"""Turns the sticks of a pilot into commands of thrusters, shafts, fins or a wrench, for any vehicle.
 
-The mix is that of a pilot's box in manual mode: each propulsor gets its share of a stick by where it sits and where it pushes, and nobody corrects.
-Thrusters and propellers push along B's x, y, z and turn about z with the least sum of squares that makes nothing else of these four; pitch and
-roll are nobody's business. Fins turn, pitch and hold roll by what each does when the vehicle goes ahead.
+The mix is that of a pilot's box in manual mode. Each propulsor gets a share of a stick according to its position and direction, and nothing
+corrects the motion. Thrusters and propellers push along x, y and z of B and turn about z, with the smallest sum of squares that does nothing else
+on these four axes; pitch and roll are ignored. Fins turn, pitch and hold roll according to the wrench of each fin at speed ahead.
 """
 
 from __future__ import annotations
@@ -24,16 +24,20 @@ from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.validation.manoeuvres.bollard import DEPTH, bollard
 
 _SMALL = 0.02
-"""rad, of a fin to see what it does; and what part of an effect counts as none."""
+"""Angle in rad of a fin to measure its effect, and the part of an effect that counts as none."""
 _AXES = (0, 1, 2, 5)
+"""Surge, sway, heave and yaw in a wrench."""
 
 
 class Sticks(NamedTuple):
-    """What a pilot asks for. Of full command, -1..1, but for the angles (rad) of rudder (positive: to starboard) and planes (positive: dive).
+    """The positions of a pilot's sticks, from -1 to 1 of full command, except for two angles in rad.
 
     Attributes:
-        sink: of ballast: 1 as heavy as it gets, -1 as light.
-        nose_down: of moving masses: 1 as far forward as they go.
+        surge, sway, heave, yaw: thrust and moment in B.
+        rudder: angle, rad; positive turns to starboard.
+        planes: angle, rad; positive dives.
+        sink: ballast; 1 is as heavy as possible, -1 as light as possible.
+        nose_down: moving masses; 1 is as far forward as possible.
     """
 
     surge: float = 0.0
@@ -51,9 +55,12 @@ GLIDE_DOWN = Sticks(sink=1.0, nose_down=1.0)
 
 @dataclass(frozen=True)
 class _Mix:
-    """Commands per unit of each stick: of thrusters (n, 4) and shafts in rad/s (m, 4) for surge, sway, heave and yaw; of the wrench (4).
+    """Commands per unit of the sticks surge, sway, heave and yaw. A stick that moves nothing has a column of zeros.
 
-    A stick that moves nothing has a column of zeros.
+    Attributes:
+        thrusters: (n, 4) commands of thrusters.
+        shafts: (m, 4) speeds of shafts, rad/s.
+        wrench: (4, 4) force in N and moment in N m on these axes.
     """
 
     thrusters: FloatArray
@@ -62,16 +69,16 @@ class _Mix:
 
 
 class Helm:
-    """Sticks of one vehicle.
+    """The sticks of one vehicle.
 
     Attributes:
-        body: its parameters.
+        body: parameters of the vehicle.
         rudder, planes: largest angle, rad; 0 without fins for it.
-        stalls: smallest angle of attack at which one of the fins' foils stalls, rad; infinite without foils.
+        stalls: smallest angle of attack at which a foil of the fins stalls, rad; infinite without foils.
     """
 
     def __init__(self, vehicle: VehicleFile, body: BodyParams) -> None:
-        """Of a checked vehicle and its parameters. Actuators of kinds of an extension are left at rest."""
+        """Take a checked vehicle and its parameters. Actuators of kinds of an extension stay at rest."""
         self.body = body
         servos = body.appendages.servos
         self._mix = _mix(vehicle, body)
@@ -83,11 +90,10 @@ class Helm:
         limits = np.array([servos[k].high for k in self._fins])
         self._turn, self.rudder = _direction(effects, 5, limits)
         self._dive, self.planes = _direction(effects, 4, limits)
-        foils = [foil.stall for foil in body.appendages.foils if foil.servo]
-        self.stalls = min(foils, default=np.inf)
+        self.stalls = min((foil.stall for foil in body.appendages.foils if foil.servo), default=np.inf)
 
     def has(self, stick: str) -> bool:
-        """Whether a stick of `Sticks` moves anything."""
+        """Tell whether a stick of `Sticks` moves anything."""
         if stick in ("rudder", "planes"):
             return bool(getattr(self, stick) > 0.0)
         if stick in ("sink", "nose_down"):
@@ -97,16 +103,15 @@ class Helm:
 
     @property
     def glides(self) -> bool:
-        """Whether ballast and a moving mass drive it, and no propulsor."""
+        """Whether the vehicle is driven by ballast and a moving mass, and by no propulsor."""
         return self.has("sink") and self.has("nose_down") and not self.has("surge")
 
     def tell(self, hydro: Hydrodynamics, row: int, sticks: Sticks) -> None:
-        """Command the body in this row from now on."""
+        """Command the body in a row of the world, until the next command."""
         record, asked, mix = hydro.bodies[row], np.array(sticks[:4]), self._mix
         first, count = int(record["thruster_first"]), int(record["thruster_count"])
-        rows = slice(first, first + count)
-        hydro.thrusters["command"][rows] = np.clip(mix.thrusters @ asked, -1.0, 1.0)
-        hydro.thrusters["fresh"][rows] = 1
+        hydro.thrusters["command"][first : first + count] = np.clip(mix.thrusters @ asked, -1.0, 1.0)
+        hydro.thrusters["fresh"][first : first + count] = 1
         first, count = int(record["servo_first"]), int(record["servo_count"])
         values = self._neutral.copy()
         values[self._shafts] += mix.shafts @ asked
@@ -115,8 +120,7 @@ class Helm:
         values += abs(sticks.nose_down) * self._down[int(sticks.nose_down < 0.0)]
         servos = hydro.servos[first : first + count]
         hydro.servos["command"][first : first + count] = np.clip(values, servos["low"], servos["high"])
-        wrench = hydro.wrenches["bias"][int(record["wrench_first"])]
-        wrench[list(_AXES)] = mix.wrench @ asked
+        hydro.wrenches["bias"][int(record["wrench_first"]), list(_AXES)] = mix.wrench @ asked
 
 
 def _mix(vehicle: VehicleFile, body: BodyParams) -> _Mix:
@@ -135,40 +139,45 @@ def _mix(vehicle: VehicleFile, body: BodyParams) -> _Mix:
         own = vehicle.autopilot
         if not isinstance(own, UnsetType) and not isinstance(own.max_wrench, UnsetType):
             wrench = np.diag([own.max_wrench[axis] for axis in _AXES])
-    split = len(thrusters)
-    return _Mix(shares[:split], shares[split:] * highs[:, None], wrench)
+    return _Mix(shares[: len(thrusters)], shares[len(thrusters) :] * highs[:, None], wrench)
 
 
 def _push(hydro: Hydrodynamics, row: int, thruster: int) -> None:
-    """One thruster of the body in this row at full command."""
+    """Set one thruster of the body in a row to full command."""
     k = int(hydro.bodies["thruster_first"][row]) + thruster
     hydro.thrusters["command"][k], hydro.thrusters["fresh"][k] = 1.0, 1
 
 
 def _spin(hydro: Hydrodynamics, row: int, servo: int, speed: float) -> None:
-    """One shaft of the body in this row at its speed, rad/s."""
+    """Command one shaft of the body in a row to a speed, rad/s."""
     hydro.servos["command"][int(hydro.bodies["servo_first"][row]) + servo] = speed
 
 
 def _column(r: Sequence[float], axis: Sequence[float]) -> FloatArray:
+    """Return the wrench (6) about the origin of a unit force at r along an axis."""
     unit = np.array(axis) / np.linalg.norm(axis)
     column: FloatArray = np.concatenate([unit, np.cross(r, unit)])
     return column
 
 
 def _shares(columns: FloatArray) -> FloatArray:
-    """(n, 4) part of full command of n propulsors for full surge, sway, heave and yaw; `columns` is (6, n), the wrench of each at full command."""
+    """Return the parts (n, 4) of full command that n propulsors get for full surge, sway, heave and yaw.
+
+    Args:
+        columns: (6, n) wrench of each propulsor at full command, N and N m.
+    """
     rows = columns[list(_AXES)]
     shares = np.zeros((columns.shape[1], 4))
     if columns.shape[1] == 0:
         return shares
+    # Moments are divided by a typical arm, so that forces and moments weigh alike in the pseudo-inverse.
     arm = max(float(np.abs(columns[3:]).max()), 1e-9) / max(float(np.abs(columns[:3]).max()), 1e-9)
     scaled = rows / np.array([[1.0], [1.0], [1.0], [max(arm, 1e-9)]])
     inverse = np.linalg.pinv(scaled, rcond=0.05)
     made = scaled @ inverse
     for k in range(4):
         largest = float(np.abs(inverse[:, k]).max())
-        # What comes out beside the axis asked for must be small, or the axis is not this vehicle's to command.
+        # The vehicle can command an axis only if the result is mostly on this axis.
         if made[k, k] > 0.5 and largest > 0.0:
             shares[:, k] = inverse[:, k] / largest
     shares[np.abs(shares) < _SMALL] = 0.0
@@ -176,7 +185,7 @@ def _shares(columns: FloatArray) -> FloatArray:
 
 
 def _weights(body: BodyParams) -> tuple[FloatArray, FloatArray]:
-    """(2, servos) each: what ballast adds to the neutral for as heavy and as light as it gets, and moving masses for forward and aft."""
+    """Return what to add to the neutral of servos, (2, servos) for each stick: ballast for heavy and light, moving masses for forward and aft."""
     servos = body.appendages.servos
     names = [servo.name for servo in servos]
     sink, down = np.zeros((2, len(servos))), np.zeros((2, len(servos)))
@@ -191,9 +200,10 @@ def _weights(body: BodyParams) -> tuple[FloatArray, FloatArray]:
 
 
 def _fin_effects(body: BodyParams, fins: Sequence[int]) -> FloatArray:
-    """(6, n) wrench per radian of each fin at 1 m/s ahead."""
+    """Return the wrench (6, n) per radian of each fin at 1 m/s ahead."""
     if not fins:
         return np.zeros((6, 0))
+    # The last row has all fins at neutral; the others differ from it by one fin.
     hydro = Hydrodynamics([body] * (len(fins) + 1), 0.01)
     hydro.state[:, 2], hydro.state[:, NU] = DEPTH, 1.0
     for row, fin in enumerate(fins):
@@ -204,7 +214,13 @@ def _fin_effects(body: BodyParams, fins: Sequence[int]) -> FloatArray:
 
 
 def _direction(effects: FloatArray, axis: int, limits: FloatArray) -> tuple[FloatArray, float]:
-    """Angle of each fin for an angle of all together about y (dive) or z (to starboard), and the largest such angle, rad."""
+    """Return the angle of each fin per angle of the stick, and the largest angle of the stick, rad.
+
+    Args:
+        effects: (6, n) wrench per radian of each fin.
+        axis: 4 to dive, about y, or 5 to turn to starboard, about z.
+        limits: (n) largest angle of each fin, rad.
+    """
     none = np.zeros(effects.shape[1]), 0.0
     if effects.shape[1] == 0:
         return none

@@ -1,4 +1,4 @@
-"""Points on the surface of a vehicle's shapes, from which its size follows and its picture is drawn."""
+"""Points on the surface of a vehicle's shapes, for its size and its picture."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _AROUND, _ALONG = 36, 13
 
 
 def outline(solid: Solid) -> list[FloatArray]:
-    """(n, 3) for each of its shapes, in the frame of the solid, m; the convex hull of the points is nearly that of the shape."""
+    """Return points (n, 3) for each shape, in the frame of the solid, m. Their convex hull is nearly the shape's."""
     return [np.array(part.p) + _points(part.shape) @ part.R.T for part in solid.shapes]
 
 
@@ -22,12 +22,9 @@ def _points(shape: Shape) -> FloatArray:
         return np.array(list(itertools.product((-1.0, 1.0), repeat=3))) * shape.half
     if isinstance(shape, Sphere):
         return _ball(shape.radius)
-    if isinstance(shape, Cylinder):
-        return np.concatenate([_ring(shape.radius, x) for x in (-shape.half_length, shape.half_length)])
-    if isinstance(shape, Capsule):
-        return np.concatenate(
-            [_ball(shape.radius) + np.array([x, 0.0, 0.0]) for x in (-shape.half_length, shape.half_length)]
-        )
+    if isinstance(shape, Cylinder | Capsule):
+        end = _ring(shape.radius, 0.0) if isinstance(shape, Cylinder) else _ball(shape.radius)
+        return np.concatenate([end + np.array([x, 0.0, 0.0]) for x in (-shape.half_length, shape.half_length)])
     if isinstance(shape, ConvexHull):
         return shape.points
     raise TypeError(f"a vehicle has no {type(shape).__name__}")

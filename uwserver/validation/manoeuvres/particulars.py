@@ -1,4 +1,4 @@
-"""The numbers of a vehicle: mass, size, added mass, damping, righting arm and thrust, each with the status that its file gives it."""
+"""The numbers of a vehicle: mass, size, added mass, damping, righting arm and thrust, each with the status that it has in the vehicle's file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import numpy as np
 from msgspec import UnsetType
 
 from uwserver.physics.dynamics.params import BodyParams
-from uwserver.physics.geometry.shapes import Solid
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.scenario.load.resolved import ResolvedVehicle
 from uwserver.scenario.vehicle.appendage_tables import Sourced
@@ -30,12 +29,12 @@ THRUSTS = {
     "up": (Sticks(heave=-1.0), 2),
     "turning": (Sticks(yaw=1.0), 5),
 }
-"""Full command of one stick, and the axis of the wrench that it makes."""
+"""Full command of one stick, and the axis of the resulting wrench."""
 
 
 @dataclass(frozen=True)
 class Particular:
-    """One number, or the six of a diagonal (surge, sway, heave, roll, pitch, yaw), with the statuses of the tables that it comes from."""
+    """A number, or the six numbers of a diagonal (surge, sway, heave, roll, pitch, yaw), with the statuses of the tables that they come from."""
 
     name: str
     unit: str
@@ -44,7 +43,7 @@ class Particular:
 
 
 def particulars(resolved: ResolvedVehicle, body: BodyParams, helm: Helm) -> list[Particular]:
-    """All of a checked vehicle, `body` being its parameters in the water of the report."""
+    """Return all numbers of a checked vehicle. `body` has its parameters in the water of the report."""
     file = resolved.vehicle
     rigid = file.rigid_body
     found = [
@@ -52,7 +51,8 @@ def particulars(resolved: ResolvedVehicle, body: BodyParams, helm: Helm) -> list
         Particular("weight in the water", "N", (body.weight - body.buoyancy,), _statuses(rigid, file.buoyancy)),
     ]
     if resolved.solid is not None:
-        found.append(Particular("length, width, height of its collision shapes", "m", _size(resolved.solid), ""))
+        size = np.ptp(np.concatenate(outline(resolved.solid)), axis=0)
+        found.append(Particular("length, width, height of its collision shapes", "m", tuple(size.tolist()), ""))
     if not floats(body):
         arm = (body.weight * body.r_g[2] - body.buoyancy * body.r_b[2]) / max(body.weight, 1e-9)
         found.append(Particular("righting arm", "m", (arm,), _statuses(rigid, file.buoyancy)))
@@ -68,22 +68,21 @@ def particulars(resolved: ResolvedVehicle, body: BodyParams, helm: Helm) -> list
     ):
         if matrix.any():
             found.append(Particular(name, "SI", _diagonal(matrix), _statuses(*tables)))
-    driven = (*file.thrusters.values(), *file.propellers.values()) or (file.autopilot,)
-    status = _statuses(*driven)
+    status = _statuses(*(*file.thrusters.values(), *file.propellers.values()) or (file.autopilot,))
     found += [Particular(f"thrust {name}" if axis < 5 else "moment of thrust", "N" if axis < 5 else "N m", (value,), status)
               for name, axis, value in _thrust(helm)]  # fmt: skip
     return found
 
 
 def guesses(resolved: ResolvedVehicle) -> tuple[int, int]:
-    """How many groups of numbers of hull, thrusters, fins and their devices are guesses, and how many there are."""
+    """Return how many groups of numbers of hull, thrusters, fins and their devices are guesses, and how many groups there are."""
     tables = [resolved.vehicle, *{id(device): device for device in resolved.devices.values()}.values()]
     statuses = [sourced.status for table in tables for sourced in _sourced(table)]
     return statuses.count("guess"), len(statuses)
 
 
 def _sourced(value: Any) -> Iterator[Sourced]:
-    """All tables with a source within a table, but for what is published of the real vehicle."""
+    """Yield all tables with a source within a table, except published figures, autopilot and sensors."""
     if isinstance(value, Sourced):
         yield value
     if isinstance(value, msgspec.Struct):
@@ -103,13 +102,8 @@ def _diagonal(M: FloatArray) -> tuple[float, ...]:
     return tuple(np.diag(M).tolist())
 
 
-def _size(solid: Solid) -> tuple[float, ...]:
-    points = np.concatenate(outline(solid))
-    return tuple(np.ptp(points, axis=0).tolist())
-
-
 def _thrust(helm: Helm) -> Iterator[tuple[str, int, float]]:
-    """Name, axis and size of what each stick makes at rest, held fast: N or N m."""
+    """Yield name, axis and size (N or N m) of the thrust of each stick, with the vehicle held fast."""
     known = {name: (sticks, axis) for name, (sticks, axis) in THRUSTS.items() if helm.has(_moved(sticks))}
     wrench = bollard(helm.body, [partial(helm.tell, sticks=sticks) for sticks, _ in known.values()])
     for row, (name, (_, axis)) in enumerate(known.items()):
@@ -117,4 +111,5 @@ def _thrust(helm: Helm) -> Iterator[tuple[str, int, float]]:
 
 
 def _moved(sticks: Sticks) -> str:
+    """Return the name of the one stick that is not at zero."""
     return next(name for name, value in sticks._asdict().items() if value)

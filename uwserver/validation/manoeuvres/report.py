@@ -1,8 +1,8 @@
-"""The manoeuvre report of a vehicle: its numbers, its manoeuvres, and published figures of the real one beside them."""
+"""The manoeuvre report of a vehicle: its numbers, its manoeuvres, and a comparison with published figures of the real vehicle."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import get_args
 
@@ -29,7 +29,7 @@ NONE_FOUND = "none found"
 
 @dataclass(frozen=True)
 class Comparison:
-    """One quantity of the vehicle file's `published`, in the unit of its name: what the simulation gives, and what is known."""
+    """A quantity of `published` in the vehicle file, in the unit of its name: the simulated value, and the published figures."""
 
     quantity: str
     condition: str
@@ -39,11 +39,12 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Report:
-    """All of one vehicle.
+    """The report on one vehicle.
 
     Attributes:
-        floats: whether it is one of the surface.
-        guesses, groups: of how many groups of numbers of its hull and devices are guesses, and how many there are.
+        floats: whether the vehicle is a surface vessel.
+        guesses: how many groups of numbers of its hull and devices are guesses.
+        groups: how many such groups there are.
     """
 
     name: str
@@ -57,34 +58,34 @@ class Report:
     trials: tuple[Trial, ...]
 
     def trial(self, key: str) -> Trial:
-        """One of them."""
+        """Return a trial by its key."""
         return next(trial for trial in self.trials if trial.key == key)
 
 
 def resolve(model: str, environment: Environment) -> ResolvedVehicle:
-    """A vehicle by name or file, as a scenario would load it.
+    """Load a vehicle by name or file, as a scenario does.
 
     Raises:
-        ScenarioError: a fault of its file.
+        ScenarioError: there is a fault in its file.
     """
     entry = VehicleEntry(model=model, position_ned_m=(0.0, 0.0, 5.0))
-    return load(Scenario(schema=1, environment=environment, vehicles={"vehicle": entry}), adapters={}).vehicles[
-        "vehicle"
-    ]
+    scenario = Scenario(schema=1, environment=environment, vehicles={"vehicle": entry})
+    return load(scenario, adapters={}).vehicles["vehicle"]
 
 
 def report(model: str, density_kgpm3: float = 1025.0) -> Report:
-    """Run all manoeuvres of a vehicle, by name or file, in still water.
+    """Run all manoeuvres of a vehicle, by name or file, in still water of a density (kg/m3).
 
     Raises:
-        ScenarioError: a fault of its file.
+        ScenarioError: there is a fault in its file.
         FloatingPointError: a manoeuvre diverged.
     """
     environment = Environment(density_kgpm3=density_kgpm3)
     resolved = resolve(model, environment)
     body = body_params(resolved.vehicle, resolved.devices, environment)
-    helm = Helm(resolved.vehicle, body)
-    waters, published = Waters(helm), resolved.vehicle.published
+    file = resolved.vehicle
+    helm = Helm(file, body)
+    waters, published = Waters(helm), file.published
     throttles = {p.throttle for p in published if p.quantity == "ahead_speed_mps"}
     turns = [
         (p.throttle, _rudder(p, helm)) for p in published if p.quantity in ("turning_diameter_m", "turn_rate_degps")
@@ -101,11 +102,9 @@ def report(model: str, density_kgpm3: float = 1025.0) -> Report:
         trials.stop(waters),
         _energy(helm),
     )
-    found = tuple(particulars(resolved, body, helm))
-    some, groups = guesses(resolved)
-    file = resolved.vehicle
-    unfinished = Report(file.name, file.description, density_kgpm3, waters.floats, some, groups, found, (), done)
-    return replace(unfinished, comparisons=tuple(_comparisons(unfinished, helm, published)))
+    numbers = tuple(particulars(resolved, body, helm))
+    without = Report(file.name, file.description, density_kgpm3, waters.floats, *guesses(resolved), numbers, (), done)
+    return replace(without, comparisons=tuple(_comparisons(without, helm, published)))
 
 
 def _rudder(figure: Published, helm: Helm) -> float:
@@ -113,73 +112,62 @@ def _rudder(figure: Published, helm: Helm) -> float:
 
 
 def _energy(helm: Helm) -> Trial:
-    """`validation.energy` as a trial."""
-    columns = (Column("rate", "power of the water over the energy, at its largest", "1/s"),)
+    """Return the test of `validation.energy` as a trial."""
+    columns = (Column("rate", "largest power of the water over the energy", "1/s"),)
     rows = tuple(Row(f"energy of {feed.speed:g} m/s", (feed.rate,)) for feed in feeds(helm.body))
     text = (
-        "Without thrust, whatever the motion, the water must take energy (a negative power); worst velocity of all with the kinetic energy\n"
-        "of that speed ahead, also astern, sideways and turning. At 50 m/s only terms of second degree are left."
+        "Without thrust the water must take energy (negative power), whatever the motion. The row shows the worst of all velocities with the\n"
+        "kinetic energy of this speed ahead, including astern, sideways and turning. At 50 m/s only terms of the second degree matter."
     )
     return Trial("energy", "Energy", text, columns, rows)
 
 
-def _comparisons(report: Report, helm: Helm, published: Sequence[Published]) -> list[Comparison]:
-    """Each quantity that the vehicle has, at each condition for which a figure is published."""
-    found = []
+def _comparisons(report: Report, helm: Helm, published: Sequence[Published]) -> Iterator[Comparison]:
+    """Yield each quantity that the vehicle has, at full throttle and at each condition for which a figure is published."""
     for quantity in get_args(Quantity):
-        figures = [figure for figure in published if figure.quantity == quantity]
-        conditions = {_condition(quantity, 1.0, min(RUDDER, helm.rudder), helm): ()} | {
-            _condition(quantity, figure.throttle, _rudder(figure, helm), helm): () for figure in figures
-        }
-        for condition in conditions:
-            at = tuple(f for f in figures if _condition(quantity, f.throttle, _rudder(f, helm), helm) == condition)
+        # The figures of each condition, in the order of the conditions.
+        figures: dict[str, tuple[Published, ...]] = {_condition(quantity, 1.0, min(RUDDER, helm.rudder), helm): ()}
+        for figure in published:
+            if figure.quantity == quantity:
+                condition = _condition(quantity, figure.throttle, _rudder(figure, helm), helm)
+                figures[condition] = (*figures.get(condition, ()), figure)
+        for condition, at in figures.items():
             simulated = _simulated(report, quantity, condition)
             if simulated is not None or at:
-                found.append(Comparison(quantity, condition, simulated, at))
-    return found
+                yield Comparison(quantity, condition, simulated, at)
+
+
+_WHERE = {
+    "ahead_speed_mps": ("straight", "steady", ""),
+    "astern_speed_mps": ("straight", "steady", "astern 100 %"),
+    "sway_speed_mps": ("sway", "speed", "to starboard 100 %"),
+    "descent_mps": ("dive", "sink", "down 100 %"),
+    "ascent_mps": ("dive", "sink", "up 100 %"),
+    "turning_diameter_m": ("turn", "diameter", ""),
+    "turn_rate_degps": ("turn", "rate", ""),
+    "spot_turn_rate_degps": ("turn", "rate", ON_THE_SPOT),
+    "roll_period_s": ("decay", "period", "roll"),
+    "pitch_period_s": ("decay", "period", "pitch"),
+    "glide_speed_mps": ("glide", "speed", "down"),
+    "glide_angle_deg": ("glide", "angle", "down"),
+}
+"""Trial, column and condition of each quantity; "" if the condition depends on the figure. Bollard pulls are no trials."""
 
 
 def _condition(quantity: str, throttle: float, rudder: float, helm: Helm) -> str:
-    """The run that a figure belongs to, as `trials` names it."""
+    """Return the name of the run that a figure belongs to."""
     if quantity == "ahead_speed_mps":
         return ahead(throttle)
     if quantity in ("turning_diameter_m", "turn_rate_degps"):
         return turn_told(throttle, rudder) if helm.has("rudder") else BY_THRUST
-    return {
-        "astern_speed_mps": "astern 100 %",
-        "sway_speed_mps": "to starboard 100 %",
-        "descent_mps": "down 100 %",
-        "ascent_mps": "up 100 %",
-        "spot_turn_rate_degps": ON_THE_SPOT,
-        "roll_period_s": "roll",
-        "pitch_period_s": "pitch",
-        "glide_speed_mps": "down",
-        "glide_angle_deg": "down",
-    }.get(quantity, "")
-
-
-_WHERE = {
-    "ahead_speed_mps": ("straight", "steady"),
-    "astern_speed_mps": ("straight", "steady"),
-    "sway_speed_mps": ("sway", "speed"),
-    "descent_mps": ("dive", "sink"),
-    "ascent_mps": ("dive", "sink"),
-    "turning_diameter_m": ("turn", "diameter"),
-    "turn_rate_degps": ("turn", "rate"),
-    "spot_turn_rate_degps": ("turn", "rate"),
-    "roll_period_s": ("decay", "period"),
-    "pitch_period_s": ("decay", "period"),
-    "glide_speed_mps": ("glide", "speed"),
-    "glide_angle_deg": ("glide", "angle"),
-}
-"""Trial and column of each quantity."""
+    return _WHERE.get(quantity, ("", "", ""))[2]
 
 
 def _simulated(report: Report, quantity: str, condition: str) -> Value:
-    if quantity.startswith("bollard"):
+    if quantity not in _WHERE:
         name = f"thrust {quantity.split('_')[1]}"
         return next((p.values[0] for p in report.particulars if p.name == name), None)
-    trial, column = _WHERE[quantity]
+    trial, column, _ = _WHERE[quantity]
     value = report.trial(trial).value(condition, column)
     if value is None:
         return None
@@ -187,7 +175,7 @@ def _simulated(report: Report, quantity: str, condition: str) -> Value:
 
 
 def as_json(report: Report) -> dict[str, object]:
-    """Plain values, SI and radians; comparisons in the unit of their quantity."""
+    """Return the report as plain values in SI units and radians; comparisons are in the unit of their quantity."""
     tree = asdict(report)
     tree["comparisons"] = [
         {**asdict(c), "published": [{"value": p.value, "status": p.status, "source": p.source} for p in c.published]}
@@ -197,13 +185,13 @@ def as_json(report: Report) -> dict[str, object]:
 
 
 def markdown(report: Report, picture: str = "") -> str:
-    """The report as a page; `picture` is the way to one from there."""
-    water = f"{report.density_kgpm3:g} kg/m3"
+    """Return the report as a page. `picture` is the path of a picture of the vehicle from there."""
     lines = [f"# {report.name}", "", report.description + ".", ""]
     if picture:
         lines += [f"![Shapes and thrusters of {report.name}]({picture})", ""]
     share = f"{report.guesses} of {report.groups} groups of numbers of hull, thrusters and fins are guesses"
-    lines += ["## Numbers", "", f"In water of {water}; signs and axes forward, right, down. {share}.", ""]
+    water = f"In water of {report.density_kgpm3:g} kg/m3; signs and axes forward, right, down."
+    lines += ["## Numbers", "", f"{water} {share}.", ""]
     lines += _table(("number", "value", "unit", "status"), [
         (p.name, ", ".join(_digits(v) for v in p.values), p.unit, p.status or "-") for p in report.particulars
     ])  # fmt: skip
@@ -230,11 +218,7 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def _compared(comparison: Comparison) -> list[tuple[str, ...]]:
-    begin = (
-        comparison.quantity,
-        comparison.condition or "-",
-        "-" if comparison.simulated is None else _digits(comparison.simulated),
-    )
+    begin = (comparison.quantity, comparison.condition or "-", _shown(comparison.simulated, ""))
     if not comparison.published:
         return [(*begin, NONE_FOUND, "-", "-")]
     return [(*begin, _digits(p.value), p.status, p.source) for p in comparison.published]
@@ -253,7 +237,7 @@ def _shown(value: Value, unit: str) -> str:
 
 
 def _digits(value: float) -> str:
-    """Three digits, and nothing below a thousandth."""
+    """Return a number with three digits; less than half a thousandth is 0."""
     if abs(value) < 5e-4:
         return "0"
     return f"{value:.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"

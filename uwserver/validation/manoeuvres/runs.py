@@ -1,4 +1,4 @@
-"""Runs of one vehicle side by side: each is a row of one world, with a plan of its own that moves the sticks."""
+"""Runs of one vehicle side by side. Each run is a row of one world, with a plan of its own that moves the sticks."""
 
 from __future__ import annotations
 
@@ -16,25 +16,30 @@ from uwserver.validation.manoeuvres.bollard import DEPTH
 from uwserver.validation.manoeuvres.helm import Helm, Sticks
 
 DT = 0.02
-"""s, of a tick."""
+"""Length of a tick, s."""
 FLOATING = 1.2
-"""Buoyancy over weight from which a vehicle is one of the surface; ROVs and AUVs are neutral within a few percent."""
+"""Ratio of buoyancy to weight from which a vehicle is a surface vessel; ROVs and AUVs are neutral within a few percent."""
 _SETTLING_S = 120.0
 
 Plan = Callable[[float, FloatArray], Sticks]
-"""The sticks at a time (s) and state (13)."""
+"""Returns the sticks at a time (s) and a state (13)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """What a run was: `t` (k) in s and `states` (k, 13), p_NB, q_NB, nu."""
+    """The track of a run.
+
+    Attributes:
+        t: (k) times, s.
+        states: (k, 13) states: p_NB, q_NB, nu.
+    """
 
     t: FloatArray
     states: FloatArray
 
     @property
     def p(self) -> FloatArray:
-        """(k, 3) way from the start, m, in N turned about z so that x is the heading of the start."""
+        """(k, 3) displacement from the start, m, in N turned about z so that x is the initial heading."""
         c, s = np.cos(self.heading[0]), np.sin(self.heading[0])
         d = self.states[:, P : P + 3] - self.states[0, P : P + 3]
         return np.stack([c * d[:, 0] + s * d[:, 1], c * d[:, 1] - s * d[:, 0], d[:, 2]], axis=1)
@@ -47,13 +52,13 @@ class Track:
 
     @property
     def speed(self) -> FloatArray:
-        """(k) of the origin, m/s."""
+        """(k) speed of the origin, m/s."""
         speed: FloatArray = np.linalg.norm(self.states[:, NU : NU + 3], axis=1)
         return speed
 
     @property
     def down(self) -> FloatArray:
-        """(k) rate of the depth, m/s."""
+        """(k) rate of change of the depth, m/s."""
         w, x, y, z = self._q
         zx, zy, zz = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
         u, v, w_B = self.states[:, NU : NU + 3].T
@@ -62,66 +67,66 @@ class Track:
 
     @property
     def heading(self) -> FloatArray:
-        """(k) without jumps, rad."""
+        """(k) heading without jumps, rad."""
         w, x, y, z = self._q
         return np.unwrap(np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z)))
 
     @property
     def pitch(self) -> FloatArray:
-        """(k) rad."""
+        """(k) pitch, rad."""
         w, x, y, z = self._q
         pitch: FloatArray = np.arcsin(np.clip(2.0 * (w * y - x * z), -1.0, 1.0))
         return pitch
 
     @property
     def roll(self) -> FloatArray:
-        """(k) rad."""
+        """(k) roll, rad."""
         w, x, y, z = self._q
         roll: FloatArray = np.arctan2(2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
         return roll
 
     @property
     def tilt(self) -> FloatArray:
-        """(k) angle between B's z axis and the vertical, rad; beyond a quarter turn the vehicle lies on its back."""
+        """(k) angle between the z axis of B and the vertical, rad; beyond a quarter turn the vehicle lies on its back."""
         _, x, y, _ = self._q
         tilt: FloatArray = np.arccos(np.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0))
         return tilt
 
     @property
     def _q(self) -> FloatArray:
-        """(4, k)."""
+        """(4, k) unit quaternions."""
         q = self.states[:, Q : Q + 4].T
         quaternions: FloatArray = q / np.linalg.norm(q, axis=0)
         return quaternions
 
     def since(self, seconds: float) -> Track:
-        """The part from a time on, with times from there."""
+        """Return the part from a time on, with times counted from there."""
         k = int(np.searchsorted(self.t, seconds - 0.5 * DT))
         return Track(self.t[k:] - self.t[k], self.states[k:])
 
     def until(self, seconds: float) -> Track:
-        """The part up to a time."""
+        """Return the part up to a time."""
         k = int(np.searchsorted(self.t, seconds + 0.5 * DT))
         return Track(self.t[:k], self.states[:k])
 
     @property
     def steady(self) -> Track:
-        """The last tenth, over which a steady value is the mean."""
+        """The last tenth of the track, over which steady values are averaged."""
         return self.since(0.9 * float(self.t[-1]))
 
 
 def floats(body: BodyParams) -> bool:
-    """Whether it is a vessel of the surface."""
+    """Tell whether a vehicle is a surface vessel."""
     return bool(body.shapes) and body.buoyancy >= FLOATING * body.weight
 
 
 class Waters:
-    """Where a vehicle makes its manoeuvres: still, and deep for all but those of the surface.
+    """Still water in which a vehicle makes its manoeuvres: deep, except for surface vessels.
 
     Attributes:
-        helm: of the vehicle.
-        floats: whether it is one of the surface.
-        rest: (13) state from which it starts.
+        helm: helm of the vehicle.
+        floats: whether the vehicle is a surface vessel.
+        rest: (13) state in which runs start.
     """
 
     def __init__(self, helm: Helm) -> None:
@@ -137,12 +142,12 @@ class Waters:
     def sail(
         self, plans: Sequence[Plan], seconds: float, turned: Sequence[tuple[float, float, float]] | None = None
     ) -> list[Track]:
-        """One track for each plan.
+        """Run all plans side by side, and return a track for each.
 
         Args:
-            plans: asked in each tick.
-            seconds: how long.
-            turned: of each, roll, pitch and yaw (rad) away from the state of rest; default: none.
+            plans: plans of the runs, which are asked in each tick.
+            seconds: duration of the runs.
+            turned: for each run roll, pitch and yaw (rad) relative to the state of rest; default: none.
 
         Raises:
             FloatingPointError: a state diverged.
@@ -170,16 +175,16 @@ class Waters:
 
 
 def still(_t: float, _state: FloatArray) -> Sticks:
-    """Hands off."""
+    """Leave all sticks at zero."""
     return Sticks()
 
 
 def hold(sticks: Sticks) -> Plan:
-    """The same all the time."""
+    """Return the plan that holds the sticks."""
     return lambda _t, _state: sticks
 
 
 def then(first: Sticks, seconds: float, second: Sticks | Plan) -> Plan:
-    """One for so many seconds, then another one; a plan's own time begins there."""
+    """Return the plan that holds the first sticks for some seconds, and then the second ones, or follows a plan, whose time begins then."""
     after = second if callable(second) else hold(second)
     return lambda t, state: first if t < seconds - 0.5 * DT else after(t - seconds, state)

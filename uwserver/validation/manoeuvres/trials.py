@@ -1,9 +1,9 @@
-"""The manoeuvres but for the turns: which sticks are moved, and which figures are read from the track. All in SI and radians."""
+"""All manoeuvres but the turns: which sticks are moved, and which figures are read from the track, in SI units and radians."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -29,12 +29,12 @@ from uwserver.validation.manoeuvres.runs import Plan, Track, Waters, hold, still
 
 THROTTLES = (0.3, 0.6, 1.0)
 LOOK_S, LONG_S = 20.0, 600.0
-"""After which a straight run and a dive are looked at; of ballast, which is slow."""
+"""Times after which the figures of straight runs and dives, and those of ballast, which is slow, are read."""
 PLANES, HEEL = rad(5.0), rad(10.0)
 
 
 def left_alone(waters: Waters) -> Trial:
-    """Without any command: whether it is trimmed, and how it rises or sinks."""
+    """Run without any command, which shows whether the vehicle is trimmed, and how it rises or sinks."""
     (track,) = waters.sail([still], APPROACH_S)
     end = track.steady
     columns = (Column("roll", "roll", "rad"), Column("pitch", "pitch", "rad"), Column("sink", "sinks at", "m/s"))
@@ -54,10 +54,10 @@ STRAIGHT = (
 
 
 def straight(waters: Waters, throttles: Sequence[float] = THROTTLES) -> Trial:
-    """From rest, throttle stepped, all else at neutral."""
-    title = "Straight line"
+    """Step the throttle from rest, with everything else at neutral."""
+    key, title = "straight", "Straight line"
     if not waters.helm.has("surge"):
-        return Trial("straight", title, "", reason="nothing pushes it ahead")
+        return Trial(key, title, reason="nothing pushes it ahead")
     asked = (*throttles, -1.0) if waters.helm.has("yaw") else tuple(throttles)
     tracks = waters.sail([hold(Sticks(surge=throttle)) for throttle in asked], APPROACH_S)
     rows = []
@@ -68,8 +68,8 @@ def straight(waters: Waters, throttles: Sequence[float] = THROTTLES) -> Trial:
             float(begin.heading[-1] - begin.heading[0]), float(begin.p[-1, 0]), float(begin.p[-1, 2]), settled(track.steady.speed),
         )  # fmt: skip
         rows.append(Row(ahead(throttle), values))
-    text = f"From rest, throttle stepped, everything else at neutral; looked at after {LOOK_S:g} s. Steady: mean of 108 to 120 s."
-    return Trial("straight", title, text, STRAIGHT, tuple(rows))
+    text = f"From rest, throttle stepped, everything else at neutral; figures after {LOOK_S:g} s. Steady: mean of 108 to 120 s."
+    return Trial(key, title, text, STRAIGHT, tuple(rows))
 
 
 RISE = (
@@ -82,46 +82,43 @@ RISE = (
 
 
 def dive(waters: Waters) -> Trial:
-    """By vertical thrust, by planes at full throttle, by ballast; whatever there is."""
-    title, helm = "Dive", waters.helm
+    """Dive and rise by vertical thrust, by planes at full throttle, and by ballast, as far as the vehicle has them."""
+    key, title, helm = "dive", "Dive", waters.helm
     if waters.floats:
-        return Trial("dive", title, "", reason="it stays at the surface")
+        return Trial(key, title, reason="it stays at the surface")
     rows: list[Row] = []
     if helm.has("heave"):
-        rows += _risen(
-            waters, (("down 100 %", hold(Sticks(heave=1.0))), ("up 100 %", hold(Sticks(heave=-1.0)))), 0.0, 60.0
-        )
+        plans = {f"{word} 100 %": hold(Sticks(heave=side)) for word, side in (("down", 1.0), ("up", -1.0))}
+        rows += _risen(waters, plans, 0.0, 60.0)
     if helm.has("planes") and helm.has("surge"):
-        angle = min(PLANES, helm.planes)
-        plans = [
-            (f"planes {degrees(angle)} to {word}", then(Sticks(surge=1.0), APPROACH_S, Sticks(surge=1.0, planes=side * angle)))
+        angle, full = min(PLANES, helm.planes), Sticks(surge=1.0)
+        plans = {
+            f"planes {degrees(angle)} to {word}": then(full, APPROACH_S, full._replace(planes=side * angle))
             for word, side in (("dive", 1.0), ("rise", -1.0))
-        ]  # fmt: skip
+        }
         rows += _risen(waters, plans, APPROACH_S, LOOK_S)
     if helm.has("sink"):
-        plans = [
-            (f"ballast as {word} as it gets", hold(Sticks(sink=side)))
-            for word, side in (("heavy", 1.0), ("light", -1.0))
-        ]
+        plans = {
+            f"ballast as {word} as it gets": hold(Sticks(sink=side)) for word, side in (("heavy", 1.0), ("light", -1.0))
+        }
         rows += _risen(waters, plans, 0.0, LONG_S)
     if not rows:
-        return Trial("dive", title, "", reason="it has neither vertical thrust nor planes nor ballast")
+        return Trial(key, title, reason="it has neither vertical thrust nor planes nor ballast")
     text = (
         f"Vertical thrust for 60 s from rest; planes for {LOOK_S:g} s after {APPROACH_S:g} s ahead at full throttle; ballast for "
         f"{LONG_S:g} s from rest. Rates are means of the last tenth."
     )
-    return Trial("dive", title, text, RISE, tuple(rows))
+    return Trial(key, title, text, RISE, tuple(rows))
 
 
-def _risen(waters: Waters, plans: Sequence[tuple[str, Plan]], begin: float, seconds: float) -> list[Row]:
-    rows = []
-    for (told, _), track in zip(plans, waters.sail([plan for _, plan in plans], begin + seconds), strict=True):
+def _risen(waters: Waters, plans: Mapping[str, Plan], begin: float, seconds: float) -> Iterator[Row]:
+    """Yield the figures of each run from a time (s) on."""
+    for told, track in zip(plans, waters.sail(list(plans.values()), begin + seconds), strict=True):
         run = track.since(begin)
         end = run.steady
         values = (mean(end.down), mean(end.pitch), float(run.tilt.max()), mean(end.speed), float(run.p[-1, 2]))
-        # Held open loop, planes overcome a short righting arm at speed: the means of a loop are no rate of descent.
-        rows.append(Row(f"{told} (it loops)" if run.tilt.max() > math.pi / 2 else told, values))
-    return rows
+        # Planes that are held overcome a short righting arm at speed, and the means over a loop are no rate of descent.
+        yield Row(f"{told} (it loops)" if run.tilt.max() > math.pi / 2 else told, values)
 
 
 GLIDE = (
@@ -133,12 +130,10 @@ GLIDE = (
 
 
 def glide(waters: Waters) -> Trial:
-    """Heavy, then light, without thrust, by ballast alone and with the moving mass: for what has both, and no propulsor."""
-    helm = waters.helm
-    if not helm.glides:
-        return Trial(
-            "glide", "Glide", "", reason="it is no glider: that needs ballast and a moving mass, and no propulsor"
-        )
+    """Glide down heavy and up light, without thrust, by ballast alone and with the moving mass."""
+    key, title = "glide", "Glide"
+    if not waters.helm.glides:
+        return Trial(key, title, reason="it is no glider: that needs ballast and a moving mass, and no propulsor")
     sticks = {
         "down": Sticks(sink=1.0),
         "up": Sticks(sink=-1.0),
@@ -151,19 +146,15 @@ def glide(waters: Waters) -> Trial:
         down = mean(end.down)
         angle = math.atan2(down, mean(np.hypot(*level(end))))
         rows.append(Row(told, (mean(end.speed), angle, mean(end.pitch), down)))
-    return Trial(
-        "glide",
-        "Glide",
-        f"Ballast, and moving mass, as far as they go, {LONG_S:g} s from rest; the last tenth.",
-        GLIDE,
-        tuple(rows),
-    )
+    text = f"Ballast, and moving mass, as far as they go, {LONG_S:g} s from rest; means of the last tenth."
+    return Trial(key, title, text, GLIDE, tuple(rows))
 
 
 def sway(waters: Waters) -> Trial:
-    """Full sideways thrust from rest."""
+    """Give full sideways thrust from rest."""
+    key, title = "sway", "Sideways"
     if not waters.helm.has("sway"):
-        return Trial("sway", "Sideways", "", reason="nothing pushes it sideways")
+        return Trial(key, title, reason="nothing pushes it sideways")
     (track,) = waters.sail([hold(Sticks(sway=1.0))], 60.0)
     end = track.steady
     columns = (
@@ -174,7 +165,7 @@ def sway(waters: Waters) -> Trial:
     row = Row(
         "to starboard 100 %", (mean(end.speed), float(track.tilt.max()), float(track.heading[-1] - track.heading[0]))
     )
-    return Trial("sway", "Sideways", "From rest, 60 s; the speed is the mean of the last tenth.", columns, (row,))
+    return Trial(key, title, "From rest, 60 s; the speed is the mean of the last tenth.", columns, (row,))
 
 
 DECAY = (
@@ -185,20 +176,21 @@ DECAY = (
 
 
 def free_decay(waters: Waters) -> Trial:
-    """Heeled and pitched by 10 degrees at rest, and let go, beside one that is not."""
+    """Let the vehicle go at rest, heeled and pitched by 10 degrees, beside one that is level."""
     rolled, pitched, level = waters.sail([still] * 3, APPROACH_S, ((HEEL, 0.0, 0.0), (0.0, HEEL, 0.0), (0.0, 0.0, 0.0)))
     rows = (
         Row("roll", _swing(level.t, rolled.roll - level.roll)),
         Row("pitch", _swing(level.t, pitched.pitch - level.pitch)),
     )
     text = (
-        "At rest, turned by 10 degrees and let go; the angle over that of one let go level. Period from the zero crossings, damping ratio from\n"
-        "the decrement of the first swings; no period: it creeps back without a swing."
+        "At rest, turned by 10 degrees and let go; angles are relative to a vehicle that is let go level. The period follows from zero crossings,\n"
+        "the damping ratio from the decrement of the first swings. Without a period the vehicle creeps back without a swing."
     )
     return Trial("decay", "Free decay", text, DECAY, rows)
 
 
 def _swing(t: FloatArray, angle: FloatArray) -> tuple[Value, ...]:
+    """Return the period (s), the damping ratio, and the time after which the angle stays below 1/e of its beginning (s)."""
     crossings = np.flatnonzero(angle[:-1] * angle[1:] < 0.0)
     size = np.abs(angle)
     late = np.flatnonzero(size > size[0] / math.e)
@@ -210,7 +202,7 @@ def _swing(t: FloatArray, angle: FloatArray) -> tuple[Value, ...]:
         return None, None, settle
     decrement = math.log(peaks[0] / peaks[-1]) / (len(peaks) - 1)
     moments = t[crossings[: max(len(peaks), 2)]]
-    # A swing crosses zero first between a quarter and a half of its period; what comes much later is another, slower motion.
+    # A swing first crosses zero after a quarter to a half of its period. A second crossing much later belongs to another, slower motion.
     if len(moments) < 2 or float(moments[1]) > 3.2 * float(moments[0]):
         return None, None, settle
     return 2.0 * float(np.diff(moments).mean()), decrement / math.hypot(math.pi, decrement), settle
@@ -220,10 +212,10 @@ STOP = (Column("approach", "speed before", "m/s"), Column("time", "after", "s"),
 
 
 def stop(waters: Waters) -> Trial:
-    """From full speed: thrust off until a tenth of it is left, and full astern until it stands."""
-    helm = waters.helm
-    if not helm.has("surge"):
-        return Trial("stop", "Stop", "", reason="nothing pushes it ahead")
+    """Stop from full speed: thrust off until a tenth of the speed is left, and full astern until the vehicle stands."""
+    key, title = "stop", "Stop"
+    if not waters.helm.has("surge"):
+        return Trial(key, title, reason="nothing pushes it ahead")
     full = Sticks(surge=1.0)
     plans = [then(full, APPROACH_S, still), then(full, APPROACH_S, Sticks(surge=-1.0))]
     parts: tuple[tuple[str, Callable[[Track, float], npt.NDArray[np.bool_]]], ...] = (
@@ -236,4 +228,4 @@ def stop(waters: Waters) -> Trial:
         at = first_time(run.t, reached(run, before))
         way = None if at is None else float(np.linalg.norm(np.diff(run.until(at).p, axis=0), axis=1).sum())
         rows.append(Row(told, (before, at, way)))
-    return Trial("stop", "Stop", f"After {APPROACH_S:g} s at full throttle.", STOP, tuple(rows))
+    return Trial(key, title, f"After {APPROACH_S:g} s at full throttle.", STOP, tuple(rows))

@@ -1,4 +1,4 @@
-"""Turning circle and zig-zag."""
+"""The manoeuvres turning circle and zig-zag."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ CIRCLE = (
 
 
 def turning_circle(waters: Waters, more: Sequence[tuple[float, float]] = ()) -> Trial:
-    """At full throttle or in a glide, rudder or yaw to starboard; `more` runs at (throttle, rudder angle in rad)."""
+    """Turn to starboard by rudder or yaw, at full throttle or in a glide; also at each (throttle, rudder angle in rad) of `more`."""
     title, helm = "Turning circle", waters.helm
     turns: list[tuple[str, Sticks, Sticks]] = []
     if helm.has("rudder"):
@@ -58,12 +58,12 @@ def turning_circle(waters: Waters, more: Sequence[tuple[float, float]] = ()) -> 
             turns.append((BY_THRUST, Sticks(surge=0.5), Sticks(surge=0.5, yaw=0.5)))
         turns.append((ON_THE_SPOT, Sticks(), Sticks(yaw=1.0)))
     if not turns:
-        return Trial("turn", title, "", reason="it has neither rudder nor a pair of thrusters that turns it")
+        return Trial("turn", title, reason="it has neither rudder nor a pair of thrusters that turns it")
     tracks = waters.sail([then(before, APPROACH_S, after) for _, before, after in turns], APPROACH_S + TURNING_S)
     rows = tuple(Row(told, _circle(track)) for (told, _, _), track in zip(turns, tracks, strict=True))
     text = (
-        f"After {APPROACH_S:g} s straight ahead, or gliding down, to starboard for {TURNING_S:g} s; advance at 90, tactical diameter at 180\n"
-        "degrees."
+        f"After {APPROACH_S:g} s straight ahead, or gliding down, to starboard for {TURNING_S:g} s; advance at 90 degrees, tactical diameter at\n"
+        "180 degrees."
     )
     return Trial("turn", title, text, CIRCLE, rows)
 
@@ -81,7 +81,7 @@ def _circle(track: Track) -> tuple[Value, ...]:
 
 
 class _ZigZag:
-    """Rudder to one side until the heading has changed by an angle, then to the other side, and so on."""
+    """The plan of a zig-zag: rudder to one side until the heading has changed by an angle, then to the other side, and so on."""
 
     def __init__(self, one: Sticks, other: Sticks, angle: float) -> None:
         self._sticks, self._angle, self._side = (one, other), angle, 0
@@ -107,10 +107,10 @@ ZIGZAGGED = (
 
 
 def zig_zag(waters: Waters) -> Trial:
-    """Rudder and heading by the same angle; vehicles steered by two thrusters by half of the yaw."""
+    """Zig-zag with the same angle of rudder and heading. Vehicles that are steered by two thrusters use half of the yaw."""
     title, helm = "Zig-zag", waters.helm
     if not helm.has("surge"):
-        return Trial("zigzag", title, "", reason="nothing pushes it ahead")
+        return Trial("zigzag", title, reason="nothing pushes it ahead")
     if helm.has("rudder"):
         angle = min(ZIGZAG, helm.rudder)
         before, one, other = (Sticks(surge=1.0, rudder=side * angle) for side in (0.0, 1.0, -1.0))
@@ -120,9 +120,9 @@ def zig_zag(waters: Waters) -> Trial:
         before, one, other = (Sticks(surge=0.5, yaw=0.5 * side) for side in (0.0, 1.0, -1.0))
         told = f"ahead 50 %, yaw 50 %, heading {degrees(angle)}"
     else:
-        return Trial("zigzag", title, "", reason="it has no rudder: thrusters turn it on the spot and push it sideways")
+        return Trial("zigzag", title, reason="it has no rudder: thrusters turn it on the spot and push it sideways")
     (track,) = waters.sail([then(before, APPROACH_S, _ZigZag(one, other, angle))], APPROACH_S + TURNING_S)
-    text = f"After {APPROACH_S:g} s straight ahead, first to starboard. Overshoot: of the heading beyond that of the order."
+    text = f"After {APPROACH_S:g} s straight ahead, first to starboard. The overshoot is how far the heading goes beyond the angle of the order."
     return Trial("zigzag", title, text, ZIGZAGGED, (Row(told, _overshoots(track, angle)),))
 
 
