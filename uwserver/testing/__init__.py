@@ -1,21 +1,22 @@
-"""Public testing kit for those who write adapters, codecs and components.
+"""The public testing kit for authors of adapters, codecs and components.
 
-- `check_adapter` (`uwserver.testing.adapters`): the conformance suite that every adapter of uwserver passes; run it on yours:
+- `check_adapter` (`uwserver.testing.adapters`): the conformance suite that every adapter of uwserver passes. Run it on your adapter:
 
       asyncio.run(check_adapter(MyAdapter, MyAdapter.Config(port=0), connect=TcpPeer.connect, greeting=b"subscribe everything"))
 
-  With `requests=Requests(...)`, how a peer calls a service, it also covers leaving in the middle of a call, cancel, time-out and flood. It
-  returns what became of each check: passed, or why it does not apply.
-- `check_codec` (`uwserver.testing.codecs`): a table of bytes both ways, whole, byte by byte, truncated and after garbage.
-- `check_sensor` (`uwserver.testing.sensors`): the contract of a sensor, from its config.
-- `check_modifier` (`uwserver.testing.modifiers`): the contract of a modifier, from its config.
-- `check_actuator`, `check_current` (`uwserver.testing.actuators`, `currents`): likewise.
+  With `requests=Requests(...)`, which says how a peer calls a service, the suite also covers peers that leave in the middle of a call, cancel
+  it, wait too long or flood the adapter. It returns the outcome of each check: passed, or why it does not apply.
+- `check_codec` (`uwserver.testing.codecs`): compares a codec with a table of bytes, in both directions: whole, byte by byte, truncated and after
+  garbage.
+- `check_sensor` (`uwserver.testing.sensors`): checks the contract of a sensor from its configuration.
+- `check_modifier` (`uwserver.testing.modifiers`): checks the contract of a modifier from its configuration.
+- `check_actuator`, `check_current` (`uwserver.testing.actuators`, `currents`): do the same for actuators and currents.
 - `FakeContext` (`uwserver.testing.fake_context`): an `AdapterContext` without a world, with scripted answers.
 - `FakeGeometry` (`uwserver.testing.fake_geometry`): planes and spheres in closed form, for ranging sensors.
-- `Loopback` (`uwserver.testing.loopback`): a connection in memory for an `asyncio.Protocol`, with a peer that reads when the test says so.
-- `MockTime` (`uwserver.testing.mock_time`): wall time that a test owns.
+- `Loopback` (`uwserver.testing.loopback`): a connection in memory for an `asyncio.Protocol`, with a peer that reads only when the test says so.
+- `MockTime` (`uwserver.testing.mock_time`): wall time that a test controls.
 
-All checks raise AssertionError with a text that says what the contract wants; none needs pytest.
+All checks raise AssertionError with a text that says what the contract requires. None needs pytest.
 """
 
 from uwserver.testing.actuators import check_actuator

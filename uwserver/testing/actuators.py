@@ -1,10 +1,8 @@
-"""The conformance suite for actuators: what commands make of the rows they may write, and of the memory, and of nothing else."""
+"""The conformance suite for actuators: commands depend on, and change, only the rows that they may write and the memory."""
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 from msgspec import msgpack
@@ -19,7 +17,7 @@ _ROWS = ("state", "bodies", "thrusters", "wrenches", "servos")
 
 
 def plain_body() -> Body:
-    """A body of 10 kg, 1 kg m2, without thrusters and fins."""
+    """Return a body of 10 kg and 1 kg m2 without thrusters and fins."""
     inertia, none = np.diag([10.0, 10.0, 10.0, 1.0, 1.0, 1.0]), np.zeros((6, 6))
     params = BodyParams(
         M_RB=inertia, M_A=none, D_L=none, D_Q=none, D_S=none, weight=98.1, buoyancy=98.1, r_g=(0.0, 0.0, 0.0), r_b=(0.0, 0.0, 0.0)
@@ -28,15 +26,15 @@ def plain_body() -> Body:
 
 
 def check_actuator(config: ActuatorTable, commands: Sequence[Given], *, body: Callable[[], Body] = plain_body) -> None:
-    """Build the actuator of a config and check its contract.
+    """Build an actuator from its configuration, and check its contract.
 
     Args:
-        config: with a `build(body)`.
-        commands: checked commands, in the order of its fields, that show what it does; at least two.
-        body: makes the rows that it may write, the same each time.
+        config: a configuration with `build(body)`.
+        commands: at least two checked commands that show what the actuator does, with values in the order of its fields.
+        body: makes a body, the same one each time, with the rows that the actuator may write.
 
     Raises:
-        AssertionError: the text names the actuator and says what the contract wants.
+        AssertionError: the text names the actuator and says what the contract requires.
     """
     kind = f'actuator "{config.__struct_config__.tag}"'
     build = getattr(config, "build", None)
@@ -54,8 +52,9 @@ def check_actuator(config: ActuatorTable, commands: Sequence[Given], *, body: Ca
     except ValueError as error:
         raise AssertionError(f"{kind}: {error}") from None
     half = len(commands) // 2
-    _carry_out(actuator, commands[:half])
-    memory, rows = msgpack.encode(getattr(actuator, "memory", None)), _rows(on)
+    _carry_out(actuator, commands[:half], on)
+    memory = msgpack.encode(getattr(actuator, "memory", None))
+    rows = {name: getattr(on.hydro, name).copy() for name in _ROWS}
     done = _carry_out(actuator, commands[half:], on)
     again, other = built()
     assert _carry_out(again, commands, other)[half:] == done, f"{kind}: the same commands do something else"
@@ -68,23 +67,19 @@ def check_actuator(config: ActuatorTable, commands: Sequence[Given], *, body: Ca
         f"{kind}: with the rows and the memory of another run it does not go on as that: all that it remembers belongs in memory"
     )
     actuator.neutral()
-    at_rest = _rows(on)
+    at_rest = _bits(on)
     actuator.neutral()
-    assert _bits(_rows(on)) == _bits(at_rest), f"{kind}: neutral is not the same the second time"
+    assert _bits(on) == at_rest, f"{kind}: neutral is not the same the second time"
 
 
-def _carry_out(actuator: Actuator, commands: Sequence[Given], on: Body | None = None) -> list[tuple[bytes, ...]]:
+def _carry_out(actuator: Actuator, commands: Sequence[Given], on: Body) -> list[tuple[bytes, ...]]:
+    """Apply commands, and return the rows of the body after each of them."""
     done = []
     for command in commands:
         actuator.apply(command)
-        if on is not None:
-            done.append(_bits(_rows(on)))
+        done.append(_bits(on))
     return done
 
 
-def _rows(body: Body) -> dict[str, Any]:
-    return {name: copy.deepcopy(getattr(body.hydro, name)) for name in _ROWS}
-
-
-def _bits(rows: dict[str, Any]) -> tuple[bytes, ...]:
-    return tuple(array.tobytes() for array in rows.values())
+def _bits(body: Body) -> tuple[bytes, ...]:
+    return tuple(getattr(body.hydro, name).tobytes() for name in _ROWS)

@@ -1,4 +1,4 @@
-"""What the conformance suite for adapters needs of each: how it is started, and how a peer speaks to it."""
+"""What the conformance suite needs to know about an adapter: how to start it, and how a peer speaks to it."""
 
 from __future__ import annotations
 
@@ -13,48 +13,50 @@ from uwserver.adapter import AdapterTable
 from uwserver.testing.fake_context import FakeContext
 
 START_S = 10.0
-"""Wall time to become ready."""
+"""Wall time in which an adapter must become ready."""
 CANCEL_S = 1.0
-"""Wall time to end once cancelled."""
+"""Wall time in which an adapter must end after it was cancelled."""
 SETTLE_S = 5.0
-"""Wall time in which an adapter has noticed what its peer did."""
+"""Wall time in which an adapter must notice what its peer did."""
 _RECEIVE_BUFFER = 4096
 
 
 class Peer(Protocol):
-    """The other side of an adapter, as the suite needs it. It reads nothing of itself."""
+    """A peer of an adapter, as the suite needs it. It reads nothing until it is asked to."""
 
     async def send(self, data: bytes) -> None:
-        """Send raw bytes; may raise OSError when the adapter has closed."""
+        """Send raw bytes; may raise OSError if the adapter has closed the connection."""
 
     async def close(self) -> None:
         """End the connection; never raises OSError."""
 
     async def hear(self) -> bytes:
-        """Wait for bytes of the adapter and return them; b"" once it has closed."""
+        """Wait for bytes of the adapter and return them; b"" if it has closed the connection."""
 
 
 Connect = Callable[[FakeContext], Awaitable[Peer]]
-"""Connects a peer to the running adapter of a context (``context.stats.address`` tells where)."""
+"""Connects a peer to the running adapter of a context, at ``context.stats.address``."""
 
 
 class DoesNotApply(Exception):
-    """A check asks for what the protocol cannot say; the text tells what."""
+    """The protocol cannot express what a check needs; the text says what that is."""
 
 
 @dataclass(frozen=True)
 class Requests:
-    """How a peer asks in this protocol. What it cannot say is b"": the checks that need it are reported as such.
+    """The bytes by which a peer makes requests in this protocol.
+
+    A request that the protocol cannot express is b""; the checks that need it are reported as not applicable.
 
     Attributes:
-        call: calls `service`, that of the world with `t_s` = 9; once for each peer.
+        call: calls `service`; that of the world with `t_s` = 9. It is sent once by each peer.
         cancel: cancels that call.
-        brief: calls it with a time-out of a second at most.
-        many: calls it, too, and can be sent again and again; where there are no calls, whatever the protocol takes most often.
+        brief: calls the service with a time-out of at most a second.
+        many: calls the service too, and can be sent again and again. If the protocol has no calls, any request that it takes often.
         misspelt: calls `world/run_untill`.
-        speak: makes a peer that can say this, where `connect` of the suite makes one that cannot.
-        service: of the context, that is called.
-        outlives: the call is the vehicle's rather than the peer's, as an order of MAVLink: it goes on when the peer has left.
+        speak: connects a peer that can send these requests, if `connect` of the suite connects one that cannot.
+        service: path of the service of the context that is called.
+        outlives: whether the call belongs to the vehicle and not to the peer, like an order in MAVLink, so that it goes on when the peer leaves.
     """
 
     call: bytes = b""
@@ -69,14 +71,15 @@ class Requests:
 
 @dataclass
 class AdapterKit:
-    """What is checked.
+    """An adapter that is checked.
 
     Attributes:
-        adapter_class, config: as the server would make it; the config takes a free port and loopback.
-        connect: makes a peer.
-        greeting: bytes with which a peer asks for samples, b"" when they come unasked.
-        make_context: ports and services to serve.
-        requests: how a peer calls services; None for a protocol that has no calls.
+        adapter_class: the class of the adapter.
+        config: its configuration, with a free port on loopback.
+        connect: connects a peer.
+        greeting: bytes with which a peer asks for samples; b"" if they come unasked.
+        make_context: makes a context with the ports and services to serve.
+        requests: how a peer calls services; None for a protocol without calls.
     """
 
     adapter_class: type[Any]
@@ -88,7 +91,7 @@ class AdapterKit:
 
     @property
     def kind(self) -> str:
-        """As the scenario names it."""
+        """Kind of the adapter in a scenario."""
         return str(self.config.__struct_config__.tag)
 
 
@@ -101,32 +104,25 @@ class Running:
     task: asyncio.Task[None]
     peers: list[Peer] = field(default_factory=list)
 
-    async def connect(self) -> Peer:
-        """A peer; closed after the adapter has ended, if the check has not done so."""
-        return await self._made(self.kit.connect)
-
-    async def caller(self, requests: Requests) -> Peer:
-        """A peer that calls services, and has asked for samples as far as it must to be heard."""
-        peer = await self._made(requests.speak or self.kit.connect)
-        if requests.speak is None:
-            await send(peer, self.kit.greeting)
-            await asyncio.sleep(0.05)
-        return peer
-
-    async def _made(self, connect: Connect) -> Peer:
-        peer = await asyncio.wait_for(connect(self.context), SETTLE_S)
+    async def connect(self, connect: Connect | None = None) -> Peer:
+        """Connect a peer, by default that of the kit. It is closed after the adapter has ended, if the check has not closed it."""
+        peer = await asyncio.wait_for((connect or self.kit.connect)(self.context), SETTLE_S)
         self.peers.append(peer)
         return peer
 
     async def subscriber(self) -> Peer:
-        """A peer that has asked for samples."""
+        """Connect a peer that asks for samples."""
         peer = await self.connect()
         await send(peer, self.kit.greeting)
         await asyncio.sleep(0.05)
         return peer
 
+    async def caller(self, requests: Requests) -> Peer:
+        """Connect a peer that can call services. Unless it is a special one, it asks for samples first, because some protocols need that."""
+        return await (self.subscriber() if requests.speak is None else self.connect(requests.speak))
+
     def assert_alive(self, after: str) -> None:
-        """It still runs."""
+        """Fail if the adapter has ended."""
         if self.task.done():
             error = None if self.task.cancelled() else self.task.exception()
             raise AssertionError(
@@ -143,7 +139,7 @@ class TcpPeer:
 
     @classmethod
     async def connect(cls, context: FakeContext) -> TcpPeer:
-        """Connect; the peer takes in little that nobody reads, so that a slow reader is seen soon."""
+        """Connect with a small receive buffer, so that the adapter soon notices a peer that does not read."""
         host, _, port = context.stats.address.rpartition(":")
         host = host.strip("[]")
         stream = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
@@ -157,18 +153,18 @@ class TcpPeer:
         return cls(*await asyncio.open_connection(sock=stream, limit=_RECEIVE_BUFFER))
 
     async def send(self, data: bytes) -> None:
-        """Send raw bytes."""
+        """Send raw bytes; raises OSError if the adapter has closed the connection."""
         self.writer.write(data)
         await self.writer.drain()
 
     async def hear(self) -> bytes:
-        """Wait for bytes and return them; b"" once the adapter has closed."""
+        """Wait for bytes and return them; b"" if the adapter has closed the connection."""
         with contextlib.suppress(OSError):
             return await self.reader.read(1 << 16)
         return b""
 
     async def close(self) -> None:
-        """Close at once."""
+        """Close the connection at once."""
         self.writer.transport.abort()
         with contextlib.suppress(OSError):
             await self.writer.wait_closed()
@@ -176,7 +172,7 @@ class TcpPeer:
 
 @contextlib.asynccontextmanager
 async def running(kit: AdapterKit) -> AsyncIterator[Running]:
-    """A started adapter; cancelled at the end, which must take less than a second."""
+    """Run an adapter within the block, and cancel it at the end, which must take less than `CANCEL_S`."""
     context = kit.make_context()
     ready = asyncio.Event()
     task: asyncio.Task[None] = asyncio.get_running_loop().create_task(kit.adapter_class(kit.config, context).run(ready))
@@ -198,18 +194,19 @@ async def running(kit: AdapterKit) -> AsyncIterator[Running]:
 
 
 async def cancelled(task: asyncio.Task[None]) -> None:
-    """Cancel an adapter and wait for its end; raises AssertionError when it takes longer than `CANCEL_S`."""
+    """Cancel an adapter and wait for its end; raises AssertionError if that takes longer than `CANCEL_S`."""
     task.cancel()
     await asyncio.wait([task], timeout=CANCEL_S)
     assert task.done(), (
         f"run() has not ended {CANCEL_S:g} s after it was cancelled: do not swallow CancelledError, do not wait for peers"
     )
+    # Marks an exception as retrieved; `assert_alive` has reported it.
     if not task.cancelled():
-        task.exception()  # marks it as seen; `assert_alive` has told of it
+        task.exception()
 
 
 async def until(condition: Callable[[], object], what: str) -> None:
-    """Wait for a condition; raises AssertionError with `what` when it does not come true in `SETTLE_S`."""
+    """Wait for a condition; raises AssertionError with the text `what` if it does not become true within `SETTLE_S`."""
     loop = asyncio.get_running_loop()
     end = loop.time() + SETTLE_S
     while not condition():
@@ -218,6 +215,6 @@ async def until(condition: Callable[[], object], what: str) -> None:
 
 
 async def send(peer: Peer, data: bytes) -> None:
-    """Send, unless the adapter has closed; raises TimeoutError when it takes nothing for `SETTLE_S`."""
-    with contextlib.suppress(OSError):  # the adapter may hang up on a peer that misbehaves
+    """Send bytes; raises TimeoutError if the adapter takes nothing for `SETTLE_S`. The adapter may hang up on a peer that misbehaves."""
+    with contextlib.suppress(OSError):
         await asyncio.wait_for(peer.send(data), SETTLE_S)

@@ -1,4 +1,4 @@
-"""The conformance suite for adapters: what every one must survive, and what it must leave behind (nothing)."""
+"""The conformance suite for adapters: what every adapter must survive. It must leave nothing behind."""
 
 from __future__ import annotations
 
@@ -55,14 +55,15 @@ async def check_adapter(
     """Run every check of `CHECKS`.
 
     Args:
-        adapter_class, config: as the server would make it; the config must take a free port on loopback.
-        connect: makes a peer of the running adapter, for instance `TcpPeer.connect`.
-        greeting: bytes with which a peer asks for samples; b"" when they come unasked.
-        make_context: ports and services to serve, default those of `FakeContext`.
-        requests: how a peer calls services; None for a protocol that has no calls.
+        adapter_class: the class of the adapter.
+        config: its configuration, which must take a free port on loopback.
+        connect: connects a peer to the running adapter, for example `TcpPeer.connect`.
+        greeting: bytes with which a peer asks for samples; b"" if they come unasked.
+        make_context: makes a context with the ports and services to serve; default those of `FakeContext`.
+        requests: how a peer calls services; None for a protocol without calls.
 
     Returns:
-        What became of each check, by its name: `PASSED`, or "does not apply: " and what the protocol cannot say.
+        The outcome of each check by its name: `PASSED`, or "does not apply: " and what the protocol cannot express.
 
     Raises:
         AssertionError: the text names the check, what is wrong, and what the contract says.
@@ -86,7 +87,7 @@ async def check_adapter(
 
 
 async def check_configuration(kit: AdapterKit) -> None:
-    """The config is typed, tagged, and survives a scenario file."""
+    """Check that the configuration is typed and tagged, and survives a scenario file."""
     config_type = kit.adapter_class.Config
     assert issubclass(config_type, AdapterTable), "Config must derive from uwserver.adapter.AdapterTable"
     assert isinstance(kit.config, config_type), (
@@ -100,7 +101,7 @@ async def check_configuration(kit: AdapterKit) -> None:
 
 
 async def check_starts_and_reports(kit: AdapterKit) -> None:
-    """Ready means that a peer can connect, and the stats say so."""
+    """Check that a peer can connect once the adapter is ready, and that the stats say so."""
     async with running(kit) as adapter:
         stats = adapter.context.stats
         assert stats.state == "running", f'stats.state is "{stats.state}" after ready was set, it must be "running"'
@@ -112,7 +113,7 @@ async def check_starts_and_reports(kit: AdapterKit) -> None:
 
 
 async def check_cancelled_with_peers(kit: AdapterKit) -> None:
-    """Peers that stay connected do not hold it up."""
+    """Check that peers that stay connected do not delay the end."""
     async with running(kit) as adapter:
         for _ in range(3):
             await adapter.subscriber()
@@ -120,7 +121,7 @@ async def check_cancelled_with_peers(kit: AdapterKit) -> None:
 
 
 async def check_cancelled_at_once(kit: AdapterKit) -> None:
-    """Cancelled before it could start."""
+    """Check that an adapter can be cancelled before it has started."""
     context = kit.make_context()
     task: asyncio.Task[None] = asyncio.get_running_loop().create_task(
         kit.adapter_class(kit.config, context).run(asyncio.Event())
@@ -131,7 +132,7 @@ async def check_cancelled_at_once(kit: AdapterKit) -> None:
 
 
 async def check_flickering_peer(kit: AdapterKit) -> None:
-    """A peer that connects and goes at once, many times."""
+    """Check that peers can connect and leave at once, many times."""
     async with running(kit) as adapter:
         for _ in range(20):
             await (await adapter.connect()).close()
@@ -139,7 +140,7 @@ async def check_flickering_peer(kit: AdapterKit) -> None:
 
 
 async def check_garbage(kit: AdapterKit) -> None:
-    """Bytes that are no message end neither the adapter nor the next peer's chances."""
+    """Check that bytes that are no message neither end the adapter nor keep the next peer out."""
     async with running(kit) as adapter:
         for junk in GARBAGE:
             peer = await adapter.connect()
@@ -152,7 +153,7 @@ async def check_garbage(kit: AdapterKit) -> None:
 
 
 async def check_half_message(kit: AdapterKit) -> None:
-    """A peer that dies within a message."""
+    """Check that peers may die in the middle of a message."""
     async with running(kit) as adapter:
         for cut in range(1, max(2, len(kit.greeting)), 7):
             peer = await adapter.connect()
@@ -162,7 +163,8 @@ async def check_half_message(kit: AdapterKit) -> None:
 
 
 async def check_slow_reader(kit: AdapterKit) -> None:
-    """A peer that asks for samples and reads none costs others nothing: `put_samples` returns, another peer connects, the end is in time."""
+    """Check that a peer that asks for samples and reads none costs others nothing: `put_samples` returns, another peer can connect, and the adapter
+    ends in time."""
     async with running(kit) as adapter:
         await adapter.subscriber()
         noticed = 0
@@ -170,7 +172,7 @@ async def check_slow_reader(kit: AdapterKit) -> None:
             adapter.context.emit()
             if count % 100 == 0:
                 await asyncio.sleep(0)
-            # The kernel's buffers hold some megabytes; once the adapter itself had to act, a little more is enough.
+            # The buffers of the kernel hold some megabytes. Once the adapter has dropped samples or the peer, a few more ticks are enough.
             noticed += adapter.context.stats.dropped > 0 or adapter.context.stats.peers == 0
             if noticed > _TICKS_ONCE_SLOW:
                 break
@@ -179,7 +181,7 @@ async def check_slow_reader(kit: AdapterKit) -> None:
 
 
 async def check_strange_samples(kit: AdapterKit) -> None:
-    """Invalid samples, values that are not finite, and ports it has never heard of."""
+    """Check that the adapter survives invalid samples, values that are not finite, and samples of unknown ports."""
     async with running(kit) as adapter:
         context = adapter.context
         await adapter.subscriber()
@@ -198,7 +200,7 @@ def _filled(port: Port, number: float) -> Sample:
 
 
 async def check_events(kit: AdapterKit) -> None:
-    """Every event there is, and ports that go and come back."""
+    """Check that the adapter survives every kind of event, and ports that disappear and come back."""
     async with running(kit) as adapter:
         context = adapter.context
         await adapter.subscriber()
@@ -215,7 +217,7 @@ async def check_events(kit: AdapterKit) -> None:
 
 
 async def check_restarts(kit: AdapterKit) -> None:
-    """Again and again on the same config, with a peer that outlives it."""
+    """Check that the adapter can be started again with the same configuration, with a peer that is still connected when it ends."""
     for _ in range(3):
         async with running(kit) as adapter:
             await adapter.subscriber()
@@ -242,4 +244,4 @@ CHECKS: Mapping[str, Callable[[AdapterKit], Awaitable[None]]] = {
         check_did_you_mean,
     )
 }
-"""The suite, by name; each can be run on its own with an `AdapterKit`."""
+"""The checks of the suite by name. Each can be run on its own with an `AdapterKit`."""

@@ -1,11 +1,10 @@
-"""The part of the conformance suite that calls services: what becomes of a call whose peer leaves, cancels, floods, or misspells."""
+"""The part of the conformance suite that calls services: peers that leave, cancel, wait too long, flood, or misspell a name."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 from collections.abc import AsyncIterator
-from dataclasses import dataclass
 
 from uwserver.ports import Fault, Reply
 from uwserver.testing import adapter_kit
@@ -13,7 +12,7 @@ from uwserver.testing.adapter_kit import AdapterKit, DoesNotApply, Peer, Request
 from uwserver.testing.fake_context import TICK_NS, HeldCall
 
 FLOOD = 5000
-"""Requests of one peer that waits for no answer."""
+"""Requests of one peer that does not wait for answers."""
 _QUIET_S = 0.5
 _UNSAID = {
     "call": "the protocol has no calls of services",
@@ -24,25 +23,16 @@ _UNSAID = {
 }
 
 
-@dataclass(frozen=True)
-class _Calling:
-    """A running adapter whose calls wait for the suite, what its peers can say, and one of them."""
-
-    adapter: Running
-    requests: Requests
-    peer: Peer
-
-
 @contextlib.asynccontextmanager
-async def calling(kit: AdapterKit, *needs: str) -> AsyncIterator[_Calling]:
-    """What every check of calls begins with.
+async def calling(kit: AdapterKit, *needs: str) -> AsyncIterator[tuple[Running, Requests, Peer]]:
+    """Run an adapter whose calls wait for the suite; yields it, the requests of its protocol, and a peer that can send them.
 
     Args:
-        kit: what is checked.
-        needs: fields of `Requests` that the check sends.
+        kit: the adapter.
+        needs: names of the requests that the check sends.
 
     Raises:
-        DoesNotApply: the protocol cannot say one of them.
+        DoesNotApply: the protocol cannot express one of them.
     """
     requests = kit.requests
     for need in needs:
@@ -51,7 +41,7 @@ async def calling(kit: AdapterKit, *needs: str) -> AsyncIterator[_Calling]:
     assert requests is not None
     async with running(kit) as adapter:
         adapter.context.held.add(requests.service)
-        yield _Calling(adapter, requests, await adapter.caller(requests))
+        yield adapter, requests, await adapter.caller(requests)
 
 
 async def _called(adapter: Running, peer: Peer, request: bytes) -> HeldCall:
@@ -64,22 +54,25 @@ async def _called(adapter: Running, peer: Peer, request: bytes) -> HeldCall:
 
 
 async def check_leaves_in_the_middle_of_a_call(kit: AdapterKit) -> None:
-    """Nobody waits for the long-running call of a peer that has gone: it ends, at its time-out at the latest, unless it is the vehicle's; and
-    what the world still says of it disturbs nobody."""
-    async with calling(kit, "call") as there:
-        adapter, requests = there.adapter, there.requests
-        call = await _called(adapter, there.peer, requests.brief or requests.call)
-        await there.peer.close()
+    """Check that the long-running call of a peer that has left ends, at its time-out at the latest, unless it belongs to the vehicle.
+
+    What the world still reports about the call must disturb nobody.
+    """
+    async with calling(kit, "call") as (adapter, requests, peer):
+        call = await _called(adapter, peer, requests.brief or requests.call)
+        await peer.close()
 
         def has_ended() -> bool:
-            adapter.context.emit()  # on TCP, who has gone looks like who only listens on, until something is written to it
+            # On TCP, a peer that has left looks like one that only listens, until something is written to it.
+            adapter.context.emit()
             return call.is_done
 
         if requests.outlives:
             await _gone(adapter)
         else:
-            text = "the call of a peer that has left goes on: close its Conversation, or cancel the call"
-            await until(has_ended, text)
+            await until(
+                has_ended, "the call of a peer that has left goes on: close its Conversation, or cancel the call"
+            )
         call.progress(0.5)
         call.finish(Reply(1, TICK_NS, fault=Fault("preempted", "too late")))
         adapter.context.emit()
@@ -88,35 +81,35 @@ async def check_leaves_in_the_middle_of_a_call(kit: AdapterKit) -> None:
 
 
 async def _gone(adapter: Running) -> None:
-    """Wait until it has noticed who left, and the name is free."""
+    """Wait until the adapter has noticed that a peer left, and its name is free."""
     for _ in range(20):
         adapter.context.emit()
         await asyncio.sleep(0.01)
 
 
 async def check_cancel(kit: AdapterKit) -> None:
-    """A call that its peer cancels ends, and the peer can begin another."""
-    async with calling(kit, "call", "cancel") as there:
+    """Check that a call ends when its peer cancels it, and that the peer can begin another one."""
+    async with calling(kit, "call", "cancel") as (adapter, requests, peer):
         for _ in range(2):
-            call = await _called(there.adapter, there.peer, there.requests.call)
+            call = await _called(adapter, peer, requests.call)
             call.progress(0.5)
-            await send(there.peer, there.requests.cancel)
+            await send(peer, requests.cancel)
             await until(lambda call=call: call.is_done, "a cancelled call goes on")  # type: ignore[misc]
-        there.adapter.assert_alive("a cancelled call")
+        adapter.assert_alive("a cancelled call")
 
 
 async def check_time_out(kit: AdapterKit) -> None:
-    """A call that takes longer than its peer would wait is cancelled, and the peer is told."""
-    async with calling(kit, "brief") as there:
-        call = await _called(there.adapter, there.peer, there.requests.brief)
+    """Check that a call that takes longer than its peer will wait is cancelled, and that the peer is told."""
+    async with calling(kit, "brief") as (adapter, requests, peer):
+        call = await _called(adapter, peer, requests.brief)
         await until(lambda: call.is_done, "a call goes on after its time-out")
-        await _hears(there.peer, b"not done within", "a call that took too long")
+        await _hears(peer, b"not done within", "a call that took too long")
 
 
 async def check_flood(kit: AdapterKit) -> None:
-    """A peer that sends requests and waits for no answer: what is kept for it is bounded, and others are served, then and later."""
-    async with calling(kit, "many") as there:
-        adapter, requests, peer, context = there.adapter, there.requests, there.peer, there.adapter.context
+    """Check that little is kept for a peer that sends requests without waiting for answers, and that others are served, then and later."""
+    async with calling(kit, "many") as (adapter, requests, peer):
+        context = adapter.context
         listening = asyncio.ensure_future(_listen(peer))
         try:
             await _flood(peer, requests.many)
@@ -146,7 +139,8 @@ async def _flood(peer: Peer, request: bytes) -> None:
         for _ in range(0, FLOOD, 100):
             await peer.send(request * 100)
 
-    with contextlib.suppress(OSError, asyncio.TimeoutError):  # to read no further, or to disconnect it, is right
+    # The adapter may stop reading, or disconnect the peer.
+    with contextlib.suppress(OSError, asyncio.TimeoutError):
         await asyncio.wait_for(send_all(), adapter_kit.SETTLE_S)
 
 
@@ -156,7 +150,7 @@ async def _listen(peer: Peer) -> None:
 
 
 async def _quiet(adapter: Running) -> None:
-    """Wait until the adapter has taken all that was sent."""
+    """Wait until the adapter has handled everything that was sent to it."""
     stats, loop = adapter.context.stats, asyncio.get_running_loop()
     before, since = -1, loop.time()
     while loop.time() < since + _QUIET_S:
@@ -167,21 +161,14 @@ async def _quiet(adapter: Running) -> None:
 
 
 async def check_did_you_mean(kit: AdapterKit) -> None:
-    """A name that is nearly right is answered with the right one."""
-    async with calling(kit, "misspelt") as there:
-        await send(there.peer, there.requests.misspelt)
-        await _hears(there.peer, b"did you mean", "a misspelt service (the text of `Refused` names the right one)")
+    """Check that the answer to a misspelt name suggests the right one."""
+    async with calling(kit, "misspelt") as (_, requests, peer):
+        await send(peer, requests.misspelt)
+        await _hears(peer, b"did you mean", "a misspelt service (the text of `Refused` names the right one)")
 
 
 async def _hears(peer: Peer, words: bytes, after: str) -> None:
-    heard = await _heard(peer, words)
-    assert words in heard, (
-        f'the peer is not told "{words.decode()}" after {after}; it heard {heard[-300:]!r}: tell it each refusal'
-    )
-
-
-async def _heard(peer: Peer, words: bytes) -> bytes:
-    """The end of what a peer hears until these words came, or it was disconnected, or they did not come in time."""
+    """Fail unless the peer gets these words in time. Only the end of what it got before them is kept."""
     heard = b""
 
     async def hear() -> None:
@@ -191,4 +178,6 @@ async def _heard(peer: Peer, words: bytes) -> bytes:
 
     with contextlib.suppress(asyncio.TimeoutError):
         await asyncio.wait_for(hear(), adapter_kit.SETTLE_S)
-    return heard
+    assert words in heard, (
+        f'the peer is not told "{words.decode()}" after {after}; it heard {heard[-300:]!r}: tell it each refusal'
+    )

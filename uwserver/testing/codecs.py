@@ -1,4 +1,4 @@
-"""Checks of a sans-IO codec against a table of bytes."""
+"""Checks a codec without input and output against a table of bytes."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from typing import Any, Protocol
 
 
 class ReadingCodec(Protocol):
-    """What the checks use: `receive` only stores, `next_event` parses and returns a sentinel when it needs more bytes."""
+    """What the checks need of a codec."""
 
     def receive(self, data: bytes) -> None:
-        """Store bytes."""
+        """Store bytes, without parsing them."""
 
     def next_event(self) -> Any:
-        """The next message, or the sentinel."""
+        """Return the next message, or the sentinel if more bytes are needed."""
 
 
 @dataclass(frozen=True)
 class CodecCase:
-    """One row of the table.
+    """A row of the table.
 
     Attributes:
-        name: for the text of a failure.
-        data: the bytes on the wire, whole messages only.
-        events: what they mean, in order.
-        write: makes `data` with a fresh codec; None where our side never sends it.
+        name: name of the case, for the text of a failure.
+        data: the bytes of whole messages on the wire.
+        events: the messages that a codec reads from them, in order.
+        write: makes `data` with a new codec; None for messages that our side never sends.
     """
 
     name: str
@@ -42,17 +42,17 @@ def check_codec(
     garbage: Sequence[bytes] = (),
     resynchronises: bool = False,
 ) -> None:
-    """Run a table of bytes through a codec, both ways.
+    """Run a table of bytes through a codec in both directions.
 
     Args:
-        make_codec: a codec of a new connection.
+        make_codec: makes a codec for a new connection.
         cases: the table.
         need_data: the sentinel of `next_event`.
-        garbage: bytes that are no message (with their delimiter, where the wire has one); must never raise.
-        resynchronises: after garbage the next message is understood (a wire with delimiters or checksums).
+        garbage: bytes that are no message, with a delimiter if the protocol has one. They must never raise.
+        resynchronises: whether the codec understands the next message after garbage, as in a protocol with delimiters or checksums.
 
     Raises:
-        AssertionError: naming the case and what differs.
+        AssertionError: the text names the case and what differs.
     """
     for case in cases:
         if case.write is not None:
@@ -70,7 +70,7 @@ def check_codec(
 
 
 def read_all(codec: ReadingCodec, pieces: Sequence[bytes], need_data: object) -> list[object]:
-    """Feed pieces one by one and collect every event; raises AssertionError when a piece yields events without end."""
+    """Feed pieces one by one and return all events; raises AssertionError if a piece yields events without end."""
     events: list[object] = []
     most = sum(map(len, pieces)) + 16
     for piece in pieces:

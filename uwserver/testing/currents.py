@@ -1,4 +1,4 @@
-"""The conformance suite for currents: a steady table, or a velocity that repeats and depends on nothing but its arguments."""
+"""The conformance suite for currents: a steady table, or a velocity that can be repeated and depends only on its arguments."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ _DRAWS = 20
 
 
 def check_current(config: CurrentTable) -> None:
-    """Build the current of a config and check its contract.
+    """Build a current from its configuration, and check its contract.
 
     Raises:
-        AssertionError: the text names the current and says what the contract wants.
+        AssertionError: the text names the current and says what the contract requires.
     """
     kind = f'current "{config.__struct_config__.tag}"'
     try:
@@ -41,7 +41,7 @@ def check_current(config: CurrentTable) -> None:
 
 
 def _run(drift: Drift, start: int) -> np.ndarray:
-    """Velocities (_DRAWS, 3) from a draw on, m/s."""
+    """Return the velocities (_DRAWS, 3) from a draw on, m/s."""
     ends = []
     for k in range(start, start + _DRAWS):
         drift.move((k + 1) * drift.ticks)

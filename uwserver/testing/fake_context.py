@@ -1,4 +1,4 @@
-"""A server that a test owns: the `AdapterContext` over plain lists of ports and services, with scripted answers and no world."""
+"""An `AdapterContext` for tests: plain lists of ports and services with scripted answers, and no world."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ TICK_NS = 4_000_000
 """Simulation time of a tick."""
 
 Script = Callable[[Mapping[str, Json]], Json]
-"""What a service answers; may raise `Refused`, or anything else to play a fault of the server."""
+"""Returns the answer of a service; may raise `Refused`, or any other exception to simulate a fault of the server."""
 
 IMU = Port(
     "rov/imu",
@@ -72,7 +72,7 @@ WORLD = WorldFacts(
     speed=1.0,
     vehicles=(VehicleFacts("rov", "fake"),),
 )
-"""In lockstep, so that drivers are asked; adapters without one see no difference."""
+"""A world in lockstep, so that drivers are asked. For adapters without a driver it makes no difference."""
 
 SERVICES = (
     Service("world/status", "State of the world.", reads_only=True),
@@ -90,7 +90,15 @@ SERVICES = (
 
 @dataclass
 class HeldCall:
-    """A call that the test answers itself."""
+    """A call that the test answers.
+
+    Attributes:
+        service: path of the service, or of the port of a command.
+        args: the checked arguments.
+        source: who called.
+        on_reply: gets progress and the answer.
+        is_done: whether it is answered.
+    """
 
     service: str
     args: Mapping[str, Json]
@@ -99,7 +107,7 @@ class HeldCall:
     is_done: bool = False
 
     def progress(self, fraction: float, t_ns: int = 0) -> None:
-        """Report how far it is."""
+        """Report the progress of the call, from 0 to 1."""
         self.on_reply(Progress(fraction, t_ns))
 
     def finish(self, reply: Reply) -> None:
@@ -110,26 +118,29 @@ class HeldCall:
 
 @dataclass
 class FakeContext:
-    """Implements `uwserver.adapter.AdapterContext`. Commands and calls are checked as the server does it, recorded, and answered with the next
-    turn of the loop (services that only read: at once). All on the loop.
+    """An implementation of `uwserver.adapter.AdapterContext` for tests. It belongs to the loop.
+
+    Commands and calls are checked as in the server, recorded, and answered in the next turn of the loop; services that only read answer at once.
 
     Attributes:
-        world: facts of the world.
-        ports, services: what there is, by path; replaced by `set_ports`.
-        scripts: what a service answers, by path; null for the others.
-        held: services and actuator ports whose answers wait for the test, by path.
-        commands: as they came.
-        calls: those of `held` paths, and all others as they came.
-        queues: in which commands and calls wait, in their order; "" for that of their source.
-        joined: clients in the barrier.
-        drivers: asked for orders now, each millisecond of wall time; a tick of an order is an `emit`.
-        subscribers: attached now.
-        wanted: ports that they or the drivers want; no others are given.
+        name: name of the adapter.
+        stats: counters of the adapter.
+        world: facts about the world.
+        ports, services: the ports and services by path; `set_ports` replaces the ports.
+        scripts: answers of services by path; other services answer null.
+        held: paths of services and actuators whose answers wait for the test.
+        commands: all commands in order.
+        calls: all calls in order, and the commands of `held` actuators.
+        queues: queue of each command and call, in order; "" for that of its source.
+        joined: clients in the lockstep barrier.
+        drivers: drivers that are asked for orders now, each millisecond of wall time; each tick of an order is an `emit`.
+        subscribers: subscribers that are attached now.
+        wanted: ports that subscribers or drivers want; no others are delivered.
         described: patterns for which `describe` was called.
-        tick: grows with each `emit`.
-        state: where bodies are; replaced by the test.
-        looked: how often somebody asked for it.
-        files: triangles and looks by hash.
+        tick: number of the tick, which grows with each `emit`.
+        scene_state: where bodies are; the test may replace it.
+        looked: how often `look` was called.
+        files: triangles and glTF files by hash.
     """
 
     name: str = "fake"
@@ -159,7 +170,7 @@ class FakeContext:
     # -- what an adapter calls --------------------------------------------------------------------------------------------------------
 
     def describe(self, pattern: str = "**") -> dict[str, Json]:
-        """Ports and services that match."""
+        """Return the ports and services that match."""
         self.described.append(pattern)
         return {
             "server": {"name": self.world.server, "version": "test"},
@@ -174,38 +185,36 @@ class FakeContext:
         }
 
     def hello(self) -> dict[str, Json]:
-        """Common part of the answer to `hello`."""
+        """Return the common part of the answer to `hello`."""
         return {"server": "uwserver test", "scenario": "fake"}
 
     def last(self, port: str) -> Sample | None:
-        """A sample of the port, if it is a sensor."""
+        """Return a sample of the port if it is a sensor, or None."""
         known = self.ports.get(port)
         return sample_of(known) if known is not None and known.direction == "sensor" else None
 
     def read(self, ports: Sequence[str], on_samples: Callable[[Sequence[Sample]], None], source: str = "") -> None:
-        """A sample of each sensor among the ports, with the next turn of the loop."""
+        """Deliver a sample of each sensor among the ports, in the next turn of the loop."""
         samples = [sample for path in ports if (sample := self.last(path)) is not None]
         asyncio.get_running_loop().call_soon(on_samples, samples)
 
     def look(self, on_state: Callable[[SceneState], None], source: str = "") -> None:
-        """The state of the test, with the next turn of the loop."""
+        """Deliver `scene_state` in the next turn of the loop."""
         self.looked += 1
         asyncio.get_running_loop().call_soon(lambda: on_state(self.scene_state))
 
     def scene(self, cast: Cast) -> SceneView:
-        """A world with nothing but bodies in it."""
+        """Return a world with nothing but bodies in it."""
         return bare_scene(cast, self.world)
 
     def mesh(self, sha256: str) -> bytes | None:
-        """What the test has put there."""
+        """Return a file of the test."""
         return self.files.get(sha256)
 
-    def looks(self, sha256: str) -> bytes | None:
-        """Likewise."""
-        return self.mesh(sha256)
+    looks = mesh
 
     def attach(self, subscriber: Subscriber) -> Callable[[], None]:
-        """Begin to deliver."""
+        """Begin to deliver samples and events; the returned function ends that."""
         self.subscribers.append(subscriber)
         self.follow_wants()
 
@@ -216,7 +225,7 @@ class FakeContext:
         return detach
 
     def follow_wants(self) -> None:
-        """Ask subscribers and drivers what they want."""
+        """Read what subscribers and drivers want."""
         readers = [*self.subscribers, *self.drivers]
         wanted = [self.ports.keys() if (some := getattr(r, "wanted", None)) is None else some for r in readers]
         self.wanted = frozenset().union(*wanted)
@@ -224,7 +233,7 @@ class FakeContext:
     def command(
         self, port: str, value: Mapping[str, object], source: str, on_reply: OnReply | None, queue: str = ""
     ) -> None:
-        """Check, record, answer."""
+        """Check and record a command, and answer it."""
         find("port", port, self.ports)
         checked = checked_command(self.ports[port], value)
         self.commands.append(Command(port, checked, source))
@@ -245,7 +254,7 @@ class FakeContext:
         client: str = "",
         queue: str = "",
     ) -> Callable[[], bool]:
-        """Check, record, answer as scripted."""
+        """Check and record a call, and answer it as scripted."""
         find("service", service, self.services)
         call = HeldCall(service, checked_args(self.services[service], args), source, on_reply)
         self.calls.append(call)
@@ -260,26 +269,50 @@ class FakeContext:
         return lambda: self._cancel(call)
 
     def tell_conflict(self, text: str) -> None:
-        """An event, to every subscriber."""
+        """Send the event `conflict` to every subscriber."""
         self.say(Event("conflict", self.tick, self.tick * TICK_NS, text))
 
     def join(self, client: str) -> Callable[[], None]:
-        """A named client is there."""
+        """Count a named client; the returned function ends that."""
         self.joined.append(client)
         return lambda: self.joined.remove(client)
 
     def drive(self, client: str, driver: Driver, on_reply: OnReply) -> Callable[[], None]:
-        """Ask a driver from now on."""
-        pump = _Pump(self, client, driver, on_reply)
+        """Ask a driver for orders on the loop from now on, as the simulation thread would; the returned function ends that."""
+
+        async def ask() -> None:
+            try:
+                while True:
+                    self._carry_out(client, driver)
+                    await asyncio.sleep(1e-3)
+            except Exception as error:  # noqa: BLE001  # as the server does
+                fault = Refused("internal", f"{type(error).__name__}: {error}", client).fault
+                on_reply(Reply(self.tick, self.tick * TICK_NS, fault=fault))
+
+        task = asyncio.get_running_loop().create_task(ask())
         self.drivers.append(driver)
         self.follow_wants()
 
         def end() -> None:
             self.drivers.remove(driver)
             self.follow_wants()
-            pump.end()
+            task.cancel()
 
         return end
+
+    def _carry_out(self, client: str, driver: Driver) -> None:
+        """Carry out the driver's next order, if there is one."""
+        order = driver.order(0.0)
+        if order is None:
+            return
+        for path, value in order.commands:
+            try:
+                self.command(path, value, client, None)
+            except Refused as refused:
+                driver.refuse(refused.fault)
+        for _ in range(order.ticks):
+            self.emit()
+        driver.answer(self.tick * TICK_NS)
 
     def _scripted(self, script: Script, args: Mapping[str, Json]) -> Reply:
         try:
@@ -297,7 +330,7 @@ class FakeContext:
     # -- what a test calls ----------------------------------------------------------------------------------------------------------
 
     def emit(self, *paths: str) -> list[Sample]:
-        """One tick: the next sample of these sensors (default: of all), to every subscriber."""
+        """Run one tick: deliver the next sample of these sensors, by default of all, to every subscriber, and return the samples."""
         self.tick += 1
         chosen = paths or tuple(path for path, port in self.ports.items() if port.direction == "sensor")
         samples = []
@@ -309,7 +342,7 @@ class FakeContext:
         return samples
 
     def put(self, samples: Sequence[Sample]) -> None:
-        """Those of these samples that somebody wants, as one tick, to every subscriber."""
+        """Deliver those of these samples that somebody wants, as one tick, to every driver and subscriber."""
         samples = [sample for sample in samples if sample.port in self.wanted]
         for driver in list(self.drivers):
             driver.see(self.tick * TICK_NS, samples)
@@ -318,76 +351,38 @@ class FakeContext:
             getattr(subscriber, "send_samples", lambda: None)()
 
     def say(self, event: Event) -> None:
-        """An event, to every subscriber."""
+        """Send an event to every subscriber."""
         for subscriber in list(self.subscribers):
             subscriber.put_event(event)
 
     def set_ports(self, ports: Iterable[Port]) -> None:
-        """Other ports from now on; every subscriber is told."""
+        """Replace the ports, and send every subscriber the event of it."""
         self.ports = {port.path: port for port in ports}
         self.say(Event("ports_changed", self.tick, self.tick * TICK_NS, "the test changed the ports"))
         self.follow_wants()
 
 
-class _Pump:
-    """Plays the simulation thread to a driver, on the loop."""
-
-    def __init__(self, context: FakeContext, client: str, driver: Driver, on_reply: OnReply) -> None:
-        self._context = context
-        self._client = client
-        self._driver = driver
-        self._on_reply = on_reply
-        self._loop = asyncio.get_running_loop()
-        self._next: asyncio.Handle = self._loop.call_soon(self._turn)
-
-    def _turn(self) -> None:
-        try:
-            self._step()
-        except Exception as error:  # noqa: BLE001  # as the server does
-            fault = Refused("internal", f"{type(error).__name__}: {error}", self._client).fault
-            self._on_reply(Reply(self._context.tick, self._context.tick * TICK_NS, fault=fault))
-            return
-        self._next = self._loop.call_later(1e-3, self._turn)
-
-    def _step(self) -> None:
-        context = self._context
-        order = self._driver.order(0.0)
-        if order is None:
-            return
-        for path, value in order.commands:
-            try:
-                context.command(path, value, self._client, None)
-            except Refused as refused:
-                self._driver.refuse(refused.fault)
-        for _ in range(order.ticks):
-            context.emit()
-        self._driver.answer(context.tick * TICK_NS)
-
-    def end(self) -> None:
-        """Ask no more."""
-        self._next.cancel()
-
-
 def sample_of(port: Port, seq: int = 0, t_ns: int = 0, valid: bool = True) -> Sample:
-    """A sample of a sensor whose numbers tell field, component and `seq` apart; without values when not `valid`."""
+    """Return a sample of a sensor. Its numbers differ by field, component and `seq`; if it is not `valid`, it has no values."""
     values = [_value(field, 100.0 * index + seq * 1e-3, valid) for index, field in enumerate(port.fields)]
     return Sample(port.path, seq, t_ns, t_ns, valid, tuple(values))
 
 
 def _value(field: Field, base: float, valid: bool) -> Value:
-    if field.type == "float":
-        components: list[float | int | bool | str] = [base + component for component in range(field.size)]
-    elif field.type == "int":
-        components = [int(base) + component for component in range(field.size)]
-    elif field.type == "bool":
-        components = [component % 2 == 0 for component in range(field.size)]
-    elif field.buffer:
-        shape = tuple(2 if extent < 0 else extent for extent in field.buffer.shape)
-        return Buffer.of(np.full(shape, base % 128, field.buffer.dtype)) if valid else None
-    elif field.type == "bytes":
-        return Buffer(data=f"{field.name} {base}".encode()) if valid else None
-    else:
-        components = [f"{field.name}{component}" for component in range(field.size)]
     if not valid:
         return (None,) * field.size if field.shape else None
-    return tuple(components) if field.shape else components[0]
+    if field.buffer:
+        shape = tuple(2 if extent < 0 else extent for extent in field.buffer.shape)
+        return Buffer.of(np.full(shape, base % 128, field.buffer.dtype))
+    if field.type == "bytes":
+        return Buffer(data=f"{field.name} {base}".encode())
+    components = tuple(_component(field, base, component) for component in range(field.size))
+    return components if field.shape else components[0]
+
+
+def _component(field: Field, base: float, component: int) -> float | int | bool | str:
+    if field.type == "float":
+        return base + component
+    if field.type == "int":
+        return int(base) + component
+    return component % 2 == 0 if field.type == "bool" else f"{field.name}{component}"

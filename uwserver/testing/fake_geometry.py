@@ -1,4 +1,4 @@
-"""Planes and spheres in closed form: solid things for tests of ranging sensors, exact and without an engine."""
+"""Planes and spheres in closed form, as exact solids for tests of ranging sensors without an engine."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ Vec3 = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Plane:
-    """All points p of N with normal . (p - point) = 0; solid below, so only rays against the normal hit it."""
+    """All points p in N with normal . (p - point) = 0. It is solid below, so only rays against the normal hit it."""
 
     point: Vec3
     normal: Vec3
 
     def hit(self, origin: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(n) distances, inf for none, and (n, 3) normals."""
+        """Return distances (n), inf without a hit, and normals (n, 3)."""
         normal = np.array(self.normal) / np.linalg.norm(self.normal)
         approach = direction @ normal
         height = (origin - self.point) @ normal
@@ -32,13 +32,13 @@ class Plane:
 
 @dataclass(frozen=True)
 class Sphere:
-    """A ball in N; rays that start inside do not hit it."""
+    """A solid ball in N. Rays that start inside do not hit it."""
 
     center: Vec3
     radius: float
 
     def hit(self, origin: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(n) distances, inf for none, and (n, 3) normals."""
+        """Return distances (n), inf without a hit, and normals (n, 3)."""
         to_center = origin - np.array(self.center)
         b = np.einsum("ij,ij->i", to_center, direction)
         c = np.einsum("ij,ij->i", to_center, to_center) - self.radius**2
@@ -50,14 +50,19 @@ class Sphere:
 
 
 class FakeGeometry:
-    """A `uwserver.physics.rays.raycast.Geometry` of analytic shapes; a shape's id is its place in the list, `materials` are theirs (default 0)."""
+    """A `uwserver.physics.rays.raycast.Geometry` of analytic shapes.
+
+    Args:
+        shapes: the shapes; the id of a shape is its index.
+        materials: number of the material of each shape; default 0.
+    """
 
     def __init__(self, shapes: Sequence[Plane | Sphere], materials: Sequence[int] = ()) -> None:
         self._shapes = tuple(shapes)
         self._materials = tuple(materials) or (0,) * len(self._shapes)
 
     def raycast(self, origin: FloatArray, direction: FloatArray, max_range: float) -> Hits:
-        """The nearest shape that each ray meets."""
+        """Return the nearest shape that each ray hits."""
         best, normal, body, material = no_hits(len(origin))
         for k, shape in enumerate(self._shapes):
             distance, normals = shape.hit(origin, direction)

@@ -1,4 +1,4 @@
-"""What the world of a `FakeContext` looks like: bodies without shapes in open water."""
+"""The scene of a `FakeContext`: bodies without shapes in open water."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _WATER = WaterView(1025.0, 1500.0, (), 0.0, (0.0, 0.0, 0.0), (), "II", (0.4, 0.2
 
 
 def bare_scene(cast: Cast, facts: WorldFacts) -> SceneView:
-    """The description of these bodies."""
+    """Return a scene with these bodies."""
     vehicles, objects = (
         tuple(BodyView(body.name, "", body.like, ()) for body in group) for group in (cast.vehicles, cast.objects)
     )

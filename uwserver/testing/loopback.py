@@ -1,4 +1,4 @@
-"""A connection in memory: feeds an `asyncio.Protocol` without a socket, with a peer that reads only when the test says so."""
+"""A connection in memory for an `asyncio.Protocol`, without a socket, with a peer that reads only when the test says so."""
 
 from __future__ import annotations
 
@@ -6,14 +6,15 @@ import asyncio
 
 
 class Loopback(asyncio.Transport):
-    """The transport of a protocol whose peer is the test.
+    """The transport of a protocol whose peer is the test. It needs a running loop.
 
-    What the protocol writes goes to `written` while the peer reads; while it is `stall`ed it piles up, and the protocol is told to pause
-    as a socket would do it. Needs a running loop.
+    What the protocol writes goes to `written` while the peer reads. After `stall` it piles up, and the protocol is told to pause, as with a
+    socket.
 
     Attributes:
-        written: what the peer has read so far.
-        eof_written: the protocol ended its side.
+        written: what the peer has read since the last `take`.
+        eof_written: whether the protocol has ended its side.
+        is_lost: whether the connection has ended.
     """
 
     def __init__(self, protocol: asyncio.Protocol) -> None:
@@ -27,7 +28,7 @@ class Loopback(asyncio.Transport):
         self._paused_writing = False
         self._high, self._low = 1 << 16, 1 << 14
         self._closing = False
-        self._lost = False
+        self.is_lost = False
         self._unread: list[bytes] = []
         self._ended = False
         protocol.connection_made(self)
@@ -35,30 +36,39 @@ class Loopback(asyncio.Transport):
     # -- the peer -------------------------------------------------------------------------------------------------------------------
 
     def feed(self, data: bytes) -> None:
-        """The peer sends."""
+        """Send bytes as the peer."""
         self._unread.append(data)
         self._deliver()
 
     def feed_eof(self) -> None:
-        """The peer sends nothing more."""
+        """End the peer's side."""
         self._ended = True
         self._deliver()
 
     def stall(self) -> None:
-        """The peer reads nothing any more."""
+        """Let the peer stop reading."""
         self._stalled = True
 
     def drain(self) -> None:
-        """The peer reads all there is, and goes on to read."""
+        """Let the peer read everything that waits, and go on reading."""
         self._stalled = False
-        self._move()
+        self.written += self._buffer
+        self._buffer.clear()
+        if self._paused_writing:
+            self._paused_writing = False
+            self._protocol.resume_writing()
+        if self._closing and not self._buffer:
+            self.die()
 
     def die(self, error: Exception | None = None) -> None:
-        """The peer vanishes."""
-        self._lose(error)
+        """Let the connection end at once, as when the peer vanishes."""
+        if not self.is_lost:
+            self.is_lost = self._closing = True
+            self._buffer.clear()
+            asyncio.get_running_loop().call_soon(self._protocol.connection_lost, error)
 
     def take(self) -> bytes:
-        """What the peer has read since the last `take`."""
+        """Return what the peer has read since the last call."""
         taken = bytes(self.written)
         self.written.clear()
         return taken
@@ -71,33 +81,11 @@ class Loopback(asyncio.Transport):
             if not self._protocol.eof_received():
                 self.close()
 
-    def _move(self) -> None:
-        if self._stalled:
-            return
-        self.written += self._buffer
-        self._buffer.clear()
-        if self._paused_writing:
-            self._paused_writing = False
-            self._protocol.resume_writing()
-        if self._closing and not self._buffer:
-            self._lose(None)
-
-    def _lose(self, error: Exception | None) -> None:
-        if not self._lost:
-            self._lost = self._closing = True
-            self._buffer.clear()
-            asyncio.get_running_loop().call_soon(self._protocol.connection_lost, error)
-
     # -- the transport --------------------------------------------------------------------------------------------------------------
-
-    @property
-    def is_lost(self) -> bool:
-        """Whether the connection is over."""
-        return self._lost
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
         """See asyncio.WriteTransport."""
-        if self._lost:
+        if self.is_lost:
             return
         self._buffer += data
         if self._stalled:
@@ -113,7 +101,7 @@ class Loopback(asyncio.Transport):
         self.eof_written = True
 
     def can_write_eof(self) -> bool:
-        """Always."""
+        """Return True, as without TLS."""
         return True
 
     def set_write_buffer_limits(self, high: int | None = None, low: int | None = None) -> None:
@@ -126,7 +114,7 @@ class Loopback(asyncio.Transport):
         return self._low, self._high
 
     def get_write_buffer_size(self) -> int:
-        """Bytes that the peer has not read."""
+        """Return the number of bytes that the peer has not read."""
         return len(self._buffer)
 
     def pause_reading(self) -> None:
@@ -151,8 +139,8 @@ class Loopback(asyncio.Transport):
         """See asyncio.BaseTransport."""
         self._closing = True
         if not self._buffer:
-            self._lose(None)
+            self.die()
 
     def abort(self) -> None:
         """See asyncio.WriteTransport."""
-        self._lose(None)
+        self.die()

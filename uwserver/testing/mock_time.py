@@ -1,4 +1,4 @@
-"""Wall time that a test owns."""
+"""Wall time that a test controls."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from uwserver.units import NANOSECONDS
 
 
 class MockTime:
-    """A `uwserver.simulation.clock.Time` that passes only when somebody waits, or when the test moves it.
+    """A `uwserver.simulation.clock.Time` that passes only while somebody waits, or when the test says so.
 
     Attributes:
-        waits: length of every wait, s.
+        waits: duration of every wait, s.
     """
 
     def __init__(self, now_ns: int = 0) -> None:
@@ -19,14 +19,14 @@ class MockTime:
         self.waits: list[float] = []
 
     def now_ns(self) -> int:
-        """The mocked time, ns."""
+        """Return the mocked time, ns."""
         return self._now_ns
 
     def wait(self, seconds: float, wake: threading.Event) -> None:
-        """Time passes at once, exactly as asked."""
+        """Let exactly this time pass, at once."""
         self.waits.append(seconds)
         self._now_ns += max(1, round(seconds * NANOSECONDS))
 
     def pass_time(self, seconds: float) -> None:
-        """Let time pass without a wait: a busy or stopped process."""
+        """Let time pass without a wait, as in a busy or stopped process."""
         self._now_ns += round(seconds * NANOSECONDS)

@@ -1,4 +1,4 @@
-"""The conformance suite for modifiers: a change of a stream that repeats, can be saved, and keeps to the declared fields."""
+"""The conformance suite for modifiers: changes of a stream can be repeated and saved, and fit the declared fields."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ _Outcome = tuple[tuple[Value, ...], bool, int, bool, int]
 def check_modifier(
     config: ModifierTable, *, fields: Sequence[Field] = FIELDS, values: Sequence[Value] = VALUES
 ) -> None:
-    """Build the modifier of a config and check its contract.
+    """Build a modifier from its configuration, and check its contract.
 
     Args:
-        config: with a `build(stream)`.
-        fields: of the stream that it is for; default: a scalar `s`, a vector `x` and a flag `ok`.
-        values: a valid reading of them.
+        config: a configuration with `build(stream)`.
+        fields: fields of the stream; default: a scalar `s`, a vector `x` and a flag `ok`.
+        values: a valid reading of these fields.
 
     Raises:
-        AssertionError: the text names the modifier and says what the contract wants.
+        AssertionError: the text names the modifier and says what the contract requires.
     """
     kind = f'modifier "{config.__struct_config__.tag}"'
     assert callable(getattr(config, "build", None)), f"{kind}: the config needs build(stream), which makes the modifier"
 
     def built(seed: int = 1) -> Modifier:
-        # check of the table: mypy knows no build() of the base
+        # The base class has no build(), which was checked above.
         modifier: Modifier = config.build(Stream(tuple(fields), _DT_NS * 1e-9, seed))  # type: ignore[attr-defined]
         return modifier
 
@@ -67,6 +67,5 @@ def _run(modifier: Modifier, values: Sequence[Value], start: int = 0) -> list[_O
         reading = Measurement(list(values), True, t_ns=(k + 1) * _DT_NS, number=k)
         modifier.stream.draws.seek(k)
         modifier.apply(reading)
-        told = tuple(reading.values)
-        outcome.append((told, reading.valid, reading.delay_ns, reading.dropped, reading.stamp_ns))
+        outcome.append((tuple(reading.values), reading.valid, reading.delay_ns, reading.dropped, reading.stamp_ns))
     return outcome

@@ -1,4 +1,7 @@
-"""The conformance suite for sensors: functions of the world, of a memory that can be saved and of a random stream, whose values fit their fields."""
+"""The conformance suite for sensors.
+
+A sensor is a function of the world, of a memory that can be saved, and of a random stream, and its values fit its fields.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from dataclasses import replace
 import msgspec
 
 from uwserver.environment.water import Water
-from uwserver.frames import Quat, Vec3, quat_from_rpy
+from uwserver.frames import Vec3, quat_from_rpy
 from uwserver.modifiers import (
     Bias,
     Drift,
@@ -31,10 +34,10 @@ from uwserver.sensors.job import finished
 from uwserver.testing.fake_geometry import FakeGeometry, Plane
 
 MOUNT = Pose((0.3, -0.2, 0.1), quat_from_rpy(0.4, -0.3, 2.0))
-"""A mount with a lever arm and an attitude, so that neither can be forgotten unseen."""
+"""A mount with a lever arm and an attitude, so that a sensor that forgets one of them fails."""
 WATER = Water(density=1025.0, gravity=9.81, temperature=12.0, atmospheric_pressure=101325.0, current=(0.3, -0.1, 0.05))
 BOTTOM = FakeGeometry([Plane((0.0, 0.0, 30.0), (0.0, 0.0, -1.0))])
-"""A flat bottom in 30 m."""
+"""A flat bottom at a depth of 30 m."""
 _PLAIN = (bool, int, float, str, bytes, type(None))
 _RUN, _STEP_NS = 20, 100_000_000
 _TYPES: dict[str, type | tuple[type, ...]] = {
@@ -48,7 +51,7 @@ _TYPES: dict[str, type | tuple[type, ...]] = {
 
 
 def scopes() -> list[Scope]:
-    """Ordinary and extreme instants: attitudes with singular angles, above the surface, in the deepest sea, far away, very fast."""
+    """Return ordinary and extreme instants: singular attitudes, above the surface, in the deepest sea, far away, very fast."""
     positions: tuple[Vec3, ...] = ((0.0, 0.0, 5.0), (0.0, 0.0, -3.0), (0.0, 0.0, 0.0), (1e6, -1e6, 11000.0))
     angles = (
         (0.0, 0.0, 0.0),
@@ -60,23 +63,23 @@ def scopes() -> list[Scope]:
     rates: tuple[Vec3, ...] = ((0.0, 0.0, 0.0), (1.0, -2.0, 0.5), (300.0, 300.0, -300.0))
     made = []
     for number, (p, rpy, v) in enumerate(itertools.product(positions, angles, rates)):
-        q: Quat = quat_from_rpy(*rpy)
-        w = (v[2] / 10, v[0] / 10, v[1] / 10)
-        scope = Scope(number * 4_000_000, p, q, v, w, WATER, (0.1, 0.2, -0.3, 0.01, -0.02, 0.03), (1.0,) * 6, BOTTOM)
-        made.append(scope)
+        q, w = quat_from_rpy(*rpy), (v[2] / 10, v[0] / 10, v[1] / 10)
+        made.append(
+            Scope(number * 4_000_000, p, q, v, w, WATER, (0.1, 0.2, -0.3, 0.01, -0.02, 0.03), (1.0,) * 6, BOTTOM)
+        )
     return made
 
 
 def check_sensor(config: SensorTable, *, mount: Pose = MOUNT, instants: Sequence[Scope] | None = None) -> None:
-    """Build the sensor of a config and check its contract.
+    """Build a sensor from its configuration, and check its contract.
 
     Args:
-        config: with a `build(mount)`.
-        mount: where it sits.
-        instants: at which it is asked; default `scopes()`.
+        config: a configuration with `build(mount)`.
+        mount: where the sensor sits.
+        instants: instants at which it measures; default `scopes()`.
 
     Raises:
-        AssertionError: the text names the sensor, the field, and what the contract says.
+        AssertionError: the text names the sensor and the field, and says what the contract requires.
     """
     kind = str(config.__struct_config__.tag)
     build = getattr(config, "build", None)
@@ -95,7 +98,10 @@ def check_sensor(config: SensorTable, *, mount: Pose = MOUNT, instants: Sequence
 
 
 def check_fields(kind: str, fields: Sequence[Field]) -> None:
-    """Names are unique, every field has a unit and a sentence, every vector its frame; a list of things (a plural name) has none."""
+    """Check that names are unique, and that every field has a unit and a sentence, and every vector a frame.
+
+    A list of things, which has a plural name, needs no frame.
+    """
     names = [field.name for field in fields]
     assert names, f'sensor "{kind}" has no fields'
     assert len(set(names)) == len(names), f'sensor "{kind}": two fields have one name: {names}'
@@ -109,35 +115,26 @@ def check_fields(kind: str, fields: Sequence[Field]) -> None:
 
 
 def check_values(where: str, fields: Sequence[Field], values: Sequence[Value], valid: bool) -> None:
-    """Number, shape and type of the values fit the fields; a valid reading is finite."""
+    """Check that number, shape and type of the values fit the fields, and that the numbers of a valid reading are finite."""
     assert len(values) == len(fields), f"{where}: {len(values)} values for {len(fields)} fields"
     for field, value in zip(fields, values, strict=True):
-        if not field.shape:
-            assert not isinstance(value, tuple), f'{where}, field "{field.name}": a tuple, the shape says scalar'
-            components: tuple[object, ...] = (value,)
-        elif value is None:
-            components = (None,)
+        at = f'{where}, field "{field.name}"'
+        if field.shape and value is not None:
+            assert isinstance(value, tuple), f"{at}: {type(value).__name__}, an array is a tuple"
+            assert len(value) == field.size, f"{at}: {len(value)} components, the shape has {field.size}"
         else:
-            assert isinstance(value, tuple), (
-                f'{where}, field "{field.name}": {type(value).__name__}, an array is a tuple'
-            )
-            assert len(value) == field.size, (
-                f'{where}, field "{field.name}": {len(value)} components, the shape has {field.size}'
-            )
-            components = value
-        for component in components:
+            assert not isinstance(value, tuple), f"{at}: a tuple, the shape says scalar"
+        for component in value if isinstance(value, tuple) else (value,):
             if component is None:
                 continue
             fits = isinstance(component, _TYPES[field.type]) and (
                 field.type == "bool" or not isinstance(component, bool)
             )
-            assert fits, (
-                f'{where}, field "{field.name}": {component!r} is a {type(component).__name__}, declared {field.type}'
-            )
+            assert fits, f"{at}: {component!r} is a {type(component).__name__}, declared {field.type}"
             if isinstance(component, Buffer):
-                assert field.holds(component), f'{where}, field "{field.name}": {component!r}, declared {field.form}'
+                assert field.holds(component), f"{at}: {component!r}, declared {field.form}"
             if valid and isinstance(component, float):
-                assert math.isfinite(component), f'{where}, field "{field.name}": {component!r} in a valid reading'
+                assert math.isfinite(component), f"{at}: {component!r} in a valid reading"
 
 
 def _check_instant(kind: str, sensor: Sensor, twin: Sensor, scope: Scope) -> None:
@@ -157,16 +154,16 @@ def _check_instant(kind: str, sensor: Sensor, twin: Sensor, scope: Scope) -> Non
 
 
 def measured(sensor: Sensor, scope: Scope) -> tuple[bool, list[Value]]:
-    """What a sensor says that was just switched on with the same random numbers: it is a function of its memory and of those too."""
+    """Return what a sensor measures that was just switched on, with the same random numbers each time."""
     sensor.start(0)
     return sensor.measure(scope)
 
 
 def kept(kind: str, component: Sensor | Modifier) -> Memory:
-    """The memory of a component as it comes back from a file.
+    """Return the memory of a component as it comes back from a file.
 
     Raises:
-        AssertionError: it is no record of plain values, or leaves its own limits.
+        AssertionError: it is no record of plain values, or is outside its own limits.
     """
     memory = component.memory
     assert isinstance(memory, Memory), f"{kind}: memory is a uwserver.modifiers.Memory, not {memory!r}"
@@ -187,8 +184,8 @@ def _is_plain(value: object) -> bool:
 
 
 def _check_memory(kind: str, config: SensorTable, mount: Pose, scope: Scope) -> None:
-    """With memory and settings of another run of the same scenario it goes on as that."""
-    build = config.build  # type: ignore[attr-defined]  # it was there before
+    """Check that a sensor with the memory and settings of another run of the same scenario continues that run."""
+    build = config.build  # type: ignore[attr-defined]  # `check_sensor` has found it
     sensor: Sensor = build(mount)
     sensor.start(1)
     _run(sensor, scope, range(_RUN))
@@ -233,18 +230,19 @@ def _check_modifiers(kind: str, sensor: Sensor, field: Field, instants: Sequence
     fine = [s for s in instants if measured(sensor, s)[0]]
     assert fine, f'sensor "{kind}" is valid at none of the instants: give some at which it can measure'
     scope = next((s for s in fine if _present(measured(sensor, s)[1][index])), None)
+    # A valid reading may leave a field empty, because nothing is touched or gives an echo.
     if scope is None:
-        return  # a valid reading may leave a field empty: nothing touched, no echo
+        return
     for modifier in _modifiers(field):
         where = f'sensor "{kind}", {type(modifier).__name__} of "{field.name}"'
         valid, values = measured(sensor, scope)
-        untouched = list(values)
+        before = list(values)
         reading = Measurement(values, valid)
         modifier.build(Stream(sensor.fields, 0.01, 1)).apply(reading)
-        check_values(where, sensor.fields, reading.values, reading.valid)
-        if not isinstance(modifier, (Quantise, Scale)):  # those leave a zero
-            assert reading.values[index] != untouched[index], f"{where}: the value did not change"
-        others = [value for i, value in enumerate(reading.values) if i != index]
-        assert others == [value for i, value in enumerate(untouched) if i != index], (
-            f"{where}: another field changed too"
-        )
+        after = list(reading.values)
+        check_values(where, sensor.fields, after, reading.valid)
+        # A step and a factor leave a zero as it is.
+        if not isinstance(modifier, (Quantise, Scale)):
+            assert after[index] != before[index], f"{where}: the value did not change"
+        del before[index], after[index]
+        assert after == before, f"{where}: another field changed too"

@@ -1,4 +1,4 @@
-"""What a part of a program leaves behind: tasks, threads, open files and sockets."""
+"""Finds what a part of a program leaves behind: tasks, threads, open files and sockets."""
 
 from __future__ import annotations
 
@@ -13,7 +13,13 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Traces:
-    """What a part of a program holds of its process."""
+    """The tasks, threads and open files of this process.
+
+    Attributes:
+        tasks: tasks of the running loop.
+        threads: names and identifiers of threads.
+        files: target of each file descriptor.
+    """
 
     tasks: frozenset[asyncio.Task[Any]]
     threads: frozenset[str]
@@ -21,12 +27,12 @@ class Traces:
 
     @classmethod
     def now(cls) -> Traces:
-        """As it is now."""
+        """Return the present state."""
         threads = frozenset(f"{thread.name} ({thread.ident})" for thread in threading.enumerate())
         return cls(frozenset(asyncio.all_tasks()), threads, _open_files())
 
     def new_since(self, before: Traces) -> list[str]:
-        """Descriptions of what is there and was not."""
+        """Return descriptions of what is there now and was not there before."""
         files = [
             f"file {number}: {target}" for number, target in self.files.items() if before.files.get(number) != target
         ]
@@ -38,19 +44,20 @@ def _open_files() -> dict[str, str]:
     folder = Path("/proc/self/fd")
     found = {}
     for entry in folder.iterdir() if folder.exists() else ():
-        with contextlib.suppress(OSError):  # the descriptor of the listing itself
+        # The descriptor of the listing itself is closed already.
+        with contextlib.suppress(OSError):
             found[entry.name] = str(entry.readlink())
     return found
 
 
 async def assert_no_traces(before: Traces, after: str) -> None:
-    """Fail, naming what is left, unless everything opened since `before` is gone again; `after` says what was done.
+    """Fail if anything that was opened since `before` is left. `after` says what was done.
 
-    Transports are freed in the next turns of the loop, and threads end a moment after their last work; a library's own threads
-    close its sockets when a busy machine lets them: it looks again for 5 s, and goes on as soon as nothing is left.
+    Transports are freed in the next turns of the loop, threads end a moment after their last work, and the threads of a library close its
+    sockets when a busy machine lets them. So this waits for up to 5 s, but only as long as something is left.
 
     Raises:
-        AssertionError: tasks, threads, sockets or files are left.
+        AssertionError: tasks, threads, sockets or files are left; the text names them.
     """
     left: list[str] = []
     for _ in range(500):
