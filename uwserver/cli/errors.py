@@ -24,13 +24,14 @@ def told(
     Raises:
         click.ClickException: in place of the exception.
     """
+    reported: tuple[type[Exception], ...] = (*faults, OSError)
     try:
         yield
-    except (*faults, OSError) as error:
+    except reported as error:
         message = text(error)
         # An error of the system has a reason of its own; the text of one that uwserver raises says everything.
         if isinstance(error, OSError) and not isinstance(error, faults) and error.strerror is not None:
             message = f"{error.filename or place}: {error.strerror}"
         refusal = click.ClickException(message)
-        refusal.exit_code = status
+        refusal.exit_code = status  # type: ignore[misc]  # click declares it for classes
         raise refusal from error

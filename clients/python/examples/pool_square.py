@@ -1,10 +1,10 @@
-"""Hold depth and drive a square by feedback on the simulated sensors: depth, IMU and the pool's motion capture.
+"""Hold the depth and drive a square by feedback from the simulated sensors: depth, IMU and the pool's motion capture.
 
     uwserver run bluerov2_pool --paused        # one terminal
     python pool_square.py                      # another
 
-The world is stepped by this program (12 ticks of 240 Hz between two commands), so the run is the same on every machine. Needs uwclient; the
-picture needs matplotlib.
+This program steps the world (12 ticks of 240 Hz between two commands), so the run is the same on every machine. It needs uwclient, and
+matplotlib for the picture.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ ALLOCATION = (
 
 
 GAINS = ((40.0, 45.0, 60.0, 10.0), (80.0, 45.0, 60.0, 10.0), (92.0, 60.0, 80.0, 15.0))
-"""Of north, east and depth: quadratic drag (N s2/m2), proportional, derivative and integral gain (N over m, m/s, m s)."""
+"""For north, east and depth: quadratic drag (N s2/m2), and the proportional, derivative and integral gains (N over m, m/s, m s)."""
 
 
 @dataclass
 class Log:
-    """What the drive saw; one entry a control step, SI, N = NED."""
+    """What was measured and commanded: an entry for each control step, in SI units and N = NED."""
 
     t: list[float] = field(default_factory=list)
     north: list[float] = field(default_factory=list)
@@ -56,22 +56,22 @@ class Log:
     u: list[tuple[float, ...]] = field(default_factory=list)
 
     def largest_track_error(self, after_s: float = 5.0) -> float:
-        """Greatest distance from the moving reference once the start is over, m."""
+        """Return the largest distance from the moving reference after the start, m."""
         pairs = zip(self.t, self.north, self.east, self.wanted)
         return max(math.hypot(n - w[0], e - w[1]) for t, n, e, w in pairs if t > after_s)
 
     def largest_depth_error(self, after_s: float = 15.0) -> float:
-        """Greatest depth error once the depth is reached, m."""
+        """Return the largest error of the depth after it is reached, m."""
         return max(abs(d - DEPTH_M) for t, d in zip(self.t, self.depth) if t > after_s)
 
 
 def reference(t: float) -> tuple[float, float]:
-    """Where the vehicle should be: round the square, north first, slowly into each corner and out of it; it stays at the end."""
+    """Return where the vehicle should be. It goes round the square, north first, slowly into and out of each corner, and stays at the end."""
     side, rest = divmod(max(t, 0.0), SIDE_S)
     corners = ((0.0, 0.0), (SIDE_M, 0.0), (SIDE_M, SIDE_M), (0.0, SIDE_M), (0.0, 0.0))
     if int(side) >= 4:
         return corners[4]
-    # Speed grows and falls linearly over RAMP_S; in the middle it is constant.
+    # The speed grows and falls linearly over RAMP_S, and is constant in between.
     begun, left = min(rest, RAMP_S), min(SIDE_S - rest, RAMP_S)
     way = SPEED_MPS * (begun**2 / (2 * RAMP_S) + max(0.0, min(rest, SIDE_S - RAMP_S) - RAMP_S))
     way += SPEED_MPS * (RAMP_S**2 - left**2) / (2 * RAMP_S)
@@ -81,7 +81,7 @@ def reference(t: float) -> tuple[float, float]:
 
 
 class Tracker:
-    """Value and rate of a noisy signal: an alpha-beta filter, critically damped."""
+    """Estimates value and rate of a noisy signal: a critically damped alpha-beta filter."""
 
     def __init__(self, first: float, bandwidth: float = 9.0) -> None:
         fade = math.exp(-bandwidth * DT_S)
@@ -89,7 +89,7 @@ class Tracker:
         self.value, self.rate = first, 0.0
 
     def update(self, measured: float) -> None:
-        """Take in one value each control step."""
+        """Take in a value, once in each control step."""
         self.value += self.rate * DT_S
         miss = measured - self.value
         self.value += self._alpha * miss
@@ -97,7 +97,10 @@ class Tracker:
 
 
 class Controller:
-    """PID in position and depth, PD in heading, along references that a vehicle with mass can follow; rates from filters, yaw rate from the gyro."""
+    """Controls position and depth (PID) and heading (PD) along references that a vehicle with mass can follow.
+
+    Rates come from filters, the yaw rate from the gyro.
+    """
 
     def __init__(self) -> None:
         self._tracked: list[Tracker] = []
@@ -105,7 +108,7 @@ class Controller:
         self._sum = [0.0, 0.0, 0.0]
 
     def command(self, t: float, position: tuple[float, ...], depth: float, yaw: float, yaw_rate: float) -> list[float]:
-        """Thruster commands u, eight of -1..1."""
+        """Return the thruster commands u, eight numbers from -1 to 1."""
         now = (position[0], position[1], depth)
         if not self._tracked:
             self._tracked = [Tracker(value) for value in now]
@@ -122,7 +125,7 @@ class Controller:
         return [_within(_thrust_to_u(sum(a * w for a, w in zip(row, wrench))), 1.0) for row in ALLOCATION]
 
     def _force(self, axis: int, want: float, want_rate: float) -> float:
-        """N: what drag takes at the wanted rate, and PID on what is left."""
+        """Return the force on an axis, N: the drag at the wanted rate, and PID on the error."""
         drag, p, d, i = GAINS[axis]
         error = want - self._tracked[axis].value
         self._sum[axis] = _within(self._sum[axis] + i * error * DT_S, 20.0)
@@ -135,15 +138,15 @@ def _within(x: float, limit: float) -> float:
 
 
 def _thrust_to_u(share: float) -> float:
-    """Command that gives about this share of full thrust; beyond the dead band thrust grows a little faster than linearly.
+    """Return the command for about this share of full thrust. Beyond the dead band, thrust grows a little faster than linearly.
 
-    The dead band is passed smoothly: where the sign changes with the noise of the sensors, a step would shake the thruster.
+    The dead band is passed smoothly, because a step would shake the thruster where the sign changes with the noise of the sensors.
     """
     return 0.075 * math.tanh(share / 0.01) + math.copysign(0.92 * abs(share) ** 0.8, share)
 
 
 def drive(client: uwclient.Client, seconds: float = 4 * SIDE_S + 8.0) -> Log:
-    """Drive the square; the world must be paused."""
+    """Drive the square. The world must be paused."""
     for component in ("mocap", "depth", "imu"):
         client.subscribe(f"{VEHICLE}/{component}", delivery="latest")
     log, controller = Log(), Controller()
@@ -168,7 +171,7 @@ def drive(client: uwclient.Client, seconds: float = 4 * SIDE_S + 8.0) -> Log:
 
 
 def picture(log: Log, path: str) -> None:
-    """Track and time series as a PNG."""
+    """Draw track and time series into a picture file."""
     import matplotlib
 
     matplotlib.use("Agg")

@@ -1,4 +1,4 @@
-"""Client of uwserver: sensors, actuators and services of a simulated underwater vehicle over one TCP connection or zenoh."""
+"""Client of uwserver: sensors, actuators and services of simulated underwater vehicles, over one TCP connection or over zenoh."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> str:
-    """`__version__`, that of the installed distribution; looked up only when asked for, which takes longer than all other imports."""
+    """Return `__version__` of the installed distribution. It is looked up on demand, because that takes longer than all other imports."""
     if name != "__version__":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib.metadata import PackageNotFoundError, version

@@ -1,4 +1,4 @@
-"""The asyncio client: the verbs of `uwclient.sync.Client`, awaited. One task of it reads the connection."""
+"""The asyncio client, with the methods of `uwclient.sync.Client` as coroutines. One task reads the connection."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ T = TypeVar("T")
 
 
 class AsyncClient(SessionView):
-    """A connection to a uwserver; make one with `await AsyncClient.connect(...)` (or `connect_zenoh_async`) in a running loop.
+    """A connection to a uwserver. Make one with `await AsyncClient.connect(...)` or `connect_zenoh_async` in a running loop.
 
-    Any number of tasks may use it at once. Timeouts, reconnection and errors are those of `Client`; cancelling the
-    task that waits for a call or a step cancels it on the server, too.
+    Any number of tasks may use it at once. Timeouts, reconnection and errors are those of `Client`. If the task that waits for a call or a
+    step is cancelled, the call or step is cancelled on the server too.
     """
 
     def __init__(self, settings: Settings, dial: AsyncDial) -> None:
@@ -62,13 +62,13 @@ class AsyncClient(SessionView):
         reconnect: bool = True,
         tls: ssl.SSLContext | None = None,
     ) -> AsyncClient:
-        """Connect, trying again until `timeout`; arguments and errors as for `Client.connect`."""
+        """Connect, trying again until `timeout`. Arguments and errors are those of `Client.connect`."""
         settings = Settings(host, port, name, token, encoding, timeout, reconnect, tls=tls)
         return await cls.over(partial(dial_stream, host, port, tls), settings.with_token_from_environment())
 
     @classmethod
     async def over(cls, dial: AsyncDial, settings: Settings) -> AsyncClient:
-        """Connect by what `dial` makes, as `connect` does by TCP."""
+        """Connect through the link that `dial` makes, as `connect` does through TCP."""
         client = cls(settings, dial)
         await client._open(time.monotonic() + settings.timeout)
         return client
@@ -82,12 +82,12 @@ class AsyncClient(SessionView):
         await self.close()
 
     async def close(self) -> None:
-        """End the connection; every later operation raises ConnectionLost."""
+        """End the connection. Every later operation raises ConnectionLost."""
         self._closed = True
         await self._disconnect("the client was closed")
 
     async def describe(self, pattern: str = "**") -> Description:
-        """Ask for the ports that match and the services; without a pattern `ports` and `services` are renewed."""
+        """Ask for the matching ports and the services. Without a pattern, `ports` and `services` are updated."""
         description = await self._run(verbs.describe(pattern))
         if pattern == "**":
             self._session.described(description)
@@ -104,19 +104,19 @@ class AsyncClient(SessionView):
         delivery: str | None = None,
         pictures: str | None = None,
     ) -> Subscription:
-        """Ask for the samples of every port that matches; arguments as for `Client.subscribe`."""
+        """Ask for the samples of every matching port. Arguments are those of `Client.subscribe`."""
         verb = verbs.subscribe(pattern, subscribe_options(rate_hz, fields, delivery, pictures))
         subscription = await self._run(verb)
         self._session.subscribed(verb)
         return subscription
 
     async def unsubscribe(self, pattern: str) -> int:
-        """End the subscriptions made with this pattern; return how many there were."""
+        """End the subscriptions that were made with this pattern, and return how many there were."""
         self._session.unsubscribed(pattern)
         return await self._run(verbs.unsubscribe(pattern))
 
     async def read(self, port: str | None = None, timeout: float | None = None) -> Sample:
-        """Return the next unread sample (of one port); raises Timeout, or CallRefused when none is subscribed."""
+        """Return the next unread sample, of one port if it is given. Raises Timeout, or CallRefused if nothing is subscribed."""
         limit, deadline = self._limit(timeout)
         while True:
             sample = self._session.take(port)
@@ -131,11 +131,11 @@ class AsyncClient(SessionView):
                 await self._wait(deadline)
 
     def latest(self, port: str) -> Sample | None:
-        """Return the newest sample of a port that has arrived, None before the first."""
+        """Return the newest sample of a port that has arrived, or None before the first."""
         return self._session.latest(port)
 
     async def samples(self, port: str | None = None) -> AsyncIterator[Sample]:
-        """Iterate over samples (of one port) as they come, until the client is closed; waits without limit."""
+        """Iterate over samples as they come, of one port if it is given, until the client is closed. It waits without limit."""
         while not self._closed:
             try:
                 sample = await self.read(port, math.inf)
@@ -156,7 +156,7 @@ class AsyncClient(SessionView):
         return await self._run(verb)
 
     async def send_nowait(self, port: str, value: Mapping[str, object] | None = None, /, **fields: object) -> None:
-        """Command an actuator without waiting for an answer; what the server refuses is found in `refusals`."""
+        """Command an actuator without waiting for an answer. Refusals of the server are in `refusals`."""
         verb = await self._command(port, {**(value or {}), **fields})
         deadline = time.monotonic() + self._timeout
         await self._ensure(deadline)
@@ -176,11 +176,11 @@ class AsyncClient(SessionView):
         return await self._run(self._session.call(service, {**(args or {}), **more}), timeout, on_progress)
 
     async def cancel(self, request: RequestId) -> bool:
-        """Cancel an own, unfinished call or step, by the id in its Progress; it then fails with `preempted`."""
+        """Cancel an unfinished call or step of this client by the id in its Progress. It then fails with `preempted`."""
         return await self._run(verbs.cancel(request))
 
     async def step(self, n: int = 1, timeout: float | None = None) -> Ack:
-        """Run n ticks of a paused world, or grant n ticks in lockstep; waits without limit unless told."""
+        """Run n ticks of a paused world, or grant n ticks in lockstep. Without a timeout it waits without limit."""
         return await self._run(verbs.step(n), timeout)
 
     async def pause(self) -> Ack:
@@ -192,11 +192,11 @@ class AsyncClient(SessionView):
         return await self._run(verbs.acknowledged("world/resume"))
 
     async def reset(self) -> Ack:
-        """Put the world back to the scenario's start."""
+        """Reset the world to the start of the scenario."""
         return await self._run(verbs.acknowledged("world/reset"))
 
     async def status(self) -> dict[str, object]:
-        """Return the value of world/status, always with `tick` and `t_ns`."""
+        """Return the value of world/status, which always has `tick` and `t_ns`."""
         return await self._run(verbs.status())
 
     async def wait_until(self, t_s: float, timeout: float | None = None) -> float:
@@ -249,7 +249,7 @@ class AsyncClient(SessionView):
 
     async def _wait(self, deadline: float) -> None:
         """Wait for anything to arrive or the connection to end, until `deadline` at most."""
-        # Cleared before waiting, in the same step of the loop in which the caller looked: nothing is missed.
+        # Cleared in the same step of the loop in which the caller has looked, so that nothing is missed.
         self._news.clear()
         with contextlib.suppress(asyncio.TimeoutError):
             await asyncio.wait_for(self._news.wait(), _left(deadline))
@@ -300,7 +300,7 @@ class AsyncClient(SessionView):
         try:
             while data := await link.read():
                 for on_progress, progress in self._session.receive(data):
-                    # Through the loop, so that an exception in it is reported there and does not end the reading.
+                    # Through the loop, so that an exception in it is reported there, and does not end this task.
                     asyncio.get_running_loop().call_soon(on_progress, progress)
                 self._news.set()
         except OSError as error:
@@ -328,19 +328,19 @@ class AsyncClient(SessionView):
             await link.wait_closed()
 
     async def _write(self, data: bytes, deadline: float) -> None:
-        """Write `data` and wait while too much is unsent; a loss is told through the session."""
+        """Write `data`, and wait while too much is unsent. A loss of the connection is reported through the session."""
         if self._link is None:
             self._session.lost("it was closed")
             return
         self._link.write(data)
         try:
             await asyncio.wait_for(self._link.drain(), _left(deadline))
-        except asyncio.TimeoutError:  # first: from Python 3.11 on it is an OSError
+        except asyncio.TimeoutError:  # before OSError, of which it is a subclass from Python 3.11 on
             self._forget_connection("the server takes no more data")
         except OSError as error:
             self._forget_connection(str(error) or "it failed")
 
 
 def _left(deadline: float) -> float | None:
-    """Return what `wait_for` takes: None to wait for ever."""
+    """Return the time until the deadline for `wait_for`, s; None to wait for ever."""
     return None if math.isinf(deadline) else max(deadline - time.monotonic(), 0.0)

@@ -1,4 +1,4 @@
-"""What carries bytes between an `AsyncClient` and a server, and how it is done over TCP."""
+"""The link that carries bytes between an `AsyncClient` and a server, and its implementation over TCP."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ _CHUNK = 1 << 16
 
 
 class AsyncLink(Protocol):
-    """One connection, used in one loop; `uwclient.link.Link` for asyncio."""
+    """One connection, used in one loop: `uwclient.link.Link` for asyncio."""
 
     def write(self, data: bytes) -> None:
         """Begin to send whole framed requests."""
         ...
 
     async def drain(self) -> None:
-        """Wait while too much is unsent; raises OSError."""
+        """Wait while too much is unsent. Raises OSError."""
         ...
 
     async def read(self) -> bytes:
-        """Return what came next; b"" when the server ended the connection; raises OSError."""
+        """Return the next bytes, or b"" if the server has ended the connection. Raises OSError."""
         ...
 
     def close(self) -> None:
-        """Begin to end it."""
+        """Begin to end the connection."""
         ...
 
     async def wait_closed(self) -> None:
-        """Wait for that end."""
+        """Wait until the connection has ended."""
         ...
 
 
 AsyncDial = Callable[[float], Awaitable[AsyncLink]]
-"""Makes a connection within so many wall s; raises OSError or asyncio.TimeoutError when nobody answers."""
+"""Makes a connection within a wall time in s. Raises OSError or asyncio.TimeoutError if nobody answers."""
 
 
 class StreamLink:
@@ -51,7 +51,7 @@ class StreamLink:
         self._writer.write(data)
 
     async def drain(self) -> None:
-        """Wait while too much is unsent; raises OSError."""
+        """Wait while too much is unsent. Raises OSError."""
         await self._writer.drain()
 
     async def read(self) -> bytes:
@@ -63,11 +63,11 @@ class StreamLink:
         self._writer.close()
 
     async def wait_closed(self) -> None:
-        """Wait until it is closed."""
+        """Wait until the socket is closed."""
         with contextlib.suppress(OSError):
             await self._writer.wait_closed()
 
 
 async def dial_stream(host: str, port: int, tls: ssl.SSLContext | None, timeout: float) -> AsyncLink:
-    """Connect, encrypted with a context; raises OSError or asyncio.TimeoutError."""
+    """Connect, with TLS if there is a context. Raises OSError or asyncio.TimeoutError."""
     return StreamLink(*await asyncio.wait_for(asyncio.open_connection(host, port, ssl=tls), timeout))

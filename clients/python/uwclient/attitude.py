@@ -1,8 +1,8 @@
-"""Quaternions and angles as the server has them.
+"""Quaternions and angles in the conventions of the server.
 
-A quaternion (w, x, y, z) turns vectors from the second frame of its name into the first: `q_NB` turns one in B (forward, right,
-down) into N (north, east, down), and ``rotate(q_NB, (1, 0, 0))`` is where the bow points. Roll, pitch and yaw are about x, y and z
-of B, yaw applied first (z-y-x): yaw is the heading, clockwise from north. Angles are in rad. Nothing but the standard library.
+A quaternion (w, x, y, z) turns vectors from the second frame of its name into the first: `q_NB` turns a vector from B (forward, right,
+down) into N (north, east, down), so ``rotate(q_NB, (1, 0, 0))`` is where the bow points. Roll, pitch and yaw are about x, y and z of B, with
+yaw applied first (z-y-x); yaw is the heading, clockwise from north. Angles are in rad. Only the standard library is needed.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ Quaternion = tuple[float, float, float, float]
 
 
 def from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
-    """The attitude of a roll, a pitch and a yaw."""
+    """Return the attitude with this roll, pitch and yaw."""
     cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
     cp, sp = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
     cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
@@ -28,7 +28,7 @@ def from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
 
 
 def to_rpy(q: Sequence[float]) -> Vector:
-    """Roll (-pi..pi), pitch (-pi/2..pi/2) and yaw (-pi..pi); with the bow straight up or down, roll is 0 and yaw takes all."""
+    """Return roll (-pi..pi), pitch (-pi/2..pi/2) and yaw (-pi..pi). With the bow straight up or down, roll is 0 and yaw has the whole rotation."""
     w, x, y, z = q
     sine = 2.0 * (w * y - z * x)
     if abs(sine) > 1.0 - 1e-12:
@@ -38,13 +38,13 @@ def to_rpy(q: Sequence[float]) -> Vector:
 
 
 def heading(q: Sequence[float]) -> float:
-    """Where the bow points, clockwise from north, -pi..pi."""
+    """Return where the bow points, clockwise from north, -pi..pi."""
     w, x, y, z = q
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 def product(p: Sequence[float], q: Sequence[float]) -> Quaternion:
-    """The rotation q, then p.
+    """Return the rotation q followed by p.
 
     ``q_AC = product(q_AB, q_BC)``
     """
@@ -59,7 +59,7 @@ def product(p: Sequence[float], q: Sequence[float]) -> Quaternion:
 
 
 def inverse(q: Sequence[float]) -> Quaternion:
-    """The rotation back, of a unit quaternion.
+    """Return the inverse rotation of a unit quaternion.
 
     ``q_BN = inverse(q_NB)``
     """
@@ -68,7 +68,7 @@ def inverse(q: Sequence[float]) -> Quaternion:
 
 
 def rotate(q: Sequence[float], v: Sequence[float]) -> Vector:
-    """A vector of the second frame in the first.
+    """Return a vector of the second frame in the first frame.
 
     ``v_N = rotate(q_NB, v_B)``
     """
@@ -77,9 +77,9 @@ def rotate(q: Sequence[float], v: Sequence[float]) -> Vector:
 
 
 def rotation_vector(q: Sequence[float]) -> Vector:
-    """Axis times angle (0..pi) of a rotation.
+    """Return the axis of a rotation times its angle (0..pi).
 
-    ``rotation_vector(product(inverse(q_NB), q_NB_wanted))`` is what an attitude controller acts on: how to turn, in B.
+    ``rotation_vector(product(inverse(q_NB), q_NB_wanted))`` is the error on which an attitude controller acts: how to turn, in B.
     """
     w, x, y, z = q if q[0] >= 0.0 else tuple(-each for each in q)
     sine = math.sqrt(x * x + y * y + z * z)
@@ -88,5 +88,5 @@ def rotation_vector(q: Sequence[float]) -> Vector:
 
 
 def wrapped(angle: float) -> float:
-    """The same direction within -pi..pi: ``wrapped(wanted - heading)`` is the short way round."""
+    """Return the same direction within -pi..pi: ``wrapped(wanted - heading)`` is the short way round."""
     return math.remainder(angle, 2.0 * math.pi)

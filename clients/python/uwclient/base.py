@@ -1,4 +1,4 @@
-"""What both clients show of their session."""
+"""The part that both clients have in common: access to the state of the session."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from uwclient.session import Session, Settings
 
 
 class SessionView:
-    """The part of a client that needs no I/O.
+    """The part of a client that needs no input and output.
 
     Attributes:
         reconnects: how often a lost connection was renewed.
@@ -26,17 +26,17 @@ class SessionView:
 
     @property
     def ports(self) -> Mapping[str, Port]:
-        """Ports by path, as of the last `describe` (made by connect and after a reconnection)."""
+        """Ports by path, from the last `describe`, which is also called on connecting and reconnecting."""
         return self._session.description.ports
 
     @property
     def services(self) -> Mapping[str, Service]:
-        """Services by path, as of the last `describe`."""
+        """Services by path, from the last `describe`."""
         return self._session.description.services
 
     @property
     def events(self) -> deque[Event]:
-        """The last 256 events received, oldest first; take them out with popleft()."""
+        """The last 256 events that were received, oldest first; take them out with popleft()."""
         return self._session.events
 
     @property
@@ -46,10 +46,10 @@ class SessionView:
 
     @property
     def dropped(self) -> int:
-        """Samples this client threw away because more than 4096 were unread."""
+        """Number of samples that this client threw away because more than 4096 were unread."""
         return self._session.dropped
 
     def _limit(self, timeout: float | None) -> tuple[float, float]:
-        """Return the time limit, wall s, and the deadline it makes on the monotonic clock."""
+        """Return the time limit, wall s, and the resulting deadline on the monotonic clock."""
         limit = self._timeout if timeout is None else timeout
         return limit, time.monotonic() + limit

@@ -1,4 +1,4 @@
-"""Values that are bytes, or arrays as bytes with a type and a shape, and their forms on the wire. numpy is used where it is asked for."""
+"""Values that are bytes, or arrays with a type and a shape, and their forms on the wire. numpy is imported only on demand."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ if TYPE_CHECKING:
 FORMATS: dict[str, Any] = {
     "uint8": "B", "int8": "b", "uint16": "H", "int16": "h", "uint32": "I", "int32": "i", "float32": "f", "float64": "d",
 }  # fmt: skip
-"""Types of items, with what `memoryview` calls them."""
+"""Types of items, each with its format code for `memoryview`."""
 _ITEM_BYTES = {name: struct.calcsize(f"<{code}") for name, code in FORMATS.items()}
 
 
 @dataclass(frozen=True)
 class Buffer:
-    """An array that crosses the wire as it is: `data` in row-major order, little-endian.
+    """An array in the form in which it crosses the wire: `data` is in row-major order and little-endian.
 
     Raises:
-        ValueError: type, shape and number of bytes do not fit each other.
+        ValueError: type, shape and number of bytes do not fit together.
     """
 
     dtype: str
@@ -45,7 +45,7 @@ class Buffer:
 
     @classmethod
     def of(cls, array: NDArray[Any]) -> Buffer:
-        """Copy a numpy array; raises ValueError for one of another type."""
+        """Copy a numpy array. Raises ValueError if its type is not supported."""
         name = str(array.dtype.name)
         if name not in FORMATS:
             raise ValueError(f"no buffer of {name}: convert the array to one of {', '.join(FORMATS)}")
@@ -53,16 +53,16 @@ class Buffer:
 
     @property
     def view(self) -> memoryview[Any]:
-        """The items without numpy and without a copy: `view[row, column]`, `view.tolist()`."""
+        """The items, without numpy and without a copy: `view[row, column]`, `view.tolist()`."""
         if sys.byteorder != "little" and _ITEM_BYTES[self.dtype] > 1:
             raise UwError("this machine is big-endian: read the buffer with numpy", code="unsupported")
         items: Any = memoryview(self.data)
-        # A memoryview has no empty dimensions.
+        # A memoryview cannot have empty dimensions.
         shaped = items.cast(FORMATS[self.dtype], *([] if 0 in self.shape else [self.shape]))
         return cast("memoryview[Any]", shaped)
 
     def array(self) -> NDArray[Any]:
-        """The items as numpy array of their shape and type, read-only, without a copy; raises UwError without numpy."""
+        """Return the items as a read-only numpy array of their shape and type, without a copy. Raises UwError without numpy."""
         try:
             np = importlib.import_module("numpy")
         except ImportError:
@@ -83,7 +83,7 @@ class _Array(Protocol):
 
 
 def packed(value: object) -> object:
-    """Return what stands for `value` in a buffer field: arrays and bytes-likes as Buffer and bytes; raises CallRefused."""
+    """Return `value` for a buffer field: arrays as Buffer, bytes-like objects as bytes. Raises CallRefused for unsupported arrays."""
     try:
         if isinstance(value, _Array):
             return Buffer.of(cast("Any", value))
@@ -93,24 +93,24 @@ def packed(value: object) -> object:
 
 
 def as_text(value: object) -> object:
-    """For JSON: what its encoder does not know; raises TypeError for what it cannot know."""
+    """Return bytes and buffers in their JSON form, for a JSON encoder. Raises TypeError for any other object."""
     if isinstance(value, bytes):
         return {"base64": base64.b64encode(value).decode("ascii")}
     if isinstance(value, Buffer):
         data = base64.b64encode(value.data).decode("ascii")
         return {"dtype": value.dtype, "shape": value.shape, "base64": data}
-    raise TypeError(f"{type(value).__name__} is no JSON")
+    raise TypeError(f"JSON has no form for {type(value).__name__}")
 
 
 def as_binary(value: object) -> object:
-    """The same for msgpack."""
+    """Return buffers in their msgpack form, for a msgpack encoder. Raises TypeError for any other object."""
     if isinstance(value, Buffer):
         return {"dtype": value.dtype, "shape": value.shape, "data": value.data}
-    raise TypeError(f"{type(value).__name__} is no msgpack")
+    raise TypeError(f"msgpack has no form for {type(value).__name__}")
 
 
 def unpacked(value: object) -> object:
-    """Return bytes or a Buffer for what stands for them on a wire, anything else as it is; raises ProtocolError."""
+    """Return bytes or a Buffer from their form on the wire, and any other value as it is. Raises ProtocolError."""
     if not isinstance(value, dict):
         return value
     given = cast("dict[str, object]", value)

@@ -1,6 +1,6 @@
-"""Checks of a command against its port's description, before a byte is sent. No I/O.
+"""Checks a command against the description of its port before anything is sent. No input or output.
 
-The codes are the server's own, so a caller deals with one kind of refusal. Limits of value are left to the server.
+The codes are those of the server, so a caller deals with one kind of refusal. Limits of values are left to the server.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ class _HasToList(Protocol):
 
 
 def command_value(ports: Mapping[str, Port], path: str, fields: Mapping[str, object]) -> dict[str, object]:
-    """Return the value to send: plain numbers and lists (numpy arrays are converted).
+    """Return the value to send, in plain numbers and lists; numpy arrays are converted.
 
     Raises:
-        CallRefused: `unknown_port`, `bad_argument`, `bad_shape` or `not_finite`, with what is allowed.
+        CallRefused: `unknown_port`, `bad_argument`, `bad_shape` or `not_finite`; the text says what is allowed.
     """
     port = _actuator(ports, path)
     by_name = {field.name: field for field in port.fields}
@@ -44,12 +44,12 @@ def command_value(ports: Mapping[str, Port], path: str, fields: Mapping[str, obj
 
 def _prepared(path: str, field: Field, value: object) -> object:
     if field.type in ("bytes", "buffer"):
-        return packed(value)  # the server knows what fits
+        return packed(value)  # the server checks type and shape
     return _checked(path, field, plain(value))
 
 
 def plain(value: object) -> object:
-    """Return `value` with arrays and tuples as lists, ready for either encoding."""
+    """Return `value` with arrays and tuples converted to lists, for either encoding."""
     if isinstance(value, _HasToList):
         return value.tolist()
     if isinstance(value, (list, tuple)):
@@ -83,7 +83,7 @@ def _checked(path: str, field: Field, value: object) -> object:
 def _check_leaf(where: str, field: Field, leaf: object) -> None:
     wanted = {"float": (int, float), "int": (int,), "bool": (bool,), "string": (str,), "str": (str,)}.get(field.type)
     if wanted is None:
-        return  # a type of a later server: the server judges
+        return  # a type of a later server, which checks it
     if not isinstance(leaf, wanted) or (isinstance(leaf, bool) and field.type != "bool"):
         raise CallRefused(
             f"{where} takes {_form(field)}; {_abridged(leaf)} is of type {type(leaf).__name__}",

@@ -29,8 +29,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             options.run(client, options)
             sys.stdout.flush()
     except BrokenPipeError:
-        # The reader of our output has gone (`uwclient echo ... | head`): what is left is written to nowhere, or the
-        # interpreter would complain at exit.
+        # The reader of the output has gone (`uwclient echo ... | head`). Without a place for the rest of the output, the interpreter would
+        # complain at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except (UwError, OSError) as error:
         print(f"uwclient: {error}", file=sys.stderr)
@@ -51,23 +51,27 @@ def _connected(options: argparse.Namespace) -> Client:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="uwclient",
-        description="Look at and drive a running uwserver.",
-        epilog="A token may come by UWSERVER_TOKEN.",
+        description="Look at a running uwserver, and command it.",
+        epilog="The environment variable UWSERVER_TOKEN may hold the token.",
     )
-    parser.add_argument("--host", default="127.0.0.1", help="where the server runs (default %(default)s)")
-    parser.add_argument("--port", type=int, default=7600, help="its TCP port (default %(default)s)")
-    parser.add_argument("--token", help="the token it asks for (default: UWSERVER_TOKEN)")
-    parser.add_argument("--tls", action="store_true", help="encrypt; the server's certificate must be known here")
-    parser.add_argument("--ca", metavar="FILE", help="encrypt, and trust the certificates of this file")
-    parser.add_argument("--zenoh", action="store_true", help="over zenoh instead of TCP (needs eclipse-zenoh)")
-    parser.add_argument("--server", default="uwserver", help="with --zenoh: the server's name (default %(default)s)")
+    parser.add_argument("--host", default="127.0.0.1", help="host of the server (default %(default)s)")
+    parser.add_argument("--port", type=int, default=7600, help="TCP port of the server (default %(default)s)")
+    parser.add_argument("--token", help="token that the server asks for (default: UWSERVER_TOKEN)")
+    parser.add_argument(
+        "--tls", action="store_true", help="encrypt; this machine must trust the certificate of the server"
+    )
+    parser.add_argument("--ca", metavar="FILE", help="encrypt, and trust the certificates in this file")
+    parser.add_argument("--zenoh", action="store_true", help="use zenoh instead of TCP (needs eclipse-zenoh)")
+    parser.add_argument("--server", default="uwserver", help="with --zenoh: name of the server (default %(default)s)")
     parser.add_argument(
         "--connect",
         action="append",
         metavar="ENDPOINT",
-        help=f"with --zenoh: where a router or server listens (default {LOOPBACK[0]})",
+        help=f"with --zenoh: endpoint of a router or server (default {LOOPBACK[0]})",
     )
-    parser.add_argument("--scout", action="store_true", help="with --zenoh: search by multicast, not at an endpoint")
+    parser.add_argument(
+        "--scout", action="store_true", help="with --zenoh: search by multicast instead of using an endpoint"
+    )
     parser.add_argument("--prefix", default="uw", help="with --zenoh: first level of the keys (default %(default)s)")
     parser.add_argument(
         "--timeout", type=_positive, default=5.0, metavar="S", help="wall seconds to wait for an answer (default 5)"
@@ -82,39 +86,41 @@ def _add_streams(add: Callable[..., argparse.ArgumentParser]) -> None:
     echo = add("echo", help="print samples as they come")
     echo.add_argument("pattern", metavar="PATTERN", help="such as rov/imu, 'rov/*', '**'")
     echo.add_argument("-n", type=_count, metavar="N", help="end after N samples")
-    echo.add_argument("--rate", type=_positive, metavar="HZ", help="at most this many a second, each port")
-    echo.add_argument("--fields", type=_names, metavar="A,B", help="only these fields")
-    echo.add_argument("--json", action="store_true", help="one JSON object a line")
+    echo.add_argument("--rate", type=_positive, metavar="HZ", help="largest rate of each port")
+    echo.add_argument("--fields", type=_names, metavar="A,B", help="print only these fields")
+    echo.add_argument("--json", action="store_true", help="print a JSON object on each line")
     echo.set_defaults(run=cli_verbs.echo)
 
     watch = add("watch", help="show live values in one place of the terminal")
     watch.add_argument(
         "pattern", metavar="PATTERN", nargs="?", default="**", help="such as 'rov/*' (default: all sensors)"
     )
-    watch.add_argument("--rate", type=_positive, default=4.0, metavar="HZ", help="how often (default %(default)s)")
-    watch.add_argument("--seconds", type=_positive, metavar="S", help="end after this (default: at Ctrl-C)")
+    watch.add_argument(
+        "--rate", type=_positive, default=4.0, metavar="HZ", help="how often to update (default %(default)s)"
+    )
+    watch.add_argument("--seconds", type=_positive, metavar="S", help="end after this time (default: at Ctrl-C)")
     watch.set_defaults(run=cli_verbs.watch)
 
     hz = add("hz", help="measure rate, jitter and drops")
     hz.add_argument("pattern", metavar="PATTERN")
-    hz.add_argument("--seconds", type=_positive, default=5.0, metavar="S", help="wall seconds (default 5)")
+    hz.add_argument("--seconds", type=_positive, default=5.0, metavar="S", help="wall seconds to measure (default 5)")
     hz.set_defaults(run=cli_verbs.hz)
 
     plot = add("plot", help="draw a field over simulation time (needs matplotlib)")
     plot.add_argument("pattern", metavar="PATTERN")
     plot.add_argument("field", metavar="FIELD")
-    plot.add_argument("--seconds", type=_positive, default=5.0, metavar="S", help="wall seconds (default 5)")
-    plot.add_argument("--out", metavar="FILE.png", help="write a file instead of showing a window")
+    plot.add_argument("--seconds", type=_positive, default=5.0, metavar="S", help="wall seconds to collect (default 5)")
+    plot.add_argument("--out", metavar="FILE.png", help="write a file instead of opening a window")
     plot.set_defaults(run=cli_verbs.plot)
 
 
 def _add_requests(add: Callable[..., argparse.ArgumentParser]) -> None:
     topics = add("topics", help="list ports and services")
-    topics.add_argument("--services", action="store_true", help="each service with its arguments")
-    topics.add_argument("--json", action="store_true", help="everything the server describes, as JSON")
+    topics.add_argument("--services", action="store_true", help="list each service with its arguments")
+    topics.add_argument("--json", action="store_true", help="print everything that the server describes as JSON")
     topics.set_defaults(run=cli_verbs.topics)
 
-    call = add("call", help="call a service", description="Values are JSON, else text.")
+    call = add("call", help="call a service", description="A value that is not JSON is taken as text.")
     call.add_argument("service", metavar="SERVICE")
     call.add_argument("values", nargs="*", type=_assignment, metavar="NAME=VALUE")
     call.set_defaults(run=cli_verbs.call)
@@ -122,8 +128,8 @@ def _add_requests(add: Callable[..., argparse.ArgumentParser]) -> None:
     send = add("send", help="command an actuator", description="Values are JSON: u=[0,0,0.5]")
     send.add_argument("path", metavar="PORT")
     send.add_argument("values", nargs="+", type=_assignment, metavar="NAME=VALUE")
-    send.add_argument("--rate", type=_positive, metavar="HZ", help="repeat, commands a wall second")
-    send.add_argument("--seconds", type=_positive, metavar="S", help="repeat for this long (default: until Ctrl-C)")
+    send.add_argument("--rate", type=_positive, metavar="HZ", help="repeat at this rate of wall time")
+    send.add_argument("--seconds", type=_positive, metavar="S", help="repeat for this time (default: until Ctrl-C)")
     send.set_defaults(run=cli_verbs.send)
 
 

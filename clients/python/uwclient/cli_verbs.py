@@ -1,4 +1,4 @@
-"""What each verb of the command line does with a connected client; results go to standard output."""
+"""The verbs of the command line, each with a connected client. Results go to standard output."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ def topics(client: Client, options: argparse.Namespace) -> None:
 
 
 def watch(client: Client, options: argparse.Namespace) -> None:
-    """Show live values in one place; Ctrl-C is the normal end without --seconds."""
+    """Show live values in one place of the terminal. Without --seconds, Ctrl-C is the normal end."""
     with contextlib.suppress(KeyboardInterrupt):
         live.watch(client, options.pattern, options.rate, options.seconds, sys.stdout)
 
 
 def echo(client: Client, options: argparse.Namespace) -> None:
-    """Print samples; Ctrl-C is the normal end without -n."""
+    """Print samples. Without -n, Ctrl-C is the normal end."""
     client.subscribe(options.pattern, rate_hz=options.rate, fields=options.fields)
     with contextlib.suppress(KeyboardInterrupt):
         for sample in itertools.islice(client, options.n):
@@ -49,7 +49,7 @@ def echo(client: Client, options: argparse.Namespace) -> None:
 
 
 def hz(client: Client, options: argparse.Namespace) -> None:
-    """Print rate, jitter and drops of each port; Ctrl-C ends the measurement early."""
+    """Print rate, jitter and drops of each port. Ctrl-C ends the measurement early."""
     client.subscribe(options.pattern)
     arrivals: dict[str, list[tuple[float, Sample]]] = {}
     with contextlib.suppress(KeyboardInterrupt):
@@ -73,7 +73,7 @@ def hz(client: Client, options: argparse.Namespace) -> None:
 
 
 def call(client: Client, options: argparse.Namespace) -> None:
-    """Call a service and print its value as JSON, if it has one; progress and "done" go to standard error."""
+    """Call a service, and print its value as JSON if it has one. Progress and "done" go to standard error."""
     value = client.call(options.service, dict(options.values), on_progress=_print_progress)
     if value is None:
         print(f"{options.service}: done", file=sys.stderr)
@@ -100,7 +100,7 @@ def send(client: Client, options: argparse.Namespace) -> None:
 
 
 def plot(client: Client, options: argparse.Namespace) -> None:
-    """Collect samples and draw one field; Ctrl-C draws what has come."""
+    """Collect samples, and draw one field. Ctrl-C ends the collection early."""
     require_matplotlib()
     client.subscribe(options.pattern)
     samples: list[Sample] = []
@@ -135,7 +135,7 @@ def _sample_line(sample: Sample) -> str:
 
 
 def _brief(value: object) -> object:
-    """Say what a buffer is, not what is in it."""
+    """Return type and shape of a buffer instead of its contents."""
     if isinstance(value, Buffer):
         return f"{value.dtype} {'x'.join(map(str, value.shape)) or 'scalar'}"
     return as_text(value)

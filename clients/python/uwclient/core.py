@@ -1,6 +1,6 @@
-"""The wire without a socket and without a clock: bytes in, messages out; requests in, bytes out.
+"""The protocol without a socket and without a clock: bytes in, messages out; requests in, bytes out.
 
-The schema is docs/reference/protocol.md. Both encodings carry the same maps.
+The schema is in docs/reference/protocol.md. Both encodings carry the same maps.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from uwclient.ports import Event, Progress, Sample
 from uwclient.wire import RequestId
 
 LINE_LIMIT = 512 << 10
-"""Longest JSON line the server takes, bytes."""
+"""Longest JSON line that the server accepts, bytes."""
 FRAME_LIMIT = 2 << 20
-"""Longest frame the server takes, bytes."""
+"""Longest frame that the server accepts, bytes."""
 ANSWER_LIMIT = 16 << 20
-"""Longest frame or JSON line accepted from the server, bytes."""
+"""Longest frame or JSON line that is accepted from the server, bytes."""
 _LENGTH = struct.Struct(">I")
 
 
 @dataclass(frozen=True)
 class Reply:
-    """The answer to request `id`; `id` None reports the failure of a notification."""
+    """The answer to the request `id`. If `id` is None, it reports the failure of a notification."""
 
     id: RequestId | None
     result: object = None
@@ -40,25 +40,25 @@ Message = Union[Reply, Sample, Event, Progress]
 
 
 class Framing(Protocol):
-    """One encoding of one connection; keeps the bytes of an unfinished message."""
+    """One encoding of one connection. It keeps the bytes of an unfinished message."""
 
     def encode(self, message: Mapping[str, object]) -> bytes:
-        """Return one framed message; raises CallRefused for what cannot be sent."""
+        """Return a framed message. Raises CallRefused if it cannot be sent."""
         ...
 
     def feed(self, data: bytes) -> list[object]:
-        """Take bytes, return the messages they complete; raises ProtocolError."""
+        """Take in bytes, and return the messages that they complete. Raises ProtocolError."""
         ...
 
 
 class JsonLines:
-    """One JSON object a line, UTF-8, LF or CRLF."""
+    """A JSON object on each line, in UTF-8, with LF or CRLF."""
 
     def __init__(self) -> None:
         self._rest = bytearray()
 
     def encode(self, message: Mapping[str, object]) -> bytes:
-        """Return one line; raises CallRefused (`not_finite`, `bad_argument`, `too_large`)."""
+        """Return one line. Raises CallRefused (`not_finite`, `bad_argument`, `too_large`)."""
         try:
             line = json.dumps(message, allow_nan=False, separators=(",", ":"), default=as_text).encode("ascii") + b"\n"
         except ValueError as error:
@@ -68,7 +68,7 @@ class JsonLines:
         return _within(line, LINE_LIMIT, "a JSON line")
 
     def feed(self, data: bytes) -> list[object]:
-        """Take bytes, return the objects of the lines they complete; raises ProtocolError."""
+        """Take in bytes, and return the objects of the lines that they complete. Raises ProtocolError."""
         self._rest += data
         if len(self._rest) > ANSWER_LIMIT and b"\n" not in self._rest:
             raise ProtocolError(f"the server sent a line of more than {ANSWER_LIMIT} bytes", code="protocol")
@@ -95,7 +95,7 @@ class _Msgpack(Protocol):
 
 
 class MsgpackFrames:
-    """u32 big-endian length, then one msgpack map. Needs the `msgpack` package."""
+    """Frames of a u32 big-endian length and one msgpack map. Needs the `msgpack` package."""
 
     def __init__(self) -> None:
         try:
@@ -108,17 +108,17 @@ class MsgpackFrames:
         self._rest = bytearray()
 
     def encode(self, message: Mapping[str, object]) -> bytes:
-        """Return one frame; raises CallRefused (`bad_argument`, `too_large`)."""
+        """Return one frame. Raises CallRefused (`bad_argument`, `too_large`)."""
         try:
             body = self._msgpack.packb(message, default=as_binary)
         except (TypeError, ValueError, OverflowError) as error:
             raise CallRefused(f"the request cannot be sent as msgpack: {error}", code="bad_argument") from None
-        # The length's first byte must be 0: it is what tells the server that this connection is binary.
+        # The first byte of the length must be 0, because it tells the server that this connection is binary.
         _within(body, FRAME_LIMIT, "a frame")
         return _LENGTH.pack(len(body)) + body
 
     def feed(self, data: bytes) -> list[object]:
-        """Take bytes, return the maps of the frames they complete; raises ProtocolError."""
+        """Take in bytes, and return the maps of the frames that they complete. Raises ProtocolError."""
         self._rest += data
         messages: list[object] = []
         start = 0
@@ -145,7 +145,7 @@ class MsgpackFrames:
 
 
 def framing(encoding: str) -> Framing:
-    """Return fresh framing for "json" or "msgpack"; raises UwError for anything else."""
+    """Return new framing for "json" or "msgpack". Raises UwError for any other encoding."""
     if encoding == "json":
         return JsonLines()
     if encoding == "msgpack":
@@ -154,9 +154,9 @@ def framing(encoding: str) -> Framing:
 
 
 class Wire:
-    """Requests and messages of one client over any number of consecutive connections.
+    """The requests and messages of one client over any number of consecutive connections.
 
-    Request ids count up for the life of the client, so a late reply can never be taken for another one.
+    Request ids count up during the life of the client, so a late reply is never taken for another one.
     """
 
     def __init__(self, encoding: str = "json") -> None:
@@ -165,21 +165,21 @@ class Wire:
         self._last_id = 0
 
     def restart(self) -> None:
-        """Forget an unfinished message: a new connection begins."""
+        """Forget an unfinished message, because a new connection begins."""
         self._framing = framing(self._encoding)
 
     def request(self, method: str, params: Mapping[str, object]) -> tuple[int, bytes]:
-        """Return (id, bytes) of a request; raises CallRefused for params that cannot be sent."""
+        """Return id and bytes of a request. Raises CallRefused if its params cannot be sent."""
         self._last_id += 1
         message = {"jsonrpc": "2.0", "id": self._last_id, "method": method, "params": dict(params)}
         return self._last_id, self._framing.encode(message)
 
     def notification(self, method: str, params: Mapping[str, object]) -> bytes:
-        """Return the bytes of a request that gets no reply; raises CallRefused for params that cannot be sent."""
+        """Return the bytes of a request that gets no reply. Raises CallRefused if its params cannot be sent."""
         return self._framing.encode({"jsonrpc": "2.0", "method": method, "params": dict(params)})
 
     def receive(self, data: bytes) -> list[Message]:
-        """Take bytes in pieces of any size, return the messages they complete; raises ProtocolError."""
+        """Take in bytes in pieces of any size, and return the messages that they complete. Raises ProtocolError."""
         messages = [_message(entry) for entry in self._framing.feed(data)]
         return [message for message in messages if message is not None]
 
@@ -194,7 +194,7 @@ def _message(entry: object) -> Message | None:
     if method == "progress":
         return Progress.from_wire(data.get("params"))
     if method is not None:
-        return None  # a notification of a later server: not ours to refuse
+        return None  # a notification of a later server, which is ignored
     if "error" in data:
         return Reply(wire.request_id(data), error=_refusal(data["error"]))
     if "result" in data:

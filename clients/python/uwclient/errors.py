@@ -1,14 +1,14 @@
-"""What can go wrong between a program and uwserver."""
+"""Errors between a program and uwserver."""
 
 from __future__ import annotations
 
 
 class UwError(Exception):
-    """Base of everything uwclient raises on purpose.
+    """The base of all errors that uwclient raises.
 
     Attributes:
         message: what is wrong and what to do.
-        code: a short, stable word; for a refusal the server's own (docs/reference/protocol.md, "Error codes").
+        code: a short, stable word; for a refusal that of the server (docs/reference/protocol.md, "Error codes").
         where: the argument, field, port or service at fault, or "".
     """
 
@@ -24,11 +24,11 @@ class UwError(Exception):
 
 
 class ConnectionLost(UwError):
-    """No connection: none could be made, or it ended. The text says whether a command may have been applied."""
+    """The connection could not be made, or it ended. The text says whether a command may have been applied."""
 
 
 class CallRefused(UwError):
-    """A request was refused, by the server or already by the client's own check against `describe`."""
+    """A request was refused, by the server or by the client's own check against `describe`."""
 
 
 class Timeout(UwError):
@@ -36,4 +36,4 @@ class Timeout(UwError):
 
 
 class ProtocolError(UwError):
-    """What answered does not speak uwserver's protocol."""
+    """The peer does not speak the protocol of uwserver."""

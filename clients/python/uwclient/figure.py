@@ -1,4 +1,4 @@
-"""The figure of `uwclient plot`: one line a component over simulation time. Needs matplotlib."""
+"""The figure of `uwclient plot`: a line for each component over simulation time. Needs matplotlib."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from uwclient.ports import Port, Sample
 
 
 def require_matplotlib() -> None:
-    """Raise UwError when matplotlib is missing: to be asked before samples are collected in vain."""
+    """Raise UwError if matplotlib is missing. Call this before samples are collected in vain."""
     _module("matplotlib")
 
 
 def draw(samples: Sequence[Sample], ports: dict[str, Port], name: str, out: str | None) -> None:
-    """Draw field `name` of the samples, one panel a port; write the file `out`, or show a window without it.
+    """Draw the field `name` of the samples, with a panel for each port. Write the file `out`, or open a window if it is None.
 
     Raises:
         UwError: matplotlib is missing, or no sample has numbers in that field.
@@ -47,7 +47,7 @@ def _draw_panel(panel: Any, path: str, series: Sequence[Sample], name: str, unit
     width = max(len(vector) for vector in vectors)
     times_s = [sample.time_s for sample in series]
     for component in range(width):
-        # A field that is null as a whole has one NaN, whatever its shape.
+        # A field that is null as a whole is one NaN, whatever its shape.
         values = [vector[component] if component < len(vector) else float("nan") for vector in vectors]
         panel.plot(times_s, values, linewidth=1.0, label=f"{name}[{component}]" if width > 1 else name)
     panel.set_title(path, loc="left", fontsize=10)

@@ -1,4 +1,4 @@
-"""What carries bytes between a `Client` and a server. The bytes are those of docs/reference/protocol.md, whatever the network."""
+"""The link that carries bytes between a `Client` and a server. The bytes are those of docs/reference/protocol.md on every network."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ _CHUNK = 1 << 16
 
 
 class Link(Protocol):
-    """One connection, used from one thread. A timeout is in wall s: None waits for ever, 0 not at all."""
+    """One connection, used from one thread. Timeouts are in wall s: None waits for ever, 0 does not wait."""
 
     def send(self, data: bytes, timeout: float | None) -> None:
-        """Send whole framed requests; raises OSError."""
+        """Send whole framed requests. Raises OSError."""
         ...
 
     def receive(self, timeout: float | None) -> bytes | None:
-        """Return what came: None for nothing, b"" when the server ended the connection; raises OSError."""
+        """Return the next bytes, None if none came in time, or b"" if the server has ended the connection. Raises OSError."""
         ...
 
     def close(self) -> None:
-        """End it; more than once does no harm."""
+        """End the connection. May be called again."""
         ...
 
 
 Dial = Callable[[float], Link]
-"""Makes a connection within so many wall s; raises OSError when nobody answers."""
+"""Makes a connection within a wall time in s. Raises OSError if nobody answers."""
 
 
 class TcpLink:
@@ -37,7 +37,7 @@ class TcpLink:
         self._socket = connected
 
     def send(self, data: bytes, timeout: float | None) -> None:
-        """Send all of `data`; raises OSError."""
+        """Send all of `data`. Raises OSError."""
         self._socket.settimeout(timeout)
         self._socket.sendall(data)
 
@@ -55,7 +55,7 @@ class TcpLink:
 
 
 def dial_tcp(host: str, port: int, tls: ssl.SSLContext | None, timeout: float) -> Link:
-    """Connect, encrypted with a context; raises OSError."""
+    """Connect, with TLS if there is a context. Raises OSError."""
     connected = socket.create_connection((host, port), timeout=timeout)
     connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     if tls is None:
@@ -68,10 +68,15 @@ def dial_tcp(host: str, port: int, tls: ssl.SSLContext | None, timeout: float) -
 
 
 def tls_context(ca: str | None = None, cert: str | None = None, key: str | None = None) -> ssl.SSLContext:
-    """A context that trusts the certificates of file `ca` (default: the system's) and shows `cert` with `key`, if given.
+    """Return a TLS context.
+
+    Args:
+        ca: file of certificates to trust; default: those of the system.
+        cert: file of a certificate to show to the server.
+        key: file of its key.
 
     Raises:
-        OSError: a file is missing or holds no certificate.
+        OSError: a file is missing or has no certificate in it.
     """
     context = ssl.create_default_context(cafile=ca)
     if cert is not None:

@@ -1,4 +1,4 @@
-"""Live values of many ports in one place of a terminal: `uwclient watch`."""
+"""Shows live values of many ports in one place of a terminal, for `uwclient watch`."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ _UP_AND_CLEAR = "\x1b[{}F\x1b[J"
 
 
 def watch(client: Client, pattern: str, rate_hz: float, seconds: float | None, out: TextIO) -> None:
-    """Print the newest values of all ports that match, again and again in the same place.
+    """Print the newest values of all matching sensors again and again in the same place.
 
-    Where the output is no terminal, one table follows the other.
+    If the output is no terminal, each table follows the one before.
 
     Args:
-        client: connected.
-        pattern: of the ports.
-        rate_hz: tables a wall second.
-        seconds: of wall time; None for until Ctrl-C.
-        out: where to.
+        client: a connected client.
+        pattern: pattern of the ports.
+        rate_hz: tables per second of wall time.
+        seconds: wall time after which it ends; None for no limit.
+        out: where to print.
     """
     client.subscribe(pattern, rate_hz=max(2.0 * rate_hz, 1.0), delivery="latest")
     ports = [port for port in client.describe(pattern).ports.values() if port.direction == "sensor"]
@@ -50,7 +50,7 @@ def watch(client: Client, pattern: str, rate_hz: float, seconds: float | None, o
 
 
 def _newest(client: Client, period: float, seconds: float | None) -> Iterator[Mapping[str, Sample]]:
-    """The newest sample of each port, once a period; the time between goes to taking samples in."""
+    """Yield the newest sample of each port once in each period (wall s), and take in samples in between."""
     newest: dict[str, Sample] = {}
     start = time.monotonic()
     for count in itertools.count(1):
@@ -65,7 +65,7 @@ def _newest(client: Client, period: float, seconds: float | None) -> Iterator[Ma
 
 
 def table(ports: list[Port], newest: Mapping[str, Sample]) -> list[str]:
-    """One line a field: port, name, value, unit; a port that has said nothing yet has a dash."""
+    """Return a line for each field: port, name, value and unit. A port without a sample has a dash."""
     seconds = max((sample.time_s for sample in newest.values()), default=0.0)
     lines = [f"t = {seconds:.3f} s"]
     width = max((len(port.path) for port in ports), default=4)

@@ -13,7 +13,7 @@ from uwclient.zenoh_link import dial_zenoh
 from uwclient.zenoh_place import ZenohPlace
 
 LOOPBACK = ("tcp/127.0.0.1:7447",)
-"""Where a server on this machine listens unless told otherwise."""
+"""Default endpoint of a server on this machine."""
 
 
 def connect_zenoh(
@@ -28,21 +28,21 @@ def connect_zenoh(
     timeout: float = 5.0,
     reconnect: bool = True,
 ) -> Client:
-    """Connect over zenoh; everything else is as with `Client.connect`. Needs the eclipse-zenoh package.
+    """Connect over zenoh. Everything else is as with `Client.connect`. Needs the eclipse-zenoh package.
 
     Args:
-        server: the server's name in the keys.
-        connect: endpoints of servers or routers; none at all, (), searches by multicast.
+        server: name of the server in the keys.
+        connect: endpoints of servers or routers; with none, (), the server is found by multicast.
         prefix: first levels of the keys, as in the server's adapter.
-        mode: of the zenoh session, "peer" or "client".
+        mode: mode of the zenoh session, "peer" or "client".
         config: zenoh settings by path, such as {"transport/link/tls/root_ca_certificate": "ca.pem"}.
-        name: what this client is called; needed to take part in a lockstep barrier.
-        encoding: "json", or "msgpack" (needs the msgpack package); best the one of the server's adapter.
-        timeout: wall s, for connecting and for every operation that gives none.
-        reconnect: renew a lost connection.
+        name: name of this client, which it needs to take part in a lockstep barrier.
+        encoding: "json", or "msgpack" (needs the msgpack package); preferably that of the server's adapter.
+        timeout: wall s, for connecting and for every operation without a timeout of its own.
+        reconnect: whether to renew a lost connection.
 
     Raises:
-        ConnectionLost: no such server in the network; the text names those that are.
+        ConnectionLost: there is no such server in the network; the text names those that are there.
         UwError: eclipse-zenoh is missing (`missing_package`), or a setting is wrong (`bad_argument`).
     """
     place = ZenohPlace(server, tuple(connect), prefix, mode, dict(config or {}), encoding)
@@ -62,7 +62,7 @@ async def connect_zenoh_async(
     timeout: float = 5.0,
     reconnect: bool = True,
 ) -> AsyncClient:
-    """Connect an `AsyncClient` over zenoh; arguments and errors as for `connect_zenoh`."""
+    """Connect an `AsyncClient` over zenoh. Arguments and errors are those of `connect_zenoh`."""
     place = ZenohPlace(server, tuple(connect), prefix, mode, dict(config or {}), encoding)
     settings = Settings("", 0, name, None, encoding, timeout, reconnect, via=place.address)
     return await AsyncClient.over(partial(dial_zenoh_async, place), settings)

@@ -1,7 +1,7 @@
-"""What crosses the wire, as frozen types: descriptions, samples, events, acknowledgements.
+"""Frozen types of what crosses the wire: descriptions, samples, events, acknowledgements.
 
-Units are SI, angles radians, quaternions (w, x, y, z), times integer nanoseconds of simulation time. The frame of each
-field is in its description (N = north-east-down world, B = forward-right-down body, S = sensor).
+Units are SI, angles are in radians, quaternions are (w, x, y, z), and times are integer nanoseconds of simulation time. The frame of a field is
+in its description (N = north-east-down world, B = forward-right-down body, S = sensor).
 """
 
 from __future__ import annotations
@@ -25,7 +25,18 @@ NANOSECONDS = 1_000_000_000
 
 @dataclass(frozen=True)
 class Field:
-    """One field of a port. `shape` is () for a scalar; a size of -1 is variable; that of a buffer is the buffer's, whose items are `dtype`."""
+    """A field of a port.
+
+    Attributes:
+        name: name of the field.
+        type: type of its components: float, int, bool, str, bytes or buffer.
+        shape: () for a scalar; a size of -1 is variable. For a buffer it is the shape of the buffer.
+        unit: unit of the values, "1" or "" if they have none.
+        frame: frame of a vector or rotation.
+        doc: one sentence.
+        minimum, maximum: limits of commands.
+        dtype: type of the items of a buffer.
+    """
 
     name: str
     type: str
@@ -39,7 +50,7 @@ class Field:
 
     @classmethod
     def from_wire(cls, value: object) -> Field:
-        """Read one entry of a port's `fields`; raises ProtocolError."""
+        """Read an entry of a port's `fields`. Raises ProtocolError."""
         data = wire.as_map(value, "a field")
         buffer = wire.as_map(data.get("buffer", {}), "a buffer")
         sizes = wire.as_list(buffer.get("shape", data.get("shape", [])), "a shape")
@@ -58,7 +69,7 @@ class Field:
 
 @dataclass(frozen=True)
 class Propulsor:
-    """One thruster of a command: its place in B, m, and the direction in which it pushes at a positive command."""
+    """One thruster of a command: its position in B, m, and the direction in which it pushes at a positive command."""
 
     name: str
     r_B: tuple[float, ...]
@@ -66,7 +77,7 @@ class Propulsor:
 
     @classmethod
     def from_wire(cls, value: object) -> Propulsor:
-        """Read one entry of a port's `propulsors`; raises ProtocolError."""
+        """Read an entry of a port's `propulsors`. Raises ProtocolError."""
         data = wire.as_map(value, "a propulsor")
         r, axis = (wire.as_list(data.get(key, []), key) for key in ("r_B", "axis_B"))
         return cls(
@@ -78,7 +89,7 @@ class Propulsor:
 
 @dataclass(frozen=True)
 class Port:
-    """One typed stream: a sensor (samples come out) or an actuator (commands go in)."""
+    """A typed stream: a sensor, which sends samples, or an actuator, which takes commands."""
 
     path: str
     direction: str
@@ -91,7 +102,7 @@ class Port:
 
     @classmethod
     def from_wire(cls, value: object) -> Port:
-        """Read one entry of `ports`; raises ProtocolError."""
+        """Read an entry of `ports`. Raises ProtocolError."""
         data = wire.as_map(value, "a port")
         return cls(
             path=wire.text(data, "path"),
@@ -109,7 +120,7 @@ class Port:
 
 @dataclass(frozen=True)
 class Argument:
-    """One argument of a service."""
+    """An argument of a service."""
 
     name: str
     type: str
@@ -122,7 +133,7 @@ class Argument:
 
     @classmethod
     def from_wire(cls, value: object) -> Argument:
-        """Read one entry of a service's `arguments`; raises ProtocolError."""
+        """Read an entry of a service's `arguments`. Raises ProtocolError."""
         data = wire.as_map(value, "an argument")
         return cls(
             name=wire.text(data, "name"),
@@ -138,7 +149,7 @@ class Argument:
 
 @dataclass(frozen=True)
 class Service:
-    """Something that can be called."""
+    """A service, which can be called."""
 
     path: str
     arguments: tuple[Argument, ...] = ()
@@ -148,7 +159,7 @@ class Service:
 
     @classmethod
     def from_wire(cls, value: object) -> Service:
-        """Read one entry of `services`; raises ProtocolError."""
+        """Read an entry of `services`. Raises ProtocolError."""
         data = wire.as_map(value, "a service")
         arguments = wire.as_list(data.get("arguments", []), "arguments")
         return cls(
@@ -162,7 +173,7 @@ class Service:
 
 @dataclass(frozen=True)
 class Description:
-    """The answer to `describe`: `server` and `world` as sent, ports and services by path."""
+    """The answer to `describe`: `server` and `world` as they were sent, ports and services by path."""
 
     server: Mapping[str, object] = field(default_factory=dict[str, object], hash=False)
     world: Mapping[str, object] = field(default_factory=dict[str, object], hash=False)
@@ -171,7 +182,7 @@ class Description:
 
     @classmethod
     def from_wire(cls, value: object) -> Description:
-        """Read the result of `describe`; raises ProtocolError."""
+        """Read the result of `describe`. Raises ProtocolError."""
         data = wire.as_map(value, "a description")
         ports = [Port.from_wire(entry) for entry in wire.as_list(data.get("ports", []), "ports")]
         services = [Service.from_wire(entry) for entry in wire.as_list(data.get("services", []), "services")]
@@ -185,9 +196,9 @@ class Description:
 
 @dataclass(frozen=True)
 class Sample:
-    """One measurement: true at `t_ns`, delivered by the device at `t_sent_ns` (simulation time, ns).
+    """A measurement. It was true at `t_ns`, and the device delivered it at `t_sent_ns` (simulation time, ns).
 
-    A sensor that could not measure sends `valid` False and None for the values it has not.
+    A sensor that could not measure sends `valid` False, and None for missing values.
     """
 
     port: str
@@ -199,7 +210,7 @@ class Sample:
 
     @classmethod
     def from_wire(cls, value: object) -> Sample:
-        """Read the params of a `sample` notification; raises ProtocolError."""
+        """Read the params of a `sample` notification. Raises ProtocolError."""
         data = wire.as_map(value, "a sample")
         t_ns = wire.integer(data, "t_ns")
         return cls(
@@ -217,7 +228,7 @@ class Sample:
         return self.t_ns / NANOSECONDS
 
     def __getitem__(self, name: str) -> object:
-        """Return the field: a number, a list, bytes, a Buffer, None; raises UwError for a name the sample has not."""
+        """Return the value of a field: a number, a list, bytes, a Buffer, or None. Raises UwError if there is no such field."""
         try:
             return self.value[name]
         except KeyError:
@@ -227,18 +238,18 @@ class Sample:
             ) from None
 
     def number(self, name: str) -> float:
-        """Return a scalar field as float, NaN for a value the sensor has not; raises UwError for a list."""
+        """Return a scalar field as float, with NaN for a missing value. Raises UwError for a list."""
         numbers = self.vector(name)
         if len(numbers) != 1:
             raise UwError(f'field "{name}" of {self.port} is no scalar; use vector() or array()', where=name)
         return numbers[0]
 
     def vector(self, name: str) -> tuple[float, ...]:
-        """Return a field as flat floats (row-major), one for a scalar, NaN for values the sensor has not."""
+        """Return a field as floats in row-major order, one for a scalar, with NaN for missing values."""
         return tuple(_floats(self[name], self.port, name))
 
     def array(self, name: str) -> NDArray[Any]:
-        """Return a field as numpy array of its shape: float64 with NaN for values the sensor has not, a buffer in its own type.
+        """Return a field as a numpy array of its shape: float64 with NaN for missing values, or a buffer in its own type.
 
         Raises:
             UwError: numpy is not installed, or the sample has no such field.
@@ -269,7 +280,7 @@ def _floats(value: object, port: str, name: str) -> Iterator[float]:
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened in the world or the server: `paused`, `reset`, `conflict`, `shutdown`, ..."""
+    """An event in the world or the server: `paused`, `reset`, `conflict`, `shutdown`, ..."""
 
     event: str
     tick: int | None
@@ -278,7 +289,7 @@ class Event:
 
     @classmethod
     def from_wire(cls, value: object) -> Event:
-        """Read the params of an `event` notification; raises ProtocolError."""
+        """Read the params of an `event` notification. Raises ProtocolError."""
         data = wire.as_map(value, "an event")
         return cls(
             event=wire.text(data, "event"),
@@ -290,7 +301,7 @@ class Event:
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a long-running call is; `id` is what `cancel` takes, `fraction` runs from 0 to 1."""
+    """The progress of a long-running call. `id` is what `cancel` takes; `fraction` goes from 0 to 1."""
 
     id: int | str
     fraction: float
@@ -298,7 +309,7 @@ class Progress:
 
     @classmethod
     def from_wire(cls, value: object) -> Progress:
-        """Read the params of a `progress` notification; raises ProtocolError."""
+        """Read the params of a `progress` notification. Raises ProtocolError."""
         data = wire.as_map(value, "progress")
         identity = wire.request_id(data)
         return cls(
@@ -310,7 +321,7 @@ class Progress:
 
 @dataclass(frozen=True)
 class Ack:
-    """The tick at which something was applied; `conflict`: another client commanded the same port in that tick."""
+    """The tick at which a request was applied. `conflict` says that another client commanded the same port in that tick."""
 
     tick: int
     t_ns: int
@@ -318,7 +329,7 @@ class Ack:
 
     @classmethod
     def from_wire(cls, value: object) -> Ack:
-        """Read the result of `command`, `step` or `call`; raises ProtocolError."""
+        """Read the result of `command`, `step` or `call`. Raises ProtocolError."""
         data = wire.as_map(value, "an acknowledgement")
         return cls(wire.integer(data, "tick"), wire.integer(data, "t_ns"), wire.flag(data, "conflict"))
 
@@ -330,7 +341,7 @@ class Ack:
 
 @dataclass(frozen=True)
 class Subscription:
-    """What `subscribe` gave: the server's number for it and the ports it covers now."""
+    """The result of `subscribe`: the number that the server gave it, and the ports that it covers now."""
 
     id: int
     pattern: str
@@ -338,7 +349,7 @@ class Subscription:
 
 
 def matches(pattern: str, path: str) -> bool:
-    """Tell whether a pattern covers a path: `*` is one level, `**` any number of levels, also none."""
+    """Tell whether a pattern matches a path: `*` is one level, `**` is any number of levels, including none."""
     return _levels_match(pattern.split("/"), path.split("/"))
 
 

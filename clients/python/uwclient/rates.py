@@ -1,4 +1,4 @@
-"""How regularly samples come: the figures of `uwclient hz`. Pure functions."""
+"""Measures how regularly samples come, for `uwclient hz`. Pure functions."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from uwclient.ports import Sample
 
 @dataclass(frozen=True)
 class Rate:
-    """Figures of one port.
+    """Figures of one port. They are None if there are fewer than two instants.
 
     Attributes:
-        port: its path.
-        samples: how many came.
-        sim_hz: rate in simulation time; None for fewer than two instants.
-        wall_hz: rate in wall time, as received.
+        port: path of the port.
+        samples: number of samples that came.
+        sim_hz: rate in simulation time.
+        wall_hz: rate of arrivals in wall time.
         sim_jitter_ms: standard deviation of the period in simulation time.
         wall_jitter_ms: standard deviation of the period between arrivals.
-        drops: samples missing by gaps of `seq`: lost, or left out by a rate limit.
+        drops: samples that are missing by gaps of `seq`, because they were lost, or left out by a rate limit.
     """
 
     port: str
@@ -33,11 +33,11 @@ class Rate:
 
 
 def rate(port: str, arrivals: Sequence[tuple[float, Sample]]) -> Rate:
-    """Return the figures of one port's samples, each with its arrival on a wall clock, s."""
+    """Return the figures of a port's samples, each with its time of arrival on a wall clock, s."""
     sim_hz, sim_jitter_ms = _regularity([sample.time_s for _, sample in arrivals])
     wall_hz, wall_jitter_ms = _regularity([arrival for arrival, _ in arrivals])
     sequence = [sample.seq for _, sample in arrivals]
-    # A sequence that goes back is a reset or a restarted server, not a loss.
+    # A sequence goes back after a reset or a restart of the server; this is no loss.
     drops = sum(max(later - earlier - 1, 0) for earlier, later in zip(sequence, sequence[1:]))
     return Rate(port, len(arrivals), sim_hz, wall_hz, sim_jitter_ms, wall_jitter_ms, drops)
 

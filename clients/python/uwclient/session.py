@@ -1,4 +1,4 @@
-"""What a client knows and waits for, without I/O and without a clock. Both clients are thin shells around it."""
+"""The state of a client, without input and output and without a clock. Both clients are thin shells around it."""
 
 from __future__ import annotations
 
@@ -24,14 +24,25 @@ INBOX_SAMPLES = 4096
 FIRST_PAUSE_S = 0.1
 LONGEST_PAUSE_S = 2.0
 POLL_S = 0.02
-"""Pause between two looks at the simulation time in `wait_until`, wall s."""
+"""Pause between two requests of the simulation time in `wait_until`, wall s."""
 
 OnProgress = Callable[[Progress], object]
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Where and how to connect; `timeout` is wall s, `via` says where for people if it is not TCP, `tls` encrypts."""
+    """Where and how to connect.
+
+    Attributes:
+        host, port: address of the server for TCP.
+        name: name of the client; None for none.
+        token: token of the server; None for none.
+        encoding: "json" or "msgpack".
+        timeout: default time limit, wall s.
+        reconnect: whether to renew a lost connection.
+        via: where the server is, for people, if the connection is not TCP.
+        tls: context of TLS; None for no encryption.
+    """
 
     host: str
     port: int
@@ -44,7 +55,7 @@ class Settings:
     tls: ssl.SSLContext | None = None
 
     def with_token_from_environment(self) -> Settings:
-        """Return these settings with the token of UWSERVER_TOKEN when none was given."""
+        """Return these settings with the token of UWSERVER_TOKEN if none was given."""
         return self if self.token is not None else replace(self, token=os.environ.get("UWSERVER_TOKEN") or None)
 
     @property
@@ -54,7 +65,7 @@ class Settings:
 
 
 def pauses() -> Iterator[float]:
-    """Yield the back-off between connection attempts, wall s: doubling from 0.1 to 2."""
+    """Yield the pauses between attempts to connect, wall s, which double from 0.1 to 2."""
     pause = FIRST_PAUSE_S
     while True:
         yield pause
@@ -62,7 +73,7 @@ def pauses() -> Iterator[float]:
 
 
 class Pending(Generic[T]):
-    """A request under way. `data` is to be written; `done` once it has a reply or never will have one."""
+    """A request that waits for its reply. `data` is to be written; `done` says that it has a reply, or will never have one."""
 
     def __init__(self, verb: Verb[T], identity: RequestId, data: bytes, on_progress: OnProgress | None) -> None:
         self.verb = verb
@@ -78,7 +89,7 @@ class Pending(Generic[T]):
         self._result, self._error, self.done = result, error, True
 
     def value(self) -> T:
-        """Return the parsed result, or raise what went wrong."""
+        """Return the parsed result, or raise the error."""
         if self._error is not None:
             raise self._error
         return self.verb.parse(self._result)
@@ -91,7 +102,7 @@ class Session:
         description: the last complete answer to `describe`.
         events: the last 256 events, oldest first.
         refusals: the last 256 failures of notifications (`send_nowait`), oldest first.
-        dropped: samples thrown away unread because more than 4096 waited.
+        dropped: number of unread samples that were thrown away because more than 4096 waited.
     """
 
     def __init__(self, settings: Settings) -> None:
@@ -111,18 +122,18 @@ class Session:
     # Requests
 
     def request(self, verb: Verb[T], on_progress: OnProgress | None = None) -> Pending[T]:
-        """Register a request; raises CallRefused for params that cannot be sent."""
+        """Register a request. Raises CallRefused if its params cannot be sent."""
         identity, data = self._wire.request(verb.method, verb.params)
         pending = Pending(verb, identity, data, on_progress)
         self._pending[identity] = cast("Pending[object]", pending)
         return pending
 
     def give_up(self, pending: Pending[T]) -> bytes:
-        """Forget a request; return the bytes that tell the server to stop it, b"" when there is nothing to stop."""
+        """Forget a request; return the bytes that tell the server to stop it, or b"" if there is nothing to stop."""
         self._pending.pop(pending.id, None)
         if pending.done or not pending.verb.cancellable:
             return b""
-        # A reply to an id nobody waits for is ignored, so no notification is needed whose failure would be told.
+        # A reply to an id for which nobody waits is ignored. The failure of a notification would be reported.
         return self._wire.request("cancel", {"id": pending.id})[1]
 
     def notification(self, verb: Verb[T]) -> bytes:
@@ -130,7 +141,7 @@ class Session:
         return self._wire.notification(verb.method, verb.params)
 
     def command(self, port: str, fields: Mapping[str, object]) -> Verb[Ack]:
-        """Return a command checked against the description; raises CallRefused."""
+        """Return a command that was checked against the description. Raises CallRefused."""
         return verbs.command(port, command_value(self.description.ports, port, fields))
 
     def call(self, service: str, args: Mapping[str, object]) -> Verb[object]:
@@ -140,10 +151,10 @@ class Session:
     # Bytes in
 
     def receive(self, data: bytes) -> list[tuple[OnProgress, Progress]]:
-        """Take bytes; return the progress calls to make, after everything in `data` is in place.
+        """Take in bytes, and return the calls for progress to make after everything in `data` is in place.
 
         Raises:
-            ProtocolError: the bytes are not of a uwserver; the connection is of no further use.
+            ProtocolError: the bytes are not from a uwserver; the connection must be ended.
         """
         due: list[tuple[OnProgress, Progress]] = []
         for message in self._wire.receive(data):
@@ -179,11 +190,11 @@ class Session:
     # Connection
 
     def restart(self) -> None:
-        """A new connection begins."""
+        """Prepare for a new connection."""
         self._wire.restart()
 
     def lost(self, reason: str, fault: ProtocolError | None = None) -> None:
-        """The connection ended: every request under way fails and says what may have become of it."""
+        """Let every unanswered request fail because the connection ended; the errors say whether the requests may have been applied."""
         for pending in self._pending.values():
             pending.finish(error=fault or self._loss(pending.verb, reason))
         self._pending.clear()
@@ -201,7 +212,7 @@ class Session:
         )
 
     def unsent(self, why: str) -> ConnectionLost:
-        """Return the error for an operation of which nothing was sent."""
+        """Return the error of an operation of which nothing was sent."""
         return ConnectionLost(f"{why}; nothing was sent", code="connection_lost", where=self.settings.address)
 
     def unreachable(self, reason: object) -> ConnectionLost:
@@ -224,7 +235,7 @@ class Session:
         )
 
     def late(self, verb: Verb[T], timeout: float) -> Timeout:
-        """Return the error for an answer that did not come."""
+        """Return the error for an answer that did not come in time."""
         return Timeout(f"{verb.title}: no answer within {timeout:g} s", code="timeout", where=self.settings.address)
 
     # Greeting
@@ -235,11 +246,11 @@ class Session:
 
     @property
     def stale(self) -> bool:
-        """The server said that ports changed since the last complete `describe`."""
+        """Whether ports have changed since the last complete `describe`."""
         return self._stale
 
     def described(self, description: Description) -> None:
-        """Take the answer to a complete `describe`."""
+        """Take over the answer to a complete `describe`."""
         self.description = description
         self._stale = False
 
@@ -254,11 +265,11 @@ class Session:
         self._subscriptions.pop(pattern, None)
 
     def subscriptions(self) -> Sequence[Verb[Subscription]]:
-        """Return what to ask for again on a new connection."""
+        """Return the subscriptions to renew on a new connection."""
         return list(self._subscriptions.values())
 
     def subscription_refused(self, verb: Verb[Subscription], error: CallRefused) -> None:
-        """A renewed subscription was refused: the next operation says so, once."""
+        """Remember that the renewal of a subscription was refused, so that the next operation reports it."""
         self.unsubscribed(cast(str, verb.params["pattern"]))
         self._lost_subscriptions.append(
             CallRefused(
@@ -269,12 +280,12 @@ class Session:
         )
 
     def raise_lost_subscription(self) -> None:
-        """Raise CallRefused for a subscription that a reconnection lost."""
+        """Raise CallRefused for a subscription that was lost in a reconnection."""
         if self._lost_subscriptions:
             raise self._lost_subscriptions.pop(0)
 
     def require_subscription(self, port: str | None) -> None:
-        """Raise CallRefused when no sample can come."""
+        """Raise CallRefused if no sample of the port can come, because no subscription matches it."""
         self.raise_lost_subscription()
         patterns = list(self._subscriptions)
         if any(port is None or matches(pattern, port) for pattern in patterns):
@@ -287,7 +298,7 @@ class Session:
         )
 
     def take(self, port: str | None) -> Sample | None:
-        """Remove and return the oldest unread sample (of one port), None when there is none."""
+        """Remove and return the oldest unread sample, of one port if it is given, or None if there is none."""
         for index, sample in enumerate(self._inbox):
             if port is None or sample.port == port:
                 del self._inbox[index]
@@ -295,7 +306,7 @@ class Session:
         return None
 
     def latest(self, port: str) -> Sample | None:
-        """Return the newest sample of a port that has arrived; it stays unread for `take`."""
+        """Return the newest sample of a port that has arrived. It stays unread for `take`."""
         return self._latest.get(port)
 
 
@@ -313,7 +324,7 @@ def subscribe_options(
 
 
 def time_reached(status: Mapping[str, object], t_s: float) -> bool:
-    """Tell whether a status stands at or after the simulation time `t_s`, but for a rounding of it, as ``world/run_until`` does."""
+    """Tell whether a status is at or after the simulation time `t_s`, up to rounding of it, as ``world/run_until`` does."""
     slack_ns = max(1, math.ceil(2 * math.ulp(t_s) * NANOSECONDS))
     return cast(int, status["t_ns"]) >= round(t_s * NANOSECONDS) - slack_ns
 
@@ -324,5 +335,5 @@ def time_s(status: Mapping[str, object]) -> float:
 
 
 def is_paused(status: Mapping[str, object]) -> bool:
-    """Tell whether a status is of a world that stands still until it is stepped."""
+    """Tell whether a status is that of a world that waits until it is stepped."""
     return status.get("paused") is True or status.get("mode") == "paused"

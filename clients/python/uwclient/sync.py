@@ -1,4 +1,4 @@
-"""The blocking client. It has no thread: it takes in what came while it waits, and at the start of every operation."""
+"""The blocking client. It has no thread: it takes in samples and events while it waits, and at the start of every operation."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ _DRAIN_CHUNKS = 128
 
 
 class Client(SessionView):
-    """A connection to a uwserver; make one with `Client.connect`, use it from one thread.
+    """A connection to a uwserver. Make one with `Client.connect`, and use it from one thread.
 
-    Every `timeout` is in wall seconds; without one the client's own holds. `math.inf` waits for ever. A lost
-    connection is renewed by the next operation, together with the subscriptions; `reconnects` counts that.
+    Every `timeout` is in wall seconds; the default is the timeout of the client, and `math.inf` waits for ever. A lost connection is renewed by
+    the next operation, together with the subscriptions; `reconnects` counts that.
     """
 
     def __init__(self, settings: Settings, dial: Dial) -> None:
@@ -59,29 +59,29 @@ class Client(SessionView):
         reconnect: bool = True,
         tls: ssl.SSLContext | None = None,
     ) -> Client:
-        """Connect, trying again until `timeout`: the server may start later than the client.
+        """Connect, trying again until `timeout`, because the server may start later than the client.
 
         Args:
             host: name or address of the server.
-            port: its TCP port.
-            name: what this client is called; needed to take part in a lockstep barrier.
-            token: the server's token; default the environment variable UWSERVER_TOKEN.
+            port: TCP port of the server.
+            name: name of this client, which it needs to take part in a lockstep barrier.
+            token: token of the server; default: the environment variable UWSERVER_TOKEN.
             encoding: "json", or "msgpack" (needs the msgpack package).
-            timeout: wall s, for connecting and for every operation that gives none.
-            reconnect: renew a lost connection.
-            tls: encrypt; `uwclient.tls_context(ca="server.pem")` makes one.
+            timeout: wall s, for connecting and for every operation without a timeout of its own.
+            reconnect: whether to renew a lost connection.
+            tls: a context to encrypt the connection, such as `uwclient.tls_context(ca="server.pem")`.
 
         Raises:
             ConnectionLost: nobody answers.
             CallRefused: wrong token (`denied`) or version.
-            ProtocolError: something else answers there.
+            ProtocolError: another program answers there.
         """
         settings = Settings(host, port, name, token, encoding, timeout, reconnect, tls=tls)
         return cls.over(partial(dial_tcp, host, port, tls), settings.with_token_from_environment())
 
     @classmethod
     def over(cls, dial: Dial, settings: Settings) -> Client:
-        """Connect by what `dial` makes, as `connect` does by TCP."""
+        """Connect through the link that `dial` makes, as `connect` does through TCP."""
         client = cls(settings, dial)
         client._open(time.monotonic() + settings.timeout)
         return client
@@ -95,12 +95,12 @@ class Client(SessionView):
         self.close()
 
     def close(self) -> None:
-        """End the connection; every later operation raises ConnectionLost."""
+        """End the connection. Every later operation raises ConnectionLost."""
         self._closed = True
         self._disconnect("the client was closed")
 
     def describe(self, pattern: str = "**") -> Description:
-        """Ask for the ports that match and the services; without a pattern `ports` and `services` are renewed."""
+        """Ask for the matching ports and the services. Without a pattern, `ports` and `services` are updated."""
         description = self._run(verbs.describe(pattern))
         if pattern == "**":
             self._session.described(description)
@@ -117,14 +117,14 @@ class Client(SessionView):
         delivery: str | None = None,
         pictures: str | None = None,
     ) -> Subscription:
-        """Ask for the samples of every port that matches (`*` one level, `**` any number).
+        """Ask for the samples of every matching port; `*` is one level, `**` is any number of levels.
 
         Args:
-            pattern: such as "rov/imu", "rov/*", "**".
-            rate_hz: at most this many samples a second of simulation time, each port.
-            fields: only these fields.
-            delivery: "latest", "ring" (the server's default) or "reliable".
-            pictures: "raw" (the server's default), or "jpeg": the field of a picture is then the bytes of a JPEG. Not over zenoh.
+            pattern: a pattern such as "rov/imu", "rov/*" or "**".
+            rate_hz: largest rate of each port in simulation time.
+            fields: names of the fields to send; default: all.
+            delivery: "latest", "ring" (the default of the server) or "reliable".
+            pictures: "raw" (the default of the server), or "jpeg" to get the field of a picture as the bytes of a JPEG. Not over zenoh.
 
         Raises:
             CallRefused: `unknown_port` for a pattern without wildcard that matches nothing.
@@ -135,12 +135,12 @@ class Client(SessionView):
         return subscription
 
     def unsubscribe(self, pattern: str) -> int:
-        """End the subscriptions made with this pattern; return how many there were."""
+        """End the subscriptions that were made with this pattern, and return how many there were."""
         self._session.unsubscribed(pattern)
         return self._run(verbs.unsubscribe(pattern))
 
     def read(self, port: str | None = None, timeout: float | None = None) -> Sample:
-        """Return the next unread sample (of one port); raises Timeout, or CallRefused when none is subscribed."""
+        """Return the next unread sample, of one port if it is given. Raises Timeout, or CallRefused if nothing is subscribed."""
         limit, deadline = self._limit(timeout)
         while True:
             sample = self._session.take(port)
@@ -155,13 +155,13 @@ class Client(SessionView):
                 self._pump(deadline)
 
     def latest(self, port: str) -> Sample | None:
-        """Return the newest sample of a port that has arrived, None before the first; it does not wait."""
+        """Return the newest sample of a port that has arrived, or None before the first, without waiting."""
         if self._link is not None:
             self._drain()
         return self._session.latest(port)
 
     def samples(self, port: str | None = None) -> Iterator[Sample]:
-        """Iterate over samples (of one port) as they come, until the client is closed; waits without limit."""
+        """Iterate over samples as they come, of one port if it is given, until the client is closed. It waits without limit."""
         while not self._closed:
             yield self.read(port, math.inf)
 
@@ -171,18 +171,18 @@ class Client(SessionView):
     # Commands and calls
 
     def send(self, port: str, value: Mapping[str, object] | None = None, /, **fields: object) -> Ack:
-        """Command an actuator and wait for the tick at which it is applied: `send("rov/thrusters", u=[...])`.
+        """Command an actuator, and wait for the tick at which the command is applied: `send("rov/thrusters", u=[...])`.
 
-        A world that is paused or waits in lockstep takes it over at once; it acts from the next step on.
+        A world that is paused or waits in lockstep accepts the command at once; it acts from the next step on.
 
         Raises:
-            CallRefused: wrong port, field, shape, not finite (checked here), out of range (by the server).
-            ConnectionLost: it says whether the command may have been applied.
+            CallRefused: the port, a field or a shape is wrong, a number is not finite (checked here) or out of range (checked by the server).
+            ConnectionLost: the connection was lost; the text says whether the command may have been applied.
         """
         return self._run(self._command(port, {**(value or {}), **fields}))
 
     def send_nowait(self, port: str, value: Mapping[str, object] | None = None, /, **fields: object) -> None:
-        """Command an actuator without waiting; what the server refuses is found in `refusals`."""
+        """Command an actuator without waiting. Refusals of the server are in `refusals`."""
         verb = self._command(port, {**(value or {}), **fields})
         deadline = time.monotonic() + self._timeout
         self._ensure(deadline)
@@ -207,17 +207,17 @@ class Client(SessionView):
     ) -> object:
         """Call a service and return its value: `call("world/set_speed", speed=2.0)`.
 
-        A long-running service is waited for without limit unless `timeout` is given. Giving up (Timeout, Ctrl-C)
-        cancels it. `on_progress` is called with a Progress; it may call `cancel(progress.id)`.
+        The call of a long-running service has no time limit unless `timeout` is given. A Timeout or Ctrl-C cancels the call. `on_progress` is
+        called with a Progress; it may call `cancel(progress.id)`.
         """
         return self._run(self._session.call(service, {**(args or {}), **more}), timeout, on_progress)
 
     def cancel(self, request: RequestId) -> bool:
-        """Cancel an own, unfinished call or step, by the id in its Progress; it then fails with `preempted`."""
+        """Cancel an unfinished call or step of this client by the id in its Progress. It then fails with `preempted`."""
         return self._run(verbs.cancel(request))
 
     def step(self, n: int = 1, timeout: float | None = None) -> Ack:
-        """Run n ticks of a paused world, or grant n ticks in lockstep; waits without limit unless told."""
+        """Run n ticks of a paused world, or grant n ticks in lockstep. Without a timeout it waits without limit."""
         return self._run(verbs.step(n), timeout)
 
     def pause(self) -> Ack:
@@ -229,18 +229,21 @@ class Client(SessionView):
         return self._run(verbs.acknowledged("world/resume"))
 
     def reset(self) -> Ack:
-        """Put the world back to the scenario's start."""
+        """Reset the world to the start of the scenario."""
         return self._run(verbs.acknowledged("world/reset"))
 
     def status(self) -> dict[str, object]:
-        """Return the value of world/status, always with `tick` and `t_ns`."""
+        """Return the value of world/status, which always has `tick` and `t_ns`."""
         return self._run(verbs.status())
 
     def wait_until(self, t_s: float, timeout: float | None = None) -> float:
-        """Wait until the simulation time reaches `t_s` seconds; a paused world is run up to it.
+        """Wait until the simulation time reaches `t_s` seconds. A paused world is run up to that time.
 
         Returns:
-            The simulation time found then, s. Raises Timeout; without `timeout` it waits without limit.
+            The simulation time then, s.
+
+        Raises:
+            Timeout: it took longer than `timeout`; the default is no limit.
         """
         limit = math.inf if timeout is None else timeout
         deadline = time.monotonic() + limit
@@ -294,7 +297,7 @@ class Client(SessionView):
         if self._closed:
             raise self._session.unsent("the client is closed")
         if self._link is not None:
-            # A connection the server ended meanwhile shows here, before a request is risked on it.
+            # Notices an end of the connection by the server before a request is risked.
             self._drain()
         if self._link is None:
             if not self._session.settings.reconnect:
@@ -339,7 +342,7 @@ class Client(SessionView):
         self._session.lost(reason, fault)
 
     def _write(self, data: bytes, deadline: float) -> bool:
-        """Send all of `data`; False when the connection was lost. A half-sent message ends the connection."""
+        """Send all of `data`; return False if the connection was lost. A half-sent message ends the connection."""
         if self._link is None:
             self._session.lost("it was closed")
             return False
@@ -354,7 +357,7 @@ class Client(SessionView):
         return True
 
     def _pump(self, deadline: float) -> bool:
-        """Take in what comes until `deadline` at most, one chunk; False when nothing came."""
+        """Take in one chunk, and wait for it until `deadline` at most; return False if nothing came."""
         if self._link is None:
             return False
         try:
@@ -377,13 +380,13 @@ class Client(SessionView):
         return True
 
     def _drain(self) -> None:
-        """Take in what has arrived, without waiting; bounded, as a fast server could go on for ever."""
+        """Take in what has arrived, without waiting. It is bounded, because a fast server could go on for ever."""
         for _ in range(_DRAIN_CHUNKS):
             if not self._pump(0.0):
                 return
 
     def _idle(self, seconds: float) -> None:
-        """Let wall time pass and keep taking samples in."""
+        """Let wall time pass, and take in samples."""
         deadline = time.monotonic() + seconds
         while time.monotonic() < deadline:
             if not self._pump(deadline) and self._link is None:
@@ -391,5 +394,5 @@ class Client(SessionView):
 
 
 def _left(deadline: float) -> float | None:
-    """Return the time a link may take: None for ever, 0 not to wait."""
+    """Return the time that a link may take, s: None to wait for ever, 0 not to wait."""
     return None if math.isinf(deadline) else max(deadline - time.monotonic(), 0.0)

@@ -1,4 +1,4 @@
-"""Ports and services as text: by vehicle, sensors first, services folded."""
+"""Lists ports and services as text: by vehicle, sensors first, and services of equal components together."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from uwclient.ports import Field, Port, Service
 
 
 def listing(ports: Sequence[Port], services: Sequence[Service], whole: bool = False) -> Iterator[str]:
-    """Lines for people.
+    """Yield lines for people.
 
     Args:
-        ports: of the server.
-        services: likewise.
-        whole: one line a service, with its arguments; otherwise they are folded.
+        ports: ports of the server.
+        services: services of the server.
+        whole: whether each service gets a line with its arguments; otherwise those of equal components share a line.
     """
     owners = list(
         dict.fromkeys(path.partition("/")[0] for path in [p.path for p in ports] + [s.path for s in services])
     )
-    owners.sort(key=lambda owner: owner == "world")  # what is driven first
+    owners.sort(key=lambda owner: owner == "world")  # vehicles first
     for owner in owners:
         own_ports = [port for port in ports if port.path.startswith(f"{owner}/")]
         own_services = [service for service in services if service.path.startswith(f"{owner}/")]
@@ -28,7 +28,7 @@ def listing(ports: Sequence[Port], services: Sequence[Service], whole: bool = Fa
         for line in map(_service_line, own_services) if whole else _folded(owner, own_services):
             yield f"  {line}"
     if services and not whole:
-        yield "--services tells the arguments of services, --json everything."
+        yield "--services shows the arguments of services, --json shows everything."
 
 
 def _port_line(port: Port) -> str:
@@ -49,7 +49,7 @@ def _service_line(service: Service) -> str:
 
 
 def _folded(owner: str, services: Sequence[Service]) -> Iterator[str]:
-    """Services by component, the components that have the same ones together."""
+    """Yield a line for the services of each component; components with the same services share a line."""
     names: dict[str, list[str]] = {}
     for service in services:
         component, _, name = service.path.removeprefix(f"{owner}/").rpartition("/")

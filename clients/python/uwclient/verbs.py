@@ -1,4 +1,4 @@
-"""Each verb as data: the request to send, how to read its result, and what its loss or its giving up means."""
+"""Requests as data: what to send, how to read the result, and what it means if the request is lost or given up."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ PROTOCOL_VERSION = 1
 
 @dataclass(frozen=True)
 class Verb(Generic[T]):
-    """One request.
+    """A request.
 
     Attributes:
-        method: the wire's method.
-        params: its params, plain values.
+        method: method in the protocol.
+        params: params of the method, as plain values.
         parse: reads the result; raises ProtocolError.
-        title: how an error names it.
-        changes: it may change the world, so after a lost connection its fate is unknown.
-        waits: it may rightly take long: no time limit unless the caller gives one.
-        cancellable: giving up tells the server to stop it.
+        title: name of the request in errors.
+        changes: whether it may change the world, so that its outcome is unknown after a lost connection.
+        waits: whether it may take long, so that it has no time limit unless the caller gives one.
+        cancellable: whether the server must be told to stop it when it is given up.
     """
 
     method: str
@@ -40,7 +40,7 @@ class Verb(Generic[T]):
 
 
 def hello(name: str | None, token: str | None) -> Verb[dict[str, object]]:
-    """Introduce the client."""
+    """Return the request that introduces the client."""
     params: dict[str, object] = {"version": PROTOCOL_VERSION}
     if name is not None:
         params["name"] = name
@@ -50,12 +50,12 @@ def hello(name: str | None, token: str | None) -> Verb[dict[str, object]]:
 
 
 def describe(pattern: str = "**") -> Verb[Description]:
-    """Ask for ports and services."""
+    """Return a request for ports and services."""
     return Verb("describe", {"pattern": pattern}, Description.from_wire, "describe")
 
 
 def subscribe(pattern: str, options: Mapping[str, object]) -> Verb[Subscription]:
-    """Ask for samples; `options` holds rate_hz, fields, delivery as far as given."""
+    """Return a request for samples. `options` has those of rate_hz, fields, delivery and pictures that were given."""
 
     def parse(result: object) -> Subscription:
         data = wire.as_map(result, "a subscription")
@@ -66,7 +66,7 @@ def subscribe(pattern: str, options: Mapping[str, object]) -> Verb[Subscription]
 
 
 def unsubscribe(pattern: str) -> Verb[int]:
-    """End the subscriptions made with this pattern."""
+    """Return the request that ends the subscriptions with a pattern."""
     return Verb(
         "unsubscribe",
         {"pattern": pattern},
@@ -76,12 +76,12 @@ def unsubscribe(pattern: str) -> Verb[int]:
 
 
 def command(port: str, value: Mapping[str, object]) -> Verb[Ack]:
-    """Command an actuator; `value` has been checked."""
+    """Return a command of an actuator. `value` must have been checked."""
     return Verb("command", {"port": port, "value": dict(value)}, Ack.from_wire, f"the command to {port}", changes=True)
 
 
 def call(path: str, args: Mapping[str, object], service: Service | None) -> Verb[object]:
-    """Call a service; `service` is its description when it is known."""
+    """Return the call of a service. `service` is its description, or None if it is not known."""
     return Verb(
         "call",
         {"service": path, "args": {name: plain(value) for name, value in args.items()}},
@@ -94,12 +94,12 @@ def call(path: str, args: Mapping[str, object], service: Service | None) -> Verb
 
 
 def acknowledged(path: str) -> Verb[Ack]:
-    """Call a service of the world for its tick (pause, resume, reset)."""
+    """Return the call of a service of which only the tick matters (pause, resume, reset)."""
     return Verb("call", {"service": path, "args": {}}, Ack.from_wire, f"the call of {path}", changes=True)
 
 
 def status() -> Verb[dict[str, object]]:
-    """Call world/status; its map always holds the `tick` and `t_ns` of the answer."""
+    """Return the call of world/status. Its result always has the `tick` and `t_ns` of the answer."""
 
     def parse(result: object) -> dict[str, object]:
         ack = Ack.from_wire(result)
@@ -110,18 +110,18 @@ def status() -> Verb[dict[str, object]]:
 
 
 def run_until(t_s: float, service: Service | None) -> Verb[object]:
-    """Call world/run_until; the name of its first argument comes from its description."""
+    """Return the call of world/run_until. The name of its first argument comes from its description."""
     name = service.arguments[0].name if service is not None and service.arguments else "t_s"
     return call("world/run_until", {name: t_s}, service)
 
 
 def step(n: int) -> Verb[Ack]:
-    """Advance the world by n ticks."""
+    """Return the request that advances the world by n ticks."""
     return Verb("step", {"n": n}, Ack.from_wire, "step", changes=True, waits=True, cancellable=True)
 
 
 def cancel(identity: RequestId) -> Verb[bool]:
-    """Stop an own, unfinished call or step."""
+    """Return the request that stops an unfinished call or step of this client."""
     return Verb(
         "cancel",
         {"id": identity},

@@ -1,4 +1,4 @@
-"""Typed reading of decoded JSON or msgpack maps; every fault is a ProtocolError that names the key."""
+"""Reads typed values from decoded JSON or msgpack maps. Every fault is a ProtocolError that names the key."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ RequestId = Union[int, str]
 
 
 def as_map(value: object, what: str) -> dict[str, object]:
-    """Return `value` as a map; raises ProtocolError when it is none."""
+    """Return `value` as a map. Raises ProtocolError if it is none."""
     if not isinstance(value, dict):
         raise ProtocolError(f"the server sent {_kind(value)} where {what} (a map) was expected", code="protocol")
     return cast("dict[str, object]", value)
 
 
 def as_list(value: object, what: str) -> list[object]:
-    """Return `value` as a list; raises ProtocolError when it is none."""
+    """Return `value` as a list. Raises ProtocolError if it is none."""
     if not isinstance(value, (list, tuple)):
         raise ProtocolError(f"the server sent {_kind(value)} where {what} (a list) was expected", code="protocol")
     return list(cast("list[object]", value))
 
 
 def text(source: Mapping[str, object], key: str, default: str | None = None) -> str:
-    """Return the string at `key`; without `default` it must be there."""
+    """Return the string at `key`. Without `default` it must be there."""
     value = source.get(key, default)
     if value is None and default is not None:
         return default
@@ -43,7 +43,7 @@ def integer(source: Mapping[str, object], key: str) -> int:
 
 
 def number(source: Mapping[str, object], key: str) -> float | None:
-    """Return the number at `key`, None when it is absent, null or no single number."""
+    """Return the number at `key`, or None if it is absent, null or no single number."""
     value = source.get(key)
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return None
@@ -59,7 +59,7 @@ def flag(source: Mapping[str, object], key: str, default: bool = False) -> bool:
 
 
 def request_id(source: Mapping[str, object], key: str = "id") -> RequestId | None:
-    """Return the request id at `key`, None for null."""
+    """Return the request id at `key`, or None for null."""
     value = source.get(key)
     if value is None or (isinstance(value, (int, str)) and not isinstance(value, bool)):
         return value

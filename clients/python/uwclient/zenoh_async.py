@@ -1,4 +1,4 @@
-"""The zenoh link for asyncio: the blocking one, carried out by a thread of its own, so that nothing in zenoh holds the loop up."""
+"""The zenoh link for asyncio: the blocking link on a thread of its own, so that zenoh cannot hold up the loop."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ T = TypeVar("T")
 
 
 async def dial_zenoh_async(place: ZenohPlace, timeout: float) -> AsyncLink:
-    """Open a session and wait until the server is seen, as `dial_zenoh`; if that is cancelled nothing of it stays."""
+    """Open a session and wait until the server is seen, as `dial_zenoh` does. If this is cancelled, nothing is left behind."""
     link = ZenohAsyncLink()
     await link.dial(place, timeout)
     return link
 
 
 class ZenohAsyncLink:
-    """A `ZenohLink` in the one thread of a pool; zenoh's threads only wake the loop, once for all that waits."""
+    """A `ZenohLink` on the only thread of a pool. The threads of zenoh only wake the loop, once for all that waits."""
 
     def __init__(self) -> None:
         self._loop = asyncio.get_running_loop()
@@ -41,7 +41,7 @@ class ZenohAsyncLink:
         try:
             self._link = await asyncio.shield(asyncio.wrap_future(dialled))
         except asyncio.CancelledError:
-            # It cannot be stopped, but it ends soon after its timeout; then what it opened is closed there.
+            # The call cannot be stopped, but it ends soon after its timeout. What it has opened is closed there.
             self._pool.submit(_close, dialled)
             raise
         finally:
@@ -49,7 +49,7 @@ class ZenohAsyncLink:
                 self._pool.shutdown(wait=False)
 
     def _arrived(self) -> None:
-        """Something waits in the link. Any thread."""
+        """Wake the loop because something waits in the link. May be called on any thread."""
         if not self._woken:
             self._woken = True
             with contextlib.suppress(RuntimeError):  # the loop is closed
@@ -61,16 +61,16 @@ class ZenohAsyncLink:
             self._sent = self._pool.submit(self._link.send, data, None)
 
     async def drain(self) -> None:
-        """Wait until zenoh has taken what was written last; raises OSError."""
+        """Wait until zenoh has taken what was written last. Raises OSError."""
         await asyncio.shield(asyncio.wrap_future(self._sent))
 
     async def read(self) -> bytes:
-        """Return what came, as frames; see `AsyncLink.read`."""
+        """Return the next frames; see `AsyncLink.read`."""
         while self._link is not None:
             if not self._link.waits:
                 await self._news.wait()
             self._news.clear()
-            self._woken = False  # before looking: what comes later wakes again
+            self._woken = False  # before the link is read, so that later arrivals wake the loop again
             data = await self._run(self._link.receive, 0.0)
             if data is not None:
                 return data
@@ -80,7 +80,7 @@ class ZenohAsyncLink:
         return await asyncio.wrap_future(self._pool.submit(work, argument))
 
     def close(self) -> None:
-        """Begin to close the session, beside what may be stuck in it: that frees it."""
+        """Begin to close the session on another thread, which frees calls that are stuck in it."""
         link, self._link = self._link, None
         if link is not None:
             closing = ThreadPoolExecutor(1, "uwclient zenoh")
@@ -89,7 +89,7 @@ class ZenohAsyncLink:
             self._pool.shutdown(wait=False)
 
     async def wait_closed(self) -> None:
-        """Wait until it is closed."""
+        """Wait until the session is closed."""
         await asyncio.shield(asyncio.wrap_future(self._closed))
 
 

@@ -1,6 +1,6 @@
-"""What comes from zenoh as frames of the native wire, and requests as what to ask. No zenoh here, no I/O.
+"""Turns what comes from zenoh into frames of the native protocol, and frames into requests. No zenoh here, and no input or output.
 
-A sample's value is not decoded for that: its bytes are set into the frame, which the session then decodes once.
+The value of a sample is not decoded for that: its bytes are put into the frame, which the session then decodes once.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from uwclient.core import framing
 from uwclient.errors import ProtocolError, UwError
 
 RAW = "application/octet-stream"
-"""Of a sample whose payload is its one value, bytes or a buffer; field, dtype and shape stand in the attachment."""
+"""Media type of a sample whose payload is its only value, bytes or a buffer. Field, dtype and shape are in the attachment."""
 MEDIA = {"json": "application/json", "msgpack": "application/msgpack"}
 _JSON_SAMPLE = b'{"port":'
 _MSGPACK_SAMPLE = b"\x85\xa4port"
-"""First bytes of a sample's attachment: a map of five entries, the first one `port`; a raw sample's has more."""
+"""First bytes of the attachment of a sample: a map of five entries, of which the first is `port`. That of a raw sample has more entries."""
 _RAW_MSGPACK = (b"\x86\xa4port", b"\x88\xa4port")
 
 RequestId = Union[int, str]
 
 
 class Frames:
-    """Frames of one encoding."""
+    """Makes and reads frames of one encoding."""
 
     def __init__(self, encoding: str) -> None:
         self.encoding = encoding
@@ -38,21 +38,21 @@ class Frames:
         return [wire.as_map(entry, "a request") for entry in self._framing.feed(data)]
 
     def payload(self, value: object) -> bytes:
-        """Encode the payload of a command or call; raises CallRefused."""
+        """Encode the payload of a command or call. Raises CallRefused."""
         frame = self._framing.encode(cast("Mapping[str, object]", value))
         return frame[4:] if self.encoding == "msgpack" else frame[:-1]
 
     def result(self, identity: RequestId, value: object) -> bytes:
-        """Return a reply."""
+        """Return the frame of a reply."""
         return self._framing.encode({"jsonrpc": "2.0", "id": identity, "result": value})
 
     def refusal(self, identity: RequestId | None, code: str, message: str, where: str = "") -> bytes:
-        """Return the refusal of a request."""
+        """Return the frame of a refusal."""
         error = {"code": -32000, "message": message, "data": {"code": code, "where": where}}
         return self._framing.encode({"jsonrpc": "2.0", "id": identity, "error": error})
 
     def refused(self, identity: RequestId | None, payload: bytes, media: str) -> bytes:
-        """Return the refusal that the server sent as the error of a query, or of a put."""
+        """Return the frame of a refusal that the server sent as the error of a query or of a put."""
         try:
             fault = wire.as_map(self.decoded(payload, media), "an error")
             return self.refusal(
@@ -62,7 +62,7 @@ class Frames:
             return self.refusal(identity, "error", payload[:200].decode("utf-8", "replace"))
 
     def notice(self, method: str, payload: bytes, media: str) -> bytes:
-        """Return an event or progress; b"" for what is none."""
+        """Return the frame of an event or of progress; b"" if the payload is none."""
         try:
             return self._framing.encode(
                 {"jsonrpc": "2.0", "method": method, "params": wire.as_map(self.decoded(payload, media), method)}
@@ -71,7 +71,7 @@ class Frames:
             return b""
 
     def decoded(self, payload: bytes, media: str) -> object:
-        """Decode a payload of either encoding; raises ProtocolError."""
+        """Decode a payload of either encoding. Raises ProtocolError."""
         if media == MEDIA["msgpack"]:
             entries = framing("msgpack").feed(len(payload).to_bytes(4, "big") + payload)
             if not entries:
@@ -83,7 +83,7 @@ class Frames:
             raise ProtocolError(f"the server sent a payload that is no JSON: {error}", code="protocol") from None
 
     def sample(self, payload: bytes, attachment: bytes, media: str) -> bytes:
-        """Return the frame of a sample; b"" when it is none (a command of another client has no such attachment)."""
+        """Return the frame of a sample; b"" if it is none, such as a command of another client, which has no such attachment."""
         if media != self.media:
             return self._transcoded(payload, attachment, media)
         if self.encoding == "json":
@@ -103,7 +103,7 @@ class Frames:
         return self.selected(payload, attachment, media, None)
 
     def meta(self, attachment: bytes, media: str) -> dict[str, object]:
-        """Return a sample's attachment as a map, {} when it is none."""
+        """Return the attachment of a sample as a map; {} if it is none."""
         if not attachment.startswith((_JSON_SAMPLE, _MSGPACK_SAMPLE, *_RAW_MSGPACK)):
             return {}
         if media == RAW:
@@ -114,7 +114,7 @@ class Frames:
             return {}
 
     def selected(self, payload: bytes, attachment: bytes, media: str, fields: Sequence[str] | None) -> bytes:
-        """Return the frame of a sample with these fields alone (None: all), decoded and encoded again."""
+        """Return the frame of a sample with these fields only (None for all), decoded and encoded again."""
         meta = self.meta(attachment, media)
         if not meta:
             return b""
@@ -131,13 +131,13 @@ class Frames:
 
 
 def _raw(payload: bytes, meta: dict[str, object]) -> dict[str, object]:
-    """Return the value of a raw sample, and leave in `meta` what any sample has."""
+    """Return the value of a raw sample, and leave in `meta` only what every sample has."""
     form: dict[str, object] = {key: meta.pop(key) for key in ("dtype", "shape") if key in meta}
     return {str(meta.pop("field", "")): {**form, "data": payload}}
 
 
 def _null(value: object) -> object:
-    """Return `value` with null for what is not a number, which JSON does not have."""
+    """Return `value` with None in place of NaN and infinities, which JSON does not have."""
     if isinstance(value, float) and value - value != 0.0:
         return None
     if isinstance(value, list):

@@ -1,4 +1,4 @@
-"""A link over zenoh: takes the requests of the native wire, asks for them by key, and gives back frames of the native wire."""
+"""A link over zenoh. It takes frames of the native protocol, turns them into queries by key, and returns frames of the native protocol."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from uwclient.zenoh_frames import Frames, RequestId
 from uwclient.zenoh_place import ZenohPlace, session_config
 
 _EVER_S = 1e9
-"""Timeout of a query that may take long: the caller has its own."""
+"""Timeout of queries. The caller has its own, and a query may take long."""
 _QUEUE = 1 << 16
-"""Samples that may wait for a program that does not read; more are lost, as their `seq` shows."""
+"""Samples that may wait for a program that does not read. Further ones are lost, as gaps of `seq` show."""
 _BATCH = 256
 _ROUNDING_NS = 1000
 _REPORT_S = 1.0
@@ -26,15 +26,15 @@ _REPORT_S = 1.0
 
 
 def _nothing() -> None:
-    """Wake nobody: a blocking client looks by itself."""
+    """Wake nobody, because a blocking client looks by itself."""
 
 
 def dial_zenoh(place: ZenohPlace, timeout: float, arrived: Callable[[], None] = _nothing) -> ZenohLink:
-    """Open a session and wait until the server is seen; `arrived` as for `ZenohLink`.
+    """Open a session and wait until the server is seen. `arrived` is that of `ZenohLink`.
 
     Raises:
         OSError: the server is not seen.
-        UwError: a wrong setting.
+        UwError: a setting is wrong, or eclipse-zenoh is missing.
     """
     try:
         zenoh: Any = importlib.import_module("zenoh")
@@ -59,17 +59,17 @@ def dial_zenoh(place: ZenohPlace, timeout: float, arrived: Callable[[], None] = 
 
 @dataclass(frozen=True)
 class _Arrived:
-    """Something from a zenoh thread, still to be made a frame: `read` does it, in the client's thread."""
+    """Something that came on a thread of zenoh. `read` makes a frame of it, on the thread of the client."""
 
     read: Callable[[], bytes]
 
 
 class _Gone:
-    """The server's token vanished."""
+    """The token of the server has vanished."""
 
 
 class _Subscription:
-    """One `subscribe`: zenoh delivers every sample, this thins out and selects what was asked for."""
+    """A subscription. zenoh delivers every sample; this selects those that were asked for."""
 
     def __init__(self, params: Mapping[str, object]) -> None:
         rate_hz = params.get("rate_hz")
@@ -81,7 +81,7 @@ class _Subscription:
         self._slots: dict[str, tuple[int, int]] = {}
 
     def passes(self, port: str, t_ns: int) -> bool:
-        """Tell whether a sample is the first one in its slot of 1/rate_hz, counted from the first one seen."""
+        """Tell whether a sample is the first one in its slot of 1 / rate_hz. Slots are counted from the first sample of the port."""
         if self.rate_hz is None:
             return True
         start, last = self._slots.get(port, (t_ns, -1))
@@ -95,14 +95,14 @@ class _Subscription:
 
 
 class ZenohLink:
-    """One zenoh session with one server. Callbacks of zenoh's threads only queue; all else is done in the client's thread.
+    """A zenoh session with one server. Callbacks on threads of zenoh only queue; everything else is done on the thread of the client.
 
     Args:
         zenoh: the module.
         session: an open session.
-        place: which server.
-        frames: the encoding.
-        arrived: called whenever something was queued, by any thread.
+        place: the server.
+        frames: frames of the encoding.
+        arrived: called on any thread whenever something was queued.
     """
 
     def __init__(
@@ -127,11 +127,11 @@ class ZenohLink:
         self._listen(f"{self._root}/@event", "event")
         self._listen(f"{self._root}/@progress/{self._client}/*", "progress")
         session.declare_subscriber(f"{self._root}/@error/{self._client}/**", self._direct(self._on_error))
-        # Kept, as a token that nobody holds is undeclared: by it the server learns that this client has gone.
+        # The token tells the server when this client has gone. It is kept, because a token without a reference is undeclared.
         self._token = session.liveliness().declare_token(f"{self._root}/@client/{self._client}")
 
     def wait_alive(self, timeout: float) -> None:
-        """Wait for the server's token; raises OSError with the servers that are there."""
+        """Wait for the token of the server. Raises OSError, which names the servers that are there."""
         try:
             self._alive.get(timeout=timeout)
         except queue.Empty:
@@ -143,7 +143,7 @@ class ZenohLink:
     # The link
 
     def send(self, data: bytes, timeout: float | None) -> None:
-        """Begin the requests in `data`; raises OSError."""
+        """Begin the requests in `data`. Raises OSError."""
         for request in self._frames.requests(data):
             identity = wire.request_id(request)
             params = wire.as_map(request.get("params") or {}, "params")
@@ -156,7 +156,7 @@ class ZenohLink:
                 self._frame(self._frames.refusal(identity, "bad_argument", str(error).split(" at /")[0], method))
 
     def receive(self, timeout: float | None) -> bytes | None:
-        """Return what came, as frames; see `Link.receive`."""
+        """Return the next frames; see `Link.receive`."""
         deadline = None if timeout is None else time.monotonic() + timeout
         frames: list[bytes] = []
         while not frames:
@@ -178,7 +178,7 @@ class ZenohLink:
 
     @property
     def waits(self) -> bool:
-        """Whether `receive` has something."""
+        """Whether something waits for `receive`."""
         return not self._queue.empty()
 
     def close(self) -> None:
@@ -235,7 +235,7 @@ class ZenohLink:
         caller: object = None,
         then: Callable[[object], bytes] | None = None,
     ) -> None:
-        """Begin a query; its one answer becomes a reply to `identity`, made by `then` if given."""
+        """Begin a query. Its one answer becomes a reply to `identity`, which `then` makes if it is given."""
         zenoh = self._zenoh
         answered: list[bool] = []
 
@@ -293,7 +293,7 @@ class ZenohLink:
             if self._queue.qsize() < _QUEUE:
                 self._arrive(_Arrived(lambda: self._sample(subscription, sample)))
 
-        # Before the question: declarations overtake queries, so with its answer the server knows of the subscriber.
+        # Declared before the query, so that the server knows the subscriber when it answers.
         subscription.declared = self._session.declare_subscriber(
             f"{self._root}/{pattern}", self._direct(on_sample), allowed_origin=self._zenoh.Locality.REMOTE
         )
@@ -319,7 +319,7 @@ class ZenohLink:
 
     def _unsubscribe(self, identity: RequestId, pattern: str) -> None:
         ended = [serial for serial, entry in self._subscriptions.items() if entry.pattern == pattern]
-        self._numbers.clear()  # what comes while nobody subscribes is not lost
+        self._numbers.clear()  # samples that come while nobody subscribes are not lost
         for serial in ended:
             self._subscriptions.pop(serial).declared.undeclare()
         self._frame(self._frames.result(identity, {"removed": len(ended)}))
@@ -331,7 +331,7 @@ class ZenohLink:
         key = str(sample.key_expr)
         self._follow(key, sample.source_info)
         if len(self._subscriptions) > 1 and self._last.get(key) == attachment:
-            return b""  # came by another subscription already
+            return b""  # it has come by another subscription already
         if subscription.rate_hz is not None:
             meta = self._frames.meta(attachment, media)
             if not meta or not subscription.passes(key, wire.integer(meta, "t_ns")):
@@ -342,11 +342,11 @@ class ZenohLink:
         return self._frames.sample(payload, attachment, media)
 
     def _follow(self, key: str, source: Any) -> None:
-        """Count the samples that are missing before this one, and report them to the server, which zenoh does not tell."""
+        """Count the samples that are missing before this one, and report them to the server, which does not learn it from zenoh."""
         if source is None:
             return
         number = source.source_sn
-        # A publisher that begins anew, or a sample that came by two subscriptions, gives no gap.
+        # A publisher that starts again, or a sample that came by two subscriptions, makes no gap.
         self._lost += max(number - self._numbers.get(key, number) - 1, 0)
         self._numbers[key] = number
         if self._lost and time.monotonic() >= self._next_report:
@@ -357,7 +357,7 @@ class ZenohLink:
     # From zenoh's threads
 
     def _direct(self, callback: Callable[[Any], None], ended: Callable[[], None] | None = None) -> Any:
-        """Wrap a callback that only queues, so that zenoh starts no thread of Python for it."""
+        """Wrap a callback that only queues, so that zenoh starts no Python thread for it."""
         return self._zenoh.handlers.Callback(callback, ended, indirect=False)
 
     def _arrive(self, item: _Arrived | _Gone) -> None:
@@ -375,7 +375,7 @@ class ZenohLink:
         self._session.declare_subscriber(key, self._direct(on_sample))
 
     def _on_error(self, sample: Any) -> None:
-        """A put of ours was refused."""
+        """Take in the refusal of a put of this client."""
         payload, media = sample.payload.to_bytes(), str(sample.encoding)
         self._arrive(_Arrived(lambda: self._frames.refused(None, payload, media)))
 

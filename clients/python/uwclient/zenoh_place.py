@@ -1,4 +1,4 @@
-"""Which server on which zenoh network, and how a session gets there."""
+"""The place of a server in a zenoh network, and the configuration of a session that reaches it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,16 @@ from uwclient.errors import UwError
 
 @dataclass(frozen=True)
 class ZenohPlace:
-    """Which server, and how its network is reached."""
+    """The place of a server, and how its network is reached.
+
+    Attributes:
+        server: name of the server in the keys.
+        connect: endpoints of servers or routers; () searches by multicast.
+        prefix: first levels of the keys.
+        mode: mode of the session, "peer" or "client".
+        config: zenoh settings by path.
+        encoding: "json" or "msgpack".
+    """
 
     server: str
     connect: tuple[str, ...]
@@ -23,17 +32,17 @@ class ZenohPlace:
 
     @property
     def root(self) -> str:
-        """First levels of the server's keys."""
+        """The first levels of the keys of the server."""
         return f"{self.prefix}/{self.server}"
 
     @property
     def address(self) -> str:
-        """For people."""
+        """The place as text for people."""
         return f"zenoh {self.root} ({', '.join(self.connect) or 'multicast'})"
 
 
 def session_config(zenoh: Any, place: ZenohPlace) -> Any:
-    """Return the configuration of a session; raises UwError for a wrong setting."""
+    """Return the configuration of a session. Raises UwError if a setting is wrong."""
     config = zenoh.Config()
     settings: dict[str, object] = {
         "mode": place.mode,
