@@ -200,7 +200,8 @@ class _Running:
 
     def __init__(self, asked: Conversation, key: object, answer: OnAnswer, progress: OnProgress | None) -> None:
         self.key = self if key is None else key
-        self.cancel: Callable[[], bool] = _too_late
+        # Until the world has taken the call, there is nothing to cancel.
+        self.cancel: Callable[[], bool] = lambda: False
         self.is_done = self.is_long = False
         self._asked = asked
         self._answer = answer
@@ -242,7 +243,3 @@ class _Running:
         self.is_done = True
         self.unlimit()
         self._asked.ended(self)
-
-
-def _too_late() -> bool:
-    return False

@@ -121,11 +121,17 @@ def jpeg(shown: Pixels, quality: int = QUALITY) -> bytes:
     Raises:
         RuntimeError: no library for JPEG is installed.
     """
+    is_grey = shown.ndim == 2
     library = _jpeg_library()
     if library == "simplejpeg":
-        return _by_simplejpeg(shown, quality)
+        simplejpeg: Any = importlib.import_module("simplejpeg")
+        kinds = ("GRAY", "Gray") if is_grey else ("RGB", "420")
+        return bytes(simplejpeg.encode_jpeg(shown[:, :, None] if is_grey else shown, quality, *kinds))
     if library == "PIL":
-        return _by_pillow(shown, quality)
+        image: Any = importlib.import_module("PIL.Image")
+        out = io.BytesIO()
+        image.fromarray(shown).save(out, "JPEG", quality=quality, subsampling=0 if is_grey else 2)
+        return out.getvalue()
     raise RuntimeError(f"JPEG needs simplejpeg or Pillow: pip install '{EXTRA}'")
 
 
@@ -141,17 +147,3 @@ def with_jpeg(port: Port, sample: Sample) -> Sample:
         return sample
     value = (*sample.value[:place], Buffer(data=jpeg(shown)), *sample.value[place + 1 :])
     return replace(sample, value=value)
-
-
-def _by_simplejpeg(shown: Pixels, quality: int) -> bytes:
-    simplejpeg: Any = importlib.import_module("simplejpeg")
-    if shown.ndim == 2:
-        return bytes(simplejpeg.encode_jpeg(shown[:, :, None], quality, "GRAY", "Gray"))
-    return bytes(simplejpeg.encode_jpeg(shown, quality, "RGB", "420"))
-
-
-def _by_pillow(shown: Pixels, quality: int) -> bytes:
-    image: Any = importlib.import_module("PIL.Image")
-    out = io.BytesIO()
-    image.fromarray(shown).save(out, "JPEG", quality=quality, subsampling=0 if shown.ndim == 2 else 2)
-    return out.getvalue()

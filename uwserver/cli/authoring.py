@@ -122,7 +122,7 @@ def show(name: str) -> None:
     click.echo(_shipped(name)[1].read_text(encoding="utf-8"), nl=False)
 
 
-@click.command()
+@click.command(short_help="Copy a shipped file into this folder, to change it.")
 @click.argument("name")
 @click.option("--as", "stem", help="Name of the copy, without .toml [default: NAME].")
 def copy(name: str, stem: str | None) -> None:

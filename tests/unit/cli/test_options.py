@@ -1,4 +1,4 @@
-"""The options that let a recording go on in further files."""
+"""The options that continue a recording in further files; numbers of options are numbers."""
 
 from __future__ import annotations
 

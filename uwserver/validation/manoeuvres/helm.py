@@ -8,7 +8,6 @@ on these four axes; pitch and roll are ignored. Fins turn, pitch and hold roll a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
@@ -53,21 +52,6 @@ class Sticks(NamedTuple):
 GLIDE_DOWN = Sticks(sink=1.0, nose_down=1.0)
 
 
-@dataclass(frozen=True)
-class _Mix:
-    """Commands per unit of the sticks surge, sway, heave and yaw. A stick that moves nothing has a column of zeros.
-
-    Attributes:
-        thrusters: (n, 4) commands of thrusters.
-        shafts: (m, 4) speeds of shafts, rad/s.
-        wrench: (4, 4) force in N and moment in N m on these axes.
-    """
-
-    thrusters: FloatArray
-    shafts: FloatArray
-    wrench: FloatArray
-
-
 class Helm:
     """The sticks of one vehicle.
 
@@ -99,7 +83,7 @@ class Helm:
         if stick in ("sink", "nose_down"):
             return bool((self._sink if stick == "sink" else self._down).any())
         column = Sticks._fields.index(stick)
-        return any(part[..., column].any() for part in (self._mix.thrusters, self._mix.shafts, self._mix.wrench))
+        return any(part[..., column].any() for part in self._mix)
 
     @property
     def glides(self) -> bool:
@@ -108,22 +92,27 @@ class Helm:
 
     def tell(self, hydro: Hydrodynamics, row: int, sticks: Sticks) -> None:
         """Command the body in a row of the world, until the next command."""
-        record, asked, mix = hydro.bodies[row], np.array(sticks[:4]), self._mix
+        record, asked = hydro.bodies[row], np.array(sticks[:4])
+        thrusters, shafts, wrench = self._mix
         first, count = int(record["thruster_first"]), int(record["thruster_count"])
-        hydro.thrusters["command"][first : first + count] = np.clip(mix.thrusters @ asked, -1.0, 1.0)
+        hydro.thrusters["command"][first : first + count] = np.clip(thrusters @ asked, -1.0, 1.0)
         hydro.thrusters["fresh"][first : first + count] = 1
         first, count = int(record["servo_first"]), int(record["servo_count"])
         values = self._neutral.copy()
-        values[self._shafts] += mix.shafts @ asked
+        values[self._shafts] += shafts @ asked
         values[self._fins] += self._turn * sticks.rudder + self._dive * sticks.planes
         values += abs(sticks.sink) * self._sink[int(sticks.sink < 0.0)]
         values += abs(sticks.nose_down) * self._down[int(sticks.nose_down < 0.0)]
         servos = hydro.servos[first : first + count]
         hydro.servos["command"][first : first + count] = np.clip(values, servos["low"], servos["high"])
-        hydro.wrenches["bias"][int(record["wrench_first"]), list(_AXES)] = mix.wrench @ asked
+        hydro.wrenches["bias"][int(record["wrench_first"]), list(_AXES)] = wrench @ asked
 
 
-def _mix(vehicle: VehicleFile, body: BodyParams) -> _Mix:
+def _mix(vehicle: VehicleFile, body: BodyParams) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the commands per unit of the sticks surge, sway, heave and yaw. A stick that moves nothing has a column of zeros.
+
+    They are the commands of thrusters (n, 4), the speeds of shafts in rad/s (m, 4), and force in N and moment in N m on these axes (4, 4).
+    """
     thrusters, propellers = body.thrusters, body.appendages.propellers
     names = [servo.name for servo in body.appendages.servos]
     servos = [names.index(propeller.servo) for propeller in propellers]
@@ -139,7 +128,7 @@ def _mix(vehicle: VehicleFile, body: BodyParams) -> _Mix:
         own = vehicle.autopilot
         if not isinstance(own, UnsetType) and not isinstance(own.max_wrench, UnsetType):
             wrench = np.diag([own.max_wrench[axis] for axis in _AXES])
-    return _Mix(shares[: len(thrusters)], shares[len(thrusters) :] * highs[:, None], wrench)
+    return shares[: len(thrusters)], shares[len(thrusters) :] * highs[:, None], wrench
 
 
 def _push(hydro: Hydrodynamics, row: int, thruster: int) -> None:

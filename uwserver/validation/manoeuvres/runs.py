@@ -174,14 +174,13 @@ class Waters:
         return [Track(t, states[:, row]) for row in range(len(plans))]
 
 
-def still(_t: float, _state: FloatArray) -> Sticks:
-    """Leave all sticks at zero."""
-    return Sticks()
-
-
 def hold(sticks: Sticks) -> Plan:
     """Return the plan that holds the sticks."""
     return lambda _t, _state: sticks
+
+
+still = hold(Sticks())
+"""The plan that leaves all sticks at zero."""
 
 
 def then(first: Sticks, seconds: float, second: Sticks | Plan) -> Plan:
