@@ -10,10 +10,10 @@ from uwserver.sensors.acoustic.pinging import PingTable
 _MOST_NAMED = 4
 """Sensors that are named in a warning; further ones are counted."""
 _CAMERA = (
-    "more read_out_s or latency_s, fewer pixels (width, height), or a lower rate_hz of all, so that they seldom meet"
+    "more read_out_s or latency_s, fewer pixels (width, height), or lower all rate_hz, so that readings seldom coincide"
 )
 _SONAR = (
-    "more processing_s or latency_s, fewer beams, bins or rays, or a lower rate_hz of all, so that they seldom meet"
+    "more processing_s or latency_s, fewer beams, bins or rays, or lower all rate_hz, so that readings seldom coincide"
 )
 
 
@@ -70,10 +70,10 @@ def late(resolved: Resolved) -> list[str]:
         need = one.cost + wait
         if need <= one.given:
             continue
-        waits = "" if before is None else f" and {_ms(wait)} of {before.path}, which may be in work before it"
+        waits = "" if before is None else f" and {_ms(wait)} for {before.path}, which may be computed before it"
         lines.append(
-            f"in time: {one.path} has {_ms(one.given)} from the begin of a reading to its delivery, and may need {_ms(need)}: "
-            f"{_ms(one.cost)} of its own{waits}. In real time such readings are dropped: {one.keys}"
+            f"in time: {one.path} has {_ms(one.given)} from the start of a reading to its delivery, and may need {_ms(need)}: "
+            f"{_ms(one.cost)} for itself{waits}. In real time such readings are dropped. Give it {one.keys}"
         )
     return _shortened(lines, "may be late too")
 

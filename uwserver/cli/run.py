@@ -254,7 +254,7 @@ def _announce(
                 f"Other machines can reach {addresses[sockets]}: clients must show the token that was made for this run."
             )
         wanted = not token and known_token(config.token)
-        click.echo("In another terminal" + (", UWSERVER_TOKEN set there to the server's token:" if wanted else ":"))
+        click.echo("In another terminal" + (", with UWSERVER_TOKEN set to the server's token:" if wanted else ":"))
         _suggest(addresses[sockets], token, first)
     click.echo("Ctrl-C ends it.\n")
 

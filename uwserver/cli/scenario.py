@@ -152,9 +152,9 @@ def pictures(resolved: Resolved) -> Iterator[str]:
     total = sum(part for part, _ in each)
     named = ", ".join(f"{path} {100.0 * part:.0f} %" for part, path in each[:_MOST_NAMED])
     more = f" and {len(each) - _MOST_NAMED} more" if len(each) > _MOST_NAMED else ""
-    advice = "; one thread makes them all: most will be dropped. Lower rate_hz, beams, bins or rays_vertical, or a clock in mode freerun"
+    advice = "; one thread makes all pictures, so most will be dropped. Lower rate_hz, beams, bins or rays_vertical, or a clock in mode freerun"
     yield (
-        f"pictures: in real time about {100.0 * total:.0f} % of a core while somebody reads all of them ({named}{more})"
+        f"pictures: in real time about {100.0 * total:.0f} % of a core while all of them are read ({named}{more})"
         f"{advice if total > _MOST_CORES else ''}"
     )
 

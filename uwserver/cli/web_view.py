@@ -80,15 +80,15 @@ def where_to_look(resolved: Resolved, name: str, address: str, token: Token | No
         host = urlsplit(address).netloc.rpartition(":")[0]
         everywhere = styled(page.replace(host, "ADDRESS", 1), fg="cyan", bold=True)
         return (
-            f"Open {everywhere}{known}, where ADDRESS is one of this machine,"
-            f" or of its host where this is a container with a published port; on this machine {page}"
+            f"Open {everywhere}{known}, where ADDRESS is an address of this machine,"
+            f" or of its host if this is a container with a published port; on this machine {page}"
         ), ""
     if not is_loopback(bind) or all(is_loopback(_bind(config)) for config in adapters.values()):
         return "Open " + styled(page, fg="cyan", bold=True) + known, ""
     # Other adapters are open to the network, so this is likely a container or a machine without a screen, where nobody can open this page.
     return "", (
-        f"The web view is at {page}{known} for this machine alone; in a container, for nobody. To reach it from elsewhere give it "
-        f'an address in the scenario, and publish its port: [adapters.{name}] kind = "{KIND}", bind = "0.0.0.0"'
+        f"The web view at {page}{known} can be reached from this machine only, and in a container not at all. To reach it from elsewhere, give it "
+        f'an address in the scenario and publish its port: [adapters.{name}] kind = "{KIND}", bind = "0.0.0.0"'
     )
 
 

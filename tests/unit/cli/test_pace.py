@@ -60,10 +60,10 @@ def test_a_camera_that_must_wait_for_a_sonar_may_be_late(tmp_path: Path) -> None
     assert camera < 0.080 < camera + sonar
     line = late(resolved)[0]
     assert line.startswith(
-        f"in time: rov/front has 80 ms from the begin of a reading to its delivery, and may need {1e3 * (camera + sonar):.3g} ms: "
+        f"in time: rov/front has 80 ms from the start of a reading to its delivery, and may need {1e3 * (camera + sonar):.3g} ms: "
     )
     assert (
-        f"{1e3 * camera:.3g} ms of its own and {1e3 * sonar:.3g} ms of rov/sonar, which may be in work before it"
+        f"{1e3 * camera:.3g} ms for itself and {1e3 * sonar:.3g} ms for rov/sonar, which may be computed before it"
         in line
     )
     for key in ("read_out_s", "latency_s", "width", "rate_hz"):
@@ -79,7 +79,7 @@ def test_a_sonar_waits_for_a_piece_of_a_picture_that_is_due_later_but_for_all_of
     front, line = late(both(tmp_path, **given, read_out_s=0.0, latency_s=0.05))
     assert front.startswith("in time: rov/front has 55 ms ")
     assert line.startswith("in time: rov/sonar has 64 ms ")
-    assert "and 70.7 ms of rov/front, which may be in work before it" in line
+    assert "and 70.7 ms for rov/front, which may be computed before it" in line
     for key in ("processing_s", "latency_s", "beams", "rate_hz"):
         assert key in line
 
@@ -89,7 +89,7 @@ def test_of_a_picture_that_is_due_a_little_later_some_may_be_left(tmp_path: Path
     resolved = both(tmp_path, range_m=3, processing_s=0.06, latency_s=0.055)
     line = late(resolved)[-1]
     assert line.startswith("in time: rov/sonar has 64 ms ")
-    assert "and 54.7 ms of rov/front" in line
+    assert "and 54.7 ms for rov/front" in line
 
 
 def test_alone_it_need_not_wait(tmp_path: Path) -> None:
@@ -99,7 +99,7 @@ def test_alone_it_need_not_wait(tmp_path: Path) -> None:
     assert late(load(path, adapters={})) == []
     path.write_text(path.read_text(encoding="utf-8").replace("0.055", "0.035"), encoding="utf-8")
     (line,) = late(load(path, adapters={}))
-    assert "may need 70.7 ms: 70.7 ms of its own. In real time" in line
+    assert "may need 70.7 ms: 70.7 ms for itself. In real time" in line
 
 
 LOOKING_DOWN = """schema = 1
@@ -132,13 +132,13 @@ def test_sonars_that_look_down_cost_something_too(
     path.write_text(LOOKING_DOWN.format(processing_s=processing_s), encoding="utf-8")
     lines = late(load(path, adapters={}))
     told = CliRunner().invoke(commands.check, [str(path)]).stderr
-    assert "of a core while somebody reads all of them (rov/swath 4 %, rov/port_and_starboard 1 %)" in told
+    assert "of a core while all of them are read (rov/swath 4 %, rov/port_and_starboard 1 %)" in told
     if processing_s:
         assert lines == []
         return
     (line,) = lines
-    assert line.startswith("in time: rov/swath has 1.33 ms from the begin of a reading to its delivery")
-    assert "ms of rov/port_and_starboard, which may be in work before it" in line
+    assert line.startswith("in time: rov/swath has 1.33 ms from the start of a reading to its delivery")
+    assert "ms for rov/port_and_starboard, which may be computed before it" in line
 
 
 def test_a_sonar_cannot_ping_more_often_than_its_echoes_come_back(tmp_path: Path) -> None:

@@ -106,4 +106,4 @@ def test_no_token_is_made_where_none_is_needed_and_one_that_was_chosen_is_not_pr
     said = capsys.readouterr().out
     assert "--token" not in said
     assert "chosen" not in said
-    assert ("UWSERVER_TOKEN set there" in said) == bool(variable)
+    assert ("with UWSERVER_TOKEN set" in said) == bool(variable)

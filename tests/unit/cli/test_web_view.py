@@ -155,7 +155,7 @@ def test_an_address_that_others_cannot_reach_is_not_said_first(
     alone = announced(with_real_view(pool, bind="0.0.0.0"), Token(None), capsys)
     assert alone[0].startswith("uwserver runs")
     (said,) = [line for line in alone if "7680" in line]
-    assert "this machine alone" in said
+    assert "from this machine only" in said
     assert 'bind = "0.0.0.0"' in said
     for_all = with_real_view(pool)
     view = msgspec.structs.replace(for_all.scenario.adapters["web"], bind="0.0.0.0")  # type: ignore[call-arg]
