@@ -113,11 +113,12 @@ def sensor(source: str, port: str, output: Path | None, begin_s: float, end_s: f
     """
     _require_matplotlib()
     from uwserver.cli.pictures import picture
+    from uwserver.recording.reading import NotReplayable
 
     file = output or Path(f"{port.replace('/', '_')}.png")
     is_recording = source.endswith(".mcap")
     end = end_s if end_s is not None else math.inf if is_recording else _RUN_S
-    with told(source, ScenarioError, Refused, ValueError):
+    with told(source, NotReplayable, ScenarioError, Refused, ValueError):
         found, samples = _recorded(Path(source), port) if is_recording else _simulated(source, port, end)
         chosen = [s for s in samples if begin_s * NANOSECONDS <= s.t_ns <= end * NANOSECONDS]
         _save(picture(found, chosen), file)
@@ -153,38 +154,30 @@ def _simulated(source: str, port: str, end_s: float) -> tuple[Port, list[Sample]
 
 
 def _recorded(file: Path, port: str) -> tuple[Port, list[Sample]]:
-    from uwserver.recording.reading import NotReplayable, parts_of
+    """Return a sensor of a recording, and its samples from all parts."""
+    from mcap.records import Channel, Message, Schema
 
-    parts = [_in_part(file, port)]
-    try:
-        parts += [_in_part(part, port) for part in parts_of(file)[1:]]
-    except NotReplayable as error:
-        raise ValueError(str(error)) from error
-    _check(port, list(dict.fromkeys(sensor for sensors, _, _ in parts for sensor in sensors)))
-    described = next(found for _, found, _ in parts if found is not None)
-    return described, [_sample(described, message) for _, _, messages in parts for message in messages]
+    from uwserver.recording.reading import Reading
 
-
-def _in_part(file: Path, port: str) -> tuple[list[str], Port | None, list[dict[str, Any]]]:
-    """Return the sensors of a file and, if `port` is one of them, its port and its messages."""
-    from mcap.exceptions import McapError
-    from mcap.reader import make_reader
-
-    with file.open("rb") as stream:
-        try:
-            reader = make_reader(stream)
-            summary = reader.get_summary()
-            channels = {} if summary is None else {channel.topic: channel for channel in summary.channels.values()}
-            sensors = [topic for topic, channel in channels.items() if channel.metadata.get("direction") == "sensor"]
-            if summary is None or port not in sensors:
-                return sensors, None, []
-            schema = msgspec.json.decode(summary.schemas[channels[port].schema_id].data)
-            fields, kind = tuple(fields_of(schema).values()), channels[port].metadata["kind"]
-            described = Port(port, "sensor", kind, fields, schema["description"])
-            messages = [msgspec.json.decode(m.data) for _, _, m in reader.iter_messages(topics=[port])]
-        except McapError as error:
-            raise ValueError(f"{file}: no recording that can be read: {error}") from error
-    return sensors, described, messages
+    messages: list[bytes] = []
+    sensors: dict[str, tuple[Channel, bytes]] = {}
+    schemas: dict[int, bytes] = {}
+    topics: dict[int, str] = {}
+    with Reading(file) as reading:
+        for record in reading.records():
+            if isinstance(record, Schema):
+                schemas[record.id] = record.data
+            elif isinstance(record, Channel):
+                topics[record.id] = record.topic
+                if record.metadata.get("direction") == "sensor":
+                    sensors[record.topic] = (record, schemas[record.schema_id])
+            elif isinstance(record, Message) and topics.get(record.channel_id) == port:
+                messages.append(record.data)
+    _check(port, list(sensors))
+    channel, data = sensors[port]
+    schema = msgspec.json.decode(data)
+    described = Port(port, "sensor", channel.metadata["kind"], tuple(fields_of(schema).values()), schema["description"])
+    return described, [_sample(described, msgspec.json.decode(message)) for message in messages]
 
 
 def _check(port: str, sensors: list[str]) -> None:
