@@ -52,7 +52,7 @@ async def open_session(
         while not held:
             listen = _endpoints(config)
             try:
-                await sender.run(lambda listen=listen: held.append(_opened(config, listen)))  # type: ignore[misc]
+                await sender.run(lambda listen=listen: held.append(opened(config, listen)))  # type: ignore[misc]
             except NobodyThere as error:
                 stats.state, stats.last_error = "retrying", str(error)
                 await asyncio.sleep(RETRY_S)
@@ -71,7 +71,7 @@ async def open_session(
         stats.peers = 0
 
 
-def _opened(config: ZenohConfig, listen: tuple[str, ...]) -> zenoh.Session:
+def opened(config: ZenohConfig, listen: tuple[str, ...]) -> zenoh.Session:
     """Open a session. This may take half a second, so it must not run on the loop.
 
     Raises:
