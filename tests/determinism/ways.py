@@ -25,9 +25,10 @@ from uwserver.scenario.build.world import build
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.load.scenario import load
 from uwserver.simulation import intake
-from uwserver.simulation.bus import Bus, Mailbox
+from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import SystemTime, Timing
 from uwserver.simulation.intake import Observer
+from uwserver.simulation.mailbox import Mailbox
 from uwserver.simulation.thread import Simulation
 from uwserver.units import NANOSECONDS
 from uwserver.world import World, snapshot

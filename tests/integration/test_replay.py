@@ -34,8 +34,9 @@ from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors.truth import Truth
-from uwserver.simulation.bus import Bus, Mailbox
+from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import SystemTime
+from uwserver.simulation.mailbox import Mailbox
 from uwserver.simulation.thread import Simulation, Timing
 
 U = (0.1, -0.2, 0.3, 0.1, 0.4, 0.4, -0.4, 0.4)

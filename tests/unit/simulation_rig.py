@@ -10,8 +10,9 @@ from collections.abc import Callable, Iterator
 from uwserver.ports import Event, Progress, Reply
 from uwserver.scenario.build.world import build
 from uwserver.server.profiling import Profiling
-from uwserver.simulation.bus import Bus, Mailbox
+from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import SystemTime, Timing
+from uwserver.simulation.mailbox import Mailbox
 from uwserver.simulation.thread import Simulation
 
 PATIENCE_S = 120.0

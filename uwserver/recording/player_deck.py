@@ -23,10 +23,11 @@ from uwserver.recording.player_items import Item
 from uwserver.recording.player_services import objection
 from uwserver.recording.player_track import Track
 from uwserver.recording.player_world import Range, members_of, world_of
-from uwserver.simulation.bus import Bus, Mailbox
+from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import Pace, Time, Timing
 from uwserver.simulation.lateness import Lateness
 from uwserver.simulation.lockstep import GATHER_S, Lockstep
+from uwserver.simulation.mailbox import Mailbox
 from uwserver.simulation.readers import OnSamples, OnState
 from uwserver.simulation.steering import Steering
 from uwserver.units import NANOSECONDS

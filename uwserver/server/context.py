@@ -35,7 +35,8 @@ from uwserver.server.recordings import SERVICES as RECORDING_SERVICES
 from uwserver.server.recordings import Recordings
 from uwserver.server.state_files import StateFiles
 from uwserver.server.without_truth import DriverWithoutTruth, WithoutTruth
-from uwserver.simulation.bus import Bus, Mailbox, client_of
+from uwserver.simulation.bus import Bus
+from uwserver.simulation.mailbox import Mailbox, client_of
 from uwserver.simulation.services import CLOCK_SERVICES
 from uwserver.simulation.source import Source
 from uwserver.world.saving import LOAD, SAVE

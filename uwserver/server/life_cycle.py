@@ -32,8 +32,9 @@ from uwserver.server.recordings import recordings_of
 from uwserver.server.signals import signals_received
 from uwserver.server.state_files import StateFiles, state_folder
 from uwserver.server.status import Metrics, Monitor
-from uwserver.simulation.bus import Bus, Mailbox
+from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import SystemTime, Timing, processor_ns
+from uwserver.simulation.mailbox import Mailbox
 from uwserver.simulation.source import Source
 from uwserver.simulation.thread import Simulation
 from uwserver.units import NANOSECONDS

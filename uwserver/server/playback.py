@@ -13,8 +13,9 @@ from uwserver.recording.player_world import Range
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.scene.scenery import Scenery
 from uwserver.server.context import Hub
-from uwserver.simulation.bus import Bus, Mailbox
+from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import Time, Timing
+from uwserver.simulation.mailbox import Mailbox
 
 
 @dataclass(frozen=True)

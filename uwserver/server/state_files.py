@@ -15,7 +15,7 @@ from pathlib import Path
 
 from uwserver.ports import Call, Json, OnReply, Refused, Reply
 from uwserver.scenario.load.resolved import Resolved
-from uwserver.simulation.bus import Mailbox
+from uwserver.simulation.mailbox import Mailbox
 from uwserver.simulation.thread import Simulation
 from uwserver.world import snapshot
 from uwserver.world.saving import in_one_piece

@@ -1,6 +1,6 @@
 """The two crossings between the simulation thread and the asyncio loop. Nothing else is shared but immutable values.
 
-loop -> simulation: `Mailbox`, from which the simulation takes at the start of a tick
+loop -> simulation: `mailbox.Mailbox`, from which the simulation takes at the start of a tick
 simulation -> loop: `Bus.publish`, one wake-up of the loop a tick
 """
 
@@ -13,17 +13,12 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 from typing import Protocol
 
-import msgspec
-import numpy as np
-
-from uwserver.ports import Buffer, Call, Command, Event, Field, OnReply, Port, Progress, Reply, Sample
-from uwserver.ports.crossing import Posted, TickOutput, has_same_fields
-from uwserver.ports.stops import is_withdrawn
+from uwserver.ports import Event, OnReply, Port, Progress, Reply, Sample
+from uwserver.ports.crossing import TickOutput, has_same_fields
 from uwserver.ports.thinning import WHOLE
 from uwserver.ports.told import Told
 from uwserver.simulation.clock import SystemTime, Time
 from uwserver.simulation.newest import Newest
-from uwserver.simulation.turns import Turns
 from uwserver.simulation.wants import Wanted, thinned_together, together, wants_any
 from uwserver.units import NANOSECONDS
 
@@ -41,8 +36,6 @@ SLICE_NS = NANOSECONDS // 200
 TOGETHER = 512
 """Samples of some ticks that are delivered as one: one or two milliseconds of work for the loop."""
 
-_OF_OBJECTS = 4
-"""Bytes that the objects of a decoded value take for each of its text."""
 _LEAST_AHEAD, _MOST_AHEAD = 2, MAX_TICKS - MAX_TICKS // 8
 """So that one tick is made while another is delivered; and none is dropped."""
 
@@ -59,99 +52,6 @@ class Sink(Protocol):
 
     def put_event(self, event: Event) -> None:
         """An event."""
-
-
-class Wake(threading.Event):
-    """Wakes the simulation thread where it waits, and ends the step that it makes in compiled code.
-
-    Attributes:
-        posted: (1) 1 while the event is set, for `step.tick.step`.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.posted = np.zeros(1, np.int64)
-
-    def set(self) -> None:
-        """Wake the simulation thread. Any thread."""
-        self.posted[0] = 1
-        super().set()
-
-    def clear(self) -> None:
-        """Begin to wait for the next `set`. Simulation thread."""
-        super().clear()
-        self.posted[0] = 0
-
-
-class Mailbox:
-    """What the loop posts for the simulation.
-
-    Attributes:
-        posted: what waits, by client.
-        wake: set with each post.
-    """
-
-    def __init__(self) -> None:
-        self.posted: Turns[Posted] = Turns()
-        self.wake = Wake()
-
-    def post(
-        self,
-        item: Command | Call,
-        on_reply: OnReply | None,
-        client: str = "",
-        *,
-        always: bool = False,
-        first: bool = False,
-        fields: tuple[Field, ...] = (),
-    ) -> None:
-        """Queue for the next tick, or the next in which there is time for it.
-
-        Args:
-            item, on_reply: what is asked, and who gets the answer.
-            client: whose turn it takes; default: that of its source.
-            always, first: as for `Turns.put`.
-            fields: as of `Posted`.
-
-        Raises:
-            Refused: `overload` when too many wait already.
-        """
-        client = client or client_of(item.source)
-        self.posted.put(client, Posted(item, on_reply, fields), size=_bytes_of(item), always=always, first=first)
-        self.wake.set()
-
-    def stop(self, call: Call, on_reply: OnReply | None, client: str = "") -> list[Posted]:
-        """Queue the call of a service that stops a vehicle or a component, before all that its client asked.
-
-        Returns what it withdraws: never carried out, for the caller to answer. May raise as `Turns.overtake`.
-        """
-        withdrawn = self.posted.overtake(
-            client or client_of(call.source),
-            Posted(call, on_reply),
-            lambda older: is_withdrawn(older.item, call.service),
-        )
-        self.wake.set()
-        return withdrawn
-
-
-def _bytes_of(item: Command | Call) -> int:
-    """What a request keeps while it waits, about; numbers and short texts are nothing."""
-    if isinstance(item, Command):
-        return sum(
-            len(value.data) if isinstance(value, Buffer) else len(value) for value in item.value if value is not None
-        )
-    size = 0
-    for value in item.args.values():
-        if isinstance(value, str):
-            size += len(value)
-        elif isinstance(value, list | dict):
-            size += _OF_OBJECTS * len(msgspec.json.encode(value))
-    return size
-
-
-def client_of(source: str) -> str:
-    """Who stands behind a source: what is before the first space. A name that a client gives itself later stands behind it."""
-    return source.partition(" ")[0]
 
 
 class Bus:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from uwserver.ports import OnReply
-from uwserver.simulation.bus import client_of
+from uwserver.simulation.mailbox import client_of
 from uwserver.simulation.turns import Turns
 
 

@@ -13,12 +13,13 @@ from uwserver.logs import place_of
 from uwserver.ports import Call, Event, Json, OnReply, Progress, Refused, Reply
 from uwserver.ports.crossing import Posted, TickOutput
 from uwserver.ports.stops import PAUSE
-from uwserver.simulation.bus import MAX_TICKS, Bus, Mailbox
+from uwserver.simulation.bus import MAX_TICKS, Bus
 from uwserver.simulation.clock import Pace, Time, Timing
 from uwserver.simulation.goal import Goal, Goals
 from uwserver.simulation.intake import BEGIN, Intake, Observer
 from uwserver.simulation.lateness import Lateness
 from uwserver.simulation.lockstep import Lockstep
+from uwserver.simulation.mailbox import Mailbox
 from uwserver.simulation.readers import Readers
 from uwserver.simulation.steering import Steering
 from uwserver.units import NANOSECONDS

@@ -279,7 +279,7 @@ class Client:
     def _control(self, message: PlaybackControl) -> None:
         services = self._server.context.services
         if "playback/state" not in services:
-            raise Refused("denied", "this is a running world: only in a recording that is played can be sought")
+            raise Refused("denied", "this is a running world: you can seek only in a recording")
         self._may_steer()
         wanted: list[Call] = []
         if math.isfinite(message.speed) and message.speed > 0.0:

@@ -24,8 +24,9 @@ from uwserver.recording.replay import replay
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
-from uwserver.simulation.bus import Bus, Mailbox
+from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import SystemTime
+from uwserver.simulation.mailbox import Mailbox
 from uwserver.simulation.thread import Simulation, Timing
 
 SECOND = 240

@@ -33,8 +33,9 @@ from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.entry import VehicleEntry
-from uwserver.simulation.bus import Bus, Mailbox
+from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import SystemTime
+from uwserver.simulation.mailbox import Mailbox
 from uwserver.simulation.thread import Simulation, Timing
 from uwserver.world.snapshot import take
 

@@ -17,8 +17,9 @@ from uwserver.scenario.scene.scenery import Scenery
 from uwserver.server.context import Context, Hub
 from uwserver.server.playback import Playback
 from uwserver.server.status import Monitor
-from uwserver.simulation.bus import Bus, Mailbox
+from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import Timing
+from uwserver.simulation.mailbox import Mailbox
 from uwserver.simulation.source import Source
 from uwserver.testing.mock_time import MockTime
 from uwserver.world.lookout import Lookout

@@ -117,7 +117,8 @@ from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
 from uwserver.server.state_files import remove_parts, write_state
-from uwserver.simulation.bus import Bus, Mailbox
+from uwserver.simulation.bus import Bus
+from uwserver.simulation.mailbox import Mailbox
 from uwserver.simulation.clock import SystemTime, Timing
 from uwserver.simulation.thread import Simulation
 

@@ -1,4 +1,4 @@
-"""The crossings: order, bounds, and that one receiver's fault stays with it."""
+"""The crossings: order, bounds, and that one receiver's fault stays with it. Also of uwserver.simulation.mailbox."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from uwserver.ports import Buffer, Call, Command, Event, Field, Port, Progress, 
 from uwserver.ports.crossing import TickOutput
 from uwserver.ports.thinning import Thinning
 from uwserver.ports.told import Told
-from uwserver.simulation.bus import MAX_TICKS, Bus, Mailbox
+from uwserver.simulation.bus import MAX_TICKS, Bus
+from uwserver.simulation.mailbox import Mailbox
 from uwserver.simulation.turns import MAX_WAITING
 from uwserver.testing import MockTime
 

@@ -9,8 +9,9 @@ import pytest
 from uwserver.ports import Call, Command, Json, Reply, Service
 from uwserver.ports.checks import checked_args
 from uwserver.scenario.build.world import build
-from uwserver.simulation.bus import Bus, Mailbox
+from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import Timing
+from uwserver.simulation.mailbox import Mailbox
 from uwserver.simulation.thread import Simulation
 from uwserver.testing import MockTime
 from uwserver.world import snapshot

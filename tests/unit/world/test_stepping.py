@@ -25,7 +25,7 @@ from uwserver.ports.thinning import Thinning
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 from uwserver.sensors.bank import BankSensor
-from uwserver.simulation.bus import Wake
+from uwserver.simulation.mailbox import Wake
 from uwserver.step import rows
 from uwserver.world import Diverged, World
 from uwserver.world import snapshot as snapshots

@@ -419,7 +419,7 @@ def test_a_player_that_answers_later_has_its_play_bar_too() -> None:
 def test_a_world_that_lives_cannot_be_sought_in() -> None:
     async def test(world: FakeContext, peer: Peer) -> None:
         await peer.connection.send(struct.pack("<BBfBQI", 3, 0, 2.0, 1, 3_500_000_000, 2) + b"id")
-        assert "only a recording" in (await peer.text("status"))["message"]
+        assert "only in a recording" in (await peer.text("status"))["message"]
 
     run(test)
 

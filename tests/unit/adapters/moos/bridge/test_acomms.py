@@ -64,7 +64,7 @@ async def test_data_go_to_the_address_that_was_written_before():
 @pytest.mark.parametrize(
     ("name", "value", "text"),
     [("ACOMMS_TRANSMIT_DEST", "three", "an address"), ("ACOMMS_TRANSMIT_DATA", 3.0, "must be a text"),
-     ("ACOMMS_TRANSMIT_DATA", "x" * 65, "at most 64 bytes")],
+     ("ACOMMS_TRANSMIT_DATA", "x" * 65, "at most 64 are allowed")],
 )  # fmt: skip
 async def test_what_cannot_be_sent_is_told(name, value, text):
     bench = Bench(publish=())
