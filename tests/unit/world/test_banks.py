@@ -27,7 +27,6 @@ def test_every_loop_of_a_sensor_belongs_to_a_stage() -> None:
         "delivery.deliver",
         "tick.step",
         "chain.disturb_alone",
-        "lines.write_lines",
         "choosing.choose_samples",
     }
 

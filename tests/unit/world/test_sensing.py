@@ -117,7 +117,7 @@ def way(*entry: int, ports: tuple[str, ...] = ("a",), numbers: Any = (1.0,), loo
         (way(1, 1, 0, 0, 0, 1, numbers=(1.0, 2.0)), "fields"),
         (way(1, 1, 0, 0, 0, 1, loose=(("x",),)), "fields"),
         (way(1, 1, 0, 0, 0, 1, ports=("words",)), "fields"),
-        (way(1, 1, 0, 0, 0, 1, ports=("words",), loose=((3,),)), "another type"),
+        (way(1, 1, 0, 0, 0, 1, ports=("words",), loose=((3,),)), "wrong type"),
         (structs.replace(way(1, 1, 0, 0, 0, 1), entries=bytes(7)), "within one"),
     ],
 )

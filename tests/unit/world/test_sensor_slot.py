@@ -187,7 +187,7 @@ def test_a_state_that_cannot_be_this_sensors_is_refused(change: dict[str, Any], 
 
 
 @pytest.mark.parametrize(
-    ("loose", "text"), [((), "other streams"), ((("a", "b"),), "values"), (((),), "values"), (((3,),), "another type")]
+    ("loose", "text"), [((), "other streams"), ((("a", "b"),), "values"), (((),), "values"), (((3,),), "wrong type")]
 )
 def test_words_that_cannot_be_its_are_refused(loose: Any, text: str) -> None:
     slot = slot_of(kind=Speaker)
