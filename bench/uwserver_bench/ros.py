@@ -22,7 +22,7 @@ HEIGHT, WIDTH = 256, 512
 REPEATS, QUICK_REPEATS = 7, 2
 
 _AXES = tuple(Field(name, "1", name, "S", (3,)) for name in ("f_S", "w_S"))
-_IMU = Port("rov/imu", "sensor", "imu", _AXES, "An IMU.", rate_hz=200.0)
+_IMU = Port("rov/imu", "sensor", "imu", _AXES, "An IMU.", rate_hz=200.0, message="Imu")
 _SAMPLE = Sample("rov/imu", 0, 123_456_789, 123_456_789, True, ((0.1, 0.2, -9.81), (0.01, 0.02, 0.03)))
 
 

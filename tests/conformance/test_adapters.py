@@ -195,6 +195,7 @@ TRUTH_POSE = Port(
     (Field("p_NB", "m", "position", "N", (3,)), Field("q_NB", "1", "attitude", "NB", (4,))),
     "Pose.",
     rate_hz=250.0,
+    message="TruePose",
 )
 TRUTH_VELOCITY = Port(
     "rov/truth/velocity",
@@ -203,6 +204,7 @@ TRUTH_VELOCITY = Port(
     (Field("v_NB_B", "m/s", "velocity", "B", (3,)), Field("w_NB_B", "rad/s", "rate", "B", (3,))),
     "Velocity.",
     rate_hz=250.0,
+    message="TrueVelocity",
 )
 
 
@@ -228,6 +230,7 @@ CAMERA = Port(
     (Field("picture", "1", "a picture", type="buffer", buffer=Layout("float32", (-1, 512))),),
     "Camera.",
     rate_hz=250.0,
+    message="Image",
 )
 MODEM = Port(
     "rov/modem",
@@ -499,7 +502,7 @@ DVL = Port(
         Field("beam_ranges", "m", "beams", shape=(4,)), Field("beam_locks", "1", "beams", shape=(4,), type="bool"),
     ),
     "DVL.",
-    rate_hz=250.0,
+    rate_hz=250.0, message="Dvl",
 )  # fmt: skip
 SET_DVL = Service("rov/dvl/set", "Change.", (Argument("range_mode", "int", "mode", required=False),))
 
@@ -512,7 +515,7 @@ def _with_dvl() -> FakeContext:
 
 
 IMAGE = Field("image", "1", "picture", type="buffer", buffer=Layout("uint8", (-1, -1, 3)))
-CAMERA = Port("rov/camera", "sensor", "camera", (IMAGE,), "Camera.", rate_hz=25.0)
+CAMERA = Port("rov/camera", "sensor", "camera", (IMAGE,), "Camera.", rate_hz=25.0, message="Image")
 
 
 def _with_camera() -> FakeContext:

@@ -520,6 +520,7 @@ class Player(Target):
             "autopilot",
             tuple(Field(n, "1", "x") for n in ("p_N", "q_NB", "v_N", "w_B")),
             "x",
+            message="Estimate",
         )
         ports = {port.path: port for port in (state, THRUSTERS)}
         self._devices = [each for each in player_devices.devices_of(ports, 0, "estimate") if each.take is not None]
@@ -793,7 +794,7 @@ class DeviceLines(Target):
     def __init__(self, dice: Dice) -> None:
         super().__init__(dice)
         port = Port(
-            "rov/dvl", "sensor", "dvl", tuple(Field(name, "1", "x") for name in water_linked_a50.FIELDS), "DVL.", 8.0
+            "rov/dvl", "sensor", "dvl", tuple(Field(name, "1", "x") for name in water_linked_a50.FIELDS), "DVL.", 8.0, message="Dvl"
         )  # fmt: skip
         self._context = FakeContext(ports={port.path: port}, services={})
         self._device = water_linked_a50.WaterLinkedA50Table(sensor="rov/dvl").build(self._context)

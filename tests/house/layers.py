@@ -14,7 +14,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("copies",),  # a scenario's world many times over, in this process
     ("scenario",),  # files -> world; adapters' configuration types come from their contract
     ("logfiles",),  # logs of any origin, as poses and samples
-    ("adapter",),  # contract of adapters: knows ports and tables alone, so that an adapter needs nothing more
+    ("adapter",),  # contract of adapters, and what all of them need: an adapter imports this and the vocabulary alone
     ("world",),  # what lives in it: names, parts in Python, where steps stop
     ("step",),  # the order of a tick, compiled
     ("autopilot",),  # shows its state as a sensor

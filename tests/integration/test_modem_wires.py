@@ -292,7 +292,7 @@ def test_ros2(adapters):
 
     types = Types("jazzy")
     modem = AcousticModemConfig(rate_hz=1, bits_per_s=20000, max_bytes=256).build(Pose())
-    out = Port("two/modem/received", "sensor", "acoustic_modem", Modem.fields, Modem.doc, 1.0)
+    out = Port("two/modem/received", "sensor", "acoustic_modem", Modem.fields, Modem.doc, 1.0, message="AcousticPacket")
     sender = Send(modem, lambda *message: None, lambda: 0.0)
     into = Port("one/modem/send", "actuator", "acoustic_modem", sender.fields, sender.doc)
     heard_type = generated_type(types, out, definition(out))

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from msgspec import UNSET
 from uwserver_adapters.ros.messages import Catalogue, Facts, Mount, Types
 
 from uwserver.ports import Argument, BeamView, Buffer, FanView, Field, Layout, Port, Propulsor, Sample, Service
+from uwserver.recording.channels import message_of
 from uwserver.testing.fake_context import SERVICES, FakeContext
 
 EPOCH_NS = 1_767_225_600_000_000_000
@@ -22,7 +24,8 @@ def sensor(path, kind, rate_hz=10.0, **fields):
     for name, described in fields.items():
         unit, frame, shape, kind_of = (*described, *("1", "", (), "float")[len(described) :])
         made.append(Field(name, unit, f"{name} of a test", frame, shape, kind_of))
-    return Port(path, "sensor", kind, tuple(made), "A sensor of a test.", rate_hz=rate_hz)
+    message = message_of({"kind": kind}) or UNSET
+    return Port(path, "sensor", kind, tuple(made), "A sensor of a test.", rate_hz=rate_hz, message=message)
 
 
 V3 = ("1", "S", (3,))
@@ -54,7 +57,7 @@ TABLE = {
             Field("azimuth", "rad", "x", type="buffer", buffer=Layout("float32", (3,))),
             Field("image", "1", "x", type="buffer", buffer=Layout("uint8", (2, 3))),
         ),
-        "A sensor of a test.", rate_hz=10.0,
+        "A sensor of a test.", rate_hz=10.0, message="SonarImage",
     ): (
         0.0, 20.0, 0.0, 750e3, 1500.0, Buffer.of(np.array([-0.5, 0.0, 0.5], np.float32)), Buffer.of(np.array([[0, 1, 2], [3, 4, 5]], np.uint8)),
     ),
@@ -65,7 +68,7 @@ TABLE = {
             Field("port", "1", "x", type="buffer", buffer=Layout("uint8", (3,))),
             Field("starboard", "1", "x", type="buffer", buffer=Layout("uint8", (3,))),
         ),
-        "A sensor of a test.", rate_hz=10.0,
+        "A sensor of a test.", rate_hz=10.0, message="SideScan",
     ): (30.0, 0.0, 450e3, 1500.0, Buffer.of(np.array([1, 2, 3], np.uint8)), Buffer.of(np.array([4, 5, 6], np.uint8))),
     Port(
         "rov/swath", "sensor", "bathymetry",
@@ -75,7 +78,7 @@ TABLE = {
             Field("hits", "1", "x", type="buffer", buffer=Layout("uint16", (3,))),
             Field("level", "dB", "x", type="buffer", buffer=Layout("float32", (3,))),
         ),
-        "A sensor of a test.", rate_hz=10.0,
+        "A sensor of a test.", rate_hz=10.0, message="Bathymetry",
     ): (
         50.0, 0.0, 400e3, 1500.0,
         *(Buffer.of(np.array(row, np.float32)) for row in ((-1.0, 0.0, 1.0), (20.0, NAN, 21.0), (0.9, 0.0, 0.8))),
@@ -105,7 +108,8 @@ TABLE = {
     sensor("rov/battery", "battery", voltage=("V",), current=("A",), charge=("1",)): (15.5, 12.0, 0.75),
     sensor("rov/leak", "leak", leak=FLAG): (False,),
     Port(
-        "rov/shafts", "sensor", "rpm", (Field("speeds", "rad/s", "shaft speed, order: t1, t2", shape=(2,)),), "Shafts.", rate_hz=20.0
+        "rov/shafts", "sensor", "rpm", (Field("speeds", "rad/s", "shaft speed, order: t1, t2", shape=(2,)),), "Shafts.", rate_hz=20.0,
+        message="ShaftSpeeds",
     ): ((100.0, -50.0),),
     sensor("rov/clock", "clock", utc_ns=WHOLE, elapsed=("s",)): (EPOCH_NS + T_NS + 5, 12.345678906),
     sensor("rov/truth/pose", "truth_pose", p_NB=("m", "N", (3,)), q_NB=("1", "NB", (4,))): (
@@ -145,12 +149,12 @@ ACTUATORS = (
     Port(
         "rov/tow", "actuator", "force_torque", (
             Field("force_B", "N", "force", "B", (3,)), Field("torque_B", "N m", "moment", "B", (3,)),
-        ), "Rope.",
+        ), "Rope.", message="Wrench",
     ),
     Port(
         "rov/teleport", "actuator", "teleport", (
             Field("p_NB", "m", "place", "N", (3,)), Field("q_NB", "1", "attitude", "NB", (4,)),
-        ), "Elsewhere.",
+        ), "Elsewhere.", message="Teleport",
     ),
     Port(
         "rov/autopilot/velocity", "actuator", "autopilot", (

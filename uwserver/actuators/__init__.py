@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from uwserver.actuators.ballast import BallastConfig
-from uwserver.actuators.base import Actuator, ActuatorTable, Body, Given
+from uwserver.actuators.base import Actuator, ActuatorTable, Body, Devices, Given
 from uwserver.actuators.camera_mount import CameraMount, CameraMountConfig
 from uwserver.actuators.fin import FinConfig, FinsConfig
 from uwserver.actuators.force_torque import ForceTorqueConfig
@@ -28,7 +28,7 @@ ActuatorConfig = (
 )
 
 __all__ = [
-    "Actuator", "ActuatorConfig", "ActuatorTable", "BallastConfig", "Body", "CameraMount", "CameraMountConfig", "FinConfig", "FinsConfig",
+    "Actuator", "ActuatorConfig", "ActuatorTable", "BallastConfig", "Body", "CameraMount", "CameraMountConfig", "Devices", "FinConfig", "FinsConfig",
     "ForceTorqueConfig", "Given", "Lamps", "LampsConfig", "MovingMassConfig", "PropellerConfig", "TeleportConfig", "ThrusterConfig",
     "Thrusters", "ThrustersConfig",
 ]  # fmt: skip

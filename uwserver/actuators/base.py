@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
 
 from msgspec import Meta
 
@@ -18,16 +18,50 @@ LONGEST_TIMEOUT_S = 1e6
 Timeout = Annotated[float, Meta(ge=0, le=LONGEST_TIMEOUT_S)]
 
 
+class Devices(NamedTuple):
+    """The parts of its vehicle that an actuator commands.
+
+    Attributes:
+        table: of the vehicle file: thrusters, fins, propellers, ballasts, moving_masses, lamps or mounts.
+        noun: what one of them is called.
+        field: of the command.
+        members: their names; none for all that there are.
+        is_vector: one command is of all members, which its key `members` names; else of one.
+        key: that names the one.
+    """
+
+    table: str
+    noun: str
+    field: str
+    members: tuple[str, ...]
+    is_vector: bool = False
+    key: str = "member"
+
+
 class ActuatorTable(Table, tag_field="kind", kw_only=True, frozen=True):
-    """What the table of any actuator may hold.
+    """What the table of any actuator may hold; each has ``build(body) -> Actuator``.
 
     Attributes:
         timeout_s: without a command for this long (simulation time) the actuator goes to neutral and says so; 0 for never.
         enabled: False takes the actuator out.
+
+    A kind may also set:
+        message: plain name of the standard message that its fields fit ("Wrench"), which belongs to no middleware; "" for none.
+        own_wrench: it may hold a force and a moment (`Body.push`) that nobody else replaces.
     """
 
+    message: ClassVar[str] = ""
+    own_wrench: ClassVar[bool] = True
     timeout_s: Timeout = 1.0
     enabled: bool = True
+
+    def devices(self) -> Devices | None:
+        """The parts of its vehicle that it commands; None for none."""
+        return None
+
+    def nudge(self, mass_kg: float) -> str:
+        """The arguments of `uwclient send` that visibly move a vehicle of this mass; "" where it commands parts, or where nobody knows."""
+        return ""
 
 
 class Body:
@@ -37,7 +71,7 @@ class Body:
         hydro: arrays of the world.
         row: the vehicle's body row.
         thrusters: thruster rows by name.
-        wrench: a wrench row: the vehicle's, or one of its own for an actuator of an extension.
+        wrench: a wrench row: the vehicle's, or one of its own for an actuator of a kind with `own_wrench`.
         servos: servo rows by table and name (``fins.rudder``).
         lamps: names of its lamps.
         tilts: mounts that tilt: lowest and highest angle (rad), and how fast (rad/s), by name.

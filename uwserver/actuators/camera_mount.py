@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-from uwserver.actuators.base import ActuatorTable, Body, Given, Timeout
+from uwserver.actuators.base import ActuatorTable, Body, Devices, Given, Timeout
 from uwserver.ports import Field
 from uwserver.table import Name
 
@@ -16,8 +16,13 @@ class CameraMountConfig(ActuatorTable, tag="camera_mount", kw_only=True, frozen=
         mount: its name.
     """
 
+    own_wrench = False
     timeout_s: Timeout = 0.0
     mount: Name
+
+    def devices(self) -> Devices:
+        """The mount."""
+        return Devices("mounts", "mount", "tilt", (self.mount,), key="mount")
 
     def build(self, body: Body) -> CameraMount:
         """The actuator.

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from uwserver.actuators.base import ActuatorTable, Body
+from uwserver.actuators.base import ActuatorTable, Body, Devices
 from uwserver.actuators.servo import Moved, OneServo, Servos
 from uwserver.table import Name
 
@@ -20,7 +20,12 @@ class FinsConfig(ActuatorTable, tag="fins", kw_only=True, frozen=True):
         members: names of fins, in the order of the vector; default: all, in the order of the file.
     """
 
+    own_wrench = False
     members: Annotated[tuple[Name, ...], Meta(min_length=1)] | None = None
+
+    def devices(self) -> Devices:
+        """The fins."""
+        return Devices(_FIN.table, _FIN.noun, _FIN.field, self.members or (), is_vector=True)
 
     def build(self, body: Body) -> Servos:
         """The actuator.

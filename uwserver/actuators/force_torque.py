@@ -15,8 +15,16 @@ class ForceTorqueConfig(ActuatorTable, tag="force_torque", kw_only=True, frozen=
             which one mistaken command would end the run for everybody.
     """
 
+    message = "Wrench"
+    own_wrench = False
     max_force_N: NonNegative = 0.0
     max_torque_Nm: NonNegative = 0.0
+
+    def nudge(self, mass_kg: float) -> str:
+        """A third of its weight, down."""
+        force = 0.3 * 9.8 * mass_kg
+        limit = self.max_force_N or force
+        return f"force_B='[0,0,{round(min(force, 0.5 * limit)):d}]'"
 
     def build(self, body: Body) -> ForceTorque:
         """The actuator."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-from uwserver.actuators.base import ActuatorTable, Body, Given, Timeout
+from uwserver.actuators.base import ActuatorTable, Body, Devices, Given, Timeout
 from uwserver.ports import Field
 from uwserver.table import Name, Probability
 
@@ -17,9 +17,14 @@ class LampsConfig(ActuatorTable, tag="lamps", kw_only=True, frozen=True):
         level: at the start, and after `timeout_s` without a command; 0 dark, 1 bright.
     """
 
+    own_wrench = False
     timeout_s: Timeout = 0.0
     members: tuple[Name, ...] = ()
     level: Probability = 0.0
+
+    def devices(self) -> Devices:
+        """The lamps."""
+        return Devices("lamps", "lamp", "levels", self.members, is_vector=True)
 
     def build(self, body: Body) -> Lamps:
         """The actuator.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar, NamedTuple
 
-from uwserver.actuators.base import ActuatorTable, Body, Given
+from uwserver.actuators.base import ActuatorTable, Body, Devices, Given
 from uwserver.ports import Field
 from uwserver.table import Name
 
@@ -32,8 +32,13 @@ class OneServo(ActuatorTable, kw_only=True, frozen=True):
         member: its name.
     """
 
+    own_wrench = False
     moved: ClassVar[Moved]
     member: Name
+
+    def devices(self) -> Devices:
+        """The servo."""
+        return Devices(self.moved.table, self.moved.noun, self.moved.field, (self.member,))
 
     def build(self, body: Body) -> Servos:
         """The actuator.

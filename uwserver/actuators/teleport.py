@@ -12,6 +12,8 @@ from uwserver.ports import Field
 class TeleportConfig(ActuatorTable, tag="teleport", kw_only=True, frozen=True):
     """Sets pose and velocity at once; it has no watchdog."""
 
+    message = "Teleport"
+    own_wrench = False
     timeout_s: Timeout = 0.0
 
     def build(self, body: Body) -> Teleport:

@@ -6,12 +6,13 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from uwserver.actuators.base import ActuatorTable, Body, Given
+from uwserver.actuators.base import ActuatorTable, Body, Devices, Given
 from uwserver.physics.kernel.arrays import FloatArray, Records
 from uwserver.ports import Field, Propulsor
 from uwserver.table import Name
 
 _WHOLE = slice(None)
+_FIELDS = {"u": "u", "force": "force_N"}
 
 
 class ThrustersConfig(ActuatorTable, tag="thrusters", kw_only=True, frozen=True):
@@ -22,8 +23,13 @@ class ThrustersConfig(ActuatorTable, tag="thrusters", kw_only=True, frozen=True)
         input: "u" (-1..1 of full command) or "force" (N, before the lag; held to what the supply allows).
     """
 
+    own_wrench = False
     members: Annotated[tuple[Name, ...], Meta(min_length=1)] | None = None
     input: Literal["u", "force"] = "u"
+
+    def devices(self) -> Devices:
+        """The thrusters."""
+        return Devices("thrusters", "thruster", _FIELDS[self.input], self.members or (), is_vector=True)
 
     def build(self, body: Body) -> Thrusters:
         """The actuator.
@@ -43,8 +49,13 @@ class ThrusterConfig(ActuatorTable, tag="thruster", kw_only=True, frozen=True):
         input: as for `thrusters`.
     """
 
+    own_wrench = False
     member: Name
     input: Literal["u", "force"] = "u"
+
+    def devices(self) -> Devices:
+        """The thruster."""
+        return Devices("thrusters", "thruster", _FIELDS[self.input], (self.member,))
 
     def build(self, body: Body) -> Thrusters:
         """The actuator; ValueError as for `thrusters`."""

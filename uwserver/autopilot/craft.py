@@ -89,7 +89,7 @@ class Craft:
     @property
     def sees_bottom(self) -> bool:
         """Whether a sensor of it can measure the altitude."""
-        return not self.hearing.kinds.isdisjoint(("dvl", "altimeter"))
+        return not self.hearing.messages.isdisjoint(("Dvl", "Range"))
 
     @property
     def dives(self) -> bool:
@@ -102,8 +102,8 @@ class Craft:
         craft["divisor"], craft["dt"], craft["up"] = self.divisor, self.dt, self.up
         craft["means"] = self.allocation.means
         craft["axes"][list(self.allocation.axes)] = 1
-        craft["has_imu"], craft["has_attitude"] = "imu" in hearing.kinds, "attitude" in hearing.kinds
-        craft["restlessness"] = MEASURED if "imu" in hearing.kinds else UNMEASURED
+        craft["has_imu"], craft["has_attitude"] = "Imu" in hearing.messages, "Attitude" in hearing.messages
+        craft["restlessness"] = MEASURED if "Imu" in hearing.messages else UNMEASURED
         craft["gravity"], craft["latitude"], craft["longitude"] = place.gravity, place.latitude, place.longitude
         self.helm.fill(craft)
 

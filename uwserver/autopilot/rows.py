@@ -176,7 +176,7 @@ SOURCE = np.dtype(
     [
         ("pilot", "i8"),  # row
         ("next", "i8"),  # row of another one that hears the same stream, or -1
-        ("kind", "i8"),  # place in `sources.KINDS`
+        ("kind", "i8"),  # place in `sources.MESSAGES`
         ("place", "i8", (3,)),  # of its fields among the numbers of the stream
         ("p", "f8", (3,)),
         ("q", "f8", (4,)),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -17,29 +17,36 @@ from uwserver.ports import Field, Value
 from uwserver.ports.checks import bind
 
 FIELDS: Mapping[str, tuple[str, ...]] = {
-    "imu": ("f_S", "w_S"),
-    "attitude": ("q_NS",),
-    "pressure": ("pressure",),
-    "dvl": ("v_S", "altitude", "figure_of_merit"),
-    "altimeter": ("range",),
-    "gps": ("latitude", "longitude", "horizontal_accuracy"),
-    "motion_capture": ("p_NS", "q_NS"),
-    "usbl": ("beacon", "range", "p_beacon_S"),
-    "lbl": ("beacon", "range"),
-    "leak": ("leak",),
-    "battery": ("charge",),
+    "Imu": ("f_S", "w_S"),
+    "Attitude": ("q_NS",),
+    "FluidPressure": ("pressure",),
+    "Dvl": ("v_S", "altitude", "figure_of_merit"),
+    "Range": ("range",),
+    "NavSatFix": ("latitude", "longitude", "horizontal_accuracy"),
+    "Pose": ("p_NS", "q_NS"),
+    "BeaconFix": ("beacon", "range", "p_beacon_S"),
+    "BeaconRange": ("beacon", "range"),
+    "Leak": ("leak",),
+    "BatteryState": ("charge",),
 }
-"""The fields that it takes of each kind of sensor that it can listen to; `depth` of a pressure sensor that tells that."""
-KINDS = tuple(FIELDS)
-IMU, ATTITUDE, PRESSURE, DVL, ALTIMETER, GPS, MOTION_CAPTURE, USBL, LBL, LEAK, BATTERY = range(len(KINDS))
+"""The fields that it takes of each standard message that it can listen to; of a pressure sensor `depth` where it tells that."""
+MESSAGES = tuple(FIELDS)
+IMU, ATTITUDE, PRESSURE, DVL, ALTIMETER, GPS, MOTION_CAPTURE, USBL, LBL, LEAK, BATTERY = range(len(MESSAGES))
 """Their codes."""
+
+
+def wanted(message: str, fields: Collection[Field]) -> tuple[str, ...]:
+    """Names of the fields that it takes of a sensor whose fields fit a message; none of a message that it does not listen to."""
+    if message == "FluidPressure" and any(field.name == "depth" for field in fields):
+        return ("depth",)
+    return FIELDS.get(message, ())
 
 
 class Source(NamedTuple):
     """One sensor that the autopilot listens to.
 
     Attributes:
-        kind: of the sensor.
+        message: that its fields fit.
         fields: of its port.
         p, q: its mount, p_BS (m) and q_BS.
         sigma: standard deviation that the operator expects of its position, m.
@@ -47,7 +54,7 @@ class Source(NamedTuple):
         density, atmosphere: of a pressure sensor: rho g (Pa/m) and the pressure at the surface (Pa); 0 where it tells depth.
     """
 
-    kind: str
+    message: str
     fields: tuple[Field, ...]
     p: Vec3 = STILL
     q: Quat = IDENTITY
@@ -83,33 +90,30 @@ class Hearing:
         rows: SOURCE.
         beacons: (n, 3) p_N of beacons whose place is known, m.
         in_words: paths of those whose samples hold texts.
-        kinds: of the sensors.
+        messages: of the sensors.
         place: what the operator knows.
     """
 
     def __init__(self, sources: Mapping[str, Source], place: Surroundings) -> None:
         """Listen to these sensors, by port path; ValueError where a port lacks a field."""
         self.ports, self.place = tuple(sources), place
-        self.kinds = frozenset(source.kind for source in sources.values())
+        self.messages = frozenset(source.message for source in sources.values())
         self.rows: Any = np.zeros(len(sources), SOURCE)
         self.beacons: FloatArray = np.array(list(place.beacons.values()), float).reshape(-1, 3)
         self._names = list(place.beacons)
         self._columns = {path: columns_of(source.fields) for path, source in sources.items()}
         self._place_of = {path: k for k, path in enumerate(sources)}
-        self.in_words = tuple(path for path, source in sources.items() if FIELDS[source.kind][0] == "beacon")
+        self.in_words = tuple(path for path, source in sources.items() if FIELDS[source.message][0] == "beacon")
         for row, (path, source) in zip(self.rows, sources.items(), strict=True):
-            row["kind"] = KINDS.index(source.kind)
+            row["kind"] = MESSAGES.index(source.message)
             row["place"][:] = self._places(path, source)
             row["p"], row["q"], row["sigma"], row["north"] = source.p, source.q, source.sigma, source.north
             row["density"], row["atmosphere"] = source.density, source.atmosphere
 
     def _places(self, path: str, source: Source) -> list[int]:
         """Where its fields stand among the numbers of its stream; a text is one more number at the end."""
-        names = FIELDS[source.kind]
-        if source.kind == "pressure" and any(field.name == "depth" for field in source.fields):
-            names = ("depth",)
         columns = self._columns[path]
-        places = [columns.first[k] for k in bind(path, source.fields, *names)]
+        places = [columns.first[k] for k in bind(path, source.fields, *wanted(source.message, source.fields))]
         places = [columns.width if place < 0 else place for place in places]
         return places + [0] * (3 - len(places))
 

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import click
-from msgspec import UnsetType
 
 from uwserver.cli.loading import loaded
 from uwserver.ports.checks import suggestion
-from uwserver.sensors import CameraConfig
-from uwserver.sensors.optical.camera.calibration import DISTANCE_M, Calibration, as_opencv, as_ros, calibration
+from uwserver.sensors.optical.camera.calibration import DISTANCE_M, Calibration, as_opencv, as_ros, calibrations
 
 
 @click.command("camera-info", short_help="Print the calibration of a camera, for ROS or OpenCV.")
@@ -32,18 +30,15 @@ def camera_info(scenario: str, camera: str, form: str, distance: float) -> None:
     resolved, _ = loaded(scenario)
     there: dict[str, Calibration] = {}
     for name, vehicle in resolved.vehicles.items():
-        for key, config in vehicle.vehicle.sensors.items():
-            if isinstance(config, CameraConfig):
-                there[f"{name}/{key}"] = found = calibration(config, distance)
-                if not isinstance(config.baseline_m, UnsetType):
-                    there[f"{name}/{key}/right"] = found._replace(baseline=config.baseline_m)
+        found = calibrations(vehicle.vehicle.sensors, distance)
+        there |= {f"{name}/{key}": each for key, each in found.items()}
     if camera not in there:
         raise click.ClickException(
             f'no camera "{camera}" in {scenario}{suggestion(camera, there)}; there are: {", ".join(there) or "none"}'
         )
-    found = there[camera]
-    click.echo(as_ros(camera.replace("/", "_"), found) if form == "ros" else as_opencv(found), nl=False)
-    if found.error_px > 0.0:
+    wanted = there[camera]
+    click.echo(as_ros(camera.replace("/", "_"), wanted) if form == "ros" else as_opencv(wanted), nl=False)
+    if wanted.error_px > 0.0:
         click.echo(
-            f"a flat port is no lens: this model is off by {found.error_px:.2g} px rms at {distance:g} m", err=True
+            f"a flat port is no lens: this model is off by {wanted.error_px:.2g} px rms at {distance:g} m", err=True
         )

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
-from uwserver.actuators import ActuatorConfig, ForceTorqueConfig, PropellerConfig, ThrustersConfig
+from uwserver.actuators import Devices
 from uwserver.scenario.load.resolved import ResolvedVehicle
 
 STRENGTH = 0.5
@@ -17,33 +18,36 @@ _TURNING_M = 5.0
 
 
 def first_command(vehicle: ResolvedVehicle) -> str:
-    """Return arguments for `uwclient send` that move a vehicle down, or else ahead; "" if no actuator is of a kind known here."""
+    """Return arguments for `uwclient send` that move a vehicle down, or else ahead; "" if there is no such command for any actuator."""
     for name, actuator in vehicle.vehicle.actuators.items():
-        if value := _value(vehicle, actuator):
+        devices = actuator.devices()
+        value = actuator.nudge(vehicle.vehicle.rigid_body.mass_kg) if devices is None else _value(vehicle, devices)
+        if value:
             # A long hull with one propeller gathers speed slowly.
-            seconds = 10 if isinstance(actuator, PropellerConfig) else 3
+            seconds = 10 if devices is not None and devices.table == "propellers" else 3
             return f"{vehicle.name}/{name} {value} --rate 10 --seconds {seconds}"
     return ""
 
 
-def _value(vehicle: ResolvedVehicle, actuator: ActuatorConfig) -> str:
-    if isinstance(actuator, ThrustersConfig) and actuator.input == "u":
-        return f"u='[{','.join(f'{u:g}' for u in thruster_command(vehicle, actuator))}]'"
-    if isinstance(actuator, ForceTorqueConfig):
-        force = 0.3 * 9.8 * vehicle.vehicle.rigid_body.mass_kg
-        limit = actuator.max_force_N or force
-        return f"force_B='[0,0,{round(min(force, 0.5 * limit)):d}]'"
-    if isinstance(actuator, PropellerConfig):
-        limit = vehicle.vehicle.propellers[actuator.member].max_speed_radps
-        return f"speed_radps={math.floor(limit):d}"
+def _value(vehicle: ResolvedVehicle, devices: Devices) -> str:
+    if devices.table == "thrusters" and devices.field == "u" and devices.is_vector:
+        return f"u='[{','.join(f'{u:g}' for u in thruster_command(vehicle, devices.members))}]'"
+    if devices.table == "propellers":
+        limit = vehicle.vehicle.propellers[devices.members[0]].max_speed_radps
+        return f"{devices.field}={math.floor(limit):d}"
     return ""
 
 
-def thruster_command(vehicle: ResolvedVehicle, actuator: ThrustersConfig) -> list[float]:
-    """Return commands u that push down, or ahead if nothing pushes down, and turn the vehicle as little as its thrusters allow."""
+def thruster_command(vehicle: ResolvedVehicle, names: Sequence[str]) -> list[float]:
+    """Return commands u that push down, or ahead if nothing pushes down, and turn the vehicle as little as its thrusters allow.
+
+    Args:
+        vehicle: whose thrusters they are.
+        names: names of the thrusters; none for all.
+    """
     thrusters = vehicle.vehicle.thrusters
     columns = []
-    for thruster in map(thrusters.__getitem__, actuator.members or thrusters):
+    for thruster in map(thrusters.__getitem__, names or thrusters):
         axis = np.array(thruster.axis_frd) / np.linalg.norm(thruster.axis_frd)
         moment = np.cross(np.array(thruster.position_frd_m), axis)
         columns.append(np.concatenate([axis, _TURNING_M * moment]))

@@ -24,7 +24,7 @@ _STEP_RAD = 0.0157
 
 
 def picture(port: Port, samples: Sequence[Sample]) -> Figure:
-    """Draw the samples of a sensor in the way that suits its kind.
+    """Draw the samples of a sensor in the way that suits the standard message of its port; others over time.
 
     Args:
         port: the port of the sensor.
@@ -35,7 +35,7 @@ def picture(port: Port, samples: Sequence[Sample]) -> Figure:
     """
     if not samples:
         raise ValueError(f'"{port.path}" gave no samples in that time')
-    figure = _PICTURES.get(port.kind, _over_time)(port, samples)
+    figure = _PICTURES.get(port.message or "", _over_time)(port, samples)
     figure.suptitle(port.path, fontsize=10)
     return figure
 
@@ -279,15 +279,15 @@ def _over_time(port: Port, samples: Sequence[Sample]) -> Figure:
 
 
 _PICTURES: Mapping[str, Callable[[Port, Sequence[Sample]], Figure]] = {
-    "bathymetry": _bathymetry,
-    "camera": _camera,
-    "multibeam": _multibeam,
-    "scanning_sonar": _scanning_sonar,
-    "side_scan": _side_scan,
-    "dvl": _dvl,
-    "adcp": _adcp,
-    "usbl": _beacons,
-    "lbl": _beacons,
+    "Bathymetry": _bathymetry,
+    "Image": _camera,
+    "SonarImage": _multibeam,
+    "SonarPing": _scanning_sonar,
+    "SideScan": _side_scan,
+    "Dvl": _dvl,
+    "CurrentProfile": _adcp,
+    "BeaconFix": _beacons,
+    "BeaconRange": _beacons,
 }
 
 

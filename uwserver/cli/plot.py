@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 import msgspec
+from msgspec import UNSET
 
 import uwserver
 from uwserver.cli.errors import told
 from uwserver.cli.options import FILE
 from uwserver.ports import Buffer, Port, Refused, Sample
 from uwserver.ports.checks import suggestion
+from uwserver.recording.channels import message_of
 from uwserver.recording.report.reading import fields_of
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.vehicle.body import body_params
@@ -176,7 +178,8 @@ def _recorded(file: Path, port: str) -> tuple[Port, list[Sample]]:
     _check(port, list(sensors))
     channel, data = sensors[port]
     schema = msgspec.json.decode(data)
-    described = Port(port, "sensor", channel.metadata["kind"], tuple(fields_of(schema).values()), schema["description"])
+    about, fields = channel.metadata, tuple(fields_of(schema).values())
+    described = Port(port, "sensor", about["kind"], fields, schema["description"], message=message_of(about) or UNSET)
     return described, [_sample(described, msgspec.json.decode(message)) for message in messages]
 
 

@@ -11,7 +11,6 @@ from uwserver.scenario.load.scenario import DEFAULT_ADAPTER
 from uwserver.sensors.bank import BankSensor
 from uwserver.sensors.base import IdealSensor, Sensor
 from uwserver.sensors.modem import Modem
-from uwserver.sensors.onboard.battery import Battery
 from uwserver.world.piloting import Piloting
 from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.world import World
@@ -73,7 +72,7 @@ def draws_in_python(sensor: Sensor) -> bool:
 
 def _acts(slot: SensorSlot, heard: Collection[str]) -> bool:
     """Whether what a sensor measures decides how the run goes on: a battery supplies the thrusters, and autopilots hear."""
-    return isinstance(slot.sensor, Battery) or any(stream.port.path in heard for stream in slot.streams)
+    return slot.sensor.supplies or any(stream.port.path in heard for stream in slot.streams)
 
 
 def _is_modem(slot: SensorSlot) -> bool:

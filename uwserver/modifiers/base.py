@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import Annotated
+from functools import cache
+from typing import Annotated, Any
 
 import numpy as np
 from msgspec import Meta, Struct, structs
@@ -170,3 +171,28 @@ class Modifier(ABC):
     def valid(self, record: Memory) -> None:
         """Raise ValueError where a record of another run, though of the right types, cannot be the memory of this one."""
         check_lengths(record, self.memory)
+
+
+def plain_of(row: Any, kind: type[Struct]) -> dict[str, Any]:
+    """Fields of a record of numpy as plain values, nested as those of a typed record."""
+    plain: dict[str, Any] = {}
+    for name, inner in _fields(kind):
+        plain[name] = row[name].tolist() if inner is None else plain_of(row[name], inner)
+    return plain
+
+
+@cache
+def _fields(kind: type[Struct]) -> tuple[tuple[str, type[Struct] | None], ...]:
+    """Of a typed record by name, and the type of those that are records; found once, as msgspec reads the source of types each time."""
+    types = [(field.name, field.type) for field in structs.fields(kind)]
+    return tuple((name, t if isinstance(t, type) and issubclass(t, Struct) else None) for name, t in types)
+
+
+def write_record(row: Any, record: Struct) -> None:
+    """Write a typed record into one of numpy with the same names."""
+    for name in record.__struct_fields__:
+        value = getattr(record, name)
+        if isinstance(value, Struct):
+            write_record(row[name], value)
+        else:
+            row[name] = value

@@ -164,6 +164,7 @@ class SensorView(Struct, frozen=True):
         sigmas: configured standard deviation of a sample by field, in the unit of the field: for each axis, or one number for all; absent if it
             is unknown.
         address: address of a modem at the start, if its packets carry one.
+        message: the same as that of its port.
     """
 
     path: str
@@ -174,6 +175,7 @@ class SensorView(Struct, frozen=True):
     fan: FanView | None = None
     sigmas: dict[str, tuple[float, ...]] | UnsetType = UNSET
     address: int | UnsetType = UNSET
+    message: str | UnsetType = UNSET
 
 
 class LampView(Struct, frozen=True):

@@ -106,6 +106,7 @@ class Port(Struct, frozen=True, gc=False):
         rate_hz: sample rate; None for actuators.
         timeout_s: time without a command after which an actuator goes to neutral; None for never.
         propulsors: of a thruster actuator, in the order of its components; absent for other ports.
+        message: plain name of the standard message that the fields fit ("Imu", "Range"); absent if there is none.
     """
 
     path: str
@@ -116,6 +117,7 @@ class Port(Struct, frozen=True, gc=False):
     rate_hz: float | None = None
     timeout_s: float | None = None
     propulsors: tuple[Propulsor, ...] | UnsetType = UNSET
+    message: str | UnsetType = UNSET
 
     @property
     def is_truth(self) -> bool:

@@ -9,6 +9,15 @@ from typing import Any
 
 import msgspec
 
+from uwserver.scenario.files.convert import kinds_of
+from uwserver.sensors import SensorConfig
+from uwserver.sensors.truth import TRUTH
+
+_MESSAGES = {
+    **{kind: table.message for kind, table in kinds_of(SensorConfig).items()},
+    **{f"truth_{name}": f"True{name.capitalize()}" for name in TRUTH},
+    "autopilot": "Estimate",
+}
 WORDS = ("string", "boolean")
 """JSON types whose values are only compared for equality; there is no distance between them."""
 
@@ -53,6 +62,13 @@ class Described:
     port: str
     direction: str
     columns: tuple[Column, ...]
+
+
+def message_of(about: Mapping[str, str]) -> str:
+    """Return the standard message that the fields of a sensor fit; "" for none. An earlier recording names no message, so its kind decides."""
+    return (
+        about.get("message", _MESSAGES.get(about["kind"], "")) if about.get("direction", "sensor") == "sensor" else ""
+    )
 
 
 def described(topic: str, metadata: Mapping[str, str], schema: bytes) -> Described | None:

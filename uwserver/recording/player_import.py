@@ -16,6 +16,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
+from msgspec import UNSET
 
 from uwserver.logfiles import Log, LogError
 from uwserver.logfiles.joined_log import open_parts
@@ -26,6 +27,7 @@ from uwserver.logfiles.poses import pose_tracks
 from uwserver.logfiles.rules import mapping_of
 from uwserver.logfiles.samples import port_samples
 from uwserver.ports import Cast, Event, Field, Port, Present, Sample, SceneState, Service
+from uwserver.recording.channels import message_of
 from uwserver.recording.format import metadata
 from uwserver.recording.player_file import NotPlayable
 from uwserver.recording.states import STATES_HZ, Presence, Seen
@@ -243,7 +245,9 @@ def _port(path: str, source: PortSource, data: _PortData) -> Port:
         shape = (len(entries),) if isinstance(entries, list) else ()
         kind: Any = "str" if isinstance(value, str) else "bool" if isinstance(value, bool) else "float"
         fields.append(Field(name, _NAMED.get(unit, unit), f"from {source.topic}", shape=shape, type=kind))
-    return Port(path, "sensor", source.kind or "log", tuple(fields), f"{source.topic} of the log.", _rate(data))
+    kind, doc = source.kind or "log", f"{source.topic} of the log."
+    message = message_of({"kind": kind}) or UNSET
+    return Port(path, "sensor", kind, tuple(fields), doc, _rate(data), message=message)
 
 
 def _pose_port(body: str, track: PoseTrack) -> Port:

@@ -266,6 +266,7 @@ class RecordingWriter:
         if not kind.channel:
             port = kind.port
             about = {"kind": port.kind, "direction": port.direction, "doc": port.doc}
+            about |= {"message": port.message} if port.message else {}
             kind.channel = self._channel(port.path, port.path, port_schema(port), about)
         return kind.channel
 

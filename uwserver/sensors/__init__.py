@@ -7,7 +7,6 @@ from uwserver.sensors.acoustic.adcp import AdcpConfig
 from uwserver.sensors.acoustic.altimeter import AltimeterConfig
 from uwserver.sensors.acoustic.bathymetry import BathymetryConfig
 from uwserver.sensors.acoustic.dvl import DvlConfig
-from uwserver.sensors.acoustic.interrogation import carriers
 from uwserver.sensors.acoustic.lbl import LblConfig
 from uwserver.sensors.acoustic.multibeam import MultibeamConfig
 from uwserver.sensors.acoustic.profiler import ProfilerConfig
@@ -31,6 +30,7 @@ from uwserver.sensors.onboard.training import TrainingConfig
 from uwserver.sensors.optical.camera.camera import CameraConfig
 from uwserver.sensors.optical.optical_modem import OpticalModemConfig
 from uwserver.sensors.optical.range_array import RangeArrayConfig
+from uwserver.sensors.traits import Traits
 from uwserver.sensors.water.ctd import CtdConfig
 from uwserver.sensors.water.pressure import PressureConfig
 from uwserver.sensors.water.sound_speed import SoundSpeedConfig
@@ -73,5 +73,5 @@ __all__ = [
     "IdealSensor", "ImuConfig", "LblConfig", "LeakConfig", "MagnetometerConfig", "ModemTable", "MotionCaptureConfig",
     "MultibeamConfig", "OpticalModemConfig", "Pose", "PressureConfig", "ProfilerConfig", "RangeArrayConfig",
     "RpmConfig", "ScanningSonarConfig", "Scope", "Sensor", "SensorConfig", "SensorTable", "Settings",
-    "SideScanConfig", "SoundSpeedConfig", "StreamTable", "TrainingConfig", "UsblConfig", "carriers",
+    "SideScanConfig", "SoundSpeedConfig", "StreamTable", "TrainingConfig", "Traits", "UsblConfig",
 ]  # fmt: skip

@@ -1,13 +1,7 @@
 """Sensors of one kind as rows of a bank, which compiled code measures all at once.
 
-A kind of a bank has, in one file, its table, its fields, the record of one sensor (`record`), and the kernel ``measure`` that reads the world for
-one of them. Beside it stands the loop over those that are due::
-
-    @entry
-    def run(heads, rows, numbers, due, now, t):
-        for k in due:
-            if begins(heads[k]):
-                measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
+A kind of a bank has, in one file, its table, its fields, the record of one sensor (`record`), and the kernel ``measure(head, row, now, t, out)``
+that reads the world for one of them: ``bank = Bank(RECORD, loop(measure))``, or `ray_loop` where it casts rays.
 
 What `measure` may ask is in `uwserver.sensors.instant`; it sets `valid`, `ready`, `delay_ns` and `since_ns` of its head where these are not those
 of a valid reading of this instant, and draws the random numbers of `head.key` and `head.number`.
@@ -15,15 +9,15 @@ of a valid reading of this instant, and draws the random numbers of `head.key` a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from msgspec import Struct, convert, structs
+from msgspec import convert
 
 from uwserver.frames import conjugate as conjugated
-from uwserver.modifiers.base import Measurement, Memory
+from uwserver.modifiers.base import Measurement, Memory, plain_of, write_record
 from uwserver.modifiers.columns import Columns
 from uwserver.physics.kernel.arrays import Array, FloatArray, IntArray, Records
 from uwserver.physics.kernel.deferred import Deferred, Elsewhere, compiled, entry, inlined
@@ -91,6 +85,7 @@ shaft_speed, power, supply_voltage, supply = _seen("shaft_speed", "power", "supp
 _share: Any = Elsewhere("uwserver.physics.kernel.sharing", "share")
 _LEAST = 16  # sensors that a thread reads at a time: some 5 us
 _MOST_AIMS = 2
+_LOOP = "run_"  # how the names of loops begin that are made of what reads one sensor
 
 
 @compiled
@@ -134,10 +129,58 @@ class Bank(NamedTuple):
     acts: bool = False
 
 
-def _named_as(function: Callable[..., Any], loop: Deferred) -> Any:
-    """An entry that goes by the name of a kind's own loop in the cache."""
-    function.__module__, function.__qualname__ = loop.py_func.__module__, loop.py_func.__qualname__
-    return entry(function).made()
+def loop(measure: Deferred) -> Deferred:
+    """The loop over those that are due, of a kind that casts no rays: ``measure(head, row, now, t, out)`` reads one of them."""
+
+    def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
+        for k in due:
+            if begins(heads[k]):
+                measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
+
+    return _named_as(run, measure, _LOOP)
+
+
+def ray_loop(measure: Deferred) -> Deferred:
+    """The same of a kind that has cast rays, those from `begin` to `end`: ``measure(head, row, now, t, out, direction, begin, end, hits)``."""
+
+    def run(
+        heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, direction: Array, first: Array, hits: Any
+    ) -> None:  # fmt: skip
+        for n, k in enumerate(due):
+            head = heads[k]
+            if head.ready != 0:
+                out = reading_of(head, numbers)
+                measure(head, rows[head.row], now, t, out, direction, first[n], first[n + 1], hits)
+
+    return _named_as(run, measure, _LOOP)
+
+
+def aim_loop(aim: Deferred) -> Deferred:
+    """The loop that aims, of a kind whose ``aim(head, row, now, t, origin, direction, count)`` lays the rays of one sensor, beginning with that
+    number; it returns how many rays there are then, and how far these reach, m."""
+
+    def aim_all(
+        heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
+    ) -> float:  # fmt: skip
+        count, reach = 0, 0.0
+        for n, k in enumerate(due):
+            head = heads[k]
+            first[n] = count
+            if begins(head):
+                count, far = aim(head, rows[head.row], now, t, origin, direction, count)
+                reach = max(reach, far)
+        first[len(due)] = count
+        return reach
+
+    return _named_as(aim_all, aim, _LOOP)
+
+
+def _named_as(function: Any, written: Deferred, prefix: str = "") -> Deferred:
+    """An entry with a name of its own in the cache, and the place of what was written for its kind, of which faults tell."""
+    code = written.py_func.__code__
+    function.__code__ = function.__code__.replace(co_filename=code.co_filename, co_firstlineno=code.co_firstlineno)
+    function.__module__, function.__qualname__ = written.py_func.__module__, prefix + written.py_func.__qualname__
+    return entry(function)
 
 
 @cache
@@ -154,31 +197,7 @@ def _shared(run: Deferred) -> Any:
     def read_all(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
         _share(_team_at(now), read_range, (heads, rows, numbers, due, now, t), len(due), _LEAST)
 
-    return _named_as(read_all, run)
-
-
-@cache
-def _alone(run: Deferred) -> Any:
-    """The loop over those that are due, of a kind that acts."""
-    part = Deferred(run.py_func, "compiled")
-
-    def read_all(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
-        part(heads, rows, numbers, due, now, t)
-
-    return _named_as(read_all, run)
-
-
-@cache
-def _by_rays(run: Deferred) -> Any:
-    """The loop over those that are due, of a kind that has cast rays."""
-    part = Deferred(run.py_func, "compiled")
-
-    def read_all(
-        heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, direction: Array, first: Array, hits: Any
-    ) -> None:  # fmt: skip
-        part(heads, rows, numbers, due, now, t, direction, first, hits)
-
-    return _named_as(read_all, run)
+    return _named_as(read_all, run).made()
 
 
 @cache
@@ -191,13 +210,13 @@ def _aiming(aim: Deferred) -> Any:
     ) -> float:  # fmt: skip
         return float(part(heads, rows, numbers, due, now, t, origin, direction, first, hits))
 
-    return _named_as(aim_all, aim)
+    return _named_as(aim_all, aim).made()
 
 
 def kernels(bank: Bank) -> tuple[Any, ...]:
     """Its loops, as numba has made them."""
-    read_all = _by_rays if bank.aims else _alone if bank.acts else _shared
-    return (*(_aiming(loop) for loop in bank.aims), read_all(bank.run))
+    run = bank.run.made() if bank.aims or bank.acts else _shared(bank.run)
+    return (*(_aiming(aim) for aim in bank.aims), run)
 
 
 @cache
@@ -214,13 +233,15 @@ def load(bank: Bank) -> None:
         where = bank.run.py_func.__code__.co_filename
         raise RuntimeError(f"{where}: {len(bank.aims)} loops that aim, {_MOST_AIMS} are possible")
     rest = (*((rays, *hit) for _ in bank.aims), hit if bank.aims else ())
-    for loop, kernel, more in zip((*bank.aims, bank.run), kernels(bank), rest, strict=True):
+    for written, kernel, more in zip((*bank.aims, bank.run), kernels(bank), rest, strict=True):
         try:
             kernel.load(*given, *more)
         except Exception as error:  # numba lets pass whatever its own code raises
-            code = loop.py_func.__code__
+            code = written.py_func.__code__
             place = f"{code.co_filename}:{code.co_firstlineno}"
-            raise RuntimeError(f'{place}: numba cannot compile "{loop.__name__}" or what it calls: {error}') from error
+            raise RuntimeError(
+                f'{place}: numba cannot compile "{written.py_func.__qualname__.removeprefix(_LOOP)}" or what it calls: {error}'
+            ) from error
 
 
 def codes_of(bank: Bank) -> tuple[int, ...]:
@@ -329,7 +350,7 @@ class BankSensor(Sensor):
 
     @memory.setter
     def memory(self, memory: Memory) -> None:
-        _write(self.rows.rows[self.row]["m"], memory)
+        write_record(self.rows.rows[self.row]["m"], memory)
 
     def memory_of(self, row: Any) -> Memory:
         """What a record remembers.
@@ -337,7 +358,7 @@ class BankSensor(Sensor):
         Raises:
             ValueError: outside the limits of its type.
         """
-        return convert(_plain(row, self.memory_type), self.memory_type)
+        return convert(plain_of(row, self.memory_type), self.memory_type)
 
     def change(self, args: Mapping[str, Json]) -> None:
         """As `Sensor.change`."""
@@ -374,27 +395,3 @@ class BankSensor(Sensor):
         reading = Measurement(values, bool(head["valid"]))
         reading.delay_ns, reading.since_ns = int(head["delay_ns"]), int(head["since_ns"])
         return reading
-
-
-def _plain(row: Any, kind: type[Struct]) -> dict[str, Any]:
-    """Fields of a record of numpy as plain values, nested as those of a typed record."""
-    plain: dict[str, Any] = {}
-    for name, inner in _fields(kind):
-        plain[name] = row[name].tolist() if inner is None else _plain(row[name], inner)
-    return plain
-
-
-@cache
-def _fields(kind: type[Struct]) -> tuple[tuple[str, type[Struct] | None], ...]:
-    """Of a typed record by name, and the type of those that are records; found once, as msgspec reads the source of types each time."""
-    types = [(field.name, field.type) for field in structs.fields(kind)]
-    return tuple((name, t if isinstance(t, type) and issubclass(t, Struct) else None) for name, t in types)
-
-
-def _write(row: Any, record: Struct) -> None:
-    for name in record.__struct_fields__:
-        value = getattr(record, name)
-        if isinstance(value, Struct):
-            _write(row[name], value)
-        else:
-            row[name] = value

@@ -6,7 +6,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated, NamedTuple, Protocol
+from types import MappingProxyType
+from typing import Annotated, Any, ClassVar
 
 import msgspec
 import numpy as np
@@ -23,7 +24,10 @@ from uwserver.physics.rays.raycast import Geometry, OpenWater
 from uwserver.ports import Argument, Field, Json, Refused, Value
 from uwserver.sensors.job import finished
 from uwserver.sensors.latest import Latest
+from uwserver.sensors.place import Joint, Outline, Place, Standing
 from uwserver.sensors.sight import Sight
+from uwserver.sensors.traits import Named as Named
+from uwserver.sensors.traits import Traits as Traits
 from uwserver.sensors.wiring import Wiring
 from uwserver.sensors.writing import Writing
 from uwserver.table import Name, NonNegative, Positive, Table
@@ -53,8 +57,14 @@ class SensorTable(Table, tag_field="kind", kw_only=True, frozen=True):
         enabled: False takes the sensor out.
         modifiers: errors, applied in the order of the file; each name is part of its random stream.
         streams: the same measurements once more, with other errors or none.
+
+    A kind may also set:
+        message: plain name of the standard message that its fields fit ("Imu", "Range"), which belongs to no middleware; "" for none.
+        example: values of the keys that it needs and no device file has, to try a device file with.
     """
 
+    message: ClassVar[str] = ""
+    example: ClassVar[Mapping[str, Any]] = {}
     rate_hz: Positive
     profile: Name | msgspec.UnsetType = msgspec.UNSET
     mount: Name | msgspec.UnsetType = msgspec.UNSET
@@ -69,6 +79,14 @@ class SensorTable(Table, tag_field="kind", kw_only=True, frozen=True):
         """Path of the port of a sensor that has this table under a name, on a vehicle."""
         return f"{vehicle}/{name}"
 
+    def traits(self) -> Traits:
+        """What others need to know of a sensor with this table."""
+        return Traits()
+
+    def companions(self, mount: Pose) -> Mapping[str, tuple[SensorTable, Pose]]:
+        """Further sensors that come with one on this mount: table and mount of each, by the name below its own."""
+        return {}
+
 
 @dataclass(frozen=True, slots=True)
 class Pose:
@@ -82,30 +100,6 @@ class Pose:
         """Of roll, pitch and yaw (deg), as tables have them."""
         roll, pitch, yaw = (rad(angle) for angle in rpy_deg)
         return cls(p, quat_from_rpy(roll, pitch, yaw))
-
-
-class Place(Protocol):
-    """Where another vehicle is."""
-
-    @property
-    def p_NB(self) -> Vec3:
-        """Position of its origin in N, m."""
-
-    @property
-    def q_NB(self) -> Quat:
-        """Its attitude."""
-
-    @property
-    def nu(self) -> tuple[float, ...]:
-        """Its velocity, v_NB_B (m/s) and w_NB_B (rad/s)."""
-
-
-class Standing(NamedTuple):
-    """A `Place` of one instant."""
-
-    p_NB: Vec3
-    q_NB: Quat
-    nu: tuple[float, ...]
 
 
 _OPEN_WATER = OpenWater()
@@ -257,6 +251,8 @@ class Sensor(ABC):
         arguments: of the service ``set``, beside `rate_hz`: one for each setting, with its limits.
         memory: what it keeps from reading to reading.
         rng: random numbers of its own path, which stand at those of the present reading; from `start` on.
+        joint: what tilts its mount; None where nothing does.
+        outlines: boxes around the structures that its table names, by name.
         dt: time between readings, s.
         paces: its memory holds no error, but what decides when and how it reads next; an ideal twin follows it.
         listens: it waits for something that comes between two readings, as told by `wake`.
@@ -264,6 +260,7 @@ class Sensor(ABC):
         repeats, repeated: it reads after others, as it repeats what they have read; these, if its numbers are the age (s) of the oldest and theirs.
         takes_time: its readings are begun and computed later (`uwserver.sensors.job`).
         learns: `learn` hears what was computed.
+        supplies: it decides with which voltage the thrusters run.
         writes: it has no errors, timing and memory of its own, and sees nothing of the world: `write` is its short way.
         writing: how compiled code can write in its place, until others come or go; None where it cannot.
     """
@@ -275,10 +272,12 @@ class Sensor(ABC):
     arguments: tuple[Argument, ...] = ()
     memory: Memory = NOTHING
     rng: np.random.Generator
+    joint: Joint | None = None
+    outlines: Mapping[str, Outline] = MappingProxyType({})
     dt = 1.0
     paces = listens = rouses = False
     rouse: Callable[[], None] = staticmethod(lambda: None)
-    repeats = takes_time = learns = writes = False
+    repeats = takes_time = learns = writes = supplies = False
     repeated: Sequence[Latest] = ()
     writing: Writing | None = None
 

@@ -9,7 +9,7 @@ from msgspec import Meta, structs
 
 from uwserver.modifiers.base import Measurement
 from uwserver.ports import Field, Value
-from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable
+from uwserver.sensors.base import Named, Pose, Scope, Sensor, SensorTable, Traits
 from uwserver.sensors.latest import Latest
 from uwserver.table import Name
 from uwserver.units import NANOSECONDS
@@ -25,6 +25,10 @@ class CompoundConfig(SensorTable, tag="compound", kw_only=True, frozen=True):
     """
 
     members: Annotated[tuple[Name, ...], Meta(min_length=1)]
+
+    def traits(self) -> Traits:
+        """The sensors whose readings it repeats."""
+        return Traits(names=tuple(Named(("members", k), "sensors", name) for k, name in enumerate(self.members)))
 
     def build(self, mount: Pose) -> Compound:
         """The instrument, without its members: `join` adds them."""

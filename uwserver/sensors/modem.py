@@ -15,7 +15,7 @@ from msgspec import UNSET, Meta, Struct, UnsetType, structs
 from uwserver.frames import Vec3, conjugate, rotate
 from uwserver.modifiers.base import Measurement, Memory, Number
 from uwserver.ports import Argument, Buffer, Field, Json, Value
-from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, Settings
+from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, Settings, Traits
 from uwserver.sensors.messages import HIGHEST_ADDRESS, MOST_BYTES, MOST_INBOX, MOST_QUEUE, Message, ModemMemory
 from uwserver.table import Name, NonNegative
 from uwserver.units import NANOSECONDS, rad
@@ -83,6 +83,10 @@ class ModemTable(SensorTable, kw_only=True, frozen=True):
     def port_of(self, vehicle: str, name: str) -> str:
         """What it hears; beside it is ``send``."""
         return f"{vehicle}/{name}/received"
+
+    def traits(self) -> Traits:
+        """Its address, where packets carry one."""
+        return Traits(address=self.address if self.addressed else UNSET)
 
 
 class ModemSettings(Settings, frozen=True):

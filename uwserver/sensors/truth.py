@@ -6,17 +6,16 @@ from collections.abc import Callable
 from typing import Any
 
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.physics.kernel.deferred import compiled
 from uwserver.ports import Field
 from uwserver.sensors.bank import (
     Bank,
     BankSensor,
-    begins,
     conjugate,
+    loop,
     nu_dot_at,
     p_NB,
     q_NB,
-    reading_of,
     record,
     rotate,
     tau_at,
@@ -44,27 +43,11 @@ def pose(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
     out[3], out[4], out[5], out[6] = q_NB(head, now)
 
 
-@entry
-def run_pose(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
-    """Readings of those that are due."""
-    for k in due:
-        if begins(heads[k]):
-            pose(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
-
-
 @compiled
 def velocity(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
     """nu."""
     out[0], out[1], out[2] = v_NB_B(head, now)
     out[3], out[4], out[5] = w_NB_B(head, now)
-
-
-@entry
-def run_velocity(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
-    """Readings of those that are due."""
-    for k in due:
-        if begins(heads[k]):
-            velocity(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
 
 
 @compiled
@@ -73,40 +56,16 @@ def acceleration(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
     out[:] = nu_dot_at(now)[head.body]
 
 
-@entry
-def run_acceleration(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
-    """Readings of those that are due."""
-    for k in due:
-        if begins(heads[k]):
-            acceleration(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
-
-
 @compiled
 def wrench(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
     """tau."""
     out[:] = tau_at(now)[head.body]
 
 
-@entry
-def run_wrench(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
-    """Readings of those that are due."""
-    for k in due:
-        if begins(heads[k]):
-            wrench(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
-
-
 @compiled
 def flow(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
     """Velocity of the water in B."""
     out[0], out[1], out[2] = rotate(conjugate(q_NB(head, now)), water_velocity(now, p_NB(head, now), t))
-
-
-@entry
-def run_flow(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
-    """Readings of those that are due."""
-    for k in due:
-        if begins(heads[k]):
-            flow(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
 
 
 class _Exact(BankSensor):
@@ -126,7 +85,7 @@ class TruthPose(_Exact):
         Field("p_NB", "m", "position of the body origin", "N", (3,)),
         Field("q_NB", "1", "attitude, w x y z", "NB", (4,)),
     )
-    bank = Bank(_RECORD, run_pose)
+    bank = Bank(_RECORD, loop(pose))
 
 
 class TruthVelocity(_Exact):
@@ -137,7 +96,7 @@ class TruthVelocity(_Exact):
         Field("v_NB_B", "m/s", "surge, sway, heave velocity", "B", (3,)),
         Field("w_NB_B", "rad/s", "roll, pitch, yaw rate", "B", (3,)),
     )
-    bank = Bank(_RECORD, run_velocity)
+    bank = Bank(_RECORD, loop(velocity))
 
 
 class TruthAcceleration(_Exact):
@@ -149,7 +108,7 @@ class TruthAcceleration(_Exact):
         Field("v_dot_B", "m/s^2", "derivative of surge, sway, heave velocity", "B", (3,)),
         Field("w_dot_B", "rad/s^2", "derivative of roll, pitch, yaw rate", "B", (3,)),
     )
-    bank = Bank(_RECORD, run_acceleration)
+    bank = Bank(_RECORD, loop(acceleration))
 
 
 class TruthWrench(_Exact):
@@ -161,7 +120,7 @@ class TruthWrench(_Exact):
         Field("force_B", "N", "force", "B", (3,)),
         Field("torque_B", "N m", "moment about the body origin", "B", (3,)),
     )
-    bank = Bank(_RECORD, run_wrench)
+    bank = Bank(_RECORD, loop(wrench))
 
 
 class TruthFlow(_Exact):
@@ -169,7 +128,7 @@ class TruthFlow(_Exact):
 
     doc = "Exact velocity of the undisturbed water at the body origin: current and waves."
     fields = (Field("v_NW_B", "m/s", "velocity of the water relative to N", "B", (3,)),)
-    bank = Bank(_RECORD, run_flow)
+    bank = Bank(_RECORD, loop(flow))
 
 
 TRUTH: dict[str, Callable[[], Sensor]] = {

@@ -50,9 +50,16 @@ IMU = Port(
     ),
     "Inertial unit.",
     rate_hz=125.0,
+    message="Imu",
 )
 DEPTH = Port(
-    "rov/depth", "sensor", "pressure", (Field("depth", "m", "depth below the surface"),), "Depth.", rate_hz=25.0
+    "rov/depth",
+    "sensor",
+    "pressure",
+    (Field("depth", "m", "depth below the surface"),),
+    "Depth.",
+    rate_hz=25.0,
+    message="FluidPressure",
 )
 THRUSTERS = Port(
     "rov/thrusters",

@@ -33,6 +33,10 @@ def seconds(t_ns: int) -> float:
 # -- readings ---------------------------------------------------------------------------------------------------------------------------
 
 
+TRUE_VELOCITY = "TrueVelocity"
+"""What MORSE tells in the world's axes too, and so needs the attitude for."""
+
+
 def reading(port: Port, value: Sequence[Value], attitude: Sequence[float] | None = None) -> Reading:
     """Return a sample of a sensor in MORSE's form, without its time.
 
@@ -42,14 +46,14 @@ def reading(port: Port, value: Sequence[Value], attitude: Sequence[float] | None
         attitude: q_NB of the vehicle, for values that MORSE has in the world's axes; None where it is not known.
     """
     fields = {field.name: (field, each) for field, each in zip(port.fields, value, strict=True)}
-    told = _KINDS.get(port.kind, {})
+    told = _MESSAGES.get(port.message or "", {})
     if not all(name in fields for name in told):
         told = {}
     said: Reading = {}
     for name, (field, each) in fields.items():
         converted = _converted(field, each)
         said |= told[name](converted) if name in told else {name: converted}
-    if port.kind == "truth_velocity" and attitude is not None and isinstance(fields["v_NB_B"][1], tuple):
+    if port.message == TRUE_VELOCITY and attitude is not None and isinstance(fields["v_NB_B"][1], tuple):
         v_N = rotate(attitude, fields["v_NB_B"][1])  # type: ignore[arg-type]  # three numbers
         said["world_linear_velocity"] = list(ned_from_enu(v_N))
     return said
@@ -99,20 +103,21 @@ def _degrees(name: str) -> Any:
     return lambda angle: {name: None if angle is None else deg(angle)}
 
 
-_KINDS: Mapping[str, Mapping[str, Any]] = {
-    "imu": {"f_S": _named("linear_acceleration"), "w_S": _named("angular_velocity")},
-    "magnetometer": {"field_S": _named("magnetic_field")},
-    "truth_pose": {"p_NB": lambda p: {"x": p[0], "y": p[1], "z": p[2]}, "q_NB": _angles},
-    "truth_velocity": {"v_NB_B": _named("linear_velocity"), "w_NB_B": _named("angular_velocity")},
-    "truth_acceleration": {"v_dot_B": _named("acceleration"), "w_dot_B": _named("angular_acceleration")},
-    "attitude": {"q_NS": _angles},
-    "dvl": {"v_S": _named("linear_velocity")},
-    "gps": {"latitude": _degrees("latitude"), "longitude": _degrees("longitude"), "height": _named("altitude")},
-    "altimeter": {"range": _named("z")},
-    "battery": {"charge": lambda share: {"charge": None if share is None else 100.0 * share}},
-    "range_array": {"ranges": _named("range_list")},
+_MESSAGES: Mapping[str, Mapping[str, Any]] = {
+    "Imu": {"f_S": _named("linear_acceleration"), "w_S": _named("angular_velocity")},
+    "MagneticField": {"field_S": _named("magnetic_field")},
+    "TruePose": {"p_NB": lambda p: {"x": p[0], "y": p[1], "z": p[2]}, "q_NB": _angles},
+    "TrueVelocity": {"v_NB_B": _named("linear_velocity"), "w_NB_B": _named("angular_velocity")},
+    "TrueAcceleration": {"v_dot_B": _named("acceleration"), "w_dot_B": _named("angular_acceleration")},
+    "Attitude": {"q_NS": _angles},
+    "Dvl": {"v_S": _named("linear_velocity")},
+    "NavSatFix": {"latitude": _degrees("latitude"), "longitude": _degrees("longitude"), "height": _named("altitude")},
+    "Range": {"range": _named("z")},
+    "BatteryState": {"charge": lambda share: {"charge": None if share is None else 100.0 * share}},
+    "LaserScan": {"ranges": _named("range_list")},
 }
-"""Kind of a port -> field -> its part of the reading, from the value in MORSE's frames. A port that lacks one of these fields keeps its own names."""
+"""Standard message of a port -> field -> its part of the reading, from the value in MORSE's frames. A port that lacks one of these fields keeps its
+own names."""
 
 
 # -- commands ---------------------------------------------------------------------------------------------------------------------------

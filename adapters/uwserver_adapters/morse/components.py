@@ -38,6 +38,11 @@ class Component(NamedTuple):
     path: str
 
     @property
+    def message(self) -> str:
+        """The standard message that the fields of its port fit; "" for none."""
+        return "" if self.port is None else self.port.message or ""
+
+    @property
     def robot(self) -> str:
         """Name of the vehicle."""
         return self.name.partition(".")[0]

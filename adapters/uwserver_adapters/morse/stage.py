@@ -77,7 +77,7 @@ class Stage:
     def sources(self, component: Component) -> list[str]:
         """Return the paths of the ports that a component's data need: its own, and for a velocity in the world's axes the vehicle's pose."""
         own = [component.path] if component.direction == "OUT" else []
-        return [*own, component.pose_path] if component.kind == "truth_velocity" else own
+        return [*own, component.pose_path] if component.message == codec.TRUE_VELOCITY else own
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """Send samples of a tick to the clients that listen."""

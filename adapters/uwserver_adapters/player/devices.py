@@ -18,8 +18,8 @@ from uwserver_adapters.player.wire import CMD, GPS, IMU, OPAQUE, POSITION3D, RAN
 SERVICES = "services"
 """Name of the opaque device by which clients call services."""
 
-RANGES: Mapping[str, str] = {"altimeter": "range", "range_array": "ranges", "dvl": "beam_ranges"}
-"""Kind of a sensor that is a ranger -> the field with its ranges."""
+RANGES: Mapping[str, str] = {"Range": "range", "LaserScan": "ranges", "Dvl": "beam_ranges"}
+"""Standard message of a sensor that is a ranger -> the field with its ranges."""
 SET_VEL, SET_POS = 1, 2
 MOTOR_POWER, VELOCITY_MODE, POSITION_MODE = 2, 3, 4
 GUIDED = "guided"
@@ -151,12 +151,12 @@ def _standard(port: Port, epoch_ns: int) -> Iterator[tuple[int, DataMaker]]:
     names = [field.name for field in port.fields]
     if port.direction != "sensor":
         return
-    if port.kind == "imu" and {"f_S", "w_S"} <= set(names):
+    if port.message == "Imu" and {"f_S", "w_S"} <= set(names):
         yield IMU, codec.imu(names.index("f_S"), names.index("w_S"))
-    elif port.kind == "gps" and {"latitude", "longitude", "height", "v_NS"} <= set(names):
+    elif port.message == "NavSatFix" and {"latitude", "longitude", "height", "v_NS"} <= set(names):
         yield GPS, codec.gps(names, epoch_ns)
-    elif RANGES.get(port.kind, "") in names:
-        yield RANGER, codec.ranger(names.index(RANGES[port.kind]))
+    elif RANGES.get(port.message or "", "") in names:
+        yield RANGER, codec.ranger(names.index(RANGES[str(port.message)]))
 
 
 def _of_imu(message: Message) -> Ask:

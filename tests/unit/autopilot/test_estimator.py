@@ -21,6 +21,7 @@ from uwserver.frames import conjugate, multiply, quat_from_rpy, rotate, rpy_from
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.kernel.straight import straight
 from uwserver.ports import Field
+from uwserver.recording.channels import message_of
 from uwserver.sensors import (
     AltimeterConfig,
     AttitudeConfig,
@@ -57,7 +58,9 @@ FIELDS = {
 def source(kind, **keys):
     """A sensor of the shipped kind; one of pressure tells depth, unless `density` says otherwise."""
     absolute = kind == "pressure" and "density" in keys
-    return Source(kind, PressureConfig(rate_hz=1).build(Pose()).fields if absolute else FIELDS[kind], **keys)
+    return Source(
+        message_of({"kind": kind}), PressureConfig(rate_hz=1).build(Pose()).fields if absolute else FIELDS[kind], **keys
+    )
 
 
 ONES = (1.0,) * 6
@@ -390,10 +393,10 @@ def test_leak_and_battery_are_remembered():
 def test_fields_are_found_by_name():
     """The charge of a battery is what its field `charge` says, wherever it stands; a port without it is refused when the world is built."""
     charge, voltage = Field("charge", "1", "what is left"), Field("voltage", "V", "at the terminals")
-    bench = Bench(battery=Source("battery", (charge, voltage)))
+    bench = Bench(battery=Source("BatteryState", (charge, voltage)))
     bench.hear("battery", 0.7, 14.0)
     assert bench.e.charge == 0.7
     with pytest.raises(
         ValueError, match=r'"rov/battery" has no field "charge" \(did you mean "charges"\?\); it has: charges'
     ):
-        Bench(battery=Source("battery", (Field("charges", "1", "what is left"),)))
+        Bench(battery=Source("BatteryState", (Field("charges", "1", "what is left"),)))

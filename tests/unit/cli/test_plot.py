@@ -17,6 +17,7 @@ from run_rig import recorded_run
 from uwserver.cli.plot import plot
 from uwserver.ports import Buffer, Field, Port, Sample
 from uwserver.ports.buffer import Layout
+from uwserver.recording.channels import message_of
 from uwserver.recording.parts import Rotation
 from uwserver.scenario.authoring.catalogue import SensorKind, sensor_kinds
 from uwserver.scenario.files.convert import kinds_of
@@ -127,6 +128,7 @@ def test_pictures_of_echoes_are_those_of_the_samples() -> None:
     side = Port(
         "rov/side", "sensor", "side_scan",
         (Field("range", "m", ""), *(Field(n, "1", "", type="buffer", buffer=Layout("uint8", (3,))) for n in ("port", "starboard"))), "",
+        message="SideScan",
     )  # fmt: skip
     rows = [Buffer.of(np.array(row, np.uint8)) for row in ((1, 2, 3), (4, 5, 6))]
     figure = picture(side, [Sample("rov/side", k, k * 10**9, 0, True, (30.0, *rows)) for k in range(4)])
@@ -137,7 +139,14 @@ def test_pictures_of_echoes_are_those_of_the_samples() -> None:
         Field(n, "Pa", "", type="buffer", buffer=Layout("float32", s))
         for n, s in (("azimuth", (2,)), ("image", (3, 2, 2)))
     )
-    fan = Port("rov/fan", "sensor", "multibeam", (Field("range_start", "m", ""), Field("range", "m", ""), *fields), "")
+    fan = Port(
+        "rov/fan",
+        "sensor",
+        "multibeam",
+        (Field("range_start", "m", ""), Field("range", "m", ""), *fields),
+        "",
+        message="SonarImage",
+    )
     wave = np.zeros((3, 2, 2), np.float32)
     wave[2, 1] = 3e-6, -4e-6
     azimuth = Buffer.of(np.array([-0.1, 0.1], np.float32))
@@ -149,7 +158,7 @@ def test_pictures_of_echoes_are_those_of_the_samples() -> None:
     fields = tuple(
         Field(n, "1", "", type="buffer", buffer=Layout("float32", (2,))) for n in ("angle", "range", "quality")
     )
-    swath = Port("rov/swath", "sensor", "bathymetry", fields, "")
+    swath = Port("rov/swath", "sensor", "bathymetry", fields, "", message="Bathymetry")
     told = [Buffer.of(np.array(row, np.float32)) for row in ((-math.pi / 6, math.pi / 6), (10.0, 20.0), (0.5, 1.0))]
     figure = picture(swath, [Sample("rov/swath", 0, 0, 0, True, tuple(told))])
     assert np.asarray(figure.axes[0].collections[0].get_offsets()) == pytest.approx(
@@ -248,9 +257,9 @@ RENDERED = [
 def test_every_kind_can_be_drawn(kinds: dict[str, SensorKind], kind: str) -> None:
     from uwserver.cli.pictures import _PICTURES
 
-    assert _PICTURES.keys() == set(OWN)
+    assert _PICTURES.keys() == {message_of({"kind": own}) for own in OWN}
     for output in kinds[kind].outputs:
-        port = Port("rov/x", "sensor", kind, output.fields, output.doc, 10.0)
+        port = Port("rov/x", "sensor", kind, output.fields, output.doc, 10.0, message=message_of({"kind": kind}))
         assert picture(port, samples(port, 20)).axes
         with pytest.raises(ValueError, match="gave no samples"):
             picture(port, [])
@@ -266,14 +275,14 @@ def test_every_kind_can_be_drawn(kinds: dict[str, SensorKind], kind: str) -> Non
 )
 def test_what_is_drawn_can_be_rendered(kinds: dict[str, SensorKind], tmp_path: Path, kind: str, n: int) -> None:
     for output in kinds[kind].outputs:
-        port = Port("rov/x", "sensor", kind, output.fields, output.doc, 10.0)
+        port = Port("rov/x", "sensor", kind, output.fields, output.doc, 10.0, message=message_of({"kind": kind}))
         picture(port, samples(port, n)).savefig(tmp_path / "x.png")
 
 
 def test_a_current_profile_stands_over_time_and_cell(kinds: dict[str, SensorKind]) -> None:
     """Over ground where it is known, else relative to the device; a single sample is a profile over distance."""
     fields = kinds["adcp"].outputs[0].fields
-    port = Port("rov/x", "sensor", "adcp", fields, "", 2.0)
+    port = Port("rov/x", "sensor", "adcp", fields, "", 2.0, message="CurrentProfile")
     cells = next(f for f in fields if f.name == "distances").size
 
     def told(ground: bool) -> list[Sample]:
@@ -299,7 +308,7 @@ def test_a_current_profile_stands_over_time_and_cell(kinds: dict[str, SensorKind
 def test_an_echo_stands_where_it_came_from(kinds: dict[str, SensorKind]) -> None:
     """One bright bin of one ping: in the picture at its angle and distance, the newest ping of an angle counts."""
     fields = kinds["scanning_sonar"].outputs[0].fields
-    port = Port("rov/x", "sensor", "scanning_sonar", fields, "", 10.0)
+    port = Port("rov/x", "sensor", "scanning_sonar", fields, "", 10.0, message="SonarPing")
     told = []
     for turn in range(2):
         for k in range(100):

@@ -48,7 +48,7 @@ _Encode = Callable[[Sample], "Foreign | None"]
 
 
 class _Shown(NamedTuple):
-    """How samples of one kind of sensor are shown.
+    """How samples that fit one standard message are shown.
 
     Attributes:
         schema: full name of the message.
@@ -83,7 +83,7 @@ class SceneChannels:
         self._fixed = codec.transform(0, ROOT, WORLD, (0.0, 0.0, 0.0), _NED_IN_ENU) + b"".join(
             codec.transform(0, sensor.path.partition("/")[0], sensor.path, sensor.p, sensor.q)
             for sensor in self._sensors.values()
-            if sensor.kind in _SHOWN or sensor.kind in _PICTURED
+            if sensor.message in _SHOWN or sensor.message in _PICTURED
         )
         solids = ([] if scene.seabed is None else [scene.seabed]) + list(scene.structures)
         framed = [(WORLD, solid) for solid in solids] + [
@@ -224,26 +224,27 @@ def _picture(t_ns: int, sensor: SensorView, picture: Any) -> bytes | None:
 
 _POINTS = "foxglove.PointCloud"
 _SHOWN = {
-    "bathymetry": _Shown(_POINTS, ("angle", "range", "level"), _bathymetry),
-    "gps": _Shown(
+    "Bathymetry": _Shown(_POINTS, ("angle", "range", "level"), _bathymetry),
+    "NavSatFix": _Shown(
         "foxglove.LocationFix",
         ("latitude", "longitude", "height", "horizontal_accuracy", "vertical_accuracy"),
         _gps,
     ),
-    "profiler": _Shown(_POINTS, ("head_angle", "range", "level"), _profiler),
-    "range_array": _Shown("foxglove.LaserScan", ("ranges",), _range_array),
-    "scanning_sonar": _Shown(_POINTS, ("head_angle", "range", "bins"), _scanning_sonar),
-    "side_scan": _Shown(_POINTS, ("range", "port", "starboard"), _side_scan),
+    "SonarProfile": _Shown(_POINTS, ("head_angle", "range", "level"), _profiler),
+    "LaserScan": _Shown("foxglove.LaserScan", ("ranges",), _range_array),
+    "SonarPing": _Shown(_POINTS, ("head_angle", "range", "bins"), _scanning_sonar),
+    "SideScan": _Shown(_POINTS, ("range", "port", "starboard"), _side_scan),
 }
-"""By kind of sensor; ports with pictures have a message too, whatever their kind."""
-_PICTURED = frozenset({"camera", "multibeam"})
-"""Kinds whose pictures need a frame of their own."""
+"""By standard message. Ports with pictures are shown too, whatever their message."""
+_PICTURED = frozenset({"Image", "SonarImage"})
+"""Standard messages whose pictures need a frame of their own."""
 
 
 def _shown(port: Port) -> _Shown | None:
     """Return how a port is shown. Pictures are shown only if a library for JPEG is installed."""
-    if port.kind in _SHOWN:
-        return _SHOWN[port.kind]
+    known = _SHOWN.get(port.message or "")
+    if known is not None:
+        return known
     place = picture_place(port)
     return None if place is None or not can_encode_jpeg() else _Shown(PICTURE, (port.fields[place].name,), _picture)
 

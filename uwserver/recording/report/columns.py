@@ -20,11 +20,11 @@ FloatArray = npt.NDArray[np.float64]
 ACROSS = 256
 """Numbers that are kept of a row of echoes, each the largest of its neighbours. A plot of pings over time has fewer pixels."""
 _ECHOES: Mapping[str, Mapping[str, int]] = {
-    "multibeam": {"image": 2},
-    "scanning_sonar": {"bins": 1},
-    "side_scan": {"port": 1, "starboard": 1},
+    "SonarImage": {"image": 2},
+    "SonarPing": {"bins": 1},
+    "SideScan": {"port": 1, "starboard": 1},
 }
-"""Number of dimensions of the fields that contain echoes over range, by the kind of sonar."""
+"""Number of dimensions of the fields that contain echoes over range, by the standard message of the sonar."""
 
 
 class Column(ABC):
@@ -77,9 +77,9 @@ class Echoes(Column):
         self.numbers.extend(np.maximum.reduceat(row, np.arange(ACROSS) * len(row) // ACROSS))
 
 
-def columns_of(kind: str, fields: Mapping[str, Field]) -> Iterator[tuple[str, Column]]:
-    """Yield names and empty columns of the fields of a port of this kind. Texts and other buffers have no column."""
-    echoes = _ECHOES.get(kind, {})
+def columns_of(message: str, fields: Mapping[str, Field]) -> Iterator[tuple[str, Column]]:
+    """Yield names and empty columns of the fields of a port that fits this message. Texts and other buffers have no column."""
+    echoes = _ECHOES.get(message, {})
     for name, field in fields.items():
         if field.type not in ("str", "bytes", "buffer"):
             yield name, Numbers(field.size)

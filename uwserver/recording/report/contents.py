@@ -121,7 +121,7 @@ def _tracks(recorded: Recorded, vehicle: str, truth: Truth | None) -> list[Track
     if truth is not None:
         found.append(_track(vehicle, truth.t, truth.p_NB, is_estimate=False))
     for series in recorded.series.values():
-        is_estimator = series.kind == "autopilot" and series.direction == "sensor"  # its commands have a p_N too
+        is_estimator = series.message == "Estimate"  # its commands have a p_N too, but no message
         if series.vehicle == vehicle and is_estimator and "p_N" in series.columns:
             known = series.columns.get("position_valid", np.ones((len(series.t), 1)))
             p = np.where(known > 0.5, series.columns["p_N"], np.nan)

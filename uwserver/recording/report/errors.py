@@ -77,7 +77,7 @@ def sensor_errors(recorded: Recorded, vehicle: str, truth: Truth) -> Iterator[Se
     for path, series in recorded.series.items():
         _, _, below = path.partition("/")
         name, _, stream = below.partition("/")
-        compare = _COMPARED.get(series.kind)
+        compare = _COMPARED.get(series.message)
         if series.vehicle != vehicle or compare is None or series.direction != "sensor":
             continue
         table = dict(tables.get(name, {}))
@@ -306,11 +306,11 @@ def _estimate(case: _Case) -> Iterator[SensorError]:
 
 
 _COMPARED: Mapping[str, Callable[[_Case], Iterator[SensorError]]] = {
-    "motion_capture": _position,
-    "attitude": _attitude,
-    "gps": _gps,
-    "dvl": _dvl,
-    "pressure": _pressure,
-    "imu": _imu,
-    "autopilot": _estimate,
+    "Pose": _position,
+    "Attitude": _attitude,
+    "NavSatFix": _gps,
+    "Dvl": _dvl,
+    "FluidPressure": _pressure,
+    "Imu": _imu,
+    "Estimate": _estimate,
 }

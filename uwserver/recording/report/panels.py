@@ -117,24 +117,24 @@ def _panels(
         if series.direction == "actuator" and series.kind != "autopilot":
             yield from _fields(series, "Actuators", is_stepped=True)
     for series in sensors:
-        if series.kind in ("rpm", "autopilot"):
+        if series.message in ("ShaftSpeeds", "Estimate"):
             yield from _fields(series, "Actuators", ("outputs", "speeds", "tau"))
-        elif series.kind == "battery":
+        elif series.message == "BatteryState":
             yield from _fields(series, "Battery", ("voltage", "current", "charge"))
-        elif series.kind == "dvl" and "beam_locks" in series.columns:
+        elif series.message == "Dvl" and "beam_locks" in series.columns:
             yield _locks(series)
-        elif series.kind in _ROWS:
+        elif series.message in _ROWS:
             yield from _waterfall(series)
     for error in errors:
         if error.sigma is not None or error.path.endswith("/state") or np.nanmax(np.abs(error.error)) > _EXACT:
             yield _error(vehicle, error)
     for series in sensors:
-        if series.kind not in _SHOWN:
+        if series.message not in _SHOWN:
             yield from _fields(series, "Other sensors")
 
 
 _SHOWN = (
-    "rpm", "battery", "scanning_sonar", "multibeam", "side_scan", "autopilot", "truth_pose", "truth_velocity", "truth_acceleration",
+    "ShaftSpeeds", "BatteryState", "SonarPing", "SonarImage", "SideScan", "Estimate", "TruePose", "TrueVelocity", "TrueAcceleration",
 )  # fmt: skip
 
 
@@ -166,18 +166,18 @@ def _depths(sensors: Sequence[Series], truth: Truth | None, floor: SeaFloor | fl
             if np.isfinite(below).any():
                 yield Table(truth.t, (Line("sea floor", below, is_faint=True),))
     for series in sensors:
-        if series.kind == "autopilot":
+        if series.message == "Estimate":
             yield from _table(series, "estimate", "depth")
             yield from _table(series, "set point", "depth_ref", is_stepped=True)
-        elif series.kind == "pressure":
+        elif series.message == "FluidPressure":
             yield from _table(series, _short(series), "depth")
 
 
 def _altitudes(sensors: Sequence[Series]) -> Iterator[Table]:
     for series in sensors:
-        if series.kind in ("dvl", "autopilot"):
+        if series.message in ("Dvl", "Estimate"):
             yield from _table(series, _short(series), "altitude")
-        elif series.kind == "altimeter":
+        elif series.message == "Range":
             yield from _table(series, _short(series), "range")
 
 
@@ -192,7 +192,7 @@ def _headings(sensors: Sequence[Series], truth: Truth | None) -> Iterator[Table]
         y, start = _unwrapped(angles[:, 2], start)
         yield Table(t, (Line(label, y),))
     for series in sensors:
-        if series.kind == "autopilot" and "heading_ref" in series.columns:
+        if series.message == "Estimate" and "heading_ref" in series.columns:
             y, start = _unwrapped(series.columns["heading_ref"][:, 0] * deg(1.0), start)
             if np.isfinite(y).any():
                 yield Table(series.t, (Line("set point", y, is_stepped=True),))
@@ -203,7 +203,7 @@ def _attitudes(sensors: Sequence[Series], truth: Truth | None) -> Iterator[tuple
     if truth is not None:
         yield "true", truth.t, euler(rotations(truth.q_NB)) * deg(1.0)
     for series in sensors:
-        name = {"attitude": "q_NS", "autopilot": "q_NB"}.get(series.kind)
+        name = {"Attitude": "q_NS", "Estimate": "q_NB"}.get(series.message)
         if name in series.columns:
             q = np.where(series.valid[:, None], series.columns[name], np.nan)
             if np.isfinite(q).any():
@@ -273,29 +273,29 @@ def _waterfall(series: Series) -> Iterator[Panel]:
     if rows is None or reach is None or not np.isfinite(rows).any() or not np.isfinite(reach).any():
         return
     far = float(np.nanmax(reach))
-    note = _OF_A_PING[series.kind] if np.nanmin(reach) == far else "pings of shorter range are stretched"
-    unit = series.fields[_ROWS[series.kind][0]].unit
+    note = _OF_A_PING[series.message] if np.nanmin(reach) == far else "pings of shorter range are stretched"
+    unit = series.fields[_ROWS[series.message][0]].unit
     if unit == "Pa":  # pressures change by many powers of ten over the range
         rows, unit = _decibels(rows), "dB re 1 uPa"
-    both_sides = series.kind == "side_scan"
+    both_sides = series.message == "SideScan"
     picture = _picture(series.t, rows, -far if both_sides else 0.0, far, unit)
     title = f"{_short(series)} range"
     yield Panel(series.vehicle, "Sonar", title, "m", is_down=not both_sides, picture=picture, note=note)
 
 
-_ROWS = {"multibeam": ("image",), "scanning_sonar": ("bins",), "side_scan": ("port", "starboard")}
+_ROWS = {"SonarImage": ("image",), "SonarPing": ("bins",), "SideScan": ("port", "starboard")}
 _OF_A_PING = {
-    "multibeam": "the strongest beam of each ping at each range",
-    "scanning_sonar": "all pings in their order, whatever the bearing of the head",
-    "side_scan": "slant range, to starboard above 0 and to port below",
+    "SonarImage": "the strongest beam of each ping at each range",
+    "SonarPing": "all pings in their order, whatever the bearing of the head",
+    "SideScan": "slant range, to starboard above 0 and to port below",
 }
 _RANGE_DB = 80.0
 
 
 def _echoes(series: Series) -> FloatArray | None:
     """Return echoes (n, k) from the near end to the far end, or from the far end of port to that of starboard; None if fields are missing."""
-    found = [series.columns[name] for name in _ROWS[series.kind] if name in series.columns]
-    if len(found) < len(_ROWS[series.kind]):
+    found = [series.columns[name] for name in _ROWS[series.message] if name in series.columns]
+    if len(found) < len(_ROWS[series.message]):
         return None
     return found[0] if len(found) == 1 else np.hstack([found[0][:, ::-1], found[1]])
 

@@ -19,6 +19,7 @@ from mcap.stream_reader import StreamReader
 
 from uwserver.logfiles.mcap_records import CHANNEL, MESSAGE, MESSAGE_HEAD, SCHEMA, learn, records_in
 from uwserver.ports import Cast, Event, Field
+from uwserver.recording.channels import message_of
 from uwserver.recording.format import EVENTS, METADATA
 from uwserver.recording.parts import SERVED
 from uwserver.recording.reading import (
@@ -51,6 +52,7 @@ class Series:
     Attributes:
         path: path of the port; the part before the first "/" is its vehicle.
         kind: kind of the component.
+        message: standard message that the fields of a sensor fit; "" for none.
         direction: "sensor" or "actuator".
         fields: by name; texts, and pictures except those of sonars, have no columns.
         t: (n) simulation time, s, of the measurement; of a command, when it acted.
@@ -61,6 +63,7 @@ class Series:
 
     path: str
     kind: str
+    message: str
     direction: str
     fields: dict[str, Field]
     t: FloatArray
@@ -137,6 +140,7 @@ class _PortData:
 
     path: str
     kind: str
+    message: str
     direction: str
     fields: dict[str, Field]
     t: array[int] = field(default_factory=lambda: array("q"))
@@ -145,7 +149,7 @@ class _PortData:
     columns: dict[str, Column] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.columns = dict(columns_of(self.kind, self.fields))
+        self.columns = dict(columns_of(self.message, self.fields))
 
     def add(self, message: dict[str, Any], publish_ns: int) -> None:
         t_ns, seq = int(message.get("t_ns", publish_ns)), int(message.get("seq", 0))
@@ -168,6 +172,7 @@ class _PortData:
         return Series(
             self.path,
             self.kind,
+            self.message,
             self.direction,
             self.fields,
             np.frombuffer(self.t, dtype=np.int64) / NANOSECONDS,
@@ -273,7 +278,8 @@ class _Reading:
             except (KeyError, TypeError, ValueError, IndexError):
                 self._remarks.append(f"The schema of {topic} cannot be read; it is left out.")
                 return
-            self._channels[number] = self._same(_PortData(topic, about["kind"], about["direction"], fields))
+            data = _PortData(topic, about["kind"], message_of(about), about["direction"], fields)
+            self._channels[number] = self._same(data)
 
     def _same(self, new: _PortData) -> _PortData:
         """Return the data of the same port in an earlier part; if there are none, the new data."""

@@ -78,7 +78,7 @@ def vehicle_summary(
         rows.append(("largest depth", f"{float(truth.p_NB[:, 2].max()):.2f} m"))
         if truth.v_NB_B is not None and np.isfinite(truth.v_NB_B).any():
             rows.append(("largest speed", f"{float(np.nanmax(np.linalg.norm(truth.v_NB_B, axis=1))):.2f} m/s"))
-    rows += [row for series in mine if series.kind == "battery" for row in _battery(series)]
+    rows += [row for series in mine if series.message == "BatteryState" for row in _battery(series)]
     faults = [event for event in recorded.events if event.event == "fault" and f'"{vehicle}/' in f"{event.text}"]
     began = len([event for event in faults if "began" in event.text])
     rows.append(("faults", f"{began} began" if faults else "none"))

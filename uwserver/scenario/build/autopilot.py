@@ -7,23 +7,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import lru_cache
+from typing import Any
 
 import msgspec
 import numpy as np
 from msgspec import UnsetType, structs
 
 from uwserver.actuators import (
-    ActuatorConfig,
-    FinConfig,
-    FinsConfig,
-    ForceTorqueConfig,
-    PropellerConfig,
-    ThrusterConfig,
-    Thrusters,
-    ThrustersConfig,
+    Devices,
 )
-from uwserver.actuators.force_torque import ForceTorque
-from uwserver.actuators.servo import Servos
 from uwserver.autopilot.allocation import Allocation, Thrust, Wrench
 from uwserver.autopilot.allocation import Thrusters as ThrusterAllocation
 from uwserver.autopilot.config import AutopilotConfig
@@ -34,7 +26,7 @@ from uwserver.autopilot.hover import Hover
 from uwserver.autopilot.pilot import Autopilot
 from uwserver.autopilot.ports import TEST_TIMEOUT_S, set_points
 from uwserver.autopilot.services import services
-from uwserver.autopilot.sources import FIELDS, Hearing, Source, Surroundings
+from uwserver.autopilot.sources import Hearing, Source, Surroundings, wanted
 from uwserver.autopilot.state import Six
 from uwserver.autopilot.status import StateSensor
 from uwserver.autopilot.torpedo import Torpedo
@@ -45,8 +37,9 @@ from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import SHAPE_SPHERE
 from uwserver.ports import Port, Service
 from uwserver.scenario.load.resolved import ResolvedVehicle
+from uwserver.scenario.vehicle.autopilot_checks import commanded_tables
 from uwserver.scenario.vehicle.tables import VehicleFile
-from uwserver.sensors import LblConfig, Pose, PressureConfig, SensorConfig, UsblConfig
+from uwserver.sensors import Pose, SensorConfig
 from uwserver.world.components import ActuatorSlot, SensorStream
 from uwserver.world.part import Carry
 from uwserver.world.piloting import Piloting
@@ -54,7 +47,7 @@ from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.world import World
 
 RATE_HZ, STATE_RATE_HZ = 60, 10
-_ONLY_ONE = ("imu", "attitude", "pressure", "battery")
+_ONLY_ONE = ("Imu", "Attitude", "FluidPressure", "BatteryState")
 _LEAST_UP_M, _AWASH_M = 0.3, 0.1
 """A vehicle has come up when its origin is no deeper than the first, or the top of its displaced volume no deeper than the second."""
 _UNKNOWN_PUSH = 0.5
@@ -171,7 +164,7 @@ def _state_slot(world: World, path: str, pilot: Autopilot, config: AutopilotConf
     sensor.start(0)
     divisor = divisor_of(world.rate_hz, config.state_rate_hz, STATE_RATE_HZ)
     rate = float(world.rate_hz / divisor)
-    port = Port(f"{path}/state", "sensor", "autopilot", sensor.fields, sensor.doc, rate)
+    port = Port(f"{path}/state", "sensor", "autopilot", sensor.fields, sensor.doc, rate, message="Estimate")
     return SensorSlot(sensor, (SensorStream(port),), row, world.rate_hz, divisor)
 
 
@@ -183,18 +176,23 @@ def _sources(
 ) -> dict[str, Source]:
     found: dict[str, Source] = {}
     taken: set[str] = set()
-    for key, sensor in sorted(file.sensors.items(), key=lambda item: getattr(item[1], "output", "") == "pressure"):
-        kind = str(sensor.__struct_config__.tag)
-        if kind not in FIELDS or (kind in _ONLY_ONE and kind in taken):
+    names = {
+        key: {field.name for field in ports[config.port_of(name, key)].fields} for key, config in file.sensors.items()
+    }
+    # Of two pressure sensors it takes the one that tells depth.
+    for key, sensor in sorted(file.sensors.items(), key=lambda item: "pressure" in names[item[0]]):
+        message, fields = sensor.message, ports[sensor.port_of(name, key)].fields
+        takes = wanted(message, fields)
+        if not takes or not names[key].issuperset(takes) or (message in _ONLY_ONE and message in taken):
             continue
-        taken.add(kind)
+        taken.add(message)
         mount = mounts[key]
         density = atmosphere = 0.0
-        if isinstance(sensor, PressureConfig) and sensor.output == "pressure":
+        if "pressure" in takes:
             density, atmosphere = world.water.density * world.water.gravity, world.water.atmospheric_pressure
         found[f"{name}/{key}"] = Source(
-            kind=kind,
-            fields=ports[f"{name}/{key}"].fields,
+            message=message,
+            fields=fields,
             p=mount.p,
             q=mount.q,
             sigma=_sigma(sensor),
@@ -207,7 +205,7 @@ def _sources(
 
 def _sigma(sensor: SensorConfig) -> float:
     """What the operator expects of a position, from the same data sheet as the scenario's author, m."""
-    if isinstance(sensor, UsblConfig | LblConfig):
+    if sensor.traits().beacons:
         return 0.3
     noise = [m.sigma for m in sensor.modifiers.values() if isinstance(m, WhiteNoise) and m.field == "p_NS"]
     return max([0.01, *noise])
@@ -216,10 +214,7 @@ def _sigma(sensor: SensorConfig) -> float:
 def _surroundings(world: World, file: VehicleFile, config: AutopilotConfig) -> Surroundings:
     beacons: dict[str, Vec3] = {}
     for sensor in file.sensors.values():
-        if isinstance(sensor, UsblConfig | LblConfig):
-            for name, beacon in sensor.beacons.items():
-                if isinstance(beacon.position_ned_m, tuple) and not any(beacon.velocity_ned_mps):
-                    beacons[name] = beacon.position_ned_m
+        beacons |= {each.name: each.p for each in sensor.traits().beacons if each.body is None and not each.moves}
     start = None if isinstance(config.start_position_ned_m, UnsetType) else config.start_position_ned_m
     return Surroundings(world.water.gravity, world.earth.latitude, world.earth.longitude, beacons, start)
 
@@ -246,12 +241,11 @@ class _Hands:
 
     def hold(self, slot: ActuatorSlot, names: Sequence[str], strongest: float = 0.0) -> None:
         """Hold an actuator. A field without a largest value has `strongest` as its full command."""
-        actuator = slot.actuator
-        assert isinstance(actuator, Thrusters | Servos | ForceTorque)  # those that `_controls` looks for
+        actuator: Any = slot.actuator
         self.held.append(slot)
         self.shares.append(len(names))
         self.names += names
-        self.rows += actuator.rows.values() if isinstance(actuator, Thrusters) else actuator.rows
+        self.rows += actuator.rows.values() if isinstance(actuator.rows, Mapping) else actuator.rows
         for given in slot.port.fields:
             self.full += (given.maximum or strongest,) * given.size
 
@@ -260,16 +254,16 @@ def _controls(
     file: VehicleFile, params: BodyParams, actuators: Mapping[str, ActuatorSlot], hands: _Hands
 ) -> tuple[Allocation, Helm]:
     inertia = _six(np.diag(params.M_RB + params.M_A))
-    kinds = {type(config) for config in file.actuators.values()}
-    if PropellerConfig in kinds and kinds & {FinConfig, FinsConfig}:
+    tables = commanded_tables(file.actuators.values())
+    if {"fins", "propellers"} <= tables:
         fins = _fins(file, params, actuators, hands)
         weight = params.weight * params.r_g[2] - params.buoyancy * params.r_b[2]
         return fins, Torpedo(inertia, weight, fins.reach, fins.shaft)
     allocation: Allocation
-    if kinds & {ThrusterConfig, ThrustersConfig}:
+    if "thrusters" in tables:
         allocation = _thrusters(file, params, actuators, hands)
     else:
-        key = next(k for k, c in file.actuators.items() if isinstance(c, ForceTorqueConfig))
+        key = next(k for k, c in file.actuators.items() if c.message == "Wrench")
         hands.hold(actuators[key], [f"{part}.{axis}" for part in ("force", "moment") for axis in "xyz"])
         allocation = Wrench(_wrench_limits(file, params))
     return allocation, Hover(inertia, _six(np.diag(params.D_L)), _six(np.diag(params.D_Q)), allocation.reach)
@@ -277,27 +271,27 @@ def _controls(
 
 def _devices(
     file: VehicleFile,
-    kinds: tuple[type, ...],
     table: str,
     everything: tuple[str, ...],
     actuators: Mapping[str, ActuatorSlot],
     hands: _Hands,
     strongest: float = 0.0,
-) -> Iterator[tuple[ActuatorConfig, tuple[str, ...]]]:
-    """The actuators of these kinds with the names of their devices, those of many first; no device comes twice."""
+) -> Iterator[tuple[Devices, tuple[str, ...]]]:
+    """The actuators of devices in a table, with the names of these, those of many first; no device comes twice."""
+    found = {key: config.devices() for key, config in file.actuators.items()}
     members = {
-        key: getattr(config, "members", None) or ((config.member,) if hasattr(config, "member") else everything)
-        for key, config in file.actuators.items()
-        if isinstance(config, kinds)
+        key: (devices, devices.members or everything)
+        for key, devices in found.items()
+        if devices is not None and devices.table == table
     }
     seen: set[str] = set()
-    for key, names in sorted(members.items(), key=lambda item: -len(item[1])):
+    for key, (devices, names) in sorted(members.items(), key=lambda item: -len(item[1][1])):
         if seen.intersection(names):
             hands.blocked.append(actuators[key])
             continue
         seen.update(names)
         hands.hold(actuators[key], [f"{table}.{name}" for name in names], strongest)
-        yield file.actuators[key], names
+        yield devices, names
 
 
 def _six(values: FloatArray) -> Six:
@@ -310,10 +304,9 @@ def _thrusters(
 ) -> ThrusterAllocation:
     by_name = {thruster.name: _thrust(thruster) for thruster in params.thrusters}
     strongest = max(thrust.curve[-1][1] for thrust in by_name.values())
-    kinds = (ThrusterConfig, ThrustersConfig)
     groups = [
-        (tuple(by_name[name] for name in names), getattr(config, "input", "u") == "force")
-        for config, names in _devices(file, kinds, "thrusters", tuple(by_name), actuators, hands, strongest)
+        (tuple(by_name[name] for name in names), devices.field == "force_N")
+        for devices, names in _devices(file, "thrusters", tuple(by_name), actuators, hands, strongest)
     ]
     return _together(tuple(groups))
 
@@ -343,13 +336,17 @@ def _wrench_limits(file: VehicleFile, params: BodyParams) -> Six:
 def _fins(file: VehicleFile, params: BodyParams, actuators: Mapping[str, ActuatorSlot], hands: _Hands) -> FinsAndShaft:
     fins = [
         _fin(params, f"fins.{name}")
-        for _, names in _devices(file, (FinConfig, FinsConfig), "fins", tuple(file.fins), actuators, hands)
+        for _, names in _devices(file, "fins", tuple(file.fins), actuators, hands)
         for name in names
     ]
-    propellers = {key: config.member for key, config in file.actuators.items() if isinstance(config, PropellerConfig)}
-    for key, member in propellers.items():
+    propellers = [
+        (key, devices.members[0])
+        for key, config in file.actuators.items()
+        if (devices := config.devices()) is not None and devices.table == "propellers"
+    ]
+    for key, member in propellers:
         hands.hold(actuators[key], (f"propellers.{member}",))
-    shaft = _shaft(params, f"propellers.{next(iter(propellers.values()))}")
+    shaft = _shaft(params, f"propellers.{propellers[0][1]}")
     shaft = replace(shaft, strength=len(propellers) * shaft.strength)
     return FinsAndShaft(fins, shaft, len(propellers))
 

@@ -43,7 +43,7 @@ def external_member(world: World, resolved: ResolvedVehicle, row: int, name: str
         q = Pose.from_degrees(entry.attitude_rpy_deg).q
         start = TrackPose(entry.position_ned_m, q, AT_REST, 0.0)
         source = live = Live(lambda: world.t_ns, start, entry.outside, entry.max_gap_s, entry.predict_s)
-        port = Port(f"{name}/pose", "actuator", "pose", live.fields, live.doc)
+        port = Port(f"{name}/pose", "actuator", "pose", live.fields, live.doc, message="FollowedPose")
         slots.append(ActuatorSlot(port, live, world.rate_hz, 0))
         moving = turning = LiveMotion(shown, lambda: world.t_ns)
         if shown:

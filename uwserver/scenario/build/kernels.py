@@ -5,19 +5,6 @@ from __future__ import annotations
 from uwserver.physics.dynamics.appendage_params import Appendages
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.vehicle.body import params_by_name
-from uwserver.sensors import (
-    AcousticModemConfig,
-    AdcpConfig,
-    AltimeterConfig,
-    CameraConfig,
-    DvlConfig,
-    LblConfig,
-    ProfilerConfig,
-    RangeArrayConfig,
-    ScanningSonarConfig,
-    UsblConfig,
-)
-from uwserver.sensors.acoustic.pinging import PingTable
 
 
 def kernels_of(resolved: Resolved, sea: bool) -> frozenset[str]:
@@ -32,28 +19,15 @@ def kernels_of(resolved: Resolved, sea: bool) -> frozenset[str]:
     params = list(params_by_name(simulated, environment).values())
     params += [body.params for body in resolved.objects.values()]
     fins = any(body.appendages != Appendages() for body in params)
-    sensors = [config for vehicle in vehicles for config in vehicle.vehicle.sensors.values()]
     needs = {"fins" if fins else "free"}
     if resolved.is_solid:
         needs |= {"solids", "contact"} | ({"fins in contact"} if fins else set())
     if sea:
         needs.add("sea")
-    sonars = ScanningSonarConfig | ProfilerConfig
-    if any(isinstance(config, sonars) for config in sensors):
-        needs.add("sonars")
-    if any(isinstance(config, PingTable) and not isinstance(config, sonars) for config in sensors):
-        needs |= {"echoes", "pictures"}
-    if any(isinstance(config, CameraConfig) for config in sensors):
-        needs.add("cameras")
+    for config in resolved.sensors:
+        needs.update(config.traits().stages)
     if vehicles:
         needs.add("sensors")
-    if any(isinstance(config, AdcpConfig | AltimeterConfig | DvlConfig | RangeArrayConfig) for config in sensors):
-        needs.add("soundings")
-    if any(
-        isinstance(config, LblConfig | UsblConfig | AcousticModemConfig) and config.propagation == "layered"
-        for config in sensors
-    ):
-        needs.add("sound")
     if any(vehicle.entry.autopilot is not None for vehicle in vehicles):
         needs.add("autopilots")
     return frozenset(needs)

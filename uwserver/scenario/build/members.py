@@ -5,23 +5,22 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable, Mapping
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from msgspec import UNSET, UnsetType, structs
 
-from uwserver.actuators import ActuatorConfig, Body
+from uwserver.actuators import ActuatorConfig, Body, CameraMount
 from uwserver.modifiers import Modifier, ModifierConfig, Stream
 from uwserver.physics.kernel.random import key_of
 from uwserver.ports import Field, Port
 from uwserver.scenario.build.autopilot import build_autopilot
 from uwserver.scenario.build.modems import range_services, send_slots
-from uwserver.scenario.build.sight import hang_cameras
 from uwserver.scenario.load.resolved import Resolved, ResolvedObject, ResolvedVehicle
 from uwserver.scenario.vehicle.body import own_rows
 from uwserver.scenario.vehicle.tables import Electric as ElectricTable
 from uwserver.scenario.vehicle.tables import VehicleFile
-from uwserver.sensors import CameraConfig, Pose, Sensor, SensorConfig
+from uwserver.sensors import Pose, Sensor, SensorConfig, SensorTable
 from uwserver.sensors.bank import BankSensor
 from uwserver.sensors.truth import TRUTH
 from uwserver.sensors.wiring import Electric, Wiring
@@ -75,11 +74,10 @@ def vehicle_member(world: World, resolved: ResolvedVehicle, row: int, name: str)
     body = bodies[""]
     wiring = Wiring(hydro, row, body.thrusters, _electrics(resolved))
     mounts = {key: mount_of(config, file) for key, config in file.sensors.items()}
-    configs = dict(file.sensors)
-    for key, left in file.sensors.items():
-        right = left.right() if isinstance(left, CameraConfig) else None
-        if isinstance(left, CameraConfig) and right is not None:
-            configs[f"{key}/right"], mounts[f"{key}/right"] = right, left.beside(mounts[key])
+    configs: dict[str, Any] = dict(file.sensors)
+    for key, config in file.sensors.items():
+        for name_below, (companion, mount) in config.companions(mounts[key]).items():
+            configs[f"{key}/{name_below}"], mounts[f"{key}/{name_below}"] = companion, mount
     made = {key: config.build(mounts[key]) for key, config in configs.items()}
     built: dict[str, SensorSlot] = {}
     for key, sensor in sorted(made.items(), key=lambda item: item[1].repeats):
@@ -94,7 +92,7 @@ def vehicle_member(world: World, resolved: ResolvedVehicle, row: int, name: str)
     actuators = {
         key: _actuator(world, f"{name}/{key}", config, bodies.get(key, body)) for key, config in file.actuators.items()
     }
-    hang_cameras(built, configs, actuators)
+    hang_sensors(built, configs, actuators)
     ports = {slot.port.path: slot.port for slot in built.values()}
     piloted = build_autopilot(world, resolved, params, name, row, mounts, ports, actuators)
     slots = [*actuators.values(), *send_slots(world, sensors)]
@@ -121,10 +119,23 @@ def electric_of(table: ElectricTable) -> Electric:
     )
 
 
-def mount_of(config: SensorConfig, file: VehicleFile) -> Pose:
+def mount_of(config: SensorTable, file: VehicleFile) -> Pose:
     """X_BS of a sensor: its mount's, or its own."""
     place = config if config.mount is UNSET else file.mounts[str(config.mount)]
     return Pose.from_degrees(place.rpy_deg, place.position_frd_m)
+
+
+def hang_sensors(
+    slots: Mapping[str, SensorSlot], configs: Mapping[str, SensorTable], actuators: Mapping[str, ActuatorSlot]
+) -> None:
+    """Let sensors turn with the mounts that they sit on."""
+    joints = {
+        slot.actuator.mount: slot.actuator for slot in actuators.values() if isinstance(slot.actuator, CameraMount)
+    }
+    for key, slot in slots.items():
+        mount = str(configs[key].mount)
+        for sensor in filter(None, (slot.sensor, slot.twin) if mount in joints else ()):
+            sensor.joint = joints[mount]
 
 
 def sensor_slot(
@@ -151,7 +162,8 @@ def sensor_slot(
     sensor.load_kernels()
     sensor.join(built)
     kind = str(config.__struct_config__.tag)
-    port = Port(path, "sensor", kind, sensor.fields, sensor.doc, float(world.rate_hz / divisor))
+    rate_hz = float(world.rate_hz / divisor)
+    port = Port(path, "sensor", kind, sensor.fields, sensor.doc, rate_hz, message=config.message or UNSET)
     streams = [SensorStream(port, _modifiers(world, port, config.modifiers))]
     for name, side in config.streams.items():
         at = structs.replace(port, path=f"{path}/{name}")
@@ -181,11 +193,12 @@ def stream_of(seed: int, path: str) -> np.random.Generator:
 def truth_slots(world: World, vehicle: str, rate_hz: float, row: int) -> Iterable[SensorSlot]:
     """Sensors of the ground truth of the body in a row."""
     divisor = round(world.rate_hz / physics_rate(rate_hz))
-    for name, kind in TRUTH.items():
-        sensor = kind()  # which draws nothing: a random stream of its own would cost more than all else here
+    for name, make in TRUTH.items():
+        sensor = make()  # which draws nothing: a random stream of its own would cost more than all else here
         path = f"{vehicle}/truth/{name}"
         sensor.start(key_of(world.seed, path))
-        port = Port(path, "sensor", f"truth_{name}", sensor.fields, sensor.doc, float(world.rate_hz / divisor))
+        kind, message, rate = f"truth_{name}", f"True{name.capitalize()}", float(world.rate_hz / divisor)
+        port = Port(path, "sensor", kind, sensor.fields, sensor.doc, rate, message=message)
         yield SensorSlot(sensor, (SensorStream(port),), row, world.rate_hz, divisor)
 
 
@@ -194,5 +207,8 @@ def _actuator(world: World, path: str, config: ActuatorConfig, body: Body) -> Ac
     fields: tuple[Field, ...] = actuator.fields
     kind = str(config.__struct_config__.tag)
     propulsors = getattr(actuator, "propulsors", UNSET)  # thrusters have some
-    port = Port(path, "actuator", kind, fields, actuator.doc, timeout_s=config.timeout_s or None, propulsors=propulsors)
+    message, timeout_s = config.message or UNSET, config.timeout_s or None
+    port = Port(
+        path, "actuator", kind, fields, actuator.doc, timeout_s=timeout_s, propulsors=propulsors, message=message
+    )
     return ActuatorSlot(port, actuator, world.rate_hz, round(physics_rate(config.timeout_s) * world.rate_hz))

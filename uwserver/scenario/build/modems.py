@@ -20,8 +20,7 @@ from uwserver.world.world import World
 
 def add_medium(world: World, resolved: Resolved) -> None:
     """Let packets be in the water of a world, where a vehicle of its scenario has a modem."""
-    sensors = [config for vehicle in resolved.vehicles.values() for config in vehicle.vehicle.sensors.values()]
-    if any(isinstance(config, ModemTable) for config in sensors):
+    if any(isinstance(config, ModemTable) for config in resolved.sensors):
         world.add(Medium(world))
 
 

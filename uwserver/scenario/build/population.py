@@ -15,8 +15,8 @@ from uwserver.physics.kernel.layout import NU, P, Q
 from uwserver.ports import Argument, Json, Refused, Service
 from uwserver.ports.checks import shown
 from uwserver.scenario.build.external import external_member
-from uwserver.scenario.build.lessons import prepare_lessons
 from uwserver.scenario.build.members import build_scene, object_member, vehicle_member
+from uwserver.scenario.build.outlines import survey_structures
 from uwserver.scenario.files.convert import NAME
 from uwserver.scenario.load.counts import MOST_BODIES
 from uwserver.scenario.load.resolved import Resolved
@@ -262,7 +262,7 @@ class ScenarioPopulation(Population):
             vehicle = self._resolved.vehicles[like]
             make = external_member if vehicle.entry.is_external else vehicle_member
             member = make(self._world, vehicle, row, name)
-            prepare_lessons(member, vehicle, self._resolved.static)
+            survey_structures(member, vehicle, self._resolved.static)
         else:
             member = object_member(self._world, self._resolved.objects[like], row, name)
         self._parts[like] = tuple(part.path.removeprefix(f"{name}/") for part in member.parts)

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from msgspec import UnsetType
 
-from uwserver.actuators import CameraMount, Lamps
+from uwserver.actuators import Lamps
 from uwserver.environment.light import WATER_TYPES
 from uwserver.physics.geometry.shapes import HalfSpace
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.solids.palette import CLEAN, OBJECT, SEABED, STRUCTURE, VEHICLE, Colour, colour_of
-from uwserver.sensors import CameraConfig, Pose, SensorConfig
-from uwserver.sensors.optical.camera.camera import Camera
+from uwserver.sensors import Pose
 from uwserver.sensors.sight import Sight
 from uwserver.units import rad
-from uwserver.world.components import ActuatorSlot
 from uwserver.world.members import Member
-from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.world import World
 
 if TYPE_CHECKING:
@@ -32,8 +29,8 @@ _SEABED_NAME = "seabed"
 
 
 def give_sight(world: World, resolved: Resolved) -> Watch | None:
-    """Let cameras of a world see what its scenario has; None where no vehicle has any, so that nothing is loaded for them."""
-    if not any(has_camera(vehicle.vehicle.sensors) for vehicle in resolved.vehicles.values()):
+    """Let cameras of a world see what its scenario has; None where no sensor needs it, so that nothing is loaded for it."""
+    if not any(config.traits().needs_sight for config in resolved.sensors):
         return None
     from uwserver.sensors.optical.camera.visible import Watch
 
@@ -49,27 +46,6 @@ def look_around(watch: Watch | None) -> None:
     """Make what cameras look at before a tick has to wait for it, and say what cannot be shown."""
     for fault in [] if watch is None else watch.faults():
         log.warning("cameras show it plain: %s", fault)
-
-
-def has_camera(sensors: Mapping[str, SensorConfig]) -> bool:
-    """Whether any of a vehicle's sensors is a camera."""
-    return any(isinstance(config, CameraConfig) for config in sensors.values())
-
-
-def hang_cameras(
-    slots: Mapping[str, SensorSlot], configs: Mapping[str, SensorConfig], actuators: Mapping[str, ActuatorSlot]
-) -> None:
-    """Let cameras turn with the mounts that they sit on."""
-    if not has_camera(configs):
-        return
-    joints = {
-        slot.actuator.mount: slot.actuator for slot in actuators.values() if isinstance(slot.actuator, CameraMount)
-    }
-    for key, slot in slots.items():
-        mount = configs[key].mount
-        for sensor in (slot.sensor, slot.twin):
-            if isinstance(sensor, Camera) and isinstance(mount, str) and mount in joints:
-                sensor.hang(joints[mount])
 
 
 class _Scenery:

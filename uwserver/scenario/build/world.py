@@ -18,7 +18,6 @@ from uwserver.scenario.solids.tables import FlatSeabed
 from uwserver.scenario.water.sea import water_of
 from uwserver.scenario.world.epoch import instant, nanoseconds, year_of
 from uwserver.scenario.world.magnetic import magnetic_about
-from uwserver.sensors import MagnetometerConfig
 from uwserver.units import rad
 from uwserver.world.builds import prepare, progress
 from uwserver.world.faults import Faults, effects
@@ -74,13 +73,12 @@ def build(resolved: Resolved, seed: int | None = None, like: World | None = None
 
 
 def _earth(resolved: Resolved) -> Earth:
-    """Where N lies. The magnetic field costs a moment, and is computed where a magnetometer or a magnetic heading asks for it."""
+    """Where N lies. The magnetic field costs a moment, and is computed where a sensor needs it."""
     table = resolved.scenario.world
     epoch = instant(table.epoch_utc)
     if table.origin is None:
         return Earth(epoch_ns=nanoseconds(epoch))
     latitude, longitude = map(rad, table.origin)
-    sensors = [config for vehicle in resolved.vehicles.values() for config in vehicle.vehicle.sensors.values()]
-    magnetic = any(isinstance(c, MagnetometerConfig) or getattr(c, "north", "") == "magnetic" for c in sensors)
-    field = magnetic_about(latitude, longitude, year_of(epoch)) if magnetic else NO_FIELD
+    needs_field = any(config.traits().needs_field for config in resolved.sensors)
+    field = magnetic_about(latitude, longitude, year_of(epoch)) if needs_field else NO_FIELD
     return Earth(latitude, longitude, nanoseconds(epoch), field, table.rotating)

@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from msgspec import UnsetType
-
 from uwserver.modifiers import Delay
 from uwserver.scenario.files.convert import Report
 from uwserver.scenario.files.documents import Document
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.files.merge import named
 from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.sensor_checks import traits_of
 from uwserver.scenario.vehicle.tables import VehicleFile
-from uwserver.sensors import CameraConfig, MultibeamConfig, SensorConfig
+from uwserver.sensors import SensorConfig
 
 MOST_BODIES = 2000
 """Most vehicles, copies included, and objects together; those that are not present at the start count too."""
@@ -67,7 +66,10 @@ def check_delays(scenario: Scenario, files: Mapping[str, VehicleFile], report: R
         scenario, files, report: as for `check_components`.
     """
     waiting = {
-        (vehicle, name): _copies_of(scenario, vehicle) * _delay_of(sensor) * sensor.rate_hz * _bytes_of(sensor)
+        (vehicle, name): _copies_of(scenario, vehicle)
+        * _delay_of(sensor)
+        * sensor.rate_hz
+        * (_READING + traits_of(sensor).picture_bytes)
         for vehicle, file in files.items()
         for name, sensor in file.sensors.items()
     }
@@ -87,17 +89,6 @@ def _delay_of(sensor: SensorConfig) -> float:
     sides = [sensor.modifiers, *(stream.modifiers for stream in sensor.streams.values())]
     more = [sum(m.latency_s + _SIGMAS * m.jitter_s for m in side.values() if isinstance(m, Delay)) for side in sides]
     return (sensor.latency_s or 0.0) + max(more)
-
-
-def _bytes_of(sensor: SensorConfig) -> int:
-    """Return the approximate size of one reading while it waits."""
-    if isinstance(sensor, CameraConfig):
-        eyes = 1 if isinstance(sensor.baseline_m, UnsetType) else 2
-        pixel_bytes = {"rgb": 3, "mono": 1, "depth": 2, "segmentation": 2}[sensor.mode]
-        return _READING + eyes * pixel_bytes * sensor.width * sensor.height
-    if isinstance(sensor, MultibeamConfig):
-        return _READING + {"counts": 1, "pressure": 4, "complex": 8}[sensor.output] * sensor.bins * sensor.beams
-    return _READING + 32 * int(getattr(sensor, "bins", 0))
 
 
 def _copies(entry: Any) -> int:

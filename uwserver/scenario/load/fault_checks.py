@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from uwserver.actuators import ThrusterConfig, ThrustersConfig
 from uwserver.scenario.files.convert import Node, Report
 from uwserver.scenario.files.errors import KeyPath
 from uwserver.scenario.files.wording import not_built
@@ -50,10 +49,9 @@ def _targets(scenario: Node, vehicles: Mapping[str, VehicleFile], environment: E
     for table, name, _ in starts(scenario, "vehicles"):
         vehicle = vehicles[table]
         for key, actuator in vehicle.actuators.items():
-            if isinstance(actuator, ThrustersConfig):
-                thrusters[f"{name}/{key}"] = actuator.members or tuple(vehicle.thrusters)
-            elif isinstance(actuator, ThrusterConfig):
-                thrusters[f"{name}/{key}"] = (actuator.member,)
+            devices = actuator.devices()
+            if devices is not None and devices.table == "thrusters":
+                thrusters[f"{name}/{key}"] = devices.members or tuple(vehicle.thrusters)
         sensors += [config.port_of(name, key) for key, config in vehicle.sensors.items()]
         if "truth" in scenario.at("vehicles", table).parts:
             sensors += [f"{name}/truth/{key}" for key in TRUTH]

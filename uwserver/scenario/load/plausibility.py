@@ -20,14 +20,14 @@ from uwserver.table import Vector3
 SURFACE_VESSEL = 1.5
 """Ratio of buoyancy, fully submerged, to weight from which a vehicle counts as a surface vessel."""
 _SOURCES: Mapping[str, frozenset[str]] = {
-    "attitude": frozenset({"attitude", "imu", "motion_capture"}),
-    "heading": frozenset({"attitude", "motion_capture"}),
-    "depth": frozenset({"pressure", "motion_capture"}),
-    "velocity": frozenset({"dvl", "gps", "usbl", "lbl", "motion_capture"}),
-    "position": frozenset({"dvl", "gps", "usbl", "lbl", "motion_capture"}),
-    "altitude": frozenset({"altimeter", "dvl"}),
+    "attitude": frozenset({"Attitude", "Imu", "Pose"}),
+    "heading": frozenset({"Attitude", "Pose"}),
+    "depth": frozenset({"FluidPressure", "Pose"}),
+    "velocity": frozenset({"Dvl", "NavSatFix", "BeaconFix", "BeaconRange", "Pose"}),
+    "position": frozenset({"Dvl", "NavSatFix", "BeaconFix", "BeaconRange", "Pose"}),
+    "altitude": frozenset({"Range", "Dvl"}),
 }
-"""Kinds of sensor that can give the autopilot what a mode needs."""
+"""Messages of sensors that can give the autopilot what a mode needs."""
 
 
 class _Body(NamedTuple):
@@ -141,8 +141,8 @@ def _check_sensors(key: str, vehicle: ResolvedVehicle, warn: Report) -> None:
     autopilot = vehicle.entry.autopilot
     if isinstance(autopilot, UnsetType):
         return
-    kinds = {str(sensor.__struct_config__.tag) for sensor in sensors.values()}
+    messages = {sensor.message for sensor in sensors.values()}
     for need in NEEDS[autopilot.mode]:
-        if not _SOURCES[need] & kinds:
+        if not _SOURCES[need] & messages:
             warn(("vehicles", key, "autopilot", "mode"), f'the mode "{autopilot.mode}" cannot work: {REMEDY[need]}')
             return

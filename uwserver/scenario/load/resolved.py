@@ -15,6 +15,7 @@ from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.solids.tables import ObjectEntry
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
+from uwserver.sensors import SensorConfig
 from uwserver.world.external.track import PoseTrack
 
 
@@ -93,6 +94,11 @@ class Resolved:
     materials: tuple[str, ...] = ()
     missing: str = ""
     looks: Mapping[str, bytes] = field(default_factory=dict, repr=False)
+
+    @property
+    def sensors(self) -> list[SensorConfig]:
+        """Those of all vehicles."""
+        return [config for vehicle in self.vehicles.values() for config in vehicle.vehicle.sensors.values()]
 
     @property
     def is_solid(self) -> bool:

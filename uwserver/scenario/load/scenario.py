@@ -36,12 +36,11 @@ from uwserver.scenario.vehicle.device_checks import check_device
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.scenario.vehicle.external import check_external
 from uwserver.scenario.vehicle.profiles import check_profile, expanded
+from uwserver.scenario.vehicle.sensor_checks import traits_of
 from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
 from uwserver.scenario.vehicle.tracks import read_track
 from uwserver.scenario.water.tables import Environment
 from uwserver.scenario.world.tables import WorldTable
-from uwserver.sensors import carriers
-from uwserver.sensors.onboard.training import looked_at
 from uwserver.units import rad
 from uwserver.world.external.track import PoseTrack
 
@@ -237,17 +236,12 @@ class _Load:
         return sum(problem.severity == "error" for problem in self._problems)
 
     def _check_others(self, tree: Node, merged: MergedFile) -> None:
-        """Check that the vehicles which carry beacons and the structures which trainings look at exist."""
-        vehicles, structures, report = (
-            self._tree.names("vehicles"),
-            self._tree.names("structures"),
-            self._report(merged),
-        )
+        """Check that the vehicles and structures which sensors name exist."""
+        there, report = {table: self._tree.names(table) for table in ("vehicles", "structures")}, self._report(merged)
         for name, sensor in tree.values("sensors").items():
-            for beacon, vehicle in carriers(sensor):
-                check_known(vehicle, vehicles, "vehicle", ("sensors", name, "beacons", beacon, "vehicle"), report)
-            for place, structure in looked_at(sensor).items():
-                check_known(structure, structures, "structure", ("sensors", name, *place), report)
+            for key, table, wanted in traits_of(sensor).names:
+                if table in there:
+                    check_known(wanted, there[table], table.removesuffix("s"), ("sensors", name, *key), report)
 
     def _thruster_devices(self, merged: MergedFile) -> dict[str, ThrusterDevice]:
         devices: dict[str, ThrusterDevice] = {}

@@ -5,11 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from msgspec import UnsetType
+from msgspec import UnsetType, structs
 
-from uwserver.actuators.fin import FinsConfig
-from uwserver.actuators.servo import OneServo
-from uwserver.actuators.thruster import ThrusterConfig, ThrustersConfig
 from uwserver.physics.dynamics.params import BodyParams
 from uwserver.ports import ActuatorView, LampView
 from uwserver.scenario.load.resolved import ResolvedVehicle
@@ -31,7 +28,11 @@ def actuator_views(name: str, resolved: ResolvedVehicle, params: BodyParams) -> 
     """
     file = resolved.vehicle
     ports = dict(commanded(name, file))
-    return (*_thrusters(resolved, params, ports), *_fins(file, ports), *_others(file, ports))
+    views = []
+    for table, view in (*_thrusters(resolved, params), *_fins(file), *_others(file)):
+        port, index = ports.get(f"{table}.{view.name}", (None, None))
+        views.append(structs.replace(view, port=port, index=index))
+    return tuple(views)
 
 
 def lamp_views(file: VehicleFile) -> tuple[LampView, ...]:
@@ -52,38 +53,27 @@ def commanded(name: str, file: VehicleFile) -> Iterator[tuple[str, Place]]:
     """What each actuator port of a vehicle commands: ("thrusters.fore", (path, index)); index 0 of a vector of one, None of a number."""
     for key, config in file.actuators.items():
         path = f"{name}/{key}"
-        if isinstance(config, ThrustersConfig):
-            for k, member in enumerate(config.members or file.thrusters):
-                yield f"thrusters.{member}", (path, k)
-        elif isinstance(config, ThrusterConfig):
-            yield f"thrusters.{config.member}", (path, None)
-        elif isinstance(config, FinsConfig):
-            for k, member in enumerate(config.members or file.fins):
-                yield f"fins.{member}", (path, k)
-        elif isinstance(config, OneServo):
-            yield f"{config.moved.table}.{config.member}", (path, None)
+        devices = config.devices()
+        if devices is not None:
+            for k, member in enumerate(devices.members or getattr(file, devices.table)):
+                yield f"{devices.table}.{member}", (path, k if devices.is_vector else None)
 
 
-_NOWHERE: Place = (None, None)
-
-
-def _thrusters(resolved: ResolvedVehicle, params: BodyParams, ports: dict[str, Place]) -> Iterator[ActuatorView]:
+def _thrusters(resolved: ResolvedVehicle, params: BodyParams) -> Iterator[tuple[str, ActuatorView]]:
     for thruster, (key, table) in zip(params.thrusters, resolved.vehicle.thrusters.items(), strict=True):
         ahead, astern = full_thrust(thruster)
-        port, index = ports.get(f"thrusters.{key}", _NOWHERE)
-        yield ActuatorView(
+        yield "thrusters", ActuatorView(
             key, "thruster", table.position_frd_m, unit(table.axis_frd), diameter=resolved.devices[key].propeller.diameter_m,
-            handedness=table.handedness, low=-astern, high=ahead, unit="N", port=port, index=index,
+            handedness=table.handedness, low=-astern, high=ahead, unit="N",
         )  # fmt: skip
 
 
-def _fins(file: VehicleFile, ports: dict[str, Place]) -> Iterator[ActuatorView]:
+def _fins(file: VehicleFile) -> Iterator[tuple[str, ActuatorView]]:
     for key, fin in file.fins.items():
         limit = rad(fin.limit_deg)
-        port, index = ports.get(f"fins.{key}", _NOWHERE)
-        yield ActuatorView(
+        yield "fins", ActuatorView(
             key, "fin", fin.position_frd_m, unit(fin.hinge_frd), chord=unit(fin.chord_frd), span=_span(fin),
-            low=-limit, high=limit, unit="rad", port=port, index=index,
+            low=-limit, high=limit, unit="rad",
         )  # fmt: skip
 
 
@@ -99,31 +89,27 @@ _SMALL_FIN_M2 = 0.0064
 _ASPECT = 2.0
 
 
-def _others(file: VehicleFile, ports: dict[str, Place]) -> Iterator[ActuatorView]:
+def _others(file: VehicleFile) -> Iterator[tuple[str, ActuatorView]]:
     for key, propeller in file.propellers.items():
-        port, index = ports.get(f"propellers.{key}", _NOWHERE)
         most = propeller.max_speed_radps
-        yield ActuatorView(
+        yield "propellers", ActuatorView(
             key, "propeller", propeller.position_frd_m, unit(propeller.axis_frd), diameter=propeller.diameter_m,
-            handedness=propeller.handedness, low=-most, high=most, unit="rad/s", port=port, index=index,
+            handedness=propeller.handedness, low=-most, high=most, unit="rad/s",
         )  # fmt: skip
     for key, ballast in file.ballasts.items():
-        port, index = ports.get(f"ballasts.{key}", _NOWHERE)
         low, high = ballast.min_volume_m3, ballast.max_volume_m3
-        yield ActuatorView(
-            key, "ballast", ballast.position_frd_m, low=low, high=high, unit="m^3", port=port, index=index
-        )
+        yield "ballasts", ActuatorView(key, "ballast", ballast.position_frd_m, low=low, high=high, unit="m^3")
     for key, mass in file.moving_masses.items():
-        port, index = ports.get(f"moving_masses.{key}", _NOWHERE)
         low, high = mass.min_position_m, mass.max_position_m
-        yield ActuatorView(
-            key,
-            "moving_mass",
-            (0.0, 0.0, 0.0),
-            unit(mass.axis_frd),
-            low=low,
-            high=high,
-            unit="m",
-            port=port,
-            index=index,
+        yield (
+            "moving_masses",
+            ActuatorView(
+                key,
+                "moving_mass",
+                (0.0, 0.0, 0.0),
+                unit(mass.axis_frd),
+                low=low,
+                high=high,
+                unit="m",
+            ),
         )

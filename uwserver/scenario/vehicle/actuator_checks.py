@@ -1,4 +1,4 @@
-"""Checks the actuators of extensions. Each is built once on a trial body, as a user's code may fail in any way."""
+"""Checks actuators with a wrench of their own, as those of extensions. Each is built once on a trial body: a user's code may fail in any way."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def check_actuators(
     for name, config in own.items():
         try:
             actuator = config.build(bodies[name])
-            check_fields(actuator.fields)
+            check_fields(actuator.fields, config.message)
             check_memory(getattr(actuator, "memory", None))
             actuator.neutral()
         except Exception as error:  # noqa: BLE001 - code of the user may fail in any way

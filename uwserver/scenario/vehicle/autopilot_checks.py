@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from msgspec import UnsetType
 
-from uwserver.actuators import (
-    ActuatorConfig,
-    FinConfig,
-    FinsConfig,
-    ForceTorqueConfig,
-    PropellerConfig,
-    ThrusterConfig,
-    ThrustersConfig,
-)
+from uwserver.actuators import ActuatorConfig
 from uwserver.autopilot.config import AutopilotConfig
 from uwserver.autopilot.gains import Gains
 from uwserver.scenario.files.convert import Node, Report, convert, fields
@@ -59,6 +51,12 @@ def check_autopilot(
 
 def is_steerable(actuators: Mapping[str, ActuatorConfig]) -> bool:
     """Return whether the autopilot can control a vehicle with these: thrusters or a wrench, or fins and a propeller."""
-    kinds = {type(config) for config in actuators.values() if config.enabled}
-    hovers = {ThrusterConfig, ThrustersConfig, ForceTorqueConfig} & kinds
-    return bool(hovers or ({FinConfig, FinsConfig} & kinds and PropellerConfig in kinds))
+    enabled = [config for config in actuators.values() if config.enabled]
+    tables = commanded_tables(enabled)
+    has_wrench = any(config.message == "Wrench" for config in enabled)
+    return has_wrench or "thrusters" in tables or {"fins", "propellers"} <= tables
+
+
+def commanded_tables(actuators: Iterable[ActuatorConfig]) -> set[str]:
+    """Return those tables of a vehicle file whose entries these actuators command."""
+    return {devices.table for config in actuators if (devices := config.devices()) is not None}

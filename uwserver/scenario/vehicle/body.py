@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import NamedTuple, get_args
+from typing import NamedTuple
 
 import numpy as np
 from msgspec import UNSET, UnsetType, msgpack, structs
@@ -119,14 +119,13 @@ def params_by_name(vehicles: Mapping[str, Made], environment: Environment) -> di
 
 
 def own_actuators(vehicle: VehicleFile) -> dict[str, ActuatorConfig]:
-    """Return those actuators of a vehicle, by name, whose kind comes from an extension."""
-    shipped = get_args(ActuatorConfig)
-    return {name: config for name, config in vehicle.actuators.items() if type(config) not in shipped}
+    """Return those actuators of a vehicle, by name, whose kind has a wrench of its own, as kinds of extensions have."""
+    return {name: config for name, config in vehicle.actuators.items() if config.own_wrench}
 
 
 def own_rows(hydro: Hydrodynamics, vehicle: VehicleFile, row: int) -> dict[str, Body]:
-    """Return the rows of a vehicle that its actuators may write: one `Body` for all shipped kinds under "", and for each actuator of an extension
-    one with a wrench of its own under its name.
+    """Return the rows of a vehicle that its actuators may write: one `Body` with the vehicle's wrench under "", and for each actuator of a kind
+    with a wrench of its own one under its name.
 
     Args:
         hydro: arrays of the world.

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from uwserver.actuators import CameraMountConfig, FinsConfig, LampsConfig, ThrusterConfig, ThrustersConfig
-from uwserver.actuators.servo import OneServo
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.scenario.files.convert import Node, Report, check_known, check_members, is_one_of
 from uwserver.scenario.files.errors import KeyPath
@@ -23,8 +19,6 @@ _TRIM = 0.05
 """Difference of buoyancy and weight, over the weight, from which there is a warning."""
 _SURFACE = 2.0
 """A vehicle whose shapes displace more than this many times its weight is meant to float: it gets no such warning."""
-_COMMANDED: Mapping[type, str] = {ThrustersConfig: "thrusters", FinsConfig: "fins", LampsConfig: "lamps"}
-"""Table of the vehicle file whose entries an actuator with `members` commands."""
 
 
 def check_vehicle(
@@ -43,7 +37,7 @@ def check_vehicle(
         check_direction(
             thruster.axis_frd, "axis", "the force at a positive command", ("thrusters", name, "axis_frd"), report
         )
-    _check_actuators(vehicle, report)
+    _check_devices(vehicle, report)
     check_appendages(vehicle, report)
     _check_names(vehicle, report)
     for name, lamp in vehicle.values("lamps").items():
@@ -124,27 +118,23 @@ def _least_eigenvalue(M: FloatArray) -> float:
     return float(np.linalg.eigvalsh(0.5 * (M + M.T))[0])
 
 
-def _check_actuators(vehicle: Node, report: Report) -> None:
+def _check_devices(vehicle: Node, report: Report) -> None:
     """Check that each enabled actuator commands something that the vehicle has."""
     for name, actuator in vehicle.values("actuators").items():
         path: KeyPath = ("actuators", name)
-        table = _COMMANDED.get(type(actuator))
-        if not actuator.enabled:
+        devices = actuator.devices() if actuator.enabled else None
+        if devices is None:
             continue
-        if isinstance(actuator, OneServo):
-            moved = actuator.moved
-            check_known(actuator.member, vehicle.names(moved.table), moved.noun, (*path, "member"), report)
-        elif isinstance(actuator, ThrusterConfig):
-            check_known(actuator.member, vehicle.names("thrusters"), "thruster", (*path, "member"), report)
-        elif isinstance(actuator, CameraMountConfig):
-            check_mount(vehicle, actuator.mount, (*path, "mount"), report)
-            if "tilt_deg" not in vehicle.at("mounts", actuator.mount).parts:
-                report((*path, "mount"), f'the mount "{actuator.mount}" does not tilt: give it tilt_deg')
-        elif table is not None:
-            present, members = vehicle.names(table), actuator.members or ()
-            check_members(members, present, table.removesuffix("s"), (*path, "members"), report)
+        table, members, present = devices.table, devices.members, vehicle.names(devices.table)
+        if devices.is_vector:
+            check_members(members, present, devices.noun, (*path, "members"), report)
             if not members and not present:
                 report(path, f"the vehicle has no {table} to command: add some under [{table}]")
+            continue
+        for member in members:
+            check_known(member, present, devices.noun, (*path, devices.key), report)
+            if table == "mounts" and "tilt_deg" not in vehicle.at(table, member).parts:
+                report((*path, devices.key), f'the mount "{member}" does not tilt: give it tilt_deg')
 
 
 def _check_names(vehicle: Node, report: Report) -> None:

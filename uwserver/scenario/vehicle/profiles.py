@@ -17,9 +17,6 @@ from uwserver.sensors import SensorConfig
 from uwserver.table import Name, Table
 
 _PROVENANCE = Sourced.__struct_fields__
-_BEACONS = {"beacons": {"beacon": {"position_ned_m": [0.0, 0.0, 0.0]}}}
-_KEYS_OF_USE: dict[str, dict[str, Any]] = {"lbl": _BEACONS, "usbl": _BEACONS, "rpm": {"members": ["t1"]}}
-"""Keys that a sensor needs but a device file cannot have, as they depend on its use; by kind. With them a device file can be checked alone."""
 
 
 class SensorDevice(Table, kw_only=True, frozen=True):
@@ -67,8 +64,10 @@ def check_profile(raw: Mapping[str, Any], report: Report, more: More = NO_MORE) 
         place = path if at is None else at
         report((*places[str(place[0])], *place[1:]) if place and place[0] in places else (), text)
 
-    table = {"rate_hz": 1.0, **_KEYS_OF_USE.get(device.kind, {}), **keys}
-    sensor = Converter(placed, more).kind(table, kinds_of(SensorConfig, more), ()).value
+    # No device file has the keys that depend on the use of the sensor. Those of the example make it possible to check the file alone.
+    kinds = kinds_of(SensorConfig, more)
+    example = kinds[device.kind].example if device.kind in kinds else {}
+    sensor = Converter(placed, more).kind({"rate_hz": 1.0, **example, **keys}, kinds, ()).value
     return keys if fine and sensor is not None else None
 
 

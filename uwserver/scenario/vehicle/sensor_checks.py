@@ -6,14 +6,16 @@ from typing import get_args
 
 from uwserver.modifiers import Modifier, ModifierConfig, Stream
 from uwserver.ports import Field
-from uwserver.scenario.files.convert import Node, Report, check_known, check_members
+from uwserver.ports.messages import STANDARD
+from uwserver.scenario.files.convert import Node, Report, check_known
 from uwserver.scenario.files.errors import KeyPath
 from uwserver.scenario.files.wording import not_built
 from uwserver.scenario.world.checks import check_rate
 from uwserver.scenario.world.epoch import instant, year_of
 from uwserver.scenario.world.magnetic import WMM_YEARS
 from uwserver.scenario.world.tables import WorldTable
-from uwserver.sensors import CompoundConfig, Pose, RpmConfig, Sensor, SensorConfig
+from uwserver.sensors import Pose, Sensor, SensorConfig, SensorTable, Traits
+from uwserver.world.builds import STAGES
 from uwserver.world.services import SENSOR_SERVICES
 
 
@@ -38,11 +40,12 @@ def check_sensor(vehicle: Node, name: str, sensor: SensorConfig, world: WorldTab
         report: called for errors.
     """
     path: KeyPath = ("sensors", name)
+    traits = traits_of(sensor, report, path)
     if world is not None:
         check_rate(sensor.rate_hz, world.rate_hz, (*path, "rate_hz"), report)
-        if getattr(sensor, "needs_origin", False):
+        if traits.needs_origin:
             _check_origin(world, path, report)
-    _check_members(vehicle, sensor, path, report)
+    _check_named(vehicle, traits, path, report)
     if isinstance(sensor.mount, str):
         check_mount(vehicle, sensor.mount, (*path, "mount"), report)
         for key in ("position_frd_m", "rpy_deg"):
@@ -78,16 +81,38 @@ def _check_origin(world: WorldTable, path: KeyPath, report: Report) -> None:
         report(path, f"the magnetic model holds from {first} to {last - 1}, but epoch_utc in [world] is in {int(year)}")
 
 
-def _check_members(vehicle: Node, sensor: SensorConfig, path: KeyPath, report: Report) -> None:
-    if isinstance(sensor, RpmConfig):
-        for k, member in enumerate(sensor.members):
-            check_known(member, vehicle.names("thrusters"), "thruster", (*path, "members", k), report)
-    if isinstance(sensor, CompoundConfig):
-        present = [name for name in enabled(vehicle, "sensors") if name != path[-1]]
-        check_members(sensor.members, present, "sensor", (*path, "members"), report)
-        for k, member in enumerate(sensor.members):
-            if member in present and isinstance(vehicle.at("sensors", member).value, CompoundConfig):
-                report((*path, "members", k), f'"{member}" is a compound sensor too: name its members instead')
+def traits_of(sensor: SensorTable, report: Report = lambda *_: None, path: KeyPath = ()) -> Traits:
+    """Return what a sensor declares; no traits, after a report, if it is of an extension whose code fails."""
+    try:
+        traits: object = sensor.traits()
+        if not isinstance(traits, Traits):
+            raise TypeError("traits() must return a uwserver.sensors.Traits")
+        unknown = set(traits.stages) - set(STAGES)
+        if unknown:
+            raise ValueError(f"there is no stage {', '.join(sorted(unknown))}; there are: {', '.join(STAGES)}")
+    except Exception as error:  # noqa: BLE001 - code of the user may fail in any way
+        report(path, not_built(sensor, error))
+        return Traits()
+    return traits
+
+
+def _check_named(vehicle: Node, traits: Traits, path: KeyPath, report: Report) -> None:
+    """Check the thrusters and sensors that a table names. Each sensor may be named once, and none may name sensors itself."""
+    present = [name for name in enabled(vehicle, "sensors") if name != path[-1]]
+    named: list[str] = []
+    for key, table, name in traits.names:
+        place: KeyPath = (*path, *key)
+        if table == "thrusters":
+            check_known(name, vehicle.names(table), "thruster", place, report)
+        if table != "sensors":
+            continue
+        check_known(name, present, "sensor", place, report)
+        member = vehicle.at(table, name).value if name in present else None
+        if member is not None and any(other.table == table for other in traits_of(member).names):
+            report(place, f'"{name}" is a compound sensor too: name its members instead')
+        if name in named:
+            report(place, f'"{name}" is named twice')
+        named.append(name)
 
 
 def _fields(sensor: SensorConfig, path: KeyPath, report: Report) -> tuple[Field, ...] | None:
@@ -96,19 +121,22 @@ def _fields(sensor: SensorConfig, path: KeyPath, report: Report) -> tuple[Field,
         built: object = sensor.build(Pose())
         if not isinstance(built, Sensor):
             raise TypeError("it must derive from uwserver.sensors.Sensor or IdealSensor")
-        check_fields(built.fields)
+        check_fields(built.fields, sensor.message)
     except Exception as error:  # noqa: BLE001 - code of the user may fail in any way
         report(path, not_built(sensor, error))
         return None
     return built.fields
 
 
-def check_fields(fields: object) -> None:
-    """Raise ValueError unless these can be the fields of a port."""
+def check_fields(fields: object, message: str) -> None:
+    """Raise ValueError unless these can be the fields of a port that fits a standard message."""
     if not isinstance(fields, tuple) or not fields or not all(isinstance(field, Field) for field in fields):
         raise ValueError("its fields must be a tuple of uwserver.ports.Field")
     if len({field.name for field in fields}) < len(fields):
         raise ValueError("two of its fields have the same name")
+    missing = [name for name in STANDARD.get(message, ()) if name not in {field.name for field in fields}]
+    if missing:
+        raise ValueError(f'message = "{message}" needs a field "{missing[0]}"')
 
 
 def _check_modifier(

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal
 
-from msgspec import UNSET, Meta, UnsetType
+from msgspec import UNSET, Meta, UnsetType, structs
 
 from uwserver.environment.acoustics.channel import Path
 from uwserver.environment.acoustics.noise import ambient_db, wind_of
 from uwserver.frames import Quat, Vec3
-from uwserver.sensors.acoustic.link import Link, LinkTable
-from uwserver.sensors.base import Pose, Scope
+from uwserver.sensors.acoustic.link import Link, LinkTable, stages_of
+from uwserver.sensors.base import Pose, Scope, Traits
 from uwserver.sensors.modem import Crossing, Modem, ModemTable, Signal
 from uwserver.table import NonNegative, Positive, Probability
 
@@ -45,6 +45,7 @@ class AcousticModemConfig(ModemTable, tag="acoustic_modem", kw_only=True, frozen
         fading_sigma_db, fading_time_s: slow normal variation of the level between two modems, the same both ways; so losses come in bursts.
     """
 
+    message = "AcousticPacket"
     propagation: Literal["straight", "layered"] = "layered"
     arrival: Literal["first", "strongest"] = "first"
     reflections: Annotated[int, Meta(ge=0, le=8)] = 2
@@ -63,6 +64,10 @@ class AcousticModemConfig(ModemTable, tag="acoustic_modem", kw_only=True, frozen
     speed_sigma_mps: NonNegative | UnsetType = UNSET
     fading_sigma_db: Annotated[float, Meta(ge=0, le=40)] = 0.0
     fading_time_s: Positive = 5.0
+
+    def traits(self) -> Traits:
+        """Its address, and the rays that its sound takes in layered water."""
+        return structs.replace(super().traits(), stages=stages_of(self.propagation))
 
     def build(self, mount: Pose) -> AcousticModem:
         return AcousticModem(mount, self)

@@ -15,7 +15,7 @@ from uwserver.modifiers.columns import columns_of
 from uwserver.modifiers.operations import rounded_ns
 from uwserver.physics.kernel.arrays import Array, FloatArray
 from uwserver.physics.kernel.deferred import compiled, entry
-from uwserver.ports import Argument, Field
+from uwserver.ports import Argument, BeamView, Field
 from uwserver.sensors.acoustic.cell_echoes import (
     BEAM_VELOCITIES,
     DISTANCES,
@@ -35,21 +35,22 @@ from uwserver.sensors.acoustic.cell_echoes import (
     track_bottom,
 )
 from uwserver.sensors.acoustic.current_profile import Mapping, solve_levels
+from uwserver.sensors.acoustic.janus import slanted
 from uwserver.sensors.bank import (
     MISSING,
     Bank,
     BankSensor,
-    begins,
+    aim_loop,
     multiply,
     p_NS,
     quat_from_rpy,
-    reading_of,
+    ray_loop,
     record,
     rotate,
     submergence,
     water_property,
 )
-from uwserver.sensors.base import Distance, Pose, SensorTable, Settings, SoundSpeed
+from uwserver.sensors.base import Distance, Pose, SensorTable, Settings, SoundSpeed, Traits
 from uwserver.table import NonNegative, Positive
 from uwserver.units import rad
 
@@ -89,6 +90,7 @@ class AdcpConfig(SensorTable, tag="adcp", kw_only=True, frozen=True):
         processing_s: from the last echo to the delivery.
     """
 
+    message = "CurrentProfile"
     ideal: bool = False
     frequency_hz: Positive = 6e5
     beam_angle_deg: Annotated[float, Meta(gt=0, lt=60)] = 20.0
@@ -132,6 +134,13 @@ class AdcpConfig(SensorTable, tag="adcp", kw_only=True, frozen=True):
         if np.linalg.matrix_rank(_directions(self), tol=1e-3) < 3:
             raise ValueError("beam_azimuth_deg: three beams must point to different sides, else they give no vector")
 
+    def traits(self) -> Traits:
+        """Its beams, as far as its last cell."""
+        near, far, tilt = self.blanking_m, self.max_range_m, rad(self.beam_angle_deg)
+        beams = slanted(tilt, self.beam_azimuth_deg, near / math.cos(tilt), far / math.cos(tilt))
+        axial = (BeamView((0.0, 0.0, 1.0), 0.0, near, far),) if self.axial_beam else ()
+        return Traits(("soundings",), beams=(*beams, *axial))
+
     def build(self, mount: Pose) -> Adcp:
         return Adcp(mount, self)
 
@@ -171,25 +180,19 @@ _RECORD = record(
 )  # fmt: skip
 
 
-@entry
+@compiled
 def aim(
-    heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
-) -> float:  # fmt: skip
+    head: Any, row: Any, now: Array, t: float, origin: Array, direction: Array, count: int
+) -> tuple[int, float]:  # fmt: skip
     """The beams; none while the last ensemble is not over, or in air."""
-    count, reach = 0, 0.0
-    for n, k in enumerate(due):
-        head, row = heads[k], rows[heads[k].row]
-        first[n], row.pings_now = count, 0
-        if not begins(head):
-            continue
-        if t < row.m.ready - 1e-6:
-            head.ready = 0
-        elif submergence(now, p_NS(head, now), t) > 0.0:
-            row.pings_now = 1
-            point_beams(head, row, now, origin, direction, count)
-            count, reach = count + row.beams, max(reach, reach_of_beams(head, row, now))
-    first[len(due)] = count
-    return reach
+    row.pings_now = 0
+    if t < row.m.ready - 1e-6:
+        head.ready = 0
+    elif submergence(now, p_NS(head, now), t) > 0.0:
+        row.pings_now = 1
+        point_beams(head, row, now, origin, direction, count)
+        return count + row.beams, reach_of_beams(head, row, now)
+    return count, 0.0
 
 
 @entry
@@ -250,25 +253,20 @@ def _profile(
     return bool(found)
 
 
-@entry
-def run(
-    heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, direction: Array, first: Array, hits: Any
+@compiled
+def measure(
+    head: Any, row: Any, now: Array, t: float, out: Array, direction: Array, begin: int, end: int, hits: Any
 ) -> None:  # fmt: skip
-    """Readings of those that are due, from what their rays hit."""
-    for n, k in enumerate(due):
-        head, row = heads[k], rows[heads[k].row]
-        if head.ready == 0:
-            continue
-        out = reading_of(head, numbers)
-        out[:], head.valid = MISSING, 0
-        for cell in range(row.cells):
-            out[row.place[DISTANCES] + cell] = row.blanking + row.cell * (cell + 1)
-        farthest = max(row.blanking + row.cell * row.cells + 0.5 * row.cell, row.bottom_high) / row.cosine
-        travel = 2.0 * farthest / water_property(now, SOUND_SPEED, p_NS(head, now)[2])
-        row.m.ready = t + row.pings * travel
-        head.delay_ns = rounded_ns(row.pings * travel + row.processing)
-        if row.pings_now != 0:
-            head.valid = 1 if _profile(head, row, now, t, direction, first[n], first[n + 1], hits, out) else 0
+    """The profile, where it pings."""
+    out[:], head.valid = MISSING, 0
+    for cell in range(row.cells):
+        out[row.place[DISTANCES] + cell] = row.blanking + row.cell * (cell + 1)
+    farthest = max(row.blanking + row.cell * row.cells + 0.5 * row.cell, row.bottom_high) / row.cosine
+    travel = 2.0 * farthest / water_property(now, SOUND_SPEED, p_NS(head, now)[2])
+    row.m.ready = t + row.pings * travel
+    head.delay_ns = rounded_ns(row.pings * travel + row.processing)
+    if row.pings_now != 0:
+        head.valid = 1 if _profile(head, row, now, t, direction, begin, end, hits, out) else 0
 
 
 class Adcp(BankSensor):
@@ -278,7 +276,7 @@ class Adcp(BankSensor):
         "Current profiler: velocity of the water in cells along its beams, relative to the mount and, with bottom track, over ground; velocity "
         "of the mount over ground and altitude; velocity, echo and correlation of each beam. Valid with at least one cell."
     )
-    bank = Bank(_RECORD, run, (aim, aim_at_boundaries))
+    bank = Bank(_RECORD, ray_loop(measure), (aim_loop(aim), aim_at_boundaries))
     random = ("sigma", "bottom_sigma", "bottom_range_sigma")
     memory_type = AdcpMemory
     settings: AdcpSettings

@@ -15,26 +15,26 @@ from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled, entry
 from uwserver.physics.kernel.random import SAMPLE, normals, uniforms
 from uwserver.physics.rays.raycast import NOTHING
-from uwserver.ports import Argument, Field
+from uwserver.ports import Argument, BeamView, Field
 from uwserver.sensors.acoustic.echo import MU_SEDIMENT
 from uwserver.sensors.bank import (
     MISSING,
     Bank,
     BankSensor,
-    begins,
+    aim_loop,
     conjugate,
     echo_of,
     meet_surface,
     p_NS,
     q_NS,
-    reading_of,
+    ray_loop,
     record,
     rotate,
     sound_absorption,
     submergence,
     water_property,
 )
-from uwserver.sensors.base import Distance, Gain, Pose, SensorTable, Settings, SoundSpeed
+from uwserver.sensors.base import Distance, Gain, Pose, SensorTable, Settings, SoundSpeed, Traits
 from uwserver.table import NonNegative, Positive, Probability
 from uwserver.units import rad
 
@@ -68,6 +68,7 @@ class AltimeterConfig(SensorTable, tag="altimeter", kw_only=True, frozen=True):
         processing_s: from the echo to the delivery.
     """
 
+    message = "Range"
     ideal: bool = False
     frequency_hz: Positive = 5e5
     beam_width_deg: Annotated[float, Meta(gt=0, lt=120)] = 6.0
@@ -90,6 +91,11 @@ class AltimeterConfig(SensorTable, tag="altimeter", kw_only=True, frozen=True):
             raise ValueError(
                 f"range_m is {self.range_m:g}, the altimeter takes {self.min_range_m:g} to {self.max_range_m:g}"
             )
+
+    def traits(self) -> Traits:
+        """Its cone, and its fixed white error."""
+        cone = BeamView((0.0, 0.0, 1.0), rad(self.beam_width_deg), self.min_range_m, self.max_range_m)
+        return Traits(("soundings",), beams=(cone,), sigmas={"range": (self.range_sigma_m,)})
 
     def build(self, mount: Pose) -> Altimeter:
         return Altimeter(mount, self)
@@ -132,33 +138,25 @@ def cone(half: float, rings: int, k: int, j: int) -> Vec3:
     return math.sin(angle) * math.cos(azimuth), math.sin(angle) * math.sin(azimuth), math.cos(angle)
 
 
-@entry
+@compiled
 def aim(
-    heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
-) -> float:  # fmt: skip
+    head: Any, row: Any, now: Array, t: float, origin: Array, direction: Array, count: int
+) -> tuple[int, float]:  # fmt: skip
     """The rays of the cone; none while the last ping is not over, or in the air."""
-    count, reach = 0, 0.0
-    for n, k in enumerate(due):
-        head = heads[k]
-        first[n] = count
-        if not begins(head):
-            continue
-        row = rows[head.row]
-        if t < row.m.ready - 1e-6:
-            head.ready = 0
-            continue
-        p, q = p_NS(head, now), q_NS(head, now)
-        if submergence(now, p, t) > 0.0:
-            for ring in range(row.rings + 1):
-                for j in range(max(1, 6 * ring)):
-                    origin[count, 0], origin[count, 1], origin[count, 2] = p
-                    direction[count, 0], direction[count, 1], direction[count, 2] = rotate(
-                        q, cone(row.half, row.rings, ring, j)
-                    )
-                    count += 1
-            reach = max(reach, BEYOND * row.reach)
-    first[len(due)] = count
-    return reach
+    if t < row.m.ready - 1e-6:
+        head.ready = 0
+        return count, 0.0
+    p, q = p_NS(head, now), q_NS(head, now)
+    if submergence(now, p, t) > 0.0:
+        for ring in range(row.rings + 1):
+            for j in range(max(1, 6 * ring)):
+                origin[count, 0], origin[count, 1], origin[count, 2] = p
+                direction[count, 0], direction[count, 1], direction[count, 2] = rotate(
+                    q, cone(row.half, row.rings, ring, j)
+                )
+                count += 1
+        return count, BEYOND * row.reach
+    return count, 0.0
 
 
 @compiled
@@ -288,30 +286,25 @@ def _taken(head: Any, row: Any, reach: float, excess: float) -> tuple[float, flo
     return (math.inf if excess < 0.0 or trips * reach > row.high else trips * reach), excess
 
 
-@entry
-def run(
-    heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, direction: Array, first: Array, hits: Any
+@compiled
+def measure(
+    head: Any, row: Any, now: Array, t: float, out: Array, direction: Array, begin: int, end: int, hits: Any
 ) -> None:  # fmt: skip
-    """Readings of those that are due, from what their rays hit."""
-    for n, k in enumerate(due):
-        head = heads[k]
-        if head.ready == 0:
-            continue
-        row, out = rows[head.row], reading_of(head, numbers)
-        c = water_property(now, SOUND_SPEED, p_NS(head, now)[2])
-        wait = 2.0 * row.high / c
-        row.m.ready = t + wait
-        out[0], out[1], head.valid = MISSING, MISSING, 0
-        if row.heard > 0:
-            reach, excess = _nearest(head, row, now, t, direction, first[n], hits)
-            reach, excess = _taken(head, row, reach, excess)
-            if reach < math.inf:
-                wait, head.valid, out[0], out[1] = 2.0 * reach / c, 1, reach, min(1.0, excess / SURE_DB)
-                if head.exact == 0:
-                    believed = reach * (row.sound_speed / c if row.sound_speed > 0.0 else 1.0)
-                    noise, _ = normals(head.key, head.number, SAMPLE, 1)
-                    out[0] = believed + math.hypot(row.sigma, row.relative * believed) * noise
-        head.delay_ns = rounded_ns(wait + row.processing)
+    """The range of the nearest body that is heard."""
+    c = water_property(now, SOUND_SPEED, p_NS(head, now)[2])
+    wait = 2.0 * row.high / c
+    row.m.ready = t + wait
+    out[0], out[1], head.valid = MISSING, MISSING, 0
+    if row.heard > 0:
+        reach, excess = _nearest(head, row, now, t, direction, begin, hits)
+        reach, excess = _taken(head, row, reach, excess)
+        if reach < math.inf:
+            wait, head.valid, out[0], out[1] = 2.0 * reach / c, 1, reach, min(1.0, excess / SURE_DB)
+            if head.exact == 0:
+                believed = reach * (row.sound_speed / c if row.sound_speed > 0.0 else 1.0)
+                noise, _ = normals(head.key, head.number, SAMPLE, 1)
+                out[0] = believed + math.hypot(row.sigma, row.relative * believed) * noise
+    head.delay_ns = rounded_ns(wait + row.processing)
 
 
 class Altimeter(BankSensor):
@@ -322,7 +315,7 @@ class Altimeter(BankSensor):
         Field("range", "m", "distance of the first echo"),
         Field("confidence", "1", "how far the echo stands out of the noise, 0 to 1"),
     )
-    bank = Bank(_RECORD, run, (aim, refine))
+    bank = Bank(_RECORD, ray_loop(measure), (aim_loop(aim), refine))
     random = ("sigma", "relative")
     memory_type = AltimeterMemory
     settings: AltimeterSettings

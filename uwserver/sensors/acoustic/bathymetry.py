@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
-from msgspec import Meta
+from msgspec import Meta, structs
 
 from uwserver.modifiers.base import Measurement
 from uwserver.physics.kernel.arrays import FloatArray
-from uwserver.ports import Buffer, Field, Value
+from uwserver.ports import BeamView, Buffer, Field, Value
 from uwserver.ports.buffer import Layout
 from uwserver.sensors.acoustic.imaging.array import Taper, difference, elements, pattern
 from uwserver.sensors.acoustic.imaging.soundings import HEARD, bands
@@ -17,7 +18,7 @@ from uwserver.sensors.acoustic.imaging.swath import Plane, Swath, check_size, co
 from uwserver.sensors.acoustic.pinging import Instant, Lighting, PingingSonar, PingSettings, PingTable, fade_of
 from uwserver.sensors.acoustic.receiver import Echoes
 from uwserver.sensors.acoustic.sounding import Array, Soundings, blanked, listen, listen_apart, sound_out
-from uwserver.sensors.base import Pose, Scope
+from uwserver.sensors.base import Pose, Scope, Traits
 from uwserver.sensors.job import Job
 from uwserver.table import Positive
 from uwserver.units import rad
@@ -26,6 +27,10 @@ _ONE_WAY = 1.39
 """A two-way pattern of so much wider beams is that of one transmitter alone: along the way the receiver hears all that is lit."""
 _AXES: FloatArray = np.array(((0.0, 0.0, -1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)))
 """The swath's x is down, its y starboard."""
+
+
+_SHOWN = 15
+"""Beams of a swath that a picture of the world shows."""
 
 
 class BathymetryConfig(PingTable, tag="bathymetry", kw_only=True, frozen=True):
@@ -44,6 +49,7 @@ class BathymetryConfig(PingTable, tag="bathymetry", kw_only=True, frozen=True):
             beams. An `ideal` one has no phases.
     """
 
+    message = "Bathymetry"
     frequency_hz: Positive = 400e3
     bandwidth_hz: Positive = 3e4
     pulse_s: Positive = 1e-4
@@ -70,6 +76,14 @@ class BathymetryConfig(PingTable, tag="bathymetry", kw_only=True, frozen=True):
         columns = columns_of(rad(self.field_deg), rad(self.beam_width_across_deg))
         formed = self.beams * (1 if self.detection == "amplitude" or self.ideal else 2)
         return cost(columns, self.rays_along, formed, self.bins, HEARD)
+
+    def traits(self) -> Traits:
+        """Some beams of its swath."""
+        half, last = 0.5 * rad(self.field_deg), _SHOWN - 1
+        angles = (half * (2.0 * k / last - 1.0) for k in range(_SHOWN))
+        width = rad(self.beam_width_across_deg)
+        beams = (BeamView((0.0, math.sin(a), math.cos(a)), width, self.min_range_m, self.range_m) for a in angles)
+        return structs.replace(super().traits(), beams=tuple(beams))
 
     def build(self, mount: Pose) -> Bathymetry:
         return Bathymetry(mount, self)

@@ -13,17 +13,17 @@ from uwserver.frames import matrix
 from uwserver.modifiers.base import Memory, Number, Time
 from uwserver.modifiers.operations import rounded_ns
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.physics.kernel.deferred import compiled
 from uwserver.physics.kernel.random import SAMPLE, normals, uniforms
 from uwserver.physics.rays.raycast import SURFACE
 from uwserver.ports import Argument, Field
 from uwserver.sensors.acoustic.echo import MU_SEDIMENT
-from uwserver.sensors.acoustic.janus import ALTITUDE, BEAMS, MOST_BEAMS, along, solve_bottom, track_water
+from uwserver.sensors.acoustic.janus import ALTITUDE, BEAMS, MOST_BEAMS, along, slanted, solve_bottom, track_water
 from uwserver.sensors.bank import (
     MISSING,
     Bank,
     BankSensor,
-    begins,
+    aim_loop,
     conjugate,
     echo_of,
     meet_surface,
@@ -31,7 +31,7 @@ from uwserver.sensors.bank import (
     q_NB,
     q_NS,
     q_SB,
-    reading_of,
+    ray_loop,
     record,
     rotate,
     sound_absorption,
@@ -40,7 +40,7 @@ from uwserver.sensors.bank import (
     water_property,
     water_velocity,
 )
-from uwserver.sensors.base import Distance, Pose, SensorTable, Settings, SoundSpeed, out_of_range
+from uwserver.sensors.base import Distance, Pose, SensorTable, Settings, SoundSpeed, Traits, out_of_range
 from uwserver.table import NonNegative, Positive, Probability, Vector3
 from uwserver.units import rad
 
@@ -79,6 +79,7 @@ class DvlConfig(SensorTable, tag="dvl", kw_only=True, frozen=True):
         water_sigma_mps: white error of a beam's velocity against the water.
     """
 
+    message = "Dvl"
     ideal: bool = False
     frequency_hz: Positive = 1e6
     beam_angle_deg: Annotated[float, Meta(gt=0, lt=60)] = 22.5
@@ -117,6 +118,12 @@ class DvlConfig(SensorTable, tag="dvl", kw_only=True, frozen=True):
             raise ValueError(f"range_mode {self.range_mode} is none of the {len(self.range_modes)} range_modes")
         if any(low >= high for low, high, _ in self.range_modes):
             raise ValueError("each of range_modes needs a least altitude less than its largest")
+
+    def traits(self) -> Traits:
+        """Its beams."""
+        tilt = rad(self.beam_angle_deg)
+        far = self.max_altitude_m / math.cos(tilt)
+        return Traits(("soundings",), beams=slanted(tilt, self.beam_azimuth_deg, self.min_altitude_m, far))
 
     def build(self, mount: Pose) -> Dvl:
         return Dvl(mount, self)
@@ -171,28 +178,20 @@ def _pings(head: Any, row: Any, now: Array, t: float) -> bool:
     return bool(submergence(now, p_NS(head, now), t) > 0.0)
 
 
-@entry
+@compiled
 def aim(
-    heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
-) -> float:  # fmt: skip
+    head: Any, row: Any, now: Array, t: float, origin: Array, direction: Array, count: int
+) -> tuple[int, float]:  # fmt: skip
     """The beams of those that ping."""
-    count, reach = 0, 0.0
-    for n, k in enumerate(due):
-        head = heads[k]
-        first[n] = count
-        if not begins(head):
-            continue
-        row = rows[head.row]
-        if _pings(head, row, now, t):
-            p, q = p_NS(head, now), q_NS(head, now)
-            for i in range(row.beams):
-                beam = row.believed[i] if head.exact != 0 else row.real[i]
-                origin[count, 0], origin[count, 1], origin[count, 2] = p
-                direction[count, 0], direction[count, 1], direction[count, 2] = rotate(q, (beam[0], beam[1], beam[2]))
-                count += 1
-            reach = max(reach, 1.05 * _limits(row)[1] / row.cosine)
-    first[len(due)] = count
-    return reach
+    if _pings(head, row, now, t):
+        p, q = p_NS(head, now), q_NS(head, now)
+        for i in range(row.beams):
+            beam = row.believed[i] if head.exact != 0 else row.real[i]
+            origin[count, 0], origin[count, 1], origin[count, 2] = p
+            direction[count, 0], direction[count, 1], direction[count, 2] = rotate(q, (beam[0], beam[1], beam[2]))
+            count += 1
+        return count, 1.05 * _limits(row)[1] / row.cosine
+    return count, 0.0
 
 
 @compiled
@@ -276,25 +275,21 @@ def _hear(head: Any, row: Any, now: Array, t: float, out: Array, direction: Arra
     return longest
 
 
-@entry
-def run(
-    heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, direction: Array, first: Array, hits: Any
+@compiled
+def measure(
+    head: Any, row: Any, now: Array, t: float, out: Array, direction: Array, begin: int, end: int, hits: Any
 ) -> None:  # fmt: skip
-    """Readings of those that are due, from what their rays hit."""
-    for n, k in enumerate(due):
-        head = heads[k]
-        if head.ready == 0:
-            continue
-        row, out, z = rows[head.row], reading_of(head, numbers), p_NS(head, now)[2]
-        c, (_, high, period) = water_property(now, SOUND_SPEED, z), _limits(row)
-        out[:], head.valid = MISSING, 0
-        delay = 2.0 * high / row.cosine / c
-        if first[n + 1] > first[n]:
-            longest = _hear(head, row, now, t, out, direction, first[n], hits)
-            delay = 2.0 * longest / c if head.valid != 0 else delay
-        row.m.ready = t + period
-        _follow(row, head.valid != 0, out[ALTITUDE])
-        head.delay_ns = rounded_ns(delay + row.processing)
+    """The velocity, by what its beams hear."""
+    z = p_NS(head, now)[2]
+    c, (_, high, period) = water_property(now, SOUND_SPEED, z), _limits(row)
+    out[:], head.valid = MISSING, 0
+    delay = 2.0 * high / row.cosine / c
+    if end > begin:
+        longest = _hear(head, row, now, t, out, direction, begin, hits)
+        delay = 2.0 * longest / c if head.valid != 0 else delay
+    row.m.ready = t + period
+    _follow(row, head.valid != 0, out[ALTITUDE])
+    head.delay_ns = rounded_ns(delay + row.processing)
 
 
 class Dvl(BankSensor):
@@ -304,7 +299,7 @@ class Dvl(BankSensor):
         "Doppler velocity log: velocity of the mount over ground (valid with at least three beams in lock) and relative to a layer of water, "
         "altitude along the axis, and what each beam saw."
     )
-    bank = Bank(_RECORD, run, (aim,))
+    bank = Bank(_RECORD, ray_loop(measure), (aim_loop(aim),))
     random = ("beam_sigma", "range_sigma", "mistake_sigma", "water_sigma")
     memory_type = DvlMemory
     settings: DvlSettings

@@ -7,10 +7,10 @@ the answer is delivered when its sound arrives. All of them may move meanwhile.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Annotated, Final, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple
 
 import numpy as np
 from msgspec import UNSET, Meta, UnsetType
@@ -19,8 +19,9 @@ from uwserver.environment.acoustics.channel import Path
 from uwserver.frames import Quat, Vec3, multiply, rotate
 from uwserver.modifiers.base import Memory, Number, Time
 from uwserver.ports import Argument, Value
-from uwserver.sensors.acoustic.link import Link, LinkTable
-from uwserver.sensors.base import Distance, Gain, Pose, Scope, Sensor, SensorTable, Settings, SoundSpeed, blank, earlier
+from uwserver.sensors.acoustic.link import Link, LinkTable, stages_of
+from uwserver.sensors.base import Distance, Gain, Pose, Scope, Sensor, Settings, SoundSpeed, blank, earlier
+from uwserver.sensors.traits import KnownBeacon, Named, Traits
 from uwserver.table import Name, NonNegative, Positive, Probability, Table, Vector3
 from uwserver.units import NANOSECONDS
 
@@ -74,6 +75,13 @@ class Beacon(Table, kw_only=True, frozen=True):
         x, y, z = (p + v * (scope.t - ago) for p, v in zip(self.position_ned_m, self.velocity_ned_mps, strict=True))
         return (x + ex, y + ey, z + ez)
 
+    def known(self, name: str) -> KnownBeacon:
+        """The same, as others know it."""
+        if isinstance(self.vehicle, str):
+            return KnownBeacon(name, self.position_frd_m, self.vehicle, self.turn_around_s)
+        assert isinstance(self.position_ned_m, tuple)
+        return KnownBeacon(name, self.position_ned_m, None, self.turn_around_s, any(self.velocity_ned_mps))
+
 
 class InterrogationTable(LinkTable, kw_only=True, frozen=True):
     """What an interrogator of beacons needs. `rate_hz` at most: a question waits for the answer to the last one, or until none can come any more.
@@ -89,6 +97,7 @@ class InterrogationTable(LinkTable, kw_only=True, frozen=True):
         processing_s: from the arrival to the delivery.
     """
 
+    example: ClassVar[Mapping[str, Any]] = {"beacons": {"beacon": {"position_ned_m": [0.0, 0.0, 0.0]}}}
     beacons: Annotated[dict[str, Beacon], Meta(min_length=1)]
     max_range_m: Positive = 1000.0
     fading_sigma_db: NonNegative = 0.0
@@ -97,6 +106,16 @@ class InterrogationTable(LinkTable, kw_only=True, frozen=True):
     multipath_probability: Probability = 0.0
     clearance_m: NonNegative = 0.5
     processing_s: NonNegative = 0.0
+
+    def traits(self) -> Traits:
+        """Its beacons."""
+        names = tuple(
+            Named(("beacons", name, "vehicle"), "vehicles", beacon.vehicle)
+            for name, beacon in self.beacons.items()
+            if isinstance(beacon.vehicle, str)
+        )
+        beacons = tuple(beacon.known(name) for name, beacon in self.beacons.items())
+        return Traits(stages_of(self.propagation), beacons=beacons, names=names)
 
 
 class InterrogationSettings(Settings, frozen=True):
@@ -363,11 +382,3 @@ class Interrogator(Sensor):
             return False
         direction = np.array([[(b - a) / distance for a, b in zip(p_NS, p, strict=True)]])
         return bool(scope.geometry.raycast(np.array([p_NS]), direction, free).distance[0] <= free)
-
-
-def carriers(sensor: SensorTable) -> Iterator[tuple[str, str]]:
-    """Each beacon of a sensor that sits on a vehicle, and the vehicle's name."""
-    if isinstance(sensor, InterrogationTable):
-        for name, beacon in sensor.beacons.items():
-            if isinstance(beacon.vehicle, str):
-                yield name, beacon.vehicle

@@ -4,6 +4,7 @@ a velocity log makes of them."""
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,8 @@ from uwserver.frames import Vec3
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import Elsewhere, compiled
 from uwserver.physics.kernel.random import SAMPLE, normals
+from uwserver.ports import BeamView
+from uwserver.units import rad
 
 solve: Any = Elsewhere("uwserver.physics.kernel.linear", "solve")
 
@@ -22,6 +25,13 @@ WATER = 16
 """First lane of random numbers for the water track, one for each beam."""
 _FLAT = 1e12
 """So much more sure is one direction than another (as a variance) where beams lie in a plane, but for rounding: they give no vector then."""
+
+
+def slanted(tilt: float, azimuths_deg: Iterable[float], near: float, far: float) -> tuple[BeamView, ...]:
+    """Beams at an angle (rad) to the axis, as a picture shows them; near and far (m) along each beam."""
+    across, along = math.sin(tilt), math.cos(tilt)
+    turns = map(rad, azimuths_deg)
+    return tuple(BeamView((across * math.cos(a), across * math.sin(a), along), 0.0, near, far) for a in turns)
 
 
 @compiled

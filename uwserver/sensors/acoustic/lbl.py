@@ -12,6 +12,8 @@ from uwserver.units import NANOSECONDS
 class LblConfig(InterrogationTable, tag="lbl", kw_only=True, frozen=True):
     """An interrogator of beacons, one a reading."""
 
+    message = "BeaconRange"
+
     def build(self, mount: Pose) -> Lbl:
         return Lbl(mount, self)
 

@@ -48,6 +48,11 @@ class LinkTable(SensorTable, kw_only=True, frozen=True):
     threshold_db: float = 10.0
 
 
+def stages_of(propagation: str) -> tuple[str, ...]:
+    """The compiled code that rays through layers need, as of `Traits`."""
+    return ("sound",) if propagation == "layered" else ()
+
+
 class Link:
     """Sound of one device, both ways, as the sea is the same from both ends."""
 

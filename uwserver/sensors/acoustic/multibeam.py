@@ -10,7 +10,7 @@ from msgspec import UNSET, Meta, UnsetType, structs
 
 from uwserver.modifiers.base import Measurement
 from uwserver.physics.kernel.arrays import FloatArray
-from uwserver.ports import Argument, Buffer, Field, Value
+from uwserver.ports import Argument, Buffer, FanView, Field, Value
 from uwserver.ports.buffer import Layout
 from uwserver.sensors.acoustic.cross_talk import believed_speed
 from uwserver.sensors.acoustic.imaging import columns
@@ -27,7 +27,7 @@ from uwserver.sensors.acoustic.pinging import (
     check_range,
 )
 from uwserver.sensors.acoustic.receiver import Echoes, Paths, gain_over_range, hear
-from uwserver.sensors.base import Pose, Scope, Settings, out_of_range
+from uwserver.sensors.base import Pose, Scope, Settings, Traits, out_of_range
 from uwserver.sensors.job import Job
 from uwserver.table import Name, NonNegative, Positive, Table
 from uwserver.units import rad
@@ -81,6 +81,7 @@ class MultibeamConfig(PingTable, tag="multibeam", kw_only=True, frozen=True):
         gain_db: at the start.
     """
 
+    message = "SonarImage"
     output: Literal["counts", "pressure", "complex"] = "counts"
     beams: Annotated[int, Meta(ge=2, le=1024)] = 256
     bins: Annotated[int, Meta(ge=8, le=2048)] = 512
@@ -147,6 +148,16 @@ class MultibeamConfig(PingTable, tag="multibeam", kw_only=True, frozen=True):
         given = {key: value for key, value in structs.asdict(self.modes[name]).items() if value is not UNSET}
         low, high = (given.get(key, getattr(self, key)) for key in ("min_range_m", "max_range_m"))
         return structs.replace(self, mode="", modes={}, **given, range_m=min(max(self.range_m, low), high))
+
+    def traits(self) -> Traits:
+        """The sector that it looks over."""
+        half = 0.5 * rad(self.field_deg)
+        fan = FanView(
+            rad(self.beam_width_horizontal_deg), rad(self.beam_width_vertical_deg), 0.0, (-half, half), self.bins,
+            self.min_range_m, self.range_m,
+        )  # fmt: skip
+        each = {"counts": 1, "pressure": 4, "complex": 8}[self.output]
+        return structs.replace(super().traits(), fan=fan, picture_bytes=each * self.bins * self.beams)
 
     def build(self, mount: Pose) -> Multibeam:
         return Multibeam(mount, self)

@@ -21,6 +21,7 @@ from uwserver.sensors.acoustic.imaging.swath import Swath
 from uwserver.sensors.acoustic.receiver import Echoes, Noise, Paths, Pulse, Ranges, Water, ranges
 from uwserver.sensors.base import Distance, Gain, Pose, Scope, SensorTable, Settings, earlier
 from uwserver.sensors.job import Begun, Job
+from uwserver.sensors.traits import BYTES_OF_BIN, Traits
 from uwserver.table import NonNegative, Positive
 from uwserver.units import NANOSECONDS
 
@@ -73,6 +74,10 @@ class PingTable(SensorTable, kw_only=True, frozen=True):
     def __post_init__(self) -> None:
         """ValueError where keys do not go together."""
         check_range(self.range_m, self.min_range_m, self.max_range_m, "the sonar")
+
+    def traits(self) -> Traits:
+        """What all of them need, whose pings are computed beside the ticks."""
+        return Traits(("echoes", "pictures"), picture_bytes=BYTES_OF_BIN * self.bins)
 
     @property
     def pings_hz(self) -> float:

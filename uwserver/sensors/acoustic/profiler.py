@@ -6,12 +6,12 @@ import math
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from msgspec import UNSET, Meta
+from msgspec import UNSET, Meta, structs
 
 from uwserver.modifiers.operations import rounded_ns
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.deferred import compiled, entry
-from uwserver.ports import Argument, Field
+from uwserver.physics.kernel.deferred import compiled
+from uwserver.ports import Argument, FanView, Field
 from uwserver.sensors.acoustic import receiver, sounding
 from uwserver.sensors.acoustic.cross_talk import BankSonar, assumed_speed, overheard, sound_speed, tell_pace
 from uwserver.sensors.acoustic.head import (
@@ -33,21 +33,21 @@ from uwserver.sensors.acoustic.receiver import BEYOND, Pulse
 from uwserver.sensors.bank import (
     MISSING,
     Bank,
-    begins,
+    aim_loop,
     ground_of,
     multiply,
     p_NS,
     q_BS,
     q_NB,
     q_NS,
-    reading_of,
+    ray_loop,
     record,
     sound_absorption,
     spin,
     submergence,
     w_NB_B,
 )
-from uwserver.sensors.base import Pose
+from uwserver.sensors.base import Pose, Traits
 from uwserver.table import NonNegative, Positive
 from uwserver.units import rad
 
@@ -67,6 +67,7 @@ class ProfilerConfig(PingTable, tag="profiler", kw_only=True, frozen=True):
         threshold_db: above the noise, for an echo to count.
     """
 
+    message = "SonarProfile"
     frequency_hz: Positive = 1e6
     bandwidth_hz: Positive = 5e4
     pulse_s: Positive = 2e-5
@@ -88,6 +89,13 @@ class ProfilerConfig(PingTable, tag="profiler", kw_only=True, frozen=True):
         super().__post_init__()
         if rad(self.sector_width_deg) > 2.0 * math.pi + 1e-9:
             raise ValueError("sector_width_deg is more than a full turn")
+
+    def traits(self) -> Traits:
+        """The sector over which its head turns."""
+        centre, half = rad(self.sector_center_deg), 0.5 * rad(self.sector_width_deg)
+        width, sector = rad(self.beam_width_deg), (centre - half, centre + half)
+        fan = FanView(width, width, rad(self.step_deg), sector, 1, self.min_range_m, self.range_m)
+        return structs.replace(super().traits(), stages=("sonars",), fan=fan)
 
     def build(self, mount: Pose) -> Profiler:
         return Profiler(mount, self)
@@ -166,34 +174,27 @@ def _turn_to(head: Any, row: Any, now: Array, later: float, R: Array) -> None:
     axes(q, row.angle, R)
 
 
-@entry
+@compiled
 def aim(
-    heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
-) -> float:  # fmt: skip
+    head: Any, row: Any, now: Array, t: float, origin: Array, direction: Array, count: int
+) -> tuple[int, float]:  # fmt: skip
     """The beams; where a sonar turns in a ping by more than it can count as still, also as it stands at the end."""
-    count, reach, R = 0, 0.0, np.empty((3, 3))
-    for n, k in enumerate(due):
-        head = heads[k]
-        first[n] = count
-        if not begins(head):
-            continue
-        row = rows[head.row]
-        if t < row.m.ready - 1e-6:
-            head.ready = 0
-            continue
-        row.angle, row.m.index, row.m.sense = step_on(row.step, row.center, row.width, row.m.index, row.m.sense)
-        p, row.poses = p_NS(head, now), 0
-        if submergence(now, p, t) > 0.0:
-            c, stretch = _sound(head, row, now)
-            duration, w = _duration(row, c, stretch), w_NB_B(head, now)
-            rate = math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
-            row.poses = 2 if rate * duration > STILL * row.beam else 1
-            for pose in range(row.poses):
-                _turn_to(head, row, now, pose * duration, R)
-                count = cast_fan(block_of(row).direction, R, p, count, origin, direction)
-            reach = max(reach, _farthest(_divide(row, c, stretch).gates))
-    first[len(due)] = count
-    return reach
+    if t < row.m.ready - 1e-6:
+        head.ready = 0
+        return count, 0.0
+    R = np.empty((3, 3))
+    row.angle, row.m.index, row.m.sense = step_on(row.step, row.center, row.width, row.m.index, row.m.sense)
+    p, row.poses = p_NS(head, now), 0
+    if submergence(now, p, t) > 0.0:
+        c, stretch = _sound(head, row, now)
+        duration, w = _duration(row, c, stretch), w_NB_B(head, now)
+        rate = math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+        row.poses = 2 if rate * duration > STILL * row.beam else 1
+        for pose in range(row.poses):
+            _turn_to(head, row, now, pose * duration, R)
+            count = cast_fan(block_of(row).direction, R, p, count, origin, direction)
+        return count, _farthest(_divide(row, c, stretch).gates)
+    return count, 0.0
 
 
 @compiled
@@ -271,32 +272,27 @@ def _measure(head: Any, row: Any, now: Array, t: float, direction: Array, hits: 
         out[QUALITY] = level[0] / (level[0] + around)
 
 
-@entry
-def run(
-    heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, direction: Array, first: Array, hits: Any
+@compiled
+def measure(
+    head: Any, row: Any, now: Array, t: float, out: Array, direction: Array, begin: int, end: int, hits: Any
 ) -> None:  # fmt: skip
-    """Readings of those that are due, from what their rays hit."""
-    for n, k in enumerate(due):
-        head = heads[k]
-        if head.ready == 0:
-            continue
-        row, out, begin, end = rows[head.row], reading_of(head, numbers), first[n], first[n + 1]
-        c, stretch = _sound(head, row, now)
-        out[MAX_RANGE], out[GAIN], out[FREQUENCY], out[SPEED] = row.reach, row.gain, row.frequency, stretch * c
-        out[ANGLE], out[RANGE], out[LEVEL], out[QUALITY], head.valid = row.angle, MISSING, MISSING, 0.0, 0
-        if row.poses > 0:
-            _measure(head, row, now, t, direction[begin:end], part_of(hits, begin, end), out)
-        duration = _duration(row, c, stretch)
-        row.m.ready = t + duration + row.overhead
-        tell_pace(head, now, row.m.ready)
-        head.delay_ns = rounded_ns(duration + row.processing)
+    """The first echo of a ping."""
+    c, stretch = _sound(head, row, now)
+    out[MAX_RANGE], out[GAIN], out[FREQUENCY], out[SPEED] = row.reach, row.gain, row.frequency, stretch * c
+    out[ANGLE], out[RANGE], out[LEVEL], out[QUALITY], head.valid = row.angle, MISSING, MISSING, 0.0, 0
+    if row.poses > 0:
+        _measure(head, row, now, t, direction[begin:end], part_of(hits, begin, end), out)
+    duration = _duration(row, c, stretch)
+    row.m.ready = t + duration + row.overhead
+    tell_pace(head, now, row.m.ready)
+    head.delay_ns = rounded_ns(duration + row.processing)
 
 
 class Profiler(BankSonar):
     """One range a ping."""
 
     doc = "Profiling sonar: where its pencil beam pointed and how far the echo came from; each ping from the pose at its start."
-    bank = Bank(_RECORD, run, (aim,), acts=True)
+    bank = Bank(_RECORD, ray_loop(measure), (aim_loop(aim),), acts=True)
     random = ("noise",)
     memory_type = ProfilerMemory
     settings: ProfilerSettings

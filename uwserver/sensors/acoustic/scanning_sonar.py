@@ -14,7 +14,7 @@ from uwserver.modifiers.operations import rounded_ns
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled, entry
 from uwserver.physics.rays.raycast import no_hits
-from uwserver.ports import Argument, Buffer, Field, Value
+from uwserver.ports import Argument, Buffer, FanView, Field, Value
 from uwserver.ports.buffer import Layout
 from uwserver.sensors.acoustic.cross_talk import BankSonar, assumed_speed, sound_speed, tell_pace
 from uwserver.sensors.acoustic.head import (
@@ -32,8 +32,9 @@ from uwserver.sensors.acoustic.imaging.fan import CELL, Fan, directivity
 from uwserver.sensors.acoustic.imaging.fan_rays import cast_fan, keep, part_of, see, turn
 from uwserver.sensors.acoustic.imaging.silhouettes import CUT, room_for, sharpen
 from uwserver.sensors.acoustic.scan import COUNTS, FULL_SCALE, farthest, hear
-from uwserver.sensors.bank import MISSING, Bank, begins, p_NS, q_NS, reading_of, record, submergence
+from uwserver.sensors.bank import MISSING, Bank, aim_loop, p_NS, q_NS, ray_loop, record, submergence
 from uwserver.sensors.base import Distance, Gain, Pose, SensorTable, Settings
+from uwserver.sensors.traits import BYTES_OF_BIN, Traits
 from uwserver.table import NonNegative, Positive
 from uwserver.units import rad
 
@@ -75,6 +76,7 @@ class ScanningSonarConfig(SensorTable, tag="scanning_sonar", kw_only=True, froze
         overhead_s: between the end of a ping and the next one.
     """
 
+    message = "SonarPing"
     model: Literal["sonar_equation", "paper"] = "sonar_equation"
     ideal: bool = False
     output: Literal["counts", "pressure", "complex"] = "counts"
@@ -115,6 +117,16 @@ class ScanningSonarConfig(SensorTable, tag="scanning_sonar", kw_only=True, froze
         if self.sector_width_deg is not UNSET and rad(self.sector_width_deg) > 2.0 * math.pi:
             raise ValueError("sector_width_deg is more than a full turn: leave it out for continuous rotation")
 
+    def traits(self) -> Traits:
+        """The sector over which its head turns."""
+        centre = rad(self.sector_center_deg)
+        half = math.pi if isinstance(self.sector_width_deg, UnsetType) else 0.5 * rad(self.sector_width_deg)
+        fan = FanView(
+            rad(self.beam_width_horizontal_deg), rad(self.beam_width_vertical_deg), rad(self.step_deg),
+            (centre - half, centre + half), self.bins, self.min_range_m, self.range_m,
+        )  # fmt: skip
+        return Traits(("sonars",), fan=fan, picture_bytes=BYTES_OF_BIN * self.bins)
+
     def build(self, mount: Pose) -> ScanningSonar:
         return ScanningSonar(mount, self)
 
@@ -153,32 +165,25 @@ _RECORD = record(
 )  # fmt: skip
 
 
-@entry
+@compiled
 def aim(
-    heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
-) -> float:  # fmt: skip
+    head: Any, row: Any, now: Array, t: float, origin: Array, direction: Array, count: int
+) -> tuple[int, float]:  # fmt: skip
     """The fans; none while the last ping is not over, or in the air."""
-    count, reach, R = 0, 0.0, np.empty((3, 3))
-    for n, k in enumerate(due):
-        head = heads[k]
-        first[n] = count
-        if not begins(head):
-            continue
-        row = rows[head.row]
-        if t < row.m.ready - 1e-6:
-            head.ready = 0
-            continue
-        row.angle, row.m.index, row.m.sense = step_on(row.step, row.center, row.width, row.m.index, row.m.sense)
-        p, row.wet = p_NS(head, now), 0
-        if submergence(now, p, t) > 0.0:
-            row.wet, begin, block = 1, count, block_of(row)
-            axes(q_NS(head, now), row.angle, R)
-            count = cast_fan(block.direction, R, p, count, origin, direction)
-            block.towards[:] = direction[begin:count]
-            c, believed = sound_speed(head, row, now, p[2])
-            reach = max(reach, farthest(row, believed / c))
-    first[len(due)] = count
-    return reach
+    if t < row.m.ready - 1e-6:
+        head.ready = 0
+        return count, 0.0
+    R = np.empty((3, 3))
+    row.angle, row.m.index, row.m.sense = step_on(row.step, row.center, row.width, row.m.index, row.m.sense)
+    p, row.wet = p_NS(head, now), 0
+    if submergence(now, p, t) > 0.0:
+        row.wet, begin, block = 1, count, block_of(row)
+        axes(q_NS(head, now), row.angle, R)
+        count = cast_fan(block.direction, R, p, count, origin, direction)
+        block.towards[:] = direction[begin:count]
+        c, believed = sound_speed(head, row, now, p[2])
+        return count, farthest(row, believed / c)
+    return count, 0.0
 
 
 @entry
@@ -221,35 +226,30 @@ def _hear_nothing(row: Any, sound: Array, bins: Array) -> None:
         bins[:] = MISSING
 
 
-@entry
-def run(
-    heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, direction: Array, first: Array, hits: Any
+@compiled
+def measure(
+    head: Any, row: Any, now: Array, t: float, out: Array, direction: Array, begin: int, end: int, hits: Any
 ) -> None:  # fmt: skip
-    """Readings of those that are due, from what their rays hit."""
-    for n, k in enumerate(due):
-        head = heads[k]
-        if head.ready == 0:
-            continue
-        row, out = rows[head.row], reading_of(head, numbers)
-        out[ANGLE], out[RANGE], out[GAIN] = row.angle, row.reach, row.gain
-        begin, end, place = first[n], first[n + 1], head.shadow * row.bins
-        sound, bins, head.valid = block_of(row).sound[place : place + row.bins], out[BINS:], row.wet
-        if row.wet != 0:
-            hear(head, row, now, t, direction[begin:end], part_of(hits, begin, end), sound, bins)
-        else:
-            _hear_nothing(row, sound, bins)
-        _, believed = sound_speed(head, row, now, p_NS(head, now)[2])
-        duration = 2.0 * row.reach / believed
-        row.m.ready = t + duration + row.overhead
-        tell_pace(head, now, row.m.ready)
-        head.delay_ns = rounded_ns(duration)
+    """The echoes of a ping, or noise alone in the air."""
+    out[ANGLE], out[RANGE], out[GAIN] = row.angle, row.reach, row.gain
+    place = head.shadow * row.bins
+    sound, bins, head.valid = block_of(row).sound[place : place + row.bins], out[BINS:], row.wet
+    if row.wet != 0:
+        hear(head, row, now, t, direction[begin:end], part_of(hits, begin, end), sound, bins)
+    else:
+        _hear_nothing(row, sound, bins)
+    _, believed = sound_speed(head, row, now, p_NS(head, now)[2])
+    duration = 2.0 * row.reach / believed
+    row.m.ready = t + duration + row.overhead
+    tell_pace(head, now, row.m.ready)
+    head.delay_ns = rounded_ns(duration)
 
 
 class ScanningSonar(BankSonar):
     """One row of a sonar picture a ping."""
 
     doc = "Scanning sonar: the echoes of one ping over range, and where the head pointed; each ping from the pose at its start."
-    bank = Bank(_RECORD, run, (aim, refine), acts=True)
+    bank = Bank(_RECORD, ray_loop(measure), (aim_loop(aim), refine), acts=True)
     random = ("noise",)
     memory_type = SonarMemory
     settings: SonarSettings

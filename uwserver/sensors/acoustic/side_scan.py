@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
-from msgspec import Meta
+from msgspec import Meta, structs
 
 from uwserver.modifiers.base import Measurement
 from uwserver.physics.kernel.arrays import FloatArray
-from uwserver.ports import Buffer, Field, Value
+from uwserver.ports import BeamView, Buffer, Field, Value
 from uwserver.ports.buffer import Layout
 from uwserver.sensors.acoustic.imaging import columns
 from uwserver.sensors.acoustic.imaging.sides import COLUMNS, Sides, rows_above
 from uwserver.sensors.acoustic.imaging.swath import cost
 from uwserver.sensors.acoustic.pinging import Instant, Lighting, PingingSonar, PingSettings, PingTable, fade_of
 from uwserver.sensors.acoustic.receiver import Echoes, gain_over_range, hear
-from uwserver.sensors.base import Pose, Scope
+from uwserver.sensors.base import Pose, Scope, Traits
 from uwserver.sensors.job import Job
 from uwserver.table import NonNegative, Positive
 from uwserver.units import rad
@@ -41,6 +42,7 @@ class SideScanConfig(PingTable, tag="side_scan", kw_only=True, frozen=True):
         gain_db: at the start.
     """
 
+    message = "SideScan"
     output: Literal["counts", "pressure", "complex"] = "counts"
     beam_width_horizontal_deg: Annotated[float, Meta(ge=0.05, le=10)] = 1.0
     beam_width_vertical_deg: Annotated[float, Meta(gt=0, le=120)] = 50.0
@@ -57,6 +59,13 @@ class SideScanConfig(PingTable, tag="side_scan", kw_only=True, frozen=True):
         """About the processor time of a ping, s."""
         rows = self.rays_vertical + rows_above(self.rays_vertical)
         return cost(2 * COLUMNS, rows, 2, self.bins)
+
+    def traits(self) -> Traits:
+        """Its two sides."""
+        tilt, width = rad(self.tilt_deg), rad(self.beam_width_horizontal_deg)
+        sides = ((0.0, side * math.cos(tilt), math.sin(tilt)) for side in (-1.0, 1.0))
+        beams = tuple(BeamView(side, width, self.min_range_m, self.range_m) for side in sides)
+        return structs.replace(super().traits(), beams=beams)
 
     def build(self, mount: Pose) -> SideScan:
         return SideScan(mount, self)

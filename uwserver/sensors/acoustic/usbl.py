@@ -31,6 +31,7 @@ class UsblConfig(InterrogationTable, tag="usbl", kw_only=True, frozen=True):
         misalignment_rpy_deg: of the array against the sensor frame that it is thought to have.
     """
 
+    message = "BeaconFix"
     hydrophones_m: Annotated[tuple[Vector3, ...], Meta(min_length=3)] = (
         (0.015, 0.0, 0.0), (0.0, 0.015, 0.0), (-0.015, 0.0, 0.0), (0.0, -0.015, 0.0),
     )  # fmt: skip

@@ -10,26 +10,25 @@ from msgspec import Meta
 from uwserver.frames import Quat, Vec3
 from uwserver.modifiers.base import Memory, Number
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.physics.kernel.deferred import compiled
 from uwserver.physics.kernel.random import SAMPLE, normals
 from uwserver.ports import Field
 from uwserver.sensors.bank import (
     MISSING,
     Bank,
     BankSensor,
-    begins,
+    loop,
     multiply,
     place_of,
     q_NB,
     q_NS,
     quat_from_rpy,
-    reading_of,
     record,
     rotate,
     rpy_from_quat,
     v_NB_B,
 )
-from uwserver.sensors.base import Pose, SensorTable
+from uwserver.sensors.base import Pose, SensorTable, Traits
 from uwserver.table import NonNegative, Positive
 from uwserver.units import rad
 
@@ -51,6 +50,7 @@ class AttitudeConfig(SensorTable, tag="attitude", kw_only=True, frozen=True):
         settling_s: from the start of a run until the output is valid.
     """
 
+    message = "Attitude"
     ideal: bool = False
     north: Literal["true", "magnetic"] = "true"
     tilt_sigma_deg: NonNegative = 0.0
@@ -62,10 +62,13 @@ class AttitudeConfig(SensorTable, tag="attitude", kw_only=True, frozen=True):
     told_speed: bool = True
     settling_s: NonNegative = 0.0
 
-    @property
-    def needs_origin(self) -> bool:
-        """Whether the place on the Earth counts."""
-        return self.secant_latitude or self.north == "magnetic"
+    def traits(self) -> Traits:
+        """Its errors about each axis, and whether the place on the Earth counts."""
+        noise, is_magnetic = self.noise_deg, self.north == "magnetic"
+        tilt = rad(math.hypot(self.tilt_sigma_deg, noise))
+        heading = rad(math.hypot(self.heading_sigma_deg, self.heading_turn_on_deg, noise))
+        needs_origin = self.secant_latitude or is_magnetic
+        return Traits(sigmas={"q_NS": (tilt, tilt, heading)}, needs_origin=needs_origin, needs_field=is_magnetic)
 
     def build(self, mount: Pose) -> Attitude:
         return Attitude(mount, self)
@@ -137,14 +140,6 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
         out[:], head.valid = MISSING, 0
 
 
-@entry
-def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
-    """Readings of those that are due."""
-    for k in due:
-        if begins(heads[k]):
-            measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
-
-
 class Attitude(BankSensor):
     """Attitude of the sensor frame."""
 
@@ -153,7 +148,7 @@ class Attitude(BankSensor):
         Field("q_NS", "1", "attitude of the sensor frame, w x y z", "NS", (4,)),
         Field("heading", "rad", "of the sensor's x axis, clockwise from north, 0 to 2 pi"),
     )
-    bank = Bank(_RECORD, run)
+    bank = Bank(_RECORD, loop(measure))
     random = ("heading_sigma", "tilt_sigma", "noise", "m.heading", "m.tilt_x", "m.tilt_y")
     memory_type = AttitudeMemory
 

@@ -3,32 +3,31 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 from msgspec import Meta
 
 from uwserver.modifiers.base import NEVER, Memory, Time
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.physics.kernel.deferred import compiled
 from uwserver.physics.kernel.random import SAMPLE, normals
 from uwserver.ports import Argument, Field
 from uwserver.sensors.bank import (
     MISSING,
     Bank,
     BankSensor,
-    begins,
     latitude_longitude,
+    loop,
     p_NS,
     place_of,
     q_NB,
-    reading_of,
     record,
     rotate,
     submergence,
     velocity_of,
 )
-from uwserver.sensors.base import Pose, SensorTable, Settings
+from uwserver.sensors.base import Pose, SensorTable, Settings, Traits
 from uwserver.table import NonNegative, Positive
 
 _Error = Annotated[float, Meta(ge=-1e6, le=1e6)]
@@ -50,7 +49,7 @@ class GpsConfig(SensorTable, tag="gps", kw_only=True, frozen=True):
         satellites: in view.
     """
 
-    needs_origin: ClassVar[bool] = True
+    message = "NavSatFix"
     ideal: bool = False
     horizontal_sigma_m: NonNegative = 0.0
     vertical_sigma_m: NonNegative = 0.0
@@ -62,6 +61,10 @@ class GpsConfig(SensorTable, tag="gps", kw_only=True, frozen=True):
     cold_after_s: Positive = 7200.0
     cold_fix_s: NonNegative = 0.0
     satellites: Annotated[int, Meta(ge=0, le=64)] = 12
+
+    def traits(self) -> Traits:
+        """That the place on the Earth counts."""
+        return Traits(needs_origin=True)
 
     def build(self, mount: Pose) -> Gps:
         return Gps(mount, self)
@@ -146,14 +149,6 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
     whole[9], whole[10] = satellites, 3
 
 
-@entry
-def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
-    """Readings of those that are due."""
-    for k in due:
-        if begins(heads[k]):
-            measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
-
-
 class Gps(BankSensor):
     """Position fixes; with fewer than four satellites there is none."""
 
@@ -171,7 +166,7 @@ class Gps(BankSensor):
         Field("satellites", "1", "number used; 0 under water", type="int"),
         Field("fix", "1", "0 none, 3 three-dimensional", type="int"),
     )
-    bank = Bank(_RECORD, run)
+    bank = Bank(_RECORD, loop(measure))
     random = ("horizontal", "vertical", "noise", "velocity", "m.error")
     memory_type = GpsMemory
     settings: GpsSettings

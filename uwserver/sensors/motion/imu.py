@@ -7,22 +7,21 @@ from typing import Any
 from uwserver.environment.column import TEMPERATURE
 from uwserver.modifiers.base import Memory
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.physics.kernel.deferred import compiled
 from uwserver.ports import Field
 from uwserver.sensors.bank import (
     Bank,
     BankSensor,
-    begins,
     inertial_rate,
+    loop,
     p_NB,
     q_SB,
-    reading_of,
     record,
     rotate,
     specific_force,
     water_property,
 )
-from uwserver.sensors.base import Pose, SensorTable
+from uwserver.sensors.base import Pose, SensorTable, Traits
 from uwserver.sensors.motion.triad import (
     TRIAD,
     TRIAD_DRAWS,
@@ -45,9 +44,15 @@ class ImuConfig(SensorTable, tag="imu", kw_only=True, frozen=True):
         accelerometer: errors of `f_S`, in m/s2.
     """
 
+    message = "Imu"
     ideal: bool = False
     gyroscope: TriadErrors = TriadErrors()
     accelerometer: TriadErrors = TriadErrors()
+
+    def traits(self) -> Traits:
+        """Its errors."""
+        f, w = self.accelerometer.sigma(self.rate_hz), self.gyroscope.sigma(self.rate_hz)
+        return Traits(sigmas={"f_S": f, "w_S": w})
 
     def build(self, mount: Pose) -> Imu:
         return Imu(mount, self)
@@ -78,14 +83,6 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
     out[6] = water_property(now, TEMPERATURE, p_NB(head, now)[2])
 
 
-@entry
-def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
-    """Readings of those that are due."""
-    for k in due:
-        if begins(heads[k]):
-            measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
-
-
 class Imu(BankSensor):
     """Always valid."""
 
@@ -102,7 +99,7 @@ class Imu(BankSensor):
         ),
         Field("temperature", "degC", "temperature of the surrounding water"),
     )
-    bank = Bank(_RECORD, run)
+    bank = Bank(_RECORD, loop(measure))
     random = (
         "gyroscope.white",
         "gyroscope.wander",

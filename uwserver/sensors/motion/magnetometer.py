@@ -2,28 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 from uwserver.frames import Vec3
 from uwserver.modifiers.base import Memory
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.physics.kernel.deferred import compiled
 from uwserver.ports import Field
 from uwserver.sensors.bank import (
     Bank,
     BankSensor,
-    begins,
     conjugate,
+    loop,
     magnetic_field,
     p_NS,
     power,
     q_NS,
-    reading_of,
     record,
     rotate,
     supply_voltage,
 )
-from uwserver.sensors.base import Pose, SensorTable
+from uwserver.sensors.base import Pose, SensorTable, Traits
 from uwserver.sensors.motion.triad import (
     TRIAD,
     TRIAD_DRAWS,
@@ -49,12 +48,16 @@ class MagnetometerConfig(SensorTable, tag="magnetometer", kw_only=True, frozen=T
         errors: of the device, in T.
     """
 
-    needs_origin: ClassVar[bool] = True
+    message = "MagneticField"
     ideal: bool = False
     soft_iron: tuple[Vec3, Vec3, Vec3] = _UNIT
     hard_iron_T: Vec3 = (0.0, 0.0, 0.0)
     thruster_field_TpA: Vec3 = (0.0, 0.0, 0.0)
     errors: TriadErrors = TriadErrors()
+
+    def traits(self) -> Traits:
+        """Its errors, and that it needs the Earth's field."""
+        return Traits(sigmas={"field_S": self.errors.sigma(self.rate_hz)}, needs_origin=True, needs_field=True)
 
     def build(self, mount: Pose) -> Magnetometer:
         return Magnetometer(mount, self)
@@ -99,20 +102,12 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
     out[0], out[1], out[2] = field
 
 
-@entry
-def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
-    """Readings of those that are due."""
-    for k in due:
-        if begins(heads[k]):
-            measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
-
-
 class Magnetometer(BankSensor):
     """Magnetic field at the mount; always valid."""
 
     doc = "Magnetic flux density at the mount: the Earth's field, distorted by the vehicle."
     fields = (Field("field_S", "T", "magnetic flux density", "S", (3,)),)
-    bank = Bank(_RECORD, run)
+    bank = Bank(_RECORD, loop(measure))
     random = ("triad.white", "triad.wander", "triad.walk", "m.triad.instability")
     memory_type = MagnetometerMemory
 

@@ -5,14 +5,16 @@ from __future__ import annotations
 from typing import Any
 
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.physics.kernel.deferred import compiled
 from uwserver.ports import Field
-from uwserver.sensors.bank import MISSING, Bank, BankSensor, begins, p_NS, q_NS, reading_of, record, submergence
+from uwserver.sensors.bank import MISSING, Bank, BankSensor, loop, p_NS, q_NS, record, submergence
 from uwserver.sensors.base import Pose, SensorTable
 
 
 class MotionCaptureConfig(SensorTable, tag="motion_capture", kw_only=True, frozen=True):
     """A camera system without errors of its own: add them as modifiers of `p_NS`."""
+
+    message = "Pose"
 
     def build(self, mount: Pose) -> MotionCapture:
         return MotionCapture(mount)
@@ -28,14 +30,6 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
         out[:], head.valid = MISSING, 0
 
 
-@entry
-def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
-    """Readings of those that are due."""
-    for k in due:
-        if begins(heads[k]):
-            measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
-
-
 class MotionCapture(BankSensor):
     """Pose of the marker frame while it is under water."""
 
@@ -44,5 +38,5 @@ class MotionCapture(BankSensor):
         Field("p_NS", "m", "position of the marker frame", "N", (3,)),
         Field("q_NS", "1", "attitude of the marker frame, w x y z", "NS", (4,)),
     )
-    bank = Bank(record([]), run)
+    bank = Bank(record([]), loop(measure))
     exact = True

@@ -48,6 +48,11 @@ class TriadErrors(Table, kw_only=True, frozen=True):
     limit: NonNegative = 0.0
     resolution: NonNegative = 0.0
 
+    def sigma(self, rate_hz: float) -> tuple[float]:
+        """1-sigma of a reading of each axis, of so many a second; without scale errors and the random walk."""
+        white = self.noise_density * math.sqrt(rate_hz)
+        return (math.hypot(white, self.instability / HUMP, self.turn_on),)
+
 
 class TriadMemory(Struct, frozen=True):
     """Part of the memory of a sensor with three such axes.

@@ -9,10 +9,10 @@ from msgspec import Meta
 
 from uwserver.modifiers.base import Memory, Number
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.physics.kernel.deferred import compiled
 from uwserver.physics.kernel.random import SAMPLE, normals
 from uwserver.ports import Argument, Field
-from uwserver.sensors.bank import Bank, BankSensor, begins, power, reading_of, record, supply, supply_voltage
+from uwserver.sensors.bank import Bank, BankSensor, loop, power, record, supply, supply_voltage
 from uwserver.sensors.base import Pose, SensorTable, Settings
 from uwserver.table import NonNegative, Positive, Probability
 
@@ -37,6 +37,7 @@ class BatteryConfig(SensorTable, tag="battery", kw_only=True, frozen=True):
         current_sigma_A, voltage_sigma_V: standard deviation of white noise of the meter.
     """
 
+    message = "BatteryState"
     ideal: bool = False
     cells: Annotated[int, Meta(ge=1, le=200)] = 4
     capacity_Ah: Positive = 18.0
@@ -123,14 +124,6 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
     out[0], out[1], out[2], out[3], out[4] = volts, shown, volts * shown, m.energy, m.charge / row.capacity
 
 
-@entry
-def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
-    """Readings of those that are due."""
-    for k in due:
-        if begins(heads[k]):
-            measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
-
-
 class Battery(BankSensor):
     """Charge is counted and the supply set at each reading. While the sensor is deactivated both stand still."""
 
@@ -142,7 +135,8 @@ class Battery(BankSensor):
         Field("energy", "J", "delivered since the start"),
         Field("charge", "1", "part of the capacity that is left"),
     )
-    bank = Bank(_RECORD, run, acts=True)
+    bank = Bank(_RECORD, loop(measure), acts=True)
+    supplies = True
     random = ("sigma_A", "sigma_V")
     memory_type = BatteryMemory
     settings: BatterySettings

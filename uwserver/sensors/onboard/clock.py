@@ -10,9 +10,9 @@ from msgspec import Meta
 from uwserver.modifiers.base import Memory
 from uwserver.modifiers.operations import rounded_ns
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.physics.kernel.deferred import compiled
 from uwserver.ports import Field
-from uwserver.sensors.bank import Bank, BankSensor, begins, place_of, reading_of, record
+from uwserver.sensors.bank import Bank, BankSensor, loop, place_of, record
 from uwserver.sensors.base import Pose, SensorTable
 from uwserver.table import NonNegative
 
@@ -28,6 +28,7 @@ class ClockConfig(SensorTable, tag="clock", kw_only=True, frozen=True):
         drift_sigma: standard deviation of more drift, drawn once a run (1e-6 is 1 ppm).
     """
 
+    message = "TimeReference"
     ideal: bool = False
     offset_s: float = 0.0
     offset_sigma_s: NonNegative = 0.0
@@ -60,14 +61,6 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
     out[1] = shown / 1e9
 
 
-@entry
-def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
-    """Readings of those that are due."""
-    for k in due:
-        if begins(heads[k]):
-            measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
-
-
 class ClockSensor(BankSensor):
     """Time as the vehicle knows it."""
 
@@ -76,7 +69,7 @@ class ClockSensor(BankSensor):
         Field("utc_ns", "ns", "nanoseconds since 1970-01-01, UTC without leap seconds", type="int"),
         Field("elapsed", "s", "time since the start of the scenario, by this clock"),
     )
-    bank = Bank(_RECORD, run)
+    bank = Bank(_RECORD, loop(measure))
     memory_type = ClockMemory
 
     def __init__(self, config: ClockConfig) -> None:

@@ -9,9 +9,19 @@ from msgspec import Meta
 
 from uwserver.modifiers.columns import NO_INT
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.deferred import Elsewhere, compiled, entry
+from uwserver.physics.kernel.deferred import Elsewhere, compiled
 from uwserver.ports import Field
-from uwserver.sensors.bank import MISSING, Bank, BankSensor, begins, conjugate, p_NB, q_NB, reading_of, record, rotate
+from uwserver.sensors.bank import (
+    MISSING,
+    Bank,
+    BankSensor,
+    conjugate,
+    loop,
+    p_NB,
+    q_NB,
+    record,
+    rotate,
+)
 from uwserver.sensors.base import Pose, SensorTable
 from uwserver.table import NonNegative
 
@@ -27,6 +37,7 @@ class ContactConfig(SensorTable, tag="contact", kw_only=True, frozen=True):
         threshold_Ns: a weaker impulse is not felt.
     """
 
+    message = "Contact"
     points: Annotated[int, Meta(ge=1, le=MOST_POINTS)] = 4
     threshold_Ns: NonNegative = 0.0
 
@@ -93,19 +104,11 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
         )
 
 
-@entry
-def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
-    """Readings of those that are due."""
-    for k in due:
-        if begins(heads[k]):
-            measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
-
-
 class Contact(BankSensor):
     """Contacts of the whole hull."""
 
     doc = "Contacts of the hull with bodies and things in the last tick: bumper, landing, collision."
-    bank = Bank(_RECORD, run)
+    bank = Bank(_RECORD, loop(measure))
     exact = True
 
     def __init__(self, config: ContactConfig) -> None:

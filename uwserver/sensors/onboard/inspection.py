@@ -14,7 +14,8 @@ from msgspec import Meta, field
 from uwserver.frames import Vec3, conjugate, rotate
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.rays.raycast import Geometry
-from uwserver.sensors.onboard.tasks import Extent, Eye, Moment, Outline, Points, Task, Verdict
+from uwserver.sensors.onboard.tasks import Extent, Eye, Moment, Points, Task, Verdict
+from uwserver.sensors.place import Outline
 from uwserver.table import Name, NonNegative, Positive, Table, Vector3
 from uwserver.units import rad
 

@@ -9,9 +9,9 @@ from msgspec import Meta
 
 from uwserver.modifiers.base import Memory
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.physics.kernel.deferred import compiled
 from uwserver.ports import Argument, Field
-from uwserver.sensors.bank import Bank, BankSensor, begins, gauge_pressure, p_NS, place_of, reading_of, record
+from uwserver.sensors.bank import Bank, BankSensor, gauge_pressure, loop, p_NS, place_of, record
 from uwserver.sensors.base import Pose, SensorTable, Settings
 from uwserver.table import NonNegative, Positive
 
@@ -24,6 +24,7 @@ class LeakConfig(SensorTable, tag="leak", kw_only=True, frozen=True):
         threshold_m3: what makes the probe wet.
     """
 
+    message = "Leak"
     area_m2: NonNegative = 0.0
     threshold_m3: Positive = 1e-6
 
@@ -61,20 +62,12 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
     out[0] = 1.0 if row.m.volume >= row.threshold else 0.0
 
 
-@entry
-def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
-    """Readings of those that are due."""
-    for k in due:
-        if begins(heads[k]):
-            measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
-
-
 class Leak(BankSensor):
     """Water counted in its memory, m3."""
 
     doc = "Leak probe in the hull. To make a leak, give `area_m2` to the service `set`; a reset of the world dries the hull."
     fields = (Field("leak", "1", "the probe is wet", type="bool"),)
-    bank = Bank(_RECORD, run)
+    bank = Bank(_RECORD, loop(measure))
     memory_type = LeakMemory
     exact = True
     settings: LeakSettings

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
 from uwserver.modifiers.base import Measurement
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.physics.kernel.deferred import compiled
 from uwserver.physics.kernel.random import SAMPLE, normals
 from uwserver.ports import Field
-from uwserver.sensors.bank import MISSING, Bank, BankSensor, begins, reading_of, record, shaft_speed
-from uwserver.sensors.base import Pose, Scope, SensorTable
+from uwserver.sensors.bank import MISSING, Bank, BankSensor, loop, record, shaft_speed
+from uwserver.sensors.base import Named, Pose, Scope, SensorTable, Traits
 from uwserver.sensors.wiring import Wiring
 from uwserver.table import Name, NonNegative
 
@@ -31,10 +32,16 @@ class RpmConfig(SensorTable, tag="rpm", kw_only=True, frozen=True):
         signed: False for a controller that knows no direction.
     """
 
+    message = "ShaftSpeeds"
+    example: ClassVar[Mapping[str, Any]] = {"members": ["t1"]}
     ideal: bool = False
     members: Annotated[tuple[Name, ...], Meta(min_length=1, max_length=MOST_MEMBERS)]
     sigma_radps: NonNegative = 0.0
     signed: bool = True
+
+    def traits(self) -> Traits:
+        """The thrusters that it tells of."""
+        return Traits(names=tuple(Named(("members", k), "thrusters", name) for k, name in enumerate(self.members)))
 
     def build(self, mount: Pose) -> Rpm:
         """The instrument; its mount does not matter."""
@@ -58,19 +65,11 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
             out[k] += row.sigma * noise
 
 
-@entry
-def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
-    """Readings of those that are due."""
-    for k in due:
-        if begins(heads[k]):
-            measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
-
-
 class Rpm(BankSensor):
     """Speeds from the thrust that the shafts give at rest."""
 
     doc = "Shaft speed of thrusters; no value where the device file does not give it."
-    bank = Bank(_RECORD, run)
+    bank = Bank(_RECORD, loop(measure))
     random = ("sigma",)
 
     def __init__(self, config: RpmConfig) -> None:

@@ -8,8 +8,9 @@ from typing import Annotated, NamedTuple
 
 from msgspec import Meta
 
-from uwserver.frames import Quat, Vec3
+from uwserver.frames import Vec3
 from uwserver.physics.rays.raycast import Geometry, OpenWater
+from uwserver.sensors.place import Outline
 from uwserver.table import NonNegative, Positive, Table, Vector3
 from uwserver.units import rad
 
@@ -37,20 +38,6 @@ class Eye(NamedTuple):
         away = math.dist(q, self.p)
         ahead = sum(u * (b - a) for u, a, b in zip(self.axis, self.p, q, strict=True))
         return away == 0.0 or ahead >= self.cosine * away
-
-
-class Outline(NamedTuple):
-    """The box around a structure.
-
-    Attributes:
-        p: its middle, m in N.
-        q: its attitude in N.
-        half: half of its edges, m.
-    """
-
-    p: Vec3
-    q: Quat
-    half: Vec3
 
 
 class Moment(NamedTuple):

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Mapping
 from itertools import accumulate
-from typing import Annotated, Any, Literal, Protocol
+from typing import Annotated, Literal
 
 from msgspec import Meta, structs
 
@@ -14,9 +14,9 @@ from uwserver.frames import Vec3, multiply, quat_from_rpy
 from uwserver.modifiers import Measurement
 from uwserver.modifiers.base import Memory
 from uwserver.ports import Argument, Field, Json, Value
-from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, Settings
+from uwserver.sensors.base import Named, Pose, Scope, Sensor, SensorTable, Settings, Traits
 from uwserver.sensors.onboard.inspection import Follow, Inspect, looking
-from uwserver.sensors.onboard.tasks import Gate, HoldDepth, Moment, Outline, Points, Reach, Task, Verdict
+from uwserver.sensors.onboard.tasks import Gate, HoldDepth, Moment, Points, Reach, Task, Verdict
 from uwserver.table import NonNegative
 from uwserver.units import NANOSECONDS
 
@@ -64,28 +64,19 @@ class TrainingConfig(SensorTable, tag="training", kw_only=True, frozen=True):
                     f'"{name[:60]}" cannot name a task or a finding: letters, digits, _, - and spaces, at most 60'
                 )
 
+    def traits(self) -> Traits:
+        """The structures that it asks its pilot to look at."""
+        looked_at = (
+            Named(("tasks", name, "structures", k), "structures", structure)
+            for name, task in self.tasks.items()
+            if isinstance(task, Inspect)
+            for k, structure in enumerate(task.structures)
+        )
+        return Traits(names=tuple(looked_at))
+
     def build(self, mount: Pose) -> Training:
         """The judge, with the pilot's camera on this mount."""
         return Training(self, mount)
-
-
-def looked_at(sensor: SensorTable) -> dict[tuple[str | int, ...], str]:
-    """Names of the structures that a training asks its pilot to look at, by their places in its table; none of another sensor."""
-    tasks = sensor.tasks if isinstance(sensor, TrainingConfig) else {}
-    return {
-        ("tasks", name, "structures", k): structure
-        for name, task in tasks.items()
-        if isinstance(task, Inspect)
-        for k, structure in enumerate(task.structures)
-    }
-
-
-class Joint(Protocol):
-    """The actuator of a mount that tilts; its memory has the angle, rad."""
-
-    @property
-    def memory(self) -> Any:
-        """With `tilt`."""
 
 
 class TrainingSettings(Settings, frozen=True):
@@ -164,17 +155,7 @@ class Training(Sensor):
         )
         self._worth = tuple(points for _, task in self._tasks for points in task.worth())
         self._first = tuple(accumulate((len(task.worth()) for _, task in self._tasks), initial=0))
-        self._joint: Joint | None = None
-        self._outlines: Mapping[str, Outline] = {}
         super().__init__(TrainingSettings())
-
-    def hang(self, joint: Joint) -> None:
-        """Look from a mount that tilts."""
-        self._joint = joint
-
-    def survey(self, outlines: Mapping[str, Outline]) -> None:
-        """Get to know where the structures are, by name; before anything is read."""
-        self._outlines = outlines
 
     def turn_on(self) -> TrainingMemory:
         """Nothing is done yet."""
@@ -224,7 +205,7 @@ class Training(Sensor):
         return memory.done[self._first[step] : self._first[step + 1]]
 
     def _moment(self, scope: Scope) -> Moment:
-        tilt = 0.0 if self._joint is None else float(self._joint.memory.tilt)
+        tilt = 0.0 if self.joint is None else float(self.joint.memory.tilt)
         q = multiply(self._mount.q, quat_from_rpy(0.0, tilt, 0.0)) if tilt else self._mount.q
         return Moment(
             self.memory.before if self.memory.seen else scope.p_NB,
@@ -233,7 +214,7 @@ class Training(Sensor):
             math.hypot(*scope.v_NB_B),
             math.hypot(*scope.w_NB_B),
             scope.geometry,
-            self._outlines,
+            self.outlines,
         )
 
     def _verdict(self, scope: Scope) -> Verdict:

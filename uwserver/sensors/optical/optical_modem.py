@@ -32,6 +32,7 @@ class OpticalModemConfig(ModemTable, tag="optical_modem", kw_only=True, frozen=T
         sensitivity_w: received power at which one bit of a thousand is wrong.
     """
 
+    message = "OpticalPacket"
     wavelength_nm: Annotated[float, Meta(ge=400, le=700)] = 470.0
     power_w: Annotated[float, Meta(ge=1e-9, le=1e6)] = 1.0
     beam_width_deg: Annotated[float, Meta(gt=0, le=170)] = 60.0

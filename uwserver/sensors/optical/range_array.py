@@ -8,11 +8,22 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta
 
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.physics.kernel.deferred import compiled
 from uwserver.physics.kernel.random import SAMPLE, normals, uniforms
-from uwserver.ports import Argument, Field
-from uwserver.sensors.bank import MISSING, Bank, BankSensor, begins, p_NS, q_NS, reading_of, record, rotate, submergence
-from uwserver.sensors.base import Distance, Pose, SensorTable, Settings
+from uwserver.ports import Argument, BeamView, Field
+from uwserver.sensors.bank import (
+    MISSING,
+    Bank,
+    BankSensor,
+    aim_loop,
+    p_NS,
+    q_NS,
+    ray_loop,
+    record,
+    rotate,
+    submergence,
+)
+from uwserver.sensors.base import Distance, Pose, SensorTable, Settings, Traits
 from uwserver.table import NonNegative, Positive, Probability
 from uwserver.units import rad
 
@@ -34,6 +45,7 @@ class RangeArrayConfig(SensorTable, tag="range_array", kw_only=True, frozen=True
         medium: "water" for a laser under water, "any" for one that sees through the surface too.
     """
 
+    message = "LaserScan"
     ideal: bool = False
     beams: Annotated[int, Meta(ge=1, le=MOST_BEAMS)] = 1
     field_of_view_deg: Annotated[float, Meta(ge=0, lt=361)] = 0.0
@@ -42,6 +54,13 @@ class RangeArrayConfig(SensorTable, tag="range_array", kw_only=True, frozen=True
     sigma_m: NonNegative = 0.0
     loss_probability: Probability = 0.0
     medium: Literal["water", "any"] = "water"
+
+    def traits(self) -> Traits:
+        """Its rays, from the one farthest to port on."""
+        width, last = rad(self.field_of_view_deg), self.beams - 1
+        angles = (-0.5 * width + (width * k / last if last > 0 else 0.5 * width) for k in range(self.beams))
+        rays = (BeamView((math.cos(a), math.sin(a), 0.0), 0.0, self.min_range_m, self.max_range_m) for a in angles)
+        return Traits(stages=("soundings",), beams=tuple(rays))
 
     def build(self, mount: Pose) -> RangeArray:
         return RangeArray(mount, self)
@@ -61,28 +80,21 @@ _RECORD = record(
 )  # fmt: skip
 
 
-@entry
+@compiled
 def aim(
-    heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
-) -> float:  # fmt: skip
+    head: Any, row: Any, now: Array, t: float, origin: Array, direction: Array, count: int
+) -> tuple[int, float]:  # fmt: skip
     """The fans; none in air, unless the medium is any."""
-    count, reach = 0, 0.0
-    for n, k in enumerate(due):
-        head = heads[k]
-        first[n] = count
-        if not begins(head):
-            continue
-        row, p, q = rows[head.row], p_NS(head, now), q_NS(head, now)
-        if row.anywhere != 0 or submergence(now, p, t) >= 0.0:
-            for i in range(row.beams):
-                angle = row.first + i * row.step
-                origin[count, 0], origin[count, 1], origin[count, 2] = p
-                ray = rotate(q, (math.cos(angle), math.sin(angle), 0.0))
-                direction[count, 0], direction[count, 1], direction[count, 2] = ray
-                count += 1
-            reach = max(reach, row.high)
-    first[len(due)] = count
-    return reach
+    p, q = p_NS(head, now), q_NS(head, now)
+    if row.anywhere != 0 or submergence(now, p, t) >= 0.0:
+        for i in range(row.beams):
+            angle = row.first + i * row.step
+            origin[count, 0], origin[count, 1], origin[count, 2] = p
+            ray = rotate(q, (math.cos(angle), math.sin(angle), 0.0))
+            direction[count, 0], direction[count, 1], direction[count, 2] = ray
+            count += 1
+        return count, row.high
+    return count, 0.0
 
 
 @compiled
@@ -99,28 +111,23 @@ def _range(head: Any, row: Any, i: int, distance: float) -> float:
     return float(distance + row.sigma * noise)
 
 
-@entry
-def run(
-    heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, direction: Array, first: Array, hits: Any
+@compiled
+def measure(
+    head: Any, row: Any, now: Array, t: float, out: Array, direction: Array, begin: int, end: int, hits: Any
 ) -> None:  # fmt: skip
-    """Readings of those that are due, from what their rays hit."""
-    for n, k in enumerate(due):
-        head = heads[k]
-        if head.ready == 0:
-            continue
-        row, out = rows[head.row], reading_of(head, numbers)
-        if first[n + 1] == first[n]:
-            out[:], head.valid = MISSING, 0
-            continue
-        for i in range(row.beams):
-            out[i] = _range(head, row, i, hits.distance[first[n] + i])
+    """The ranges of its beams."""
+    if end == begin:
+        out[:], head.valid = MISSING, 0
+        return
+    for i in range(row.beams):
+        out[i] = _range(head, row, i, hits.distance[begin + i])
 
 
 class RangeArray(BankSensor):
     """Distances to the first solid thing."""
 
     doc = "Distances along thin rays, from port to starboard; no value where a ray hits nothing. Invalid while the sensor is in air."
-    bank = Bank(_RECORD, run, (aim,))
+    bank = Bank(_RECORD, ray_loop(measure), (aim_loop(aim),))
     random = ("sigma",)
     settings: RangeSettings
 

@@ -11,23 +11,22 @@ from uwserver.environment.column import SALINITY, TEMPERATURE
 from uwserver.environment.salinity import conductivity_of, practical_salinity
 from uwserver.modifiers.base import Memory, Number
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.physics.kernel.deferred import compiled
 from uwserver.physics.kernel.random import SAMPLE, normals
 from uwserver.ports import Field
 from uwserver.sensors.bank import (
     MISSING,
     Bank,
     BankSensor,
-    begins,
     gauge_pressure,
+    loop,
     p_NS,
     place_of,
-    reading_of,
     record,
     submergence,
     water_property,
 )
-from uwserver.sensors.base import Pose, SensorTable
+from uwserver.sensors.base import Pose, SensorTable, Traits
 from uwserver.table import NonNegative
 
 _DECIBAR = 1e4
@@ -43,6 +42,7 @@ class CtdConfig(SensorTable, tag="ctd", kw_only=True, frozen=True):
         temperature_lag_s, conductivity_lag_s: time constants.
     """
 
+    message = "Ctd"
     ideal: bool = False
     temperature_accuracy_degc: NonNegative = 0.0
     conductivity_accuracy_Spm: NonNegative = 0.0
@@ -52,6 +52,13 @@ class CtdConfig(SensorTable, tag="ctd", kw_only=True, frozen=True):
     pressure_sigma_Pa: NonNegative = 0.0
     temperature_lag_s: NonNegative = 0.0
     conductivity_lag_s: NonNegative = 0.0
+
+    def traits(self) -> Traits:
+        """Its errors, constant and white."""
+        temperature = math.hypot(self.temperature_sigma_degc, self.temperature_accuracy_degc)
+        conductivity = math.hypot(self.conductivity_sigma_Spm, self.conductivity_accuracy_Spm)
+        pressure = math.hypot(self.pressure_sigma_Pa, self.pressure_accuracy_Pa)
+        return Traits(sigmas={"temperature": (temperature,), "conductivity": (conductivity,), "pressure": (pressure,)})
 
     def build(self, mount: Pose) -> Ctd:
         return Ctd(mount, self)
@@ -115,14 +122,6 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
     out[3] = practical_salinity(conductivity, temperature, gauge / _DECIBAR)
 
 
-@entry
-def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
-    """Readings of those that are due."""
-    for k in due:
-        if begins(heads[k]):
-            measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
-
-
 class Ctd(BankSensor):
     """Water at the mount."""
 
@@ -133,7 +132,7 @@ class Ctd(BankSensor):
         Field("pressure", "Pa", "absolute pressure"),
         Field("salinity", "1", "practical salinity (PSS-78)"),
     )
-    bank = Bank(_RECORD, run)
+    bank = Bank(_RECORD, loop(measure))
     random = ("temperature_sigma", "conductivity_sigma", "pressure_sigma")
     memory_type = CtdMemory
 

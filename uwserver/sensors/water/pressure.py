@@ -8,18 +8,17 @@ import msgspec
 
 from uwserver.environment.column import TEMPERATURE
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.physics.kernel.deferred import compiled
 from uwserver.ports import Field
 from uwserver.sensors.bank import (
     MISSING,
     Bank,
     BankSensor,
-    begins,
     depth_of,
     gauge_pressure,
+    loop,
     p_NS,
     place_of,
-    reading_of,
     record,
     water_property,
 )
@@ -36,6 +35,7 @@ class PressureConfig(SensorTable, tag="pressure", kw_only=True, frozen=True):
     assumed_atmosphere_pa: what the instrument believes; default: the truth of the scenario.
     """
 
+    message = "FluidPressure"
     output: Literal["pressure", "depth"] = "pressure"
     assumed_density_kgpm3: Positive | msgspec.UnsetType = msgspec.UNSET
     assumed_atmosphere_pa: NonNegative | msgspec.UnsetType = msgspec.UNSET
@@ -64,16 +64,8 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
     out[0] = gauge / (row.scale * place.gravity) if row.scale > 0.0 else depth_of(now, gauge)
 
 
-@entry
-def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
-    """Readings of those that are due."""
-    for k in due:
-        if begins(heads[k]):
-            measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
-
-
 class _Manometer(BankSensor):
-    bank = Bank(_RECORD, run)
+    bank = Bank(_RECORD, loop(measure))
     exact = True
 
     def __init__(self, mount: Pose, config: PressureConfig) -> None:

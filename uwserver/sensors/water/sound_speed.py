@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from uwserver.environment.column import SOUND_SPEED
 from uwserver.modifiers.base import Memory, Number
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.deferred import compiled, entry
+from uwserver.physics.kernel.deferred import compiled
 from uwserver.physics.kernel.random import SAMPLE, normals
 from uwserver.ports import Field
 from uwserver.sensors.bank import (
     MISSING,
     Bank,
     BankSensor,
-    begins,
+    loop,
     p_NS,
-    reading_of,
     record,
     submergence,
     water_property,
 )
-from uwserver.sensors.base import Pose, SensorTable
+from uwserver.sensors.base import Pose, SensorTable, Traits
 from uwserver.table import NonNegative
 
 
@@ -34,9 +34,14 @@ class SoundSpeedConfig(SensorTable, tag="sound_speed", kw_only=True, frozen=True
         sigma_mps: standard deviation of white noise.
     """
 
+    message = "SoundSpeed"
     ideal: bool = False
     accuracy_mps: NonNegative = 0.0
     sigma_mps: NonNegative = 0.0
+
+    def traits(self) -> Traits:
+        """Its errors, constant and white."""
+        return Traits(sigmas={"sound_speed": (math.hypot(self.sigma_mps, self.accuracy_mps),)})
 
     def build(self, mount: Pose) -> SoundSpeed:
         return SoundSpeed(mount, self)
@@ -65,20 +70,12 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
         out[0] += row.m.offset + row.sigma * noise
 
 
-@entry
-def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
-    """Readings of those that are due."""
-    for k in due:
-        if begins(heads[k]):
-            measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
-
-
 class SoundSpeed(BankSensor):
     """Speed of sound at the mount."""
 
     doc = "Speed of sound in the water at the mount; no value in air."
     fields = (Field("sound_speed", "m/s", "speed of sound"),)
-    bank = Bank(_RECORD, run)
+    bank = Bank(_RECORD, loop(measure))
     random = ("sigma",)
     memory_type = SoundSpeedMemory
 

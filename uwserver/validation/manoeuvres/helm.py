@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 from msgspec import UnsetType
 
-from uwserver.actuators import ForceTorqueConfig
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.kernel.arrays import FloatArray
@@ -124,7 +123,7 @@ def _mix(vehicle: VehicleFile, body: BodyParams) -> tuple[FloatArray, FloatArray
     strengths = np.einsum("ni,ni->n", bollard(body, alone)[:, :3], columns[:, :3])
     shares = _shares((columns * np.maximum(strengths, 1e-9)[:, None]).T)
     wrench = np.zeros((4, 4))
-    if any(isinstance(actuator, ForceTorqueConfig) for actuator in vehicle.actuators.values()) and not shares.any():
+    if any(actuator.message == "Wrench" for actuator in vehicle.actuators.values()) and not shares.any():
         own = vehicle.autopilot
         if not isinstance(own, UnsetType) and not isinstance(own.max_wrench, UnsetType):
             wrench = np.diag([own.max_wrench[axis] for axis in _AXES])

@@ -12,10 +12,11 @@ from uwserver.ports import Value
 from uwserver_adapters.mavlink.wire.codec import finite, turns, vec3, vector, wrapped
 
 Reading = Mapping[str, Value]
-KINDS = frozenset({
-    "altimeter", "attitude", "autopilot", "battery", "depth", "dvl", "gps", "imu", "leak", "magnetometer", "pressure",
-})  # fmt: skip
-"""Kinds of ports whose readings are sent to ground stations."""
+INSTRUMENTS: Mapping[str, str] = {
+    "Range": "altimeter", "Attitude": "attitude", "Estimate": "autopilot", "BatteryState": "battery", "Dvl": "dvl", "NavSatFix": "gps",
+    "Imu": "imu", "Leak": "leak", "MagneticField": "magnetometer", "FluidPressure": "pressure",
+}  # fmt: skip
+"""Standard message of a port -> the instrument whose readings are sent to ground stations."""
 _ASSUMED_NS = 2_000_000_000
 """An assumed change is dropped when the autopilot's last sample is this much older than the change, ns."""
 
@@ -93,9 +94,11 @@ class Readings:
         for path, port in self._context.ports.items():
             if port.direction == "sensor" and path.startswith(f"{self._vehicle}/") and not port.is_truth:
                 names = tuple(field.name for field in port.fields)
-                kind = "depth" if port.kind == "pressure" and "depth" in names else port.kind
-                if kind in KINDS and (kind != "autopilot" or path == f"{self._vehicle}/autopilot/state"):
-                    self._ports.setdefault(kind, (path, names))
+                found = INSTRUMENTS.get(port.message or "", "")
+                if found == "pressure" and "depth" in names:
+                    found = "depth"
+                if found and (found != "autopilot" or path == f"{self._vehicle}/autopilot/state"):
+                    self._ports.setdefault(found, (path, names))
 
     @property
     def wanted(self) -> Collection[str] | None:
@@ -103,7 +106,7 @@ class Readings:
         return frozenset(path for path, _ in self._ports.values()) or None
 
     def has(self, kind: str) -> bool:
-        """Return whether the vehicle has an instrument of this kind; `depth` is a pressure sensor that gives the depth."""
+        """Return whether the vehicle has this instrument of `INSTRUMENTS`; `depth` is a pressure sensor that gives the depth."""
         return kind in self._ports
 
     def last(self, kind: str) -> Reading | None:

@@ -34,7 +34,7 @@ class Tunnel:
     def open_ports(self) -> None:
         """Find the modem again."""
         ports = self._context.ports.values()
-        mine = (p for p in ports if p.kind == "acoustic_modem" and p.path.startswith(f"{self._vehicle}/"))
+        mine = (p for p in ports if p.message == "AcousticPacket" and p.path.startswith(f"{self._vehicle}/"))
         self._received = next((port for port in mine if port.direction == "sensor"), None)
 
     @property

@@ -26,7 +26,7 @@ class Acomms:
 
     def find(self, ports: Mapping[str, Port], vehicle: str) -> None:
         """Look for the first acoustic modem of a vehicle; "" stands for no vehicle."""
-        found = [p for p in ports.values() if p.kind == "acoustic_modem" and p.path.startswith(f"{vehicle}/")]
+        found = [p for p in ports.values() if p.message == "AcousticPacket" and p.path.startswith(f"{vehicle}/")]
         port = next((port for port in found if vehicle and port.direction == "sensor"), None)
         self.names = () if port is None else (DESTINATION, TEXT, BINARY)
         self.received = "" if port is None else port.path

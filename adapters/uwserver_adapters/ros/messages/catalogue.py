@@ -18,37 +18,37 @@ from uwserver_adapters.ros.messages.source import Facts, Outlet, Source
 from uwserver_adapters.ros.messages.transforms import static_transforms
 from uwserver_adapters.ros.messages.types import Types
 
-KINDS: Mapping[str, Callable[[Source], Iterator[Outlet]]] = {
-    "altimeter": acoustic.altimeter,
-    "attitude": codec.attitude_sensor,
-    "autopilot": motion.estimate,
-    "bathymetry": acoustic.bathymetry,
-    "battery": onboard.battery,
-    "clock": onboard.clock,
-    "contact": onboard.contact,
-    "ctd": water.ctd,
-    "dvl": acoustic.dvl,
-    "gps": codec.gps,
-    "imu": motion.imu,
-    "lbl": acoustic.beacons,
-    "leak": onboard.leak,
-    "magnetometer": motion.magnetometer,
-    "motion_capture": motion.motion_capture,
-    "multibeam": acoustic.multibeam,
-    "pressure": water.pressure,
-    "profiler": acoustic.profiler,
-    "range_array": onboard.range_array,
-    "rpm": onboard.rpm,
-    "scanning_sonar": acoustic.scanning_sonar,
-    "side_scan": acoustic.side_scan,
-    "sound_speed": water.sound_speed,
-    "truth_acceleration": motion.truth_acceleration,
-    "truth_pose": motion.truth_pose,
-    "truth_velocity": motion.truth_velocity,
-    "truth_wrench": motion.truth_wrench,
-    "usbl": acoustic.beacons,
+MESSAGES: Mapping[str, Callable[[Source], Iterator[Outlet]]] = {
+    "Range": acoustic.altimeter,
+    "Attitude": codec.attitude_sensor,
+    "Estimate": motion.estimate,
+    "Bathymetry": acoustic.bathymetry,
+    "BatteryState": onboard.battery,
+    "TimeReference": onboard.clock,
+    "Contact": onboard.contact,
+    "Ctd": water.ctd,
+    "Dvl": acoustic.dvl,
+    "NavSatFix": codec.gps,
+    "Imu": motion.imu,
+    "BeaconRange": acoustic.beacons,
+    "Leak": onboard.leak,
+    "MagneticField": motion.magnetometer,
+    "Pose": motion.motion_capture,
+    "SonarImage": acoustic.multibeam,
+    "FluidPressure": water.pressure,
+    "SonarProfile": acoustic.profiler,
+    "LaserScan": onboard.range_array,
+    "ShaftSpeeds": onboard.rpm,
+    "SonarPing": acoustic.scanning_sonar,
+    "SideScan": acoustic.side_scan,
+    "SoundSpeed": water.sound_speed,
+    "TrueAcceleration": motion.truth_acceleration,
+    "TruePose": motion.truth_pose,
+    "TrueVelocity": motion.truth_velocity,
+    "TrueWrench": motion.truth_wrench,
+    "BeaconFix": acoustic.beacons,
 }
-"""Kind of a port -> its topics; every other kind has a generated message."""
+"""Standard message that a port's fields fit -> its topics. Every other port has a generated message."""
 
 CLOCK, TF_STATIC = "/clock", "/tf_static"
 
@@ -95,7 +95,7 @@ class Catalogue:
             },
             {action.name: action for action in actions(types, context.services.values())},
             {setting.name: setting for setting in settings(context.services.values())},
-            static_transforms(types, facts, [(port.path, port.kind) for port in sensors], pilots),
+            static_transforms(types, facts, [(port.path, port.message or "") for port in sensors], pilots),
         )
 
     def clock(self, t_ns: int) -> object:
@@ -104,9 +104,9 @@ class Catalogue:
 
 
 def topics_of(types: Types, facts: Facts, port: Port) -> list[Outlet]:
-    """The topics of one sensor: of standard messages, or where its fields are others than its kind's, of a generated one."""
+    """The topics of one sensor: of standard messages, or where its fields do not fit any, of a generated one."""
     source = Source(types, facts, port)
-    table = KINDS.get(port.kind, generated)
+    table = MESSAGES.get(port.message or "", generated)
     try:
         return list(table(source))
     except ValueError:  # it lacks a field

@@ -83,7 +83,7 @@ def inlets(types: Types, port: Port) -> Iterator[Inlet]:
     """Yield all topics that command one actuator."""
     name, vehicle = "/" + ros_name(port.path), "/" + ros_name(port.path).split("/")[0]
     last = port.path.rsplit("/", 1)[-1]
-    table, key = (_AUTOPILOT, last) if port.kind == "autopilot" else (_KINDS, port.kind)
+    table, key = (_AUTOPILOT, last) if port.kind == "autopilot" else (_MESSAGES, port.message or "")
     required, topics = table.get(key, ((), ()))
     if topics and {field.name for field in port.fields}.issuperset(required):
         for topic, type_name, value in topics:
@@ -258,25 +258,25 @@ def _joy(message: Any, vehicle: str) -> Value:
 
 
 _Topics = tuple[tuple[str, str, Callable[[Any, str], Value]], ...]
-"""Name, type, and conversion to a command, of each topic of a kind of actuator."""
-_KINDS: dict[str, tuple[tuple[str, ...], _Topics]] = {
-    "force_torque": (
+"""Name, type, and conversion to a command, of each topic of an actuator."""
+_MESSAGES: dict[str, tuple[tuple[str, ...], _Topics]] = {
+    "Wrench": (
         ("force_B", "torque_B"),
         (
             ("{name}/cmd", "geometry_msgs/msg/Wrench", _wrench),
             ("{name}/cmd_stamped", "geometry_msgs/msg/WrenchStamped", _wrench_stamped),
         ),
     ),
-    "pose": (
+    "FollowedPose": (
         ("p_NB", "q_NB", "v_NB_B", "w_NB_B", "stamp"),
         (
             ("{name}/cmd", "geometry_msgs/msg/PoseStamped", _followed),
             ("{name}/odometry", "nav_msgs/msg/Odometry", _odometry),
         ),
     ),
-    "teleport": (("p_NB", "q_NB"), (("{name}/cmd", "geometry_msgs/msg/PoseStamped", _teleport),)),
+    "Teleport": (("p_NB", "q_NB"), (("{name}/cmd", "geometry_msgs/msg/PoseStamped", _teleport),)),
 }
-"""Kind of an actuator -> the fields that its port must have, and its topics."""
+"""Standard message of an actuator -> the fields that its port must have, and its topics."""
 _AUTOPILOT: dict[str, tuple[tuple[str, ...], _Topics]] = {
     "velocity": (
         ("v_B", "yaw_rate"),

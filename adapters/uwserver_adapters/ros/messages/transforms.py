@@ -11,34 +11,36 @@ from uwserver_adapters.ros.messages.types import Types
 
 _FSD: tuple[tuple[str, Quat], ...] = (("_fsd", (1.0, 0.0, 0.0, 0.0)),)
 _FRAMES: dict[str, tuple[tuple[str, Quat], ...]] = {
-    "dvl": (*_FSD, ("_beam", BEAM)),
-    "altimeter": (("_beam", BEAM),),
-    "scanning_sonar": (("_sonar", SONAR),),
-    "multibeam": (("_sonar", SONAR),),
-    "side_scan": _FSD,
-    "bathymetry": _FSD,
-    "profiler": _FSD,
+    "Dvl": (*_FSD, ("_beam", BEAM)),
+    "Range": (("_beam", BEAM),),
+    "SonarPing": (("_sonar", SONAR),),
+    "SonarImage": (("_sonar", SONAR),),
+    "SideScan": _FSD,
+    "Bathymetry": _FSD,
+    "SonarProfile": _FSD,
 }
-"""Kind of a sensor -> further frames that its messages name: suffix, and attitude in S."""
+"""Standard message of a sensor -> further frames that its messages name: suffix, and attitude in S."""
 
 
-def static_transforms(types: Types, facts: Facts, kinds: Iterable[tuple[str, str]], vehicles: Iterable[str]) -> object:
+def static_transforms(
+    types: Types, facts: Facts, sensors: Iterable[tuple[str, str]], vehicles: Iterable[str]
+) -> object:
     """Return a TFMessage with the frames of all sensors whose mount is known.
 
     Args:
         types: message types of the distribution.
         facts: what is the same for all topics, with the mounts.
-        kinds: path and kind of each sensor.
+        sensors: path of each sensor, and the standard message that its fields fit.
         vehicles: names of the vehicles that have an autopilot: their frame odom equals map, as their estimate starts there.
     """
     made = []
-    for path, kind in kinds:
+    for path, message in sensors:
         mount = facts.mounts.get(path)
         if mount is not None:
             frame = ros_name(path)
             base, place = f"{frame.split('/')[0]}/base_link", flu(mount.p)
             made.append(_transform(types, facts, base, frame, place, mounted(mount.q)))
-            for suffix, q in _FRAMES.get(kind, ()):
+            for suffix, q in _FRAMES.get(message, ()):
                 made.append(_transform(types, facts, base, frame + suffix, place, mounted_unflipped(mount.q, q)))
     for vehicle in vehicles:
         made.append(_transform(types, facts, "map", f"{ros_name(vehicle)}/odom", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)))

@@ -33,38 +33,43 @@ from uwserver.ports import (
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 BEAMS = tuple(BeamView((math.cos(a), math.sin(a), 0.0)) for a in (-0.5, 0.0, 0.5))
 SENSORS = (
-    SensorView("rov/gps", "gps", (0.0, 0.0, -1.0), LEVEL),
-    SensorView("rov/lasers", "range_array", (0.5, 0.0, 0.0), LEVEL, BEAMS),
-    SensorView("rov/sonar", "scanning_sonar", (0.0, 0.0, 0.2), LEVEL),
-    SensorView("rov/profiler", "profiler", (0.0, 0.0, 0.2), LEVEL),
-    SensorView("rov/swath", "bathymetry", (0.0, 0.0, 0.2), LEVEL),
-    SensorView("rov/side", "side_scan", (0.0, 0.0, 0.2), LEVEL),
-    SensorView("rov/camera", "camera", (0.3, 0.0, 0.0), LEVEL),
-    SensorView("rov/imu", "imu", (0.0, 0.0, 0.0), LEVEL),
+    SensorView("rov/gps", "gps", (0.0, 0.0, -1.0), LEVEL, message="NavSatFix"),
+    SensorView("rov/lasers", "range_array", (0.5, 0.0, 0.0), LEVEL, BEAMS, message="LaserScan"),
+    SensorView("rov/sonar", "scanning_sonar", (0.0, 0.0, 0.2), LEVEL, message="SonarPing"),
+    SensorView("rov/profiler", "profiler", (0.0, 0.0, 0.2), LEVEL, message="SonarProfile"),
+    SensorView("rov/swath", "bathymetry", (0.0, 0.0, 0.2), LEVEL, message="Bathymetry"),
+    SensorView("rov/side", "side_scan", (0.0, 0.0, 0.2), LEVEL, message="SideScan"),
+    SensorView("rov/camera", "camera", (0.3, 0.0, 0.0), LEVEL, message="Image"),
+    SensorView("rov/imu", "imu", (0.0, 0.0, 0.0), LEVEL, message="Imu"),
 )
 CAST = Cast(1, (Present("rov", "rov"),), (Present("crate", "crate"),))
 WATER = WaterView(1025.0, 1500.0, (), 0.0, (0, 0, 0), (), "II", (0, 0, 0), (0, 0, 0))
 GPS = Port(
     "rov/gps", "sensor", "gps",
-    tuple(Field(n, "1", "") for n in ("latitude", "longitude", "height", "horizontal_accuracy", "vertical_accuracy")), "",
+    tuple(Field(n, "1", "") for n in ("latitude", "longitude", "height", "horizontal_accuracy", "vertical_accuracy")), "", message="NavSatFix",
 )  # fmt: skip
-LASERS = Port("rov/lasers", "sensor", "range_array", (Field("ranges", "m", "", "", (3,)),), "")
+LASERS = Port("rov/lasers", "sensor", "range_array", (Field("ranges", "m", "", "", (3,)),), "", message="LaserScan")
 SONAR = Port(
     "rov/sonar", "sensor", "scanning_sonar",
-    (Field("head_angle", "rad", ""), Field("range", "m", ""), Field("bins", "1", "", "", (4,), "int")), "",
+    (Field("head_angle", "rad", ""), Field("range", "m", ""), Field("bins", "1", "", "", (4,), "int")), "", message="SonarPing",
 )  # fmt: skip
 PROFILER = Port(
-    "rov/profiler", "sensor", "profiler", tuple(Field(name, "1", "") for name in ("head_angle", "range", "level")), ""
+    "rov/profiler",
+    "sensor",
+    "profiler",
+    tuple(Field(name, "1", "") for name in ("head_angle", "range", "level")),
+    "",
+    message="SonarProfile",
 )
 SWATH = Port(
     "rov/swath", "sensor", "bathymetry",
-    tuple(Field(name, "1", "", type="buffer", buffer=Layout("float32", (3,))) for name in ("angle", "range", "level")), "",
+    tuple(Field(name, "1", "", type="buffer", buffer=Layout("float32", (3,))) for name in ("angle", "range", "level")), "", message="Bathymetry",
 )  # fmt: skip
 
 
 CAMERA = Port(
     "rov/camera/noisy", "sensor", "camera",
-    (Field("gain", "dB", ""), Field("image", "1", "", type="buffer", buffer=Layout("uint8", (-1, -1, 3)))), "",
+    (Field("gain", "dB", ""), Field("image", "1", "", type="buffer", buffer=Layout("uint8", (-1, -1, 3)))), "", message="Image",
 )  # fmt: skip
 
 
@@ -163,7 +168,7 @@ def test_both_sides_of_a_side_scan_lie_abreast(channels: SceneChannels, output: 
     shape = (400,) if output == "counts" else (400, 2)
     layout = Layout("uint8" if output == "counts" else "float32", shape)
     fields = tuple(Field(name, "1", "", type="buffer", buffer=layout) for name in ("port", "starboard"))
-    side = Port("rov/side", "sensor", "side_scan", (Field("range", "m", ""), *fields), "")
+    side = Port("rov/side", "sensor", "side_scan", (Field("range", "m", ""), *fields), "", message="SideScan")
     rows = np.zeros((2, *shape), layout.dtype)
     if output == "counts":
         rows[0, 399], rows[1, 10], rows[1, 11] = 7, 3, 9
@@ -182,7 +187,7 @@ def test_both_sides_of_a_side_scan_lie_abreast(channels: SceneChannels, output: 
 
 def test_a_ping_of_complex_echoes_has_their_amplitudes(channels: SceneChannels) -> None:
     bins = Field("bins", "Pa", "", type="buffer", buffer=Layout("float32", (2, 2)))
-    port = Port("rov/sonar", "sensor", "scanning_sonar", (*SONAR.fields[:2], bins), "")
+    port = Port("rov/sonar", "sensor", "scanning_sonar", (*SONAR.fields[:2], bins), "", message="SonarPing")
     waves = Buffer.of(np.array([(0.0, 0.0), (3.0, -4.0)], np.float32))
     ping = channels.sample(port, Sample("rov/sonar", 0, 5, 9, True, (0.0, 8.0, waves)))
     assert ping is not None
@@ -220,9 +225,9 @@ def test_without_a_fix_nothing_is_told(channels: SceneChannels, sample: Sample) 
 
 
 def test_others_have_no_message(channels: SceneChannels) -> None:
-    imu = Port("rov/imu", "sensor", "imu", (Field("f_S", "1", ""),), "")
+    imu = Port("rov/imu", "sensor", "imu", (Field("f_S", "1", ""),), "", message="Imu")
     assert channels.sample(imu, Sample("rov/imu", 0, 5, 9, True, (1.0,))) is None
-    strange = Port("rov/strange", "sensor", "gps", GPS.fields, "")
+    strange = Port("rov/strange", "sensor", "gps", GPS.fields, "", message="NavSatFix")
     assert (
         channels.sample(strange, Sample("rov/strange", 0, 5, 9, True, (1.0,) * 5)) is None
     )  # nobody says where it sits

@@ -44,7 +44,7 @@ from uwserver.testing.fake_context import PORTS, SERVICES
 ROV = Cast(3, (Present("rov", "rov"),), ())
 GPS = Port(
     "rov/gps", "sensor", "gps",
-    tuple(Field(n, "1", "") for n in ("latitude", "longitude", "height", "horizontal_accuracy", "vertical_accuracy")), "",
+    tuple(Field(n, "1", "") for n in ("latitude", "longitude", "height", "horizontal_accuracy", "vertical_accuracy")), "", message="NavSatFix",
 )  # fmt: skip
 SETTINGS = (
     Service("rov/gps/get", "Get."),
@@ -311,7 +311,7 @@ class Filmed(FakeContext):
 
     def scene(self, cast: Cast) -> SceneView:
         seen = super().scene(cast)
-        eye = SensorView(CAMERA.path, "camera", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+        eye = SensorView(CAMERA.path, "camera", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), message="Image")
         return replace(seen, vehicles=tuple(replace(body, sensors=(eye,)) for body in seen.vehicles))
 
 

@@ -22,6 +22,7 @@ PORT = Port(
     "dvl",
     (Field("v_S", "m/s", "velocity", "S", (3,)), Field("locks", "1", "x", type="bool")),
     "A DVL.",
+    message="Dvl",
 )
 SERVICE = Service(
     "rov/set",

@@ -18,6 +18,7 @@ from uwserver_adapters.mavlink.vehicle.config import MavlinkConfig
 from uwserver_adapters.mavlink.wire.dialect import Dialect
 
 from uwserver.ports import Argument, Field, Json, Port, Refused, Sample, Service, Value
+from uwserver.recording.channels import message_of
 from uwserver.testing import FakeContext
 
 NAN = math.nan
@@ -103,14 +104,14 @@ class FakeRov(FakeContext):
         self.items: list[Json] = []
         self.refusal = ""
         ports = [
-            Port(f"rov/{name}", "sensor", kind, _fields(values), "x", 10.0)
+            Port(f"rov/{name}", "sensor", kind, _fields(values), "x", 10.0, message=message_of({"kind": kind}))
             for name, (kind, values) in INSTRUMENTS.items()
         ]
         ports.append(Port("rov/thrusters", "actuator", "thrusters", (Field("u", "1", "x", shape=(thrusters,)),), "x"))
         services: list[Service] = []
         if has_autopilot:
             fields = tuple(Field(name, "1", "x", **more) for name, (_, more) in STATE.items())
-            ports.append(Port("rov/autopilot/state", "sensor", "autopilot", fields, "x", 10.0))
+            ports.append(Port("rov/autopilot/state", "sensor", "autopilot", fields, "x", 10.0, message="Estimate"))
             for name, entries in SET_POINTS.items():
                 if name == "test":
                     entries = [("outputs", (thrusters,), 1.0)]

@@ -23,6 +23,7 @@ POSE = Port(
     (Field("p_NB", "m", "position", "N", (3,)), Field("q_NB", "1", "attitude", "NB", (4,))),
     "Pose.",
     20.0,
+    message="TruePose",
 )
 VELOCITY = Port(
     "auv/truth/velocity",
@@ -31,9 +32,14 @@ VELOCITY = Port(
     (Field("v_NB_B", "m/s", "velocity", "B", (3,)), Field("w_NB_B", "rad/s", "rate", "B", (3,))),
     "Velocity.",
     20.0,
+    message="TrueVelocity",
 )
-DEPTH = Port("auv/depth", "sensor", "pressure", (Field("depth", "m", "depth"),), "Depth.", 10.0)
-ALTIMETER = Port("auv/altimeter", "sensor", "altimeter", (Field("range", "m", "range"),), "Altimeter.", 5.0)
+DEPTH = Port(
+    "auv/depth", "sensor", "pressure", (Field("depth", "m", "depth"),), "Depth.", 10.0, message="FluidPressure"
+)
+ALTIMETER = Port(
+    "auv/altimeter", "sensor", "altimeter", (Field("range", "m", "range"),), "Altimeter.", 5.0, message="Range"
+)
 PROPELLER = Port(
     "auv/propeller", "actuator", "thruster", (Field("u", "1", "command", minimum=-1.0, maximum=1.0),), "Propeller."
 )
@@ -51,6 +57,7 @@ TELEPORT = Port(
         Field(name, "1", "x", "N", (size,)) for name, size in (("p_NB", 3), ("q_NB", 4), ("v_NB_B", 3), ("w_NB_B", 3))
     ),
     "Teleport.",
+    message="Teleport",
 )
 PORTS = (POSE, VELOCITY, DEPTH, ALTIMETER, PROPELLER, RUDDER, THRUSTERS, TELEPORT)
 SERVICES = (

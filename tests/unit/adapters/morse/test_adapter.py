@@ -19,11 +19,11 @@ from uwserver.testing.fake_context import DEPTH, PORTS
 
 POSE = Port(
     "rov/truth/pose", "sensor", "truth_pose",
-    (Field("p_NB", "m", "x", "N", (3,)), Field("q_NB", "1", "x", "NB", (4,))), "x", rate_hz=250.0,
+    (Field("p_NB", "m", "x", "N", (3,)), Field("q_NB", "1", "x", "NB", (4,))), "x", rate_hz=250.0, message="TruePose",
 )  # fmt: skip
 VELOCITY = Port(
     "rov/truth/velocity", "sensor", "truth_velocity",
-    (Field("v_NB_B", "m/s", "x", "B", (3,)), Field("w_NB_B", "rad/s", "x", "B", (3,))), "x", rate_hz=250.0,
+    (Field("v_NB_B", "m/s", "x", "B", (3,)), Field("w_NB_B", "rad/s", "x", "B", (3,))), "x", rate_hz=250.0, message="TrueVelocity",
 )  # fmt: skip
 
 
@@ -130,7 +130,7 @@ def test_a_vehicle_that_comes_has_streams_and_one_that_goes_keeps_its_numbers() 
         context = FakeContext()
         async with serving(MorseConfig(port=0, stream_port=0), context) as details:
             before = dict(details["streams"])
-            other = Port("auv/depth", "sensor", "pressure", DEPTH.fields, "x", rate_hz=25.0)
+            other = Port("auv/depth", "sensor", "pressure", DEPTH.fields, "x", rate_hz=25.0, message="FluidPressure")
             context.set_ports((*PORTS, other))
             while "auv.depth" not in details["streams"]:
                 await asyncio.sleep(0.02)

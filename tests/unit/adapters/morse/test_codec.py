@@ -10,15 +10,15 @@ from uwserver.ports import Field, Port, Refused
 
 POSE = Port(
     "rov/truth/pose", "sensor", "truth_pose",
-    (Field("p_NB", "m", "x", "N", (3,)), Field("q_NB", "1", "x", "NB", (4,))), "x",
+    (Field("p_NB", "m", "x", "N", (3,)), Field("q_NB", "1", "x", "NB", (4,))), "x", message="TruePose",
 )  # fmt: skip
 VELOCITY = Port(
     "rov/truth/velocity", "sensor", "truth_velocity",
-    (Field("v_NB_B", "m/s", "x", "B", (3,)), Field("w_NB_B", "rad/s", "x", "B", (3,))), "x",
+    (Field("v_NB_B", "m/s", "x", "B", (3,)), Field("w_NB_B", "rad/s", "x", "B", (3,))), "x", message="TrueVelocity",
 )  # fmt: skip
 IMU = Port(
     "rov/imu", "sensor", "imu",
-    (Field("f_S", "m/s^2", "x", "S", (3,)), Field("w_S", "rad/s", "x", "S", (3,)), Field("temperature", "degC", "x")), "x",
+    (Field("f_S", "m/s^2", "x", "S", (3,)), Field("w_S", "rad/s", "x", "S", (3,)), Field("temperature", "degC", "x")), "x", message="Imu",
 )  # fmt: skip
 
 
@@ -60,18 +60,30 @@ def test_an_imu_at_rest_feels_gravity_upwards() -> None:
 
 def test_gps_in_degrees_and_battery_in_percent() -> None:
     gps = Port(
-        "r/gps", "sensor", "gps", tuple(Field(name, "1", "x") for name in ("latitude", "longitude", "height")), "x"
+        "r/gps",
+        "sensor",
+        "gps",
+        tuple(Field(name, "1", "x") for name in ("latitude", "longitude", "height")),
+        "x",
+        message="NavSatFix",
     )
     assert codec.reading(gps, (math.pi / 4, -math.pi / 6, 2.0)) == pytest.approx(
         {"latitude": 45.0, "longitude": -30.0, "altitude": 2.0}
     )
     assert codec.reading(gps, (None, None, None)) == {"latitude": None, "longitude": None, "altitude": None}
-    battery = Port("r/b", "sensor", "battery", (Field("charge", "1", "x"),), "x")
+    battery = Port("r/b", "sensor", "battery", (Field("charge", "1", "x"),), "x", message="BatteryState")
     assert codec.reading(battery, (0.5,)) == {"charge": 50.0}
 
 
 def test_a_port_of_another_make_keeps_its_names() -> None:
-    port = Port("r/imu", "sensor", "imu", (Field("a_S", "1", "x", "S", (3,)), Field("mode", "1", "x", type="str")), "x")
+    port = Port(
+        "r/imu",
+        "sensor",
+        "imu",
+        (Field("a_S", "1", "x", "S", (3,)), Field("mode", "1", "x", type="str")),
+        "x",
+        message="Imu",
+    )
     assert codec.reading(port, ((1.0, 2.0, 3.0), "ok")) == {"a_S": [1.0, -2.0, -3.0], "mode": "ok"}
 
 
@@ -84,10 +96,15 @@ def test_covariances_turn_on_both_sides() -> None:
 
 
 WRENCH = Port(
-    "r/wrench", "actuator", "force_torque", (Field("force_B", "N", "x", "B", (3,)), Field("torque_B", "N m", "x", "B", (3,))), "x"
+    "r/wrench", "actuator", "force_torque", (Field("force_B", "N", "x", "B", (3,)), Field("torque_B", "N m", "x", "B", (3,))), "x", message="Wrench"
 )  # fmt: skip
 PLACE = Port(
-    "r/place", "actuator", "teleport", (Field("p_NB", "m", "x", "N", (3,)), Field("q_NB", "1", "x", "NB", (4,))), "x"
+    "r/place",
+    "actuator",
+    "teleport",
+    (Field("p_NB", "m", "x", "N", (3,)), Field("q_NB", "1", "x", "NB", (4,))),
+    "x",
+    message="Teleport",
 )
 
 

@@ -27,7 +27,7 @@ VELOCITY = Port(
 STATE = Port(
     "rov/autopilot/state", "sensor", "autopilot",
     (Field("p_N", "m", "x", "N", (3,)), Field("v_N", "m/s", "x", "N", (3,)), Field("q_NB", "1", "x", "NB", (4,)), Field("w_B", "1", "x", "B", (3,))),
-    "x", rate_hz=10.0,
+    "x", rate_hz=10.0, message="Estimate",
 )  # fmt: skip
 
 

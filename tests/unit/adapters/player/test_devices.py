@@ -13,12 +13,13 @@ from uwserver_adapters.player.wire import CMD, GPS, IMU, OPAQUE, POSITION3D, RAN
 
 from uwserver.frames import quat_from_rpy
 from uwserver.ports import Field, Port, Refused, Sample, Value
+from uwserver.recording.channels import message_of
 from uwserver.testing.fake_context import IMU as IMU_PORT
 from uwserver.testing.fake_context import THRUSTERS
 
 
 def sensor(path: str, kind: str, *fields: Field) -> Port:
-    return Port(path, "sensor", kind, fields, "x", rate_hz=10.0)
+    return Port(path, "sensor", kind, fields, "x", rate_hz=10.0, message=message_of({"kind": kind}))
 
 
 STATE = sensor(

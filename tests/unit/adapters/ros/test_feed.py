@@ -23,7 +23,7 @@ def mounted(made, likes=("rov",), answers=True):
             for body in cast.vehicles:
                 if body.like not in likes:
                     raise KeyError(body.like)
-            sensor = SensorView("rov/imu", "imu", (0.1, 0.2, 0.3), (1.0, 0.0, 0.0, 0.0))
+            sensor = SensorView("rov/imu", "imu", (0.1, 0.2, 0.3), (1.0, 0.0, 0.0, 0.0), message="Imu")
             scene = super().scene(cast)
             return structs.replace(scene, vehicles=(BodyView("rov", "x", "rov", (), sensors=(sensor,)),))
 

@@ -320,7 +320,7 @@ class Unstarted(FakeContext):
     """A world before its first tick: it knows where its sensors sit, but answers no look."""
 
     def scene(self, cast: Cast) -> SceneView:
-        sensor = SensorView("rov/imu", "imu", (0.1, 0.2, 0.3), (1.0, 0.0, 0.0, 0.0))
+        sensor = SensorView("rov/imu", "imu", (0.1, 0.2, 0.3), (1.0, 0.0, 0.0, 0.0), message="Imu")
         return structs.replace(super().scene(cast), vehicles=(BodyView("rov", "x", "rov", (), sensors=(sensor,)),))
 
     def look(self, on_state: Callable[[SceneState], None], source: str = "") -> None:

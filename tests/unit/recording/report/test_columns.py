@@ -46,8 +46,8 @@ def test_only_echoes_of_sonars_and_numbers_have_columns() -> None:
         "azimuth": Field("azimuth", "rad", "", type="bytes"),
         "name": Field("name", "1", "", type="str"),
     }
-    assert [name for name, _ in columns_of("multibeam", fields)] == ["range", "image"]
-    assert [name for name, _ in columns_of("camera", fields)] == ["range"]
+    assert [name for name, _ in columns_of("SonarImage", fields)] == ["range", "image"]
+    assert [name for name, _ in columns_of("Image", fields)] == ["range"]
 
 
 @pytest.mark.parametrize(

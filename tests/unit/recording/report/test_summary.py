@@ -35,7 +35,15 @@ def test_an_order_is_no_estimate(recorded: Recorded) -> None:
     def tracks(path: str, direction: str) -> list[Track]:
         ends = np.array([0.0, 1.0])
         told = Series(
-            path, "autopilot", direction, {"p_N": field}, ends, np.arange(2), np.ones(2, dtype=bool), {"p_N": p}
+            path,
+            "autopilot",
+            "Estimate" if direction == "sensor" else "",
+            direction,
+            {"p_N": field},
+            ends,
+            np.arange(2),
+            np.ones(2, dtype=bool),
+            {"p_N": p},
         )
         found = contents_of(type(recorded)(**{**vars(recorded), "series": {**recorded.series, path: told}}), ["rov"])
         return [track for track in found.tracks if track.is_estimate]

@@ -39,8 +39,8 @@ def built() -> Built:
     return make
 
 
-def test_the_estimator_listens_to_shipped_kinds_only() -> None:
-    assert set(FIELDS) <= kinds_of(SensorConfig).keys()
+def test_the_estimator_listens_to_messages_of_shipped_kinds_only() -> None:
+    assert set(FIELDS) <= {kind.message for kind in kinds_of(SensorConfig).values()}
 
 
 # -- steps ------------------------------------------------------------------------------------------------------------------------------

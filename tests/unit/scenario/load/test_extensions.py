@@ -69,8 +69,8 @@ def test_the_example_in_compiled_code_measures_and_is_part_of_a_snapshot(beside)
 def test_a_kernel_that_cannot_be_compiled_is_told_with_its_place(beside):
     path = beside / "oxygen.py"
     path.write_text(path.read_text().replace("math.exp(-max(0.0", "math.expo(-max(0.0"))
-    line = path.read_text().splitlines().index("@entry") + 1
-    with pytest.raises(RuntimeError, match=rf'oxygen\.py:{line}: numba cannot compile "run" .*expo'):
+    line = path.read_text().splitlines().index("@compiled") + 1
+    with pytest.raises(RuntimeError, match=rf'oxygen\.py:{line}: numba cannot compile "measure" .*expo'):
         build(load(beside / "pond.toml", adapters={}))
 
 

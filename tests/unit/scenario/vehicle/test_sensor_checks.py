@@ -201,7 +201,7 @@ def test_a_kind_that_cannot_be_built_is_told(made: Any, reason: str, odd) -> Non
 @pytest.mark.parametrize("fields", [(), [Odd.fields[0]], (Odd.fields[0], "x"), None, "fields"])
 def test_what_are_no_fields(fields: object) -> None:
     with pytest.raises(ValueError, match=r"must be a tuple of uwserver\.ports\.Field"):
-        check_fields(fields)
+        check_fields(fields, "")
 
 
 # -- which are enabled ------------------------------------------------------------------------------------------------------------------

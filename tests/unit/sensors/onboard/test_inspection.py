@@ -14,8 +14,9 @@ from msgspec import structs
 from uwserver.frames import quat_from_rpy
 from uwserver.sensors import Pose, TrainingConfig
 from uwserver.sensors.onboard.inspection import Finding, Follow, Inspect, is_hidden, looking
-from uwserver.sensors.onboard.tasks import Moment, Outline
+from uwserver.sensors.onboard.tasks import Moment
 from uwserver.sensors.onboard.training import Training
+from uwserver.sensors.place import Outline
 from uwserver.testing.fake_geometry import FakeGeometry, Sphere
 from uwserver.units import rad
 
@@ -212,7 +213,7 @@ class Judge:
 
     def __init__(self, scope, **tasks):
         self.sensor = TrainingConfig(rate_hz=10, tasks=tasks, limit_s=1000.0, points_per_s_left=0.0).build(Pose())
-        self.sensor.survey({"north": NORTH, "east": EAST})
+        self.sensor.outlines = {"north": NORTH, "east": EAST}
         self._scope, self.names = scope, [field.name for field in Training.fields]
         self(0.0, (50.0, 50.0, 3.0))
         self(0.1, (51.0, 50.0, 3.0))  # it has begun
@@ -289,8 +290,8 @@ def test_it_looks_from_its_mount_as_that_is_tilted(scope):
 
     mount = Pose((0.2, 0.0, 0.0), quat_from_rpy(0.0, 0.0, math.pi / 2))  # to starboard
     sensor = TrainingConfig(rate_hz=10, tasks={"look": TASK}).build(mount)
-    sensor.survey({"east": EAST})
-    sensor.hang(Servo())
+    sensor.outlines = {"east": EAST}
+    sensor.joint = Servo()
     at = scope(p_NB=(-0.2, 4.0, 2.0), geometry=FakeGeometry(BALLS))  # 45 degrees above it
     hint = [field.name for field in Training.fields].index("hint")
     assert sensor.sense(at).values[hint] == "turn the camera to it"

@@ -6,11 +6,14 @@ nearest at a distance, as a calibration finds it: focal length and radial terms 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
+from msgspec import UnsetType
 
 from uwserver.physics.kernel.arrays import FloatArray
+from uwserver.sensors.base import SensorTable
 from uwserver.sensors.optical.camera.config import CameraTable
 from uwserver.sensors.optical.camera.lens import Lens
 from uwserver.sensors.optical.camera.window import outside
@@ -47,6 +50,17 @@ def calibration(config: CameraTable, distance: float = DISTANCE_M) -> Calibratio
     if float(np.abs(np.cross(seen, direction)).max()) < 1e-9:
         return Calibration(lens)
     return _fitted(lens, seen, u, v)
+
+
+def calibrations(sensors: Mapping[str, SensorTable], distance: float = DISTANCE_M) -> dict[str, Calibration]:
+    """Those of all cameras among some sensors, by name; of a pair also that of ``<name>/right``."""
+    found: dict[str, Calibration] = {}
+    for name, config in sensors.items():
+        if isinstance(config, CameraTable):
+            found[name] = calibration(config, distance)
+            if not isinstance(config.baseline_m, UnsetType):
+                found[f"{name}/right"] = found[name]._replace(baseline=config.baseline_m)
+    return found
 
 
 def _fitted(lens: Lens, seen: FloatArray, u: FloatArray, v: FloatArray) -> Calibration:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Protocol
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 from msgspec import UNSET, Meta, UnsetType, structs
@@ -11,7 +12,7 @@ from msgspec import UNSET, Meta, UnsetType, structs
 from uwserver.frames import Vec3, multiply, quat_from_rpy, rotate
 from uwserver.modifiers.base import NEVER, Measurement, Memory, Number, Time
 from uwserver.ports import Argument, Buffer, Field, Layout, Value
-from uwserver.sensors.base import Pose, Scope, Sensor, Settings, blank, earlier
+from uwserver.sensors.base import Pose, Scope, Sensor, Settings, Traits, blank, earlier
 from uwserver.sensors.job import Begun, Job, Pieces, whole
 from uwserver.sensors.optical.camera import electronics
 from uwserver.sensors.optical.camera.config import CameraTable, gain_of
@@ -37,11 +38,20 @@ _GREY, _LAMPLIGHT = 0.35, 0.05
 class CameraConfig(CameraTable, tag="camera", kw_only=True, frozen=True):
     """A camera that looks along its x axis, with y to the right of the picture and z down."""
 
-    def right(self) -> CameraConfig | None:
-        """The right camera of a pair; None where it is none."""
+    message = "Image"
+
+    def traits(self) -> Traits:
+        """What its pictures take, and that it needs things to see."""
+        eyes = 1 if isinstance(self.baseline_m, UnsetType) else 2
+        each = {"rgb": 3, "mono": 1, "depth": 2, "segmentation": 2}[self.mode]
+        return Traits(("cameras",), picture_bytes=eyes * each * self.width * self.height, needs_sight=True)
+
+    def companions(self, mount: Pose) -> Mapping[str, tuple[CameraConfig, Pose]]:
+        """The right camera of a pair."""
         if isinstance(self.baseline_m, UnsetType):
-            return None
-        return structs.replace(self, baseline_m=UNSET, streams={}, modifiers={})
+            return {}
+        right = structs.replace(self, baseline_m=UNSET, streams={}, modifiers={})
+        return {"right": (right, self.beside(mount))}
 
     def build(self, mount: Pose) -> Camera:
         return Camera(mount, self)
@@ -68,18 +78,6 @@ class CameraMemory(Memory):
     level: Number = -1.0
     tilt: Annotated[float, Meta(ge=-4, le=4)] = 0.0
     last: Time = NEVER
-
-
-class Joint(Protocol):
-    """What tilts a camera."""
-
-    @property
-    def rate(self) -> float:
-        """rad/s."""
-
-    @property
-    def memory(self) -> Any:
-        """With the `tilt` (rad) that it was told."""
 
 
 class Film(NamedTuple):
@@ -140,7 +138,6 @@ class Camera(Sensor):
 
     def __init__(self, mount: Pose, config: CameraConfig) -> None:
         self._mount, self._config = mount, config
-        self._joint: Joint | None = None
         self._optics: Optics | None = None
         self._chip = electronics.Chip(
             config.pixel_um, config.f_number, config.quantum_efficiency, config.full_well_e,
@@ -159,10 +156,6 @@ class Camera(Sensor):
     def learns(self) -> bool:  # type: ignore[override]  # it follows the settings
         """Whether the next exposure follows from the last picture."""
         return self.settings.auto_exposure and not self._is_exact
-
-    def hang(self, joint: Joint) -> None:
-        """Sit on a mount that tilts."""
-        self._joint = joint
 
     def turn_on(self) -> CameraMemory:
         """With the exposure of its settings."""
@@ -245,7 +238,7 @@ class Camera(Sensor):
 
     def _turned(self, now: float) -> Pose:
         """The mount as its joint has it by now."""
-        joint, memory = self._joint, self.memory
+        joint, memory = self.joint, self.memory
         if joint is None:
             return self._mount
         dt = self.dt if memory.last < 0.0 else max(now - memory.last, 0.0)

@@ -13,7 +13,7 @@ from uwserver.world.external.source import Live
 
 LAT, LON = 630_000_000, 100_000_000
 EAST = quat_from_rpy(0.0, 0.0, math.pi / 2)
-POSE = Port("ghost/pose", "actuator", "pose", Live.fields, Live.doc)
+POSE = Port("ghost/pose", "actuator", "pose", Live.fields, Live.doc, message="FollowedPose")
 
 
 @pytest.fixture

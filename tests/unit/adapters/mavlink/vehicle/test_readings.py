@@ -24,7 +24,7 @@ def test_the_world_is_told_what_the_telemetry_is_made_of(bench):
 
 def test_a_vehicle_without_instruments_needs_samples_that_tell_the_time(bench):
     made = bench
-    clock = Port("rov/clock", "sensor", "clock", (Field("x", "1", "x"),), "x", 1.0)
+    clock = Port("rov/clock", "sensor", "clock", (Field("x", "1", "x"),), "x", 1.0, message="TimeReference")
     made.rov.set_ports([clock, made.rov.ports["rov/thrusters"]])
     assert made.router.wanted is None
     assert made.rov.wanted >= {"rov/clock"}

@@ -12,7 +12,9 @@ from uwserver.world.modems.send import Send
 SEND = Send(AcousticModemConfig(rate_hz=1, max_bytes=200).build(Pose()), lambda *message: None, lambda: 0.0)
 PORTS = {
     "rov/modem/send": Port("rov/modem/send", "actuator", "acoustic_modem", SEND.fields, SEND.doc),
-    "rov/modem/received": Port("rov/modem/received", "sensor", "acoustic_modem", Modem.fields, Modem.doc, 1.0),
+    "rov/modem/received": Port(
+        "rov/modem/received", "sensor", "acoustic_modem", Modem.fields, Modem.doc, 1.0, message="AcousticPacket"
+    ),
 }
 
 

@@ -16,7 +16,9 @@ MODEM = AcousticModemConfig(rate_hz=1).build(Pose())
 SEND = Send(MODEM, lambda *message: None, lambda: 0.0)
 PORTS = {
     "auv/modem/send": Port("auv/modem/send", "actuator", "acoustic_modem", SEND.fields, SEND.doc),
-    "auv/modem/received": Port("auv/modem/received", "sensor", "acoustic_modem", Modem.fields, Modem.doc, 1.0),
+    "auv/modem/received": Port(
+        "auv/modem/received", "sensor", "acoustic_modem", Modem.fields, Modem.doc, 1.0, message="AcousticPacket"
+    ),
 }
 
 
@@ -88,7 +90,7 @@ def test_what_is_heard_is_told_data_last():
 
 
 def test_a_vehicle_without_a_modem_has_none_of_it():
-    bench = Bench(ports={"auv/x": Port("auv/x", "sensor", "imu", Modem.fields[:1], "")}, publish=())
+    bench = Bench(ports={"auv/x": Port("auv/x", "sensor", "imu", Modem.fields[:1], "", message="Imu")}, publish=())
     assert not [name for name in bench.bridge.listens_to if name.startswith("ACOMMS")]
     bench.write("ACOMMS_TRANSMIT_DATA", "x")
     assert bench.faults == []

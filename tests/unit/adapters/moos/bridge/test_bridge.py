@@ -129,7 +129,7 @@ def test_texts_and_flags_are_strings_and_holes_are_left_out(make, make_auv):
     port = Port(
         "auv/gps", "sensor", "gps",
         (Field("fix", "1", "fix", type="bool"), Field("mode", "1", "mode", type="str"), Field("n", "1", "n", type="int"), Field("lat", "rad", "lat")),
-        "GPS.", 1.0,
+        "GPS.", 1.0, message="NavSatFix",
     )  # fmt: skip
     context = make_auv()
     context.ports = {**context.ports, port.path: port}
@@ -225,7 +225,7 @@ def test_speed_is_the_surge_and_the_course_is_over_ground(make):
 FLOW = Port("auv/truth/flow", "sensor", "truth_flow", (Field("v_NW_B", "m/s", "water", "B", (3,)),), "Flow.", 20.0)
 DVL = Port(
     "auv/dvl", "sensor", "dvl",
-    (Field("v_S", "m/s", "over ground", "S", (3,)), Field("v_water_S", "m/s", "through the water", "S", (3,))), "DVL.", 5.0,
+    (Field("v_S", "m/s", "over ground", "S", (3,)), Field("v_water_S", "m/s", "through the water", "S", (3,))), "DVL.", 5.0, message="Dvl",
 )  # fmt: skip
 
 

@@ -89,7 +89,7 @@ BOAT = Port(
     "boat/pose", "actuator", "pose", (
         Field("p_NB", "m", "place", "N", (3,)), Field("q_NB", "1", "attitude", "NB", (4,)), Field("v_NB_B", "m/s", "speed", "B", (3,)),
         Field("w_NB_B", "rad/s", "rate", "B", (3,)), Field("stamp", "s", "when"),
-    ), "An external vehicle.",
+    ), "An external vehicle.", message="FollowedPose",
 )  # fmt: skip
 
 

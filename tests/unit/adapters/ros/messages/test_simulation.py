@@ -161,7 +161,7 @@ TELEPORT = Port(
     "rov/teleport", "actuator", "teleport", (
         Field("p_NB", "m", "place", "N", (3,)), Field("q_NB", "1", "attitude", "NB", (4,)), Field("v_NB_B", "m/s", "speed", "B", (3,)),
         Field("w_NB_B", "rad/s", "rate", "B", (3,)),
-    ), "Elsewhere.",
+    ), "Elsewhere.", message="Teleport",
 )  # fmt: skip
 POSE = {"position": {"x": 2.0, "y": 1.0, "z": -3.0}, "orientation": {"w": 1.0}}
 

@@ -546,7 +546,12 @@ def test_a_rotation_of_the_table_is_a_rotation():
 def test_configured_errors_reach_the_covariance():
     """From what a scenario configures to the message."""
     view = SensorView(
-        "rov/imu", "imu", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), sigmas={"w_S": (0.02,), "f_S": (0.1, 0.2, 0.3)}
+        "rov/imu",
+        "imu",
+        (0.0, 0.0, 0.0),
+        (1.0, 0.0, 0.0, 0.0),
+        sigmas={"w_S": (0.02,), "f_S": (0.1, 0.2, 0.3)},
+        message="Imu",
     )
     scene = structs.replace(
         bare_scene(Cast(1, (), ()), WORLD), vehicles=(BodyView("rov", "x", "rov", (), sensors=(view,)),)

@@ -38,10 +38,9 @@ def test_a_calibration_is_taken_as_it_is() -> None:
 def test_the_right_one_of_a_pair_sits_along_y() -> None:
     config = CameraConfig(rate_hz=10.0, baseline_m=0.12)
     turned = Pose.from_degrees((0.0, 0.0, 90.0), (1.0, 2.0, 3.0))
-    np.testing.assert_allclose(config.beside(turned).p, (1.0 - 0.12, 2.0, 3.0), atol=1e-12)
-    right = config.right()
-    assert right is not None
-    assert right.right() is None
+    ((name, (right, mount)),) = config.companions(turned).items()
+    np.testing.assert_allclose(mount.p, (1.0 - 0.12, 2.0, 3.0), atol=1e-12)
+    assert (name, right.companions(mount)) == ("right", {})
 
 
 def test_decibels() -> None:

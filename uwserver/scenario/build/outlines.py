@@ -1,4 +1,4 @@
-"""What the judge of a pilot's training knows of its scenario: where the structures are that are looked at, and the mount that turns its camera."""
+"""Where the structures are that a sensor's table names."""
 
 from __future__ import annotations
 
@@ -6,25 +6,21 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from uwserver.actuators import CameraMount
 from uwserver.physics.geometry.shapes import Box, Capsule, ConvexHull, Cylinder, Placed, Solid, Sphere, TriangleMesh
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.scenario.load.resolved import ResolvedVehicle
-from uwserver.sensors.onboard.tasks import Outline
-from uwserver.sensors.onboard.training import Training, looked_at
+from uwserver.sensors.place import Outline
 from uwserver.world.members import Member
 
 
-def prepare_lessons(member: Member, vehicle: ResolvedVehicle, static: Mapping[str, Solid]) -> None:
-    """Tell the trainings of a vehicle that was made what they need to know; `static`: seabed and structures in N, by name."""
-    for slot in member.sensors:
-        if not isinstance(slot.sensor, Training):
-            continue
-        config = vehicle.vehicle.sensors[slot.port.path.removeprefix(f"{member.vehicle.name}/")]
-        slot.sensor.survey({name: outline_of(static[name]) for name in looked_at(config).values() if name in static})
-        for each in member.actuators:
-            if isinstance(each.actuator, CameraMount) and each.actuator.mount == config.mount:
-                slot.sensor.hang(each.actuator)
+def survey_structures(member: Member, vehicle: ResolvedVehicle, static: Mapping[str, Solid]) -> None:
+    """Tell the sensors of a vehicle that was made where the structures are that their tables name; `static`: seabed and structures in N, by name."""
+    sensors = {slot.path: slot.sensor for slot in member.sensors}
+    for key, config in vehicle.vehicle.sensors.items():
+        names = {named.name for named in config.traits().names if named.table == "structures"} & static.keys()
+        if names:
+            sensor = sensors[config.port_of(member.vehicle.name, key)]
+            sensor.outlines = {name: outline_of(static[name]) for name in names}
 
 
 def outline_of(solid: Solid) -> Outline:

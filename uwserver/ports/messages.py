@@ -1,0 +1,41 @@
+"""Standard messages by plain names, which belong to no middleware. Who carries samples elsewhere makes of each the message that is usual there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+STANDARD: Mapping[str, tuple[str, ...]] = {
+    "AcousticPacket": ("event", "source", "destination", "data"),
+    "Attitude": ("q_NS", "heading"),
+    "Bathymetry": ("frequency", "sound_speed", "angle", "range", "level"),
+    "BatteryState": ("voltage", "current", "charge"),
+    "BeaconFix": ("beacon", "range", "travel_time", "p_beacon_S"),
+    "BeaconRange": ("beacon", "range", "travel_time"),
+    "Contact": ("touching", "impulse_B"),
+    "Ctd": ("conductivity", "temperature", "pressure", "salinity"),
+    "CurrentProfile": ("distances", "velocities_N"),
+    "Dvl": ("v_S", "altitude", "figure_of_merit", "covariance_S", "beam_velocities", "beam_ranges", "beam_locks"),
+    "FluidPressure": (),
+    "Image": ("image",),
+    "Imu": ("f_S", "w_S"),
+    "LaserScan": ("ranges",),
+    "Leak": ("leak",),
+    "MagneticField": ("field_S",),
+    "NavSatFix": (
+        "latitude", "longitude", "height", "v_NS", "horizontal_accuracy", "vertical_accuracy", "velocity_accuracy", "satellites", "fix",
+    ),
+    "OpticalPacket": ("event", "source", "destination", "data"),
+    "Pose": ("p_NS", "q_NS"),
+    "Range": ("range",),
+    "ShaftSpeeds": ("speeds",),
+    "SideScan": ("range", "frequency", "sound_speed", "port", "starboard"),
+    "SonarImage": ("range_start", "range", "frequency", "sound_speed", "azimuth", "image"),
+    "SonarPing": ("head_angle", "range", "bins"),
+    "SonarProfile": ("frequency", "sound_speed", "head_angle", "range", "level"),
+    "SoundSpeed": ("sound_speed",),
+    "Teleport": ("p_NB", "q_NB"),
+    "TimeReference": ("utc_ns",),
+    "Wrench": ("force_B", "torque_B"),
+}  # fmt: skip
+"""Name -> the fields that a port has at least which fits it; of `FluidPressure` one of `pressure` and `depth`. Units, frames and what a field means
+are those of the shipped kind with this message. Kinds may name messages that are not here."""
