@@ -108,7 +108,7 @@ class Navigation:
 
     def _find(self, entry: str) -> None:
         """Find the port of an entry of the table, where the table or a default names one."""
-        table, kind = self._table, entry
+        table, quantity = self._table, entry
         path: str | None = getattr(table, entry)
         if entry == "flow" and path is None:
             is_there = table.velocity == TRUTH["velocity"] and f"{self._vehicle}/{FLOW}" in self._ports
@@ -118,8 +118,8 @@ class Navigation:
         port = port_of(f"nav.{entry}", path, self._ports, self._vehicle, "sensor")
         places = {field.name: place for place, field in enumerate(port.fields)}
         if entry == "flow" and "v_water_S" in places:  # a log measures the velocity through the water itself
-            kind = "through_water"
-        known, names = _FIELDS[kind]
+            quantity = "through_water"
+        known, names = _FIELDS[quantity]
         place = next((place for name, place in places.items() if name in names), None)
         if place is None:
             raise CannotServe(f'nav.{entry}: "{port.path}" has none of the fields {", ".join(names)}')

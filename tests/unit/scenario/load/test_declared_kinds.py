@@ -99,7 +99,7 @@ def test_an_extension_that_says_imu_is_one(tmp_path: Path) -> None:
             'return Traits(("warp",), beams=',
             "there is no stage warp; there are: fins in contact",
         ),
-        ("return Traits(beams", "return dict(beams", "must give a uwserver.sensors.Traits"),
+        ("return Traits(beams", "return dict(beams", "must return a uwserver.sensors.Traits"),
     ],
 )
 def test_what_cannot_be_declared_is_told(tmp_path: Path, old: str, new: str, text: str) -> None:
