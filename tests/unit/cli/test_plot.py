@@ -204,7 +204,7 @@ def test_a_file_that_is_no_recording_is_told(folder: Path) -> None:
     (folder / "x.bad.mcap").write_bytes(b"no recording")
     result = run(folder, "x.bad.mcap", "rov/sonar")
     assert result.exit_code == 1
-    assert "x.bad.mcap: no MCAP file" in result.output
+    assert "x.bad.mcap: not an MCAP file" in result.output
 
 
 def test_without_matplotlib_it_says_what_to_install(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,6 +15,8 @@ from uwserver.scenario.solids.tables import GridSeabed
 
 _OWN = re.compile(r"uwserver(?:\[(\w+)\])?")
 """Requirement for this distribution itself or one of its extras."""
+INSTALL_ALL = "; install all that this scenario needs: "
+"""Stands between what is missing and the command."""
 _SOLID = "uwserver[solid]"
 _ENGINES = {
     AUTO: ("pybullet or coal", _SOLID),
@@ -40,9 +42,7 @@ def missing_extras(scenario: Scenario, is_solid: bool) -> str:
     if not absent:
         return ""
     names = dict.fromkeys(module.partition(".")[0] for module in absent)
-    return (
-        f"not installed: {', '.join(names)}; install all that this scenario needs: {install_command(absent.values())}"
-    )
+    return f"not installed: {', '.join(names)}{INSTALL_ALL}{install_command(absent.values())}"
 
 
 def install_command(requirements: Iterable[str]) -> str:

@@ -291,7 +291,9 @@ def test_a_fault_refuses_keys_that_do_not_go_together(beside: Path) -> None:
 def test_a_recording_is_replayed_bit_for_bit_with_the_file(beside: Path, scenario: str, extension: str) -> None:
     changed(beside / "trial.toml", "at_s = 10", "at_s = 0.5")
     recorded_run(beside / f"{scenario}.toml", Path("x.mcap"), 1.5)
-    with pytest.raises(NotReplayable, match=rf"its components come from {extension}\.py: give --trust-files"):
+    with pytest.raises(
+        NotReplayable, match=rf"its components come from the extension {extension}\.py: give --trust-files"
+    ):
         replay(Path("x.mcap"))
     replayed = replay(Path("x.mcap"), [beside / f"{extension}.py"])
     assert replayed.difference is None

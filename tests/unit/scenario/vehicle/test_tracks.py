@@ -157,7 +157,7 @@ depth = { topic = "NAV_DEPTH", field = "value" }
     mapped = VehicleEntry(model="bluerov2", kind="external", log="dive.alog", mapping="m.toml")
     track, remarks = read_track(mapped, tmp_path)
     assert track.p_NB[-1].tolist() == [2, -1, 5]
-    assert any("heads north" in remark for remark in remarks)
+    assert any("heading north" in remark for remark in remarks)
     with pytest.raises(BadTrack, match=r"n\.toml"):
         read_track(msgspec.structs.replace(mapped, mapping="n.toml"), tmp_path)
 
