@@ -16,9 +16,14 @@ def test_every_loop_of_a_sensor_belongs_to_a_stage() -> None:
     """A kind that is added and forgotten here would be compiled within a tick."""
     loops = set()
     for module in pkgutil.walk_packages(uwserver.sensors.__path__, "uwserver.sensors."):
+        made: list[Deferred] = []
         for name, value in vars(importlib.import_module(module.name)).items():
-            if isinstance(value, Deferred) and (name == "run" or name.startswith(("run_", "aim", "refine"))):
-                loops.add(f"{module.name.rpartition('.')[2]}.{name}")
+            if isinstance(value, Deferred) and value._form == "entry" and name.startswith(("aim", "refine")):
+                made.append(value)
+            elif isinstance(value, type) and value.__module__ == module.name and "bank" in vars(value):
+                bank = vars(value)["bank"]
+                made += [bank.run, *bank.aims]
+        loops |= {f"{module.name.rpartition('.')[2]}.{kernel.py_func.__qualname__}" for kernel in made}
     kernels = {
         name.partition("+")[0] for stage in ("sensors", "soundings", "sonars") for name in banks.kernels_of(stage)
     }

@@ -15,7 +15,6 @@ from uwserver.scenario.world.epoch import instant, year_of
 from uwserver.scenario.world.magnetic import WMM_YEARS
 from uwserver.scenario.world.tables import WorldTable
 from uwserver.sensors import Pose, Sensor, SensorConfig, SensorTable, Traits
-from uwserver.world.builds import STAGES
 from uwserver.world.services import SENSOR_SERVICES
 
 
@@ -87,13 +86,24 @@ def traits_of(sensor: SensorTable, report: Report = lambda *_: None, path: KeyPa
         traits: object = sensor.traits()
         if not isinstance(traits, Traits):
             raise TypeError("traits() must return a uwserver.sensors.Traits")
-        unknown = set(traits.stages) - set(STAGES)
-        if unknown:
-            raise ValueError(f"there is no stage {', '.join(sorted(unknown))}; there are: {', '.join(STAGES)}")
+        if type(sensor) not in get_args(SensorConfig):
+            _check_stages(traits.stages)
     except Exception as error:  # noqa: BLE001 - code of the user may fail in any way
         report(path, not_built(sensor, error))
         return Traits()
     return traits
+
+
+def _check_stages(stages: tuple[str, ...]) -> None:
+    """Raise ValueError for a stage of the compiled code that does not exist."""
+    if not stages:
+        return
+    # The import loads numba, which takes half a second. Shipped kinds and most extensions need no check.
+    from uwserver.world.builds import STAGES
+
+    unknown = sorted(set(stages) - set(STAGES))
+    if unknown:
+        raise ValueError(f"there is no stage {', '.join(unknown)}; there are: {', '.join(STAGES)}")
 
 
 def _check_named(vehicle: Node, traits: Traits, path: KeyPath, report: Report) -> None:
