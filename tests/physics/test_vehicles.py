@@ -20,7 +20,7 @@ MOST_TILT, MOST_YAW = 25.0, 20.0
 """Degrees, of a straight run with the throttle stepped, within 20 s: nobody somersaults, and nobody leaves his course."""
 NEAR = 0.3
 """Relative distance from published figures: of one maker's class or of another load, never of this very file."""
-POWER = "power of the water over the energy, at its largest, 1/s"
+POWER = "largest power of the water over the energy, 1/s"
 
 Page = dict[str, Table]
 
