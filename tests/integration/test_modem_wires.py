@@ -142,7 +142,7 @@ def test_a_range_is_a_call_like_any_other(adapters):
     with contextlib.closing(connect("TCP JSON", adapters["tcp"]["address"])) as peer:
         found = ask(peer, "call", PATIENCE_S, service="one/modem/range", args={"destination": 2})["value"]
         assert found["range"] == pytest.approx(90.0, abs=8.0)  # they rise and drift
-        with pytest.raises(Refusal, match=r"no answer of 77 came within 0\.4 s"):
+        with pytest.raises(Refusal, match=r"no answer from 77 came within 0\.4 s"):
             ask(peer, "call", PATIENCE_S, service="one/modem/range", args={"destination": 77, "timeout_s": 0.4})
 
 

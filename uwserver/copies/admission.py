@@ -1,4 +1,4 @@
-"""Which scenarios can be copied, and what is measured in the copies: what a batch does not act out is refused by its name."""
+"""Decides which scenarios can be copied, and which sensors measure in the copies. What a batch cannot do is refused by its name."""
 
 from __future__ import annotations
 
@@ -17,22 +17,25 @@ from uwserver.world.world import World
 
 
 def check(resolved: Resolved, world: World) -> None:
-    """Refuse a scenario of which copies would not be what its world is.
+    """Refuse a scenario whose copies would not act as its world does.
 
     Args:
         resolved: the scenario.
-        world: one that was built of it.
+        world: a world that was built from it.
 
     Raises:
-        Refused: pictures, modems, adapters that do more than to let clients in, or extensions; the text names all of them.
+        Refused: it has pictures, modems, extensions, or adapters that do more than let clients in; the text names all of them.
     """
     faults = [
         (what, names)
         for what, names in (
             ("pictures, which take time", [path for path, slot in world.sensors.items() if slot.sensor.takes_time]),
-            ("modems, of which nobody reads the messages", [p for p, s in world.sensors.items() if _is_modem(s)]),
-            ("adapters, which nobody runs here", list(_adapters(resolved))),
-            ("extensions, which act in one world alone", list(_extensions(world))),
+            (
+                "modems, whose messages cannot be read",
+                [p for p, s in world.sensors.items() if isinstance(s.sensor, Modem)],
+            ),
+            ("adapters, which a batch does not run", list(_adapters(resolved))),
+            ("extensions, which act in a single world only", list(_extensions(world))),
         )
         if names
     ]
@@ -42,11 +45,11 @@ def check(resolved: Resolved, world: World) -> None:
 
 
 def measured_of(world: World, sensors: Collection[str] | None) -> tuple[str, ...]:
-    """Paths of the sensors of a world that measure in its copies.
+    """Return the paths of the sensors that measure in the copies of a world.
 
     Args:
-        world: one of them.
-        sensors: those that are wanted; None for all but what shows the state of an autopilot, which is mostly words.
+        world: one of the copies.
+        sensors: the sensors that the caller wants; None for all except those that show the state of an autopilot, which is mostly text.
     """
     pilots = [part.pilot for part in world.parts.values() if isinstance(part, Piloting)]
     heard = {port for pilot in pilots for port in (*pilot.craft.hearing.ports, *pilot.craft.hearing.in_words)}
@@ -66,21 +69,17 @@ def measured_of(world: World, sensors: Collection[str] | None) -> tuple[str, ...
 
 
 def draws_in_python(sensor: Sensor) -> bool:
-    """Whether it has random errors of its own that are drawn in Python."""
+    """Return whether a sensor draws its own random errors in Python."""
     return not (isinstance(sensor, BankSensor | IdealSensor | StateSensor) or sensor.repeats)
 
 
 def _acts(slot: SensorSlot, heard: Collection[str]) -> bool:
-    """Whether what a sensor measures decides how the run goes on: a battery supplies the thrusters, and autopilots hear."""
+    """Return whether the readings of a sensor affect the run: a battery supplies the thrusters, and autopilots use readings."""
     return slot.sensor.supplies or any(stream.port.path in heard for stream in slot.streams)
 
 
-def _is_modem(slot: SensorSlot) -> bool:
-    return isinstance(slot.sensor, Modem)
-
-
 def _adapters(resolved: Resolved) -> Iterator[str]:
-    """All but those of the kinds that are there where a file says nothing: they only let clients in, who have no way into this process."""
+    """Yield all adapters except the kinds that a scenario gets by default. Those only let clients in, and no client can reach this process."""
     for name, config in resolved.scenario.adapters.items():
         kind = config.__struct_config__.tag
         if kind not in (DEFAULT_ADAPTER, "web"):

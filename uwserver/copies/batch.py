@@ -29,27 +29,28 @@ from uwserver.world.world import World
 T = TypeVar("T")
 
 Copies = int | Sequence[int] | NDArray[Any] | None
-"""Which copies: numbers, or a mask (n) of truths; None for all."""
+"""Copies, as numbers or as a mask (n) of truths; None for all."""
 
 _MOST_EVENTS = 4096
 _EXACT = 2**53
-"""Whole numbers below this are floats."""
+"""Whole numbers below this are exact as floats."""
 
 
 class Batch:
     """n copies of a world, stepped in one call. Build one with `uwserver.batch`; not thread-safe.
 
-    Each copy is what `uwserver.load` gives of the scenario with the copy's seed: stepped with the same commands it has the same states and samples,
-    bit for bit. Each has its own clock, which a reset sets to 0, and its own water, whose waves and currents go by that clock.
+    Each copy is the world that `uwserver.load` gives for the scenario with the copy's seed. Stepped with the same commands, it has the same
+    states and samples, bit for bit. Each has its own clock, which a reset sets to 0, and its own water, whose waves and currents follow
+    that clock.
 
-    Arrays that are returned are the caller's own. States are (n, 13): p_NB (m, in N: north, east, down), q_NB (w x y z), v_NB_B (m/s) and w_NB_B
+    Returned arrays belong to the caller. States are (n, 13): p_NB (m, in N: north, east, down), q_NB (w x y z), v_NB_B (m/s) and w_NB_B
     (rad/s), both in B.
 
     Attributes:
-        n: how many copies.
-        seeds: (n) of the copies; `reset` sets them.
-        vehicles: names of the bodies in each.
-        ports: sensors that measure, by path; `commands`: what can be commanded.
+        n: number of copies.
+        seeds: (n) seeds of the copies; `reset` sets them.
+        vehicles: names of the bodies in each copy.
+        ports, commands: by path, the sensors that measure, and the actuators.
     """
 
     def __init__(
@@ -60,14 +61,14 @@ class Batch:
         parameters: Mapping[str, Any] | None = None,
         threads: int = 1,
     ) -> None:
-        """Of a scenario that was found fit (`admission`).
+        """Make the copies of a scenario that `admission` has accepted.
 
         Args:
             build: makes a world with a seed.
             seeds: of the copies.
-            sensors: paths of those that measure; None for all. Batteries, and what an autopilot hears, always do.
+            sensors: paths of the sensors that measure; None for all. Batteries, and sensors that an autopilot uses, always measure.
             parameters: see `reset`.
-            threads: how many step the copies, that of the caller included; they change no number.
+            threads: number of threads that step the copies, that of the caller included; the results do not depend on it.
 
         Raises:
             Refused: no such sensor, or as `reset`.
@@ -97,12 +98,12 @@ class Batch:
         self._services = tuple(f"{part.path}/" for part in world.parts.values() if isinstance(part, Piloting))
         self._time_of = world.ticks.time_of
         self._rate, self.dt, self._last = world.rate_hz, world.hydro.dt, world.stepping.given.last
-        self._next_faults, self._next_chores = np.full((2, self.n), NEVER, np.int64)
+        self._next_faults, self._next_watch = np.full((2, self.n), NEVER, np.int64)
         self._events: list[tuple[int, Event]] = []
         self._copies[0].move(self._memory.of(0))
-        self._constants = self._copies[0].constants()  # whatever becomes of that copy
+        self._constants = self._copies[0].constants()  # copied, as that copy may be replaced
         for i, copy in enumerate(self._copies):
-            self._take(i, copy)
+            self._place(i, copy)
         self.reset(**(parameters or {}))
 
     def __len__(self) -> int:
@@ -113,11 +114,11 @@ class Batch:
 
     @property
     def threads(self) -> int:
-        """How many step the copies, that of the caller included."""
+        """Number of threads that step the copies, that of the caller included."""
         return self._steps.ranges.count
 
     def close(self) -> None:
-        """End the threads but the caller's, which steps the copies alone from now on. They also end with the batch, when nobody has it any longer."""
+        """End the other threads; the caller's thread alone steps the copies from now on. They also end when the batch is dropped."""
         self._steps.ranges.close()
 
     # -- time -----------------------------------------------------------------------------------------------------------------------
@@ -137,11 +138,11 @@ class Batch:
 
     @property
     def diverged(self) -> NDArray[np.bool_]:
-        """(n) whether a body of the copy has a state that is not finite, or absurdly fast. Such a copy stands still until it is reset."""
+        """(n) whether the state of a body of the copy is not finite, or absurdly fast. Such a copy stands still until it is reset."""
         return self._steps.lost >= 0
 
     def step(self, ticks: int = 1) -> NDArray[np.bool_]:
-        """Carry all copies on by so many ticks, but for those that diverge; returns `diverged`.
+        """Make `ticks` ticks in all copies, except those that diverge. Returns `diverged`.
 
         Raises:
             Refused: less than one tick.
@@ -151,26 +152,26 @@ class Batch:
         begin, told = self.ticks, len(self._events)
         now, goal = begin, begin + ticks
         while (going := (self._steps.lost < 0) & (now < goal)).any():
-            # Those that had something to tell lag: they catch up first.
+            # A copy that had an event lags behind. The copies that lag most are stepped first.
             left = goal - now
             behind = int(left[going].max())
             others = left[going & (left < behind)]
             going &= left == behind
             which = np.flatnonzero(going)
-            self._before(which, going, now)
-            ticks = min(self._quiet(which, going, now), behind - int(others.max(initial=0)))
+            self._act_before(which, going, now)
+            ticks = min(self._undisturbed_ticks(which, going, now), behind - int(others.max(initial=0)))
             for i in self._steps.carry(which, ticks):
                 self._act(i, _do_nothing, self._steps.why(i))
             now = self.ticks
-        # In the order of single ticks among all copies.
+        # In the order in which single ticks of all copies would have given them.
         self._events[told:] = sorted(
             self._events[told:], key=lambda item: (item[1].tick - int(begin[item[0]]), item[0])
         )
         del self._events[:-_MOST_EVENTS]
         return self.diverged
 
-    def _before(self, which: IntArray, going: NDArray[np.bool_], ticks: IntArray) -> None:
-        """All that acts before a tick, in the order of `World.advance`."""
+    def _act_before(self, which: IntArray, going: NDArray[np.bool_], ticks: IntArray) -> None:
+        """Do everything that acts before a tick, in the order of `World.advance`."""
         commands = self._commands
         for i in _due(self._next_faults <= ticks, which):
             self._act(i, lambda world: take_turns(world.stepping.turns.first, world.tick, world.t_ns))
@@ -180,31 +181,32 @@ class Batch:
             text = f'no command for "{path}" in {self.commands[path].timeout_s:g} s: it went to neutral'
             tick = int(ticks[i])
             self._events.append((i, Event("watchdog", tick, self._time_of(tick), text)))
-        for i in _due(self._next_chores <= ticks, which):
+        for i in _due(self._next_watch <= ticks, which):
             self._act(i, lambda world: take_turns(world.stepping.turns.watch, world.tick, world.t_ns))
         for i in _due(ticks > self._last, which):
-            self._act(i, _do_nothing)  # its times are told (`StepTable.stands_at`)
+            self._act(i, _do_nothing)  # Python gives the times of these ticks (`StepTable.stands_at`).
 
-    def _quiet(self, which: IntArray, going: NDArray[np.bool_], ticks: IntArray) -> int:
-        """For how many ticks, one at least, nothing acts before a tick of any of these copies."""
-        nexts = np.minimum(np.minimum(self._next_faults, self._next_chores), self._last)
+    def _undisturbed_ticks(self, which: IntArray, going: NDArray[np.bool_], ticks: IntArray) -> int:
+        """Return for how many ticks, at least one, nothing acts before a tick of any of these copies."""
+        nexts = np.minimum(np.minimum(self._next_faults, self._next_watch), self._last)
         return max(1, min(int((nexts - ticks)[which].min()), self._commands.quiet(ticks, which, going)))
 
     def _act(self, i: int, act: Callable[[World], T], why: int = rows.DONE) -> T:
-        """Let Python act in a copy between two ticks, tell what comes of it, and note when it has to again. `why` the last step has stopped."""
+        """Let Python act in a copy between two ticks, then collect its events and note when Python is needed again. `why` is the reason for
+        which its last step has stopped."""
         try:
             return self._copies[i].act(act, why)
         finally:
-            self._go_on(i)
+            self._collect(i)
 
-    def _go_on(self, i: int) -> None:
+    def _collect(self, i: int) -> None:
         copy = self._copies[i]
         self._events += [(i, event) for event in copy.world.flush().events]
-        self._next_faults[i], self._next_chores[i] = copy.begin()
+        self._next_faults[i], self._next_watch[i] = copy.begin()
         self._steps.find(i)
 
     def events(self) -> list[tuple[int, Event]]:
-        """What has happened since this was asked last, with the number of the copy: watchdogs, faults, modes; the newest 4096."""
+        """Return what has happened since the last call, with the number of the copy: watchdogs, faults, modes; the newest 4096 events."""
         events, self._events = self._events, []
         return events
 
@@ -215,25 +217,29 @@ class Batch:
 
         Args:
             port: path of the actuator, as in one world.
-            copies: which; the others keep what they have.
-            value: by field: an array (k, *shape of the field) for the k copies in their order, or of the field's shape for all of them.
+            copies: which copies; the others keep their command.
+            value: by field: an array (k, *shape of the field) for the k copies in their order, or an array of the field's shape for all of
+                them.
 
         Raises:
-            Refused: unknown port or field, another shape, not finite, out of range, or held by an autopilot; no copy gets anything.
+            Refused: unknown port or field, another shape, not finite, out of range, or held by an autopilot; no copy gets a command.
         """
         self._commands.post(port, value, self._numbers(copies), self.ticks)
 
     def call(self, service: str, copies: Copies = None, **args: Any) -> list[Json]:
-        """Call a service of an autopilot (``rov/autopilot/arm``) of all copies, or of some, one after the other; returns their results.
+        """Call a service of an autopilot (``rov/autopilot/arm``) of all copies, or of some, one after the other. Returns their results.
 
         Raises:
-            Refused: unknown, no service of an autopilot, or refused by a copy, whose number stands in the text; those before it have been called.
+            Refused: unknown service, no service of an autopilot, or refused by a copy, whose number is in the text; the copies before it
+                have been called.
         """
         world = self._copies[0].world
         find("service", service, world.services)
         if not service.startswith(self._services):
             raise Refused(
-                "denied", f'"{service}" is of a whole world: a batch calls those of autopilots alone', service
+                "denied",
+                f'"{service}" is a service of a whole world: a batch calls only services of autopilots',
+                service,
             )
         results: list[Json] = []
         for i in self._numbers(copies).tolist():
@@ -244,7 +250,7 @@ class Batch:
         return results
 
     def states(self, vehicle: str | None = None, out: FloatArray | None = None) -> FloatArray:
-        """(n, 13) states of a vehicle, of the first one by default: p_NB, q_NB, v_NB_B, w_NB_B.
+        """Return the states (n, 13) of a vehicle, by default of the first one: p_NB, q_NB, v_NB_B, w_NB_B.
 
         Args:
             vehicle: its name.
@@ -264,11 +270,11 @@ class Batch:
         return out
 
     def read(self, port: str, out: Readings | None = None) -> Readings:
-        """The newest delivered samples of a sensor, by field.
+        """Return the newest delivered samples of a sensor, by field.
 
         Args:
             port: path of a sensor that measures, or of one of its streams.
-            out: readings of this port from before, to be filled and returned instead of new ones.
+            out: earlier readings of this port, to be filled and returned instead of new ones.
 
         Raises:
             Refused: no such port.
@@ -283,25 +289,26 @@ class Batch:
         return out
 
     def describe(self) -> dict[str, Any]:
-        """Everything that goes in and out: names, shapes, units, frames and what they mean, as plain values."""
+        """Return a description of all inputs and outputs as plain values: names, shapes, units, frames and meanings."""
         return described(self.n, float(self._rate), self.vehicles, self.ports, self.commands)
 
     @property
     def parameters(self) -> dict[str, FloatArray]:
-        """(n, *shape) each, by name: what the copies have now."""
+        """Present values (n, *shape) of each parameter, by name."""
         return {name: values.copy() for name, values in self._parameters.values.items()}
 
     # -- the start ------------------------------------------------------------------------------------------------------------------
 
     def reset(self, copies: Copies = None, *, seeds: int | Sequence[int] | None = None, **parameters: Any) -> None:
-        """Put all copies, or some, to their start: t = 0, the states of the scenario, and the random numbers of their seeds from the first on.
+        """Put all copies, or some, to their start: t = 0, the states of the scenario, and the random numbers of their seeds from the first
+        one on.
 
         The other copies go on as if nothing had happened. Commands that have not acted yet are dropped.
 
         Args:
-            copies: which.
-            seeds: other ones, one for all (which are then alike) or one each; this builds their worlds anew, some ms each.
-            parameters: see `describe`; what is not given stays as it was set before.
+            copies: which copies.
+            seeds: new seeds, one for all (which are then alike) or one for each. Their worlds are built anew, in some ms each.
+            parameters: see `describe`; a parameter that is not given keeps its value.
 
         Raises:
             Refused: no such copy or parameter, another shape, or out of range; nothing has changed.
@@ -313,14 +320,14 @@ class Batch:
             if given is not None and given[k] != self.seeds[i]:
                 self.seeds[i] = given[k]
                 self._copies[i] = Copy(self._build(given[k]), self._measured)
-                self._take(i, self._copies[i])
+                self._place(i, self._copies[i])
             self._begin(i, bool(parameters) or given is not None)
         self._steps.lost[which] = -1
         self._commands.forget(which)
         self._commands.delay[which] = np.rint(self._parameters.values["command_latency"][which] * float(self._rate))
 
-    def _take(self, i: int, copy: Copy) -> None:
-        """Have what the ticks of a copy write lie beside that of others, and what they only read where the first world has it."""
+    def _place(self, i: int, copy: Copy) -> None:
+        """Place what the ticks of a copy write beside that of the other copies, and share what they only read."""
         copy.move(self._memory.of(i))
         copy.share(self._constants)
 
@@ -333,7 +340,7 @@ class Batch:
             copy.keep()
         copy.restore()
         copy.world.flush()
-        self._go_on(i)
+        self._collect(i)
 
     def _numbers(self, copies: Copies) -> IntArray:
         if copies is None:
@@ -352,13 +359,13 @@ class Batch:
 
 
 def _due(are: NDArray[np.bool_], which: IntArray) -> list[int]:
-    """Those of `which` that are."""
+    """Return those of `which` that the mask `are` holds."""
     due: list[int] = which[are[which]].tolist() if are.any() else []
     return due
 
 
 def _do_nothing(world: World) -> None:
-    """What Python may have to tell is told anyway."""
+    """Do nothing in a world. `Batch._act` collects its events nevertheless."""
 
 
 def _seeds(seeds: int | Sequence[int], which: IntArray) -> list[int]:

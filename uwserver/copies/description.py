@@ -1,4 +1,4 @@
-"""What goes into a batch and comes out of it, as plain values."""
+"""The inputs and outputs of a batch, as plain values."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ STATES = (
     ("v_NB_B", 7, 10, "m/s", "B", "velocity of the body origin: forward, starboard, down"),
     ("w_NB_B", 10, 13, "rad/s", "B", "angular rate"),
 )
-"""Columns of a state: name, first, behind the last, unit, frame, meaning."""
+"""Columns of a state: name, first column, end, unit, frame, meaning."""
 
 
 def described(
     n: int, rate_hz: float, vehicles: Sequence[str], ports: Mapping[str, Port], commands: Mapping[str, Port]
 ) -> dict[str, Any]:
-    """All arrays of a batch.
+    """Return a description of all arrays of a batch.
 
     Args:
-        n: copies.
-        rate_hz: ticks a second.
+        n: number of copies.
+        rate_hz: ticks per second.
         vehicles: of each copy.
-        ports: sensors that measure.
-        commands: what can be commanded.
+        ports: the sensors that measure.
+        commands: the actuators.
     """
     return {
         "copies": n,

@@ -1,7 +1,7 @@
-"""One stretch of memory for what ticks of all copies write, that of each copy side by side.
+"""One block of memory for everything that the ticks of all copies write, copy after copy.
 
-Built one after the other, worlds lie scattered among the objects of Python: a thousand of them are then stepped at a third of the pace, as the
-processor waits for a page here and a line there. What lies in a row it fetches ahead.
+Worlds that are built one after the other lie scattered among Python's objects. A thousand of them would be stepped at a third of the speed,
+as the processor waits for memory pages. Memory in sequence is fetched ahead.
 """
 
 from __future__ import annotations
@@ -12,29 +12,29 @@ from typing import Any
 import numpy as np
 
 LINE = 64
-"""Bytes that come from memory together."""
+"""Bytes of a memory line, which the processor fetches together."""
 
 Place = Callable[[Any], Any]
-"""Gives a copy of an array in other memory."""
+"""Returns a copy of an array in other memory."""
 
 
 class Memory:
-    """Of n copies."""
+    """The memory of n copies."""
 
     def __init__(self, n: int, size: int) -> None:
-        """With so many bytes for each, in whole lines."""
+        """Reserve `size` bytes for each of n copies, in whole lines."""
         self._size = size
         raw = np.zeros(n * size + LINE, np.uint8)
         first = -raw.ctypes.data % LINE
         self._bytes = raw[first : first + n * size]
 
     def of(self, i: int) -> Place:
-        """Places of copy i, from the first one on; what is there already is lost."""
+        """Return a function that places arrays in the memory of copy i, from its beginning. What was there before is lost."""
         free = self._bytes[i * self._size : (i + 1) * self._size]
 
         def place(array: Any) -> Any:
             nonlocal free
-            if array.nbytes > len(free):  # more than other copies have
+            if array.nbytes > len(free):  # This copy needs more than the others.
                 return array.copy()
             there = free[: array.nbytes].view(array.dtype).reshape(array.shape)
             there.reshape(-1).view(np.uint8)[:] = array.reshape(-1).view(np.uint8)
@@ -45,5 +45,5 @@ class Memory:
 
 
 def lines(count: int) -> int:
-    """Bytes of the lines that so many bytes need."""
+    """Return the bytes of the whole lines that hold `count` bytes."""
     return -(-count // LINE) * LINE

@@ -1,4 +1,4 @@
-"""What may differ from copy to copy: factors of what the scenario says, a current, latencies."""
+"""Values that may differ from copy to copy: factors of the scenario's numbers, a current, latencies."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from uwserver.copies.copy import Copy
+from uwserver.copies.copy import Copy, for_copies
 from uwserver.modifiers.noise import GAUSS_MARKOV, OUTLIER, WHITE
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.ports import Refused
@@ -19,11 +19,11 @@ from uwserver.world.sensor_slot import SensorSlot
 
 
 class Parameter(NamedTuple):
-    """One of them.
+    """One parameter.
 
     Attributes:
         shape: of its value for one copy.
-        unit, default: of the value; nan: as in the scenario.
+        unit, default: of the value; nan stands for the value of the scenario.
         minimum, maximum: limits.
         doc: one sentence.
     """
@@ -40,50 +40,50 @@ PARAMETERS: Mapping[str, Parameter] = {
     "mass": Parameter((), "1", 1.0, 0.01, 100.0, "factor of mass and inertia, and so of the weight; buoyancy stays"),
     "added_mass": Parameter((), "1", 1.0, 0.0, 100.0, "factor of the added mass"),
     "damping": Parameter((), "1", 1.0, 0.0, 100.0, "factor of the damping matrices; drag of fins and propellers stays"),
-    "thruster_gain": Parameter((), "1", 1.0, 0.0, 100.0, "factor of what thrusters push; what they draw stays"),
+    "thruster_gain": Parameter((), "1", 1.0, 0.0, 100.0, "factor of the thrust; the power that thrusters draw stays"),
     "current": Parameter((3,), "m/s", np.nan, -100.0, 100.0, "uniform, steady part of the current in N; nan: as in the scenario"),
-    "latency": Parameter((), "s", 0.0, 0.0, 60.0, "more time from a measurement to its delivery, of all sensors but the ground truth"),
+    "latency": Parameter((), "s", 0.0, 0.0, 60.0, "additional time from a measurement to its delivery, for all sensors except ground truth"),
     "command_latency": Parameter((), "s", 0.0, 0.0, 60.0, "time from a command to its effect, to the nearest tick"),
-    "noise": Parameter((), "1", 1.0, 0.0, 1000.0, "factor of the random errors of all sensors; what is wrong in the same way always stays"),
+    "noise": Parameter((), "1", 1.0, 0.0, 1000.0, "factor of the random errors of all sensors; systematic errors stay"),
 }  # fmt: skip
 
 
 class Parameters:
-    """The values of n copies.
+    """The parameters of n copies.
 
     Attributes:
         values: (n, *shape) of each, by name.
     """
 
     def __init__(self, n: int, unscaled: Collection[str] = ()) -> None:
-        """`unscaled`: sensors whose random errors stay what they are."""
+        """Begin with the defaults. `unscaled` are sensors whose random errors cannot be scaled."""
         self._unscaled = unscaled
         self.values: dict[str, FloatArray] = {
             name: np.full((n, *each.shape), each.default) for name, each in PARAMETERS.items()
         }
 
     def set(self, given: Mapping[str, Any], which: IntArray) -> None:
-        """Take over values for some copies, all or none: a number (or vector) for all alike, or (k, *shape).
+        """Set values for some copies, all or none: a number (or vector) for all of them, or (k, *shape).
 
         Raises:
             Refused: no such parameter, another shape, out of range, or a factor of errors that cannot be scaled.
         """
         checked = {name: _checked(name, value, which) for name, value in given.items()}
         if self._unscaled and np.any(checked.get("noise", 1.0) != 1.0):
-            text = f"sensors in plain Python draw errors that no factor scales: {', '.join(self._unscaled)}; leave them out of sensors="
+            text = f"sensors in plain Python draw errors that cannot be scaled: {', '.join(self._unscaled)}; leave them out of sensors="
             raise Refused("denied", text, "noise")
         for name, value in checked.items():
             self.values[name][which] = value
 
     def is_nominal(self, i: int) -> bool:
-        """Whether copy i is as the scenario says."""
+        """Return whether copy i is as in the scenario."""
         return all(
             np.array_equal(values[i], np.full(PARAMETERS[name].shape, PARAMETERS[name].default), equal_nan=True)
             for name, values in self.values.items()
         )
 
     def apply(self, copy: Copy, i: int) -> None:
-        """Make of a copy, which is as the scenario says and at its start, what its values say."""
+        """Change a copy to its values. It must be at its start, and as in the scenario."""
         values = {name: value[i] for name, value in self.values.items()}
         world = copy.world
         _change_bodies(copy, float(values["mass"]), float(values["added_mass"]), float(values["damping"]))
@@ -102,12 +102,7 @@ def _checked(name: str, given: Any, which: IntArray) -> FloatArray:
     if parameter is None:
         text = f'no parameter "{name}"{suggestion(name, PARAMETERS)}; there are: {", ".join(PARAMETERS)}'
         raise Refused("bad_argument", text, name)
-    value, wanted = np.array(given, np.float64), (len(which), *parameter.shape)
-    if value.shape == parameter.shape:
-        value = np.broadcast_to(value, wanted)
-    if value.shape != wanted:
-        text = f'"{name}" has the shape {value.shape}: {wanted} is needed, or {parameter.shape} for all copies alike'
-        raise Refused("bad_shape", text, name)
+    value = for_copies(name, given, parameter.shape, which)
     wrong = ~((value >= parameter.minimum) & (value <= parameter.maximum))
     if np.isnan(parameter.default):
         wrong &= ~np.isnan(value)
@@ -161,5 +156,5 @@ def _scale_errors(copy: Copy, slot: SensorSlot, factor: float) -> None:
             elif code == OUTLIER:
                 op["p"][1] *= factor
             if code == GAUSS_MARKOV:
-                # Behind the time of the last reading.
+                # The first number of the memory is the time of the last reading.
                 numbers[op["memory"] + 1 : op["memory"] + 1 + op["count"]] *= factor

@@ -1,4 +1,4 @@
-"""Threads of a batch: copies know nothing of each other, so that ranges of them are stepped side by side."""
+"""The threads of a batch. Copies do not affect each other, so threads can step ranges of them at the same time."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from uwserver.ports import Refused
 
 MOST_THREADS = 16
 LEAST_COPIES = 128
-"""With fewer the loops of a tick take less than two threads need to find each other."""
+"""With fewer copies, the loops of a tick take less time than two threads need to start together."""
 _MOST_UNASKED = 4
 
 
 def threads_for(n: int, wanted: int | None) -> int:
-    """How many threads step n copies: as many as wanted, else one a core, up to four, where there are copies enough.
+    """Return the number of threads for n copies: the wanted number, else one for each core, up to four, if there are enough copies.
 
     Raises:
         Refused: not 1 to MOST_THREADS.
@@ -30,13 +30,13 @@ def threads_for(n: int, wanted: int | None) -> int:
 
 
 class Ranges:
-    """Has compiled loops run over ranges of copies, which release the interpreter, in so many threads, that of the caller included.
+    """Runs compiled loops, which release the interpreter lock, over ranges of copies, in `count` threads, that of the caller included.
 
-    The others begin with the first loop, and end with `close`, when this is dropped, or with the interpreter. A process that is forked begins
-    its own.
+    The other threads start with the first loop. They end with `close`, when this object is dropped, or with the interpreter. A forked
+    process starts its own.
 
     Attributes:
-        count: ranges, and threads.
+        count: number of ranges, and of threads.
     """
 
     def __init__(self, count: int) -> None:
@@ -45,10 +45,10 @@ class Ranges:
         self._process = 0
 
     def run(self, which: IntArray, loop: Callable[[IntArray, int], None]) -> None:
-        """Call ``loop(part, k)`` for the parts of `which`, part k being that of range k; returns when all are done.
+        """Call ``loop(part, k)`` for the parts of `which`, where part k is that of range k. Returns when all are done.
 
         Raises:
-            Exception: what a loop raises; of several the first.
+            Exception: the error of a loop; of several errors the first.
         """
         if self.count == 1 or len(which) < 2:
             loop(which, 0)
@@ -61,13 +61,13 @@ class Ranges:
         try:
             loop(which[:size], 0)
         finally:
-            # Whatever happens here: nobody is at work with the arrays when this returns.
+            # After an error, too, no thread may work on the arrays when this method returns.
             wait(others)
         for other in others:
             other.result()
 
     def close(self) -> None:
-        """End the threads; what is run from now on is run by the caller alone."""
+        """End the threads. From now on the caller runs all loops alone."""
         self.count, pool, self._pool = 1, self._pool, None
         if pool is not None and self._process == os.getpid():
             pool.shutdown()

@@ -1,4 +1,4 @@
-"""What a sensor said last in each copy, as arrays by field."""
+"""The newest samples of a sensor in all copies, as arrays by field."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from uwserver.ports import Port
 class Readings(Mapping[str, NDArray[Any]]):
     """The newest delivered samples of one port of n copies: ``readings["depth"]`` is an array (n, *shape of the field).
 
-    Floats are nan where a sensor has no value, and before its first sample; truths are then false, whole numbers -2**63. Fields of texts and
-    buffers are left out. The arrays are the reader's own, until he gives these readings as ``out=`` to be filled anew.
+    Floats are nan if a sensor has no value, and before its first sample; truths are then false, and whole numbers -2**63. Fields of texts
+    and buffers are left out. The arrays belong to the caller until these readings are given as ``out=`` to be filled again.
 
     Attributes:
         port: of the sensor.
@@ -37,17 +37,17 @@ class Readings(Mapping[str, NDArray[Any]]):
 
     @property
     def seq(self) -> IntArray:
-        """(n) number of the sample in its copy's run, from 0 on; -1 before the first."""
+        """(n) number of the sample in the run of its copy, from 0; -1 before the first."""
         return self.stamps[:, 0]
 
     @property
     def t_ns(self) -> IntArray:
-        """(n) simulation time of the copy at which it was true, ns; -1 before the first."""
+        """(n) simulation time of the copy at which the sample was true, ns; -1 before the first."""
         return self.stamps[:, 1]
 
     @property
     def t_sent_ns(self) -> IntArray:
-        """(n) simulation time of its delivery, ns; likewise."""
+        """(n) simulation time of its delivery, ns; -1 before the first."""
         return self.stamps[:, 2]
 
     @property
@@ -67,7 +67,7 @@ class Readings(Mapping[str, NDArray[Any]]):
         return part.reshape(self.shape_of(name))
 
     def shape_of(self, name: str) -> tuple[int, ...]:
-        """(n, *shape) of a field."""
+        """Return the shape (n, *shape) of a field."""
         return len(self.packed), *self._places[name][0].shape
 
     def __iter__(self) -> Iterator[str]:

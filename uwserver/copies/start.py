@@ -1,4 +1,4 @@
-"""From a resolved scenario to a batch of its copies."""
+"""Makes a batch from a resolved scenario."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ def begin(
     parameters: Mapping[str, Any],
     threads: int | None = None,
 ) -> Batch:
-    """The batch. What must be compiled for it is compiled first.
+    """Return the batch, after compiling what it needs.
 
     Args:
         resolved: a loaded and checked scenario.
         n, seeds, sensors, parameters, threads: as for `uwserver.batch`.
 
     Raises:
-        Refused: less than one copy, another number of seeds, what `admission.check` refuses, no such sensor or
-            parameter, or so many threads.
+        Refused: less than one copy, another number of seeds, refused by `admission.check`, no such sensor or parameter, or a wrong number
+            of threads.
     """
     if n < 1:
         raise Refused("out_of_range", f"a batch has 1 copy or more, not {n}", "n")

@@ -1,4 +1,4 @@
-"""The steps of all copies: where each lies, and what Python does where one stops."""
+"""The steps of all copies: the addresses of their arrays, and the Python work at their stops."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from uwserver.world.stepping import QUIET
 
 
 class Steps:
-    """Of n copies.
+    """Steps n copies.
 
     Attributes:
         rows: (n) of `step.rows.COPY`.
         lost: (n) row of the body that diverged, -1 for none.
-        ranges: of copies, one for each thread.
+        ranges: the threads.
     """
 
     def __init__(self, copies: Sequence[Copy], threads: int) -> None:
-        """So many threads step them, each with work space of its own. The copies may be replaced."""
+        """Take the copies, which may be replaced later. Each thread has a work space of its own."""
         from uwserver.step import many
 
         many.load()
@@ -38,21 +38,21 @@ class Steps:
 
     @property
     def ticks(self) -> IntArray:
-        """(n) ticks of each since its start."""
+        """(n) ticks of each copy since its start."""
         ticks: IntArray = self.rows["tick"].copy()
         return ticks
 
     def find(self, i: int) -> None:
-        """Arrays of a copy may lie elsewhere, or it stands at another tick."""
+        """Find the arrays and the tick of a copy again."""
         self.rows[i] = self._copies[i].row
 
     def why(self, i: int) -> int:
-        """A copy has stopped."""
+        """Return the reason for which a copy has stopped."""
         return int(self.rows["why"][i])
 
     def carry(self, which: IntArray, ticks: int) -> list[int]:
-        """Let copies make so many ticks, or fewer where they have something to tell. What they need of Python is done between the calls, for all that
-        have stopped. Returns those that may have something to tell."""
+        """Let copies make `ticks` ticks, or fewer if they have events. Between the calls, the Python work of all stopped copies is done.
+        Returns the copies that may have events."""
         told: set[int] = set()
         try:
             while len(which):
@@ -61,7 +61,9 @@ class Steps:
                 stopped = which[self.rows["why"][which] != rows.DONE].tolist()
                 told.update(i for i in stopped if self.why(i) not in QUIET)
                 which = np.array([i for i in stopped if self._goes_on(i)], np.int64)
-        except BaseException:  # Ctrl-C too: what is left of these ticks is not made, as where a world is broken off
+        except (
+            BaseException
+        ):  # Also after Ctrl-C: the rest of these ticks is not made, as in a single world that is interrupted.
             for i in which.tolist():
                 self._copies[i].world.stepping.end(rows.DONE)
                 self._copies[i].begin()
@@ -70,12 +72,12 @@ class Steps:
         return sorted(told)
 
     def _step(self, which: IntArray, me: int, ticks: int) -> None:
-        """A range of copies, by the thread `me`."""
+        """Step a range of copies in thread `me`."""
         scratch = self._scratch[me : me + 1].ctypes.data
         self.kernels.step_each(which, self.rows, self._code, ticks, rows.NOTHING_POSTED, scratch)
 
     def _goes_on(self, i: int) -> bool:
-        """Do in Python what a step of a copy has stopped for within a tick; whether that is to go on."""
+        """Do the Python work for which a step of a copy has stopped within a tick. Returns whether the step is to go on."""
         why, stepping = self.why(i), self._copies[i].world.stepping
         if why == rows.DIVERGED:
             self.lost[i] = stepping.lost

@@ -80,14 +80,15 @@ def checked_command(port: Port, value: Mapping[str, object]) -> Items:
             [_checked_item(field, value[field.name]) if field.name in value else None for field in port.fields]
         )
     except Refused:
-        _check_names(port, value)  # a wrong name is reported first; checked late, so that good commands pay nothing
+        check_names(port, value)  # a wrong name is reported first; checked late, so that good commands pay nothing
         raise
     if not value or len(value) > len(items) - items.count(None):
-        _check_names(port, value)
+        check_names(port, value)
     return items
 
 
-def _check_names(port: Port, value: Mapping[str, object]) -> None:
+def check_names(port: Port, value: Mapping[str, object]) -> None:
+    """Refuse a command without fields, or with a field that the port does not have."""
     names = [field.name for field in port.fields]
     for key in value:
         if key not in names:

@@ -18,7 +18,7 @@ FASTEST = 0.0
 
 
 class Player(Deck):
-    """A `uwserver.simulation.source.Source` that plays a recording; arguments as in `Deck`."""
+    """Plays a recording in place of a `uwserver.simulation.thread.Simulation`; arguments as in `Deck`."""
 
     def call(
         self, service: str, args: Mapping[str, Json], client: str, on_reply: OnReply, source: str = ""

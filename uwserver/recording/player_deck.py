@@ -65,7 +65,7 @@ class Deck:
         time, bus, mailbox: of the server.
 
     Attributes:
-        world, lateness, pace, lockstep, readers, paused, failure, until_tick: as in `uwserver.simulation.source.Source`.
+        world, lateness, pace, lockstep, readers, paused, failure, until_tick: as in `uwserver.simulation.thread.Simulation`.
         water: the recorded sea.
     """
 

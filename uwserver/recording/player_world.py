@@ -9,8 +9,8 @@ from fractions import Fraction
 from uwserver.ports import Port, Service
 from uwserver.recording.player_items import Scene
 from uwserver.recording.player_track import Track
-from uwserver.simulation.source import Commanded, KnownMember
 from uwserver.units import NANOSECONDS
+from uwserver.world.components import ActuatorSlot
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,8 @@ class PlayedWorld:
     t_ns: int
     ports: Mapping[str, Port]
     services: Mapping[str, Service]
-    members: Mapping[str, KnownMember]
-    actuators: Mapping[str, Commanded] = field(default_factory=dict)
+    members: Mapping[str, _Member]
+    actuators: Mapping[str, ActuatorSlot] = field(default_factory=dict)
     readings_dropped: Mapping[str, int] = field(default_factory=dict)
     readings_failed: Mapping[str, int] = field(default_factory=dict)
     stops: Mapping[str, int] = field(default_factory=dict)
@@ -70,6 +70,6 @@ def world_of(track: Track) -> PlayedWorld:
     )  # fmt: skip
 
 
-def members_of(scene: Scene) -> Mapping[str, KnownMember]:
+def members_of(scene: Scene) -> Mapping[str, _Member]:
     """Return the bodies of a scene by name."""
     return {body.name: _Member(_Vehicle(body.model)) for body in scene.bodies}

@@ -1,9 +1,10 @@
-"""What an adapter sees of the server: one `Context` per adapter over one `Hub`. Loop thread only."""
+"""The server as an adapter sees it: one `Context` for each adapter, over one `Hub`. Loop thread only."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 import msgspec
 
@@ -29,6 +30,7 @@ from uwserver.ports import (
 )
 from uwserver.ports.checks import checked_args, checked_command, find
 from uwserver.ports.stops import is_stop
+from uwserver.recording.player import Player
 from uwserver.scenario.scene.scenery import Scenery
 from uwserver.server.profiling import PROFILE, Profiling
 from uwserver.server.recordings import SERVICES as RECORDING_SERVICES
@@ -38,11 +40,14 @@ from uwserver.server.without_truth import DriverWithoutTruth, WithoutTruth
 from uwserver.simulation.bus import Bus
 from uwserver.simulation.mailbox import Mailbox, client_of
 from uwserver.simulation.services import CLOCK_SERVICES
-from uwserver.simulation.source import Source
+from uwserver.simulation.thread import Simulation
 from uwserver.world.saving import LOAD, SAVE
 
 PROTOCOL_VERSION = 1
 CLOCK = {service.path: service for service in CLOCK_SERVICES}
+
+TickProvider = Simulation | Player
+"""What gives ticks to a server: a world that is stepped, or a recording that is played."""
 
 LOOP_SERVICES = (
     Service("world/describe", "Every port and service with fields, units and frames.", reads_only=True),
@@ -55,20 +60,22 @@ LOOP_SERVICES = (
 
 @dataclass
 class Hub:
-    """What all adapters share.
+    """Everything that adapters share.
 
     Attributes:
         server: name of the server.
-        shutdown, status: begins an orderly end of it, and the `world/status` answer.
-        files, profiling: saved states, and where the time of ticks goes; None where nothing is computed.
-        scenery: what the world looks like.
-        clock, objection: services that steer its time, and why a command to a port or a call cannot be (None: it can).
-        playback: what a status says of the recording that is played; None for a world that runs.
-        recordings: that clients begin and end; None where there are none.
+        simulation, bus, mailbox: the provider of ticks, and the two queues to its thread.
+        shutdown, status: begins an orderly end of the server; returns the answer of `world/status`.
+        files, profiling: saved states, and measurements of ticks; None if nothing is computed.
+        scenery: describes what the world looks like.
+        clock, objection: the services that control time; returns why a command to a port or a call is refused (None: it is not).
+        playback: returns what a status says about the recording that is played; None for a world that runs.
+        recordings: recordings that clients begin and end; None if they cannot.
+        stats: counts of each adapter, by name.
     """
 
     server: str
-    simulation: Source
+    simulation: TickProvider
     bus: Bus
     mailbox: Mailbox
     shutdown: Callable[[str], None]
@@ -84,14 +91,15 @@ class Hub:
     _shown: dict[tuple[type, str], tuple[Port | Service, Json]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """What all of a large world look like takes longer than a tick may be kept waiting: it is made before the first."""
+        """Make the descriptions of all ports and services before the first tick: in a large world this takes longer than a tick may be
+        delayed."""
         self.shown([*self.ports.values(), *self.services.values(), *LOOP_SERVICES, *self.clock.values()])
 
     def shown(self, entries: Sequence[Port | Service]) -> list[Json]:
-        """Ports or services as `describe` shows them, each made once."""
+        """Return ports or services as `describe` shows them. Each description is made once."""
         shown: list[Json] = []
         if len(self._shown) > 2 * (len(self.ports) + len(self.services) + len(LOOP_SERVICES) + len(self.clock)):
-            self._shown.clear()  # of bodies that came and went
+            self._shown.clear()  # descriptions of bodies that were removed
         for entry in entries:
             known = self._shown.get((type(entry), entry.path))
             if known is None or known[0] is not entry:
@@ -99,9 +107,13 @@ class Hub:
             shown.append(known[1])
         return shown
 
+    def event(self, kind: Literal["conflict", "shutdown", "adapter_failed"], text: str) -> Event:
+        """Return an event of the present tick."""
+        return Event(kind, self.simulation.world.tick, self.simulation.world.t_ns, text)
+
     @property
     def ports(self) -> Mapping[str, Port]:
-        """All ports, truth included, as they are behind what the loop has been given so far."""
+        """All ports, truth included, that fit the samples which the loop has got so far."""
         return self.simulation.world.ports if self.bus.ports is None else self.bus.ports
 
     @property
@@ -135,13 +147,13 @@ class Context:
             epoch_utc=world.epoch_utc,
             mode=simulation.timing.mode,
             speed=simulation.pace.speed,
-            # Not of `vehicles`, which a tick fills anew in place: `members` is replaced as a whole.
+            # Made of `members`, which is replaced as a whole; `vehicles` is changed in place by a tick.
             vehicles=tuple(VehicleFacts(name, member.vehicle.model) for name, member in world.members.items()),
         )
 
     @property
     def ports(self) -> Mapping[str, Port]:
-        """Ports that this adapter may serve, by path."""
+        """The ports that this adapter may serve, by path."""
         if (everything := self._hub.ports) is not self._seen:
             self._seen = everything
             self._ports = {path: port for path, port in everything.items() if self._truth or not port.is_truth}
@@ -149,7 +161,7 @@ class Context:
 
     @property
     def services(self) -> Mapping[str, Service]:
-        """All services, by path, but those of ports that this adapter may not serve."""
+        """All services by path, except those of ports that this adapter may not serve."""
         if (everything := self._hub.services) is not self._seen_services:
             self._seen_services = everything
             visible = {path: service for path, service in everything.items() if self._truth or "/truth/" not in path}
@@ -159,7 +171,7 @@ class Context:
         return self._services
 
     def hello(self) -> dict[str, Json]:
-        """Common part of the answer to `hello`."""
+        """Return the common part of the answer to `hello`."""
         return {
             "version": PROTOCOL_VERSION,
             "server": f"{self._hub.server} {__version__}",
@@ -167,7 +179,7 @@ class Context:
         }
 
     def describe(self, pattern: str = "**") -> dict[str, Json]:
-        """Ports and services that match, as in docs/reference/protocol.md."""
+        """Return the ports and services that match a pattern, as in docs/reference/protocol.md."""
         world = self._hub.simulation.world
         ports = [self.ports[path] for path in matching(pattern, self.ports)]
         services = [self.services[path] for path in matching(pattern, self.services)]
@@ -211,11 +223,11 @@ class Context:
         return self._hub.scenery.looks.get(sha256)
 
     def attach(self, subscriber: Subscriber) -> Callable[[], None]:
-        """Begin to receive samples and events."""
+        """Begin to deliver samples and events to a subscriber. The returned function ends it."""
         return self._hub.bus.attach(subscriber if self._truth else WithoutTruth(subscriber, self))
 
     def follow_wants(self) -> None:
-        """What somebody wants has changed."""
+        """Take over changed subscriptions."""
         self._hub.bus.follow_wants()
 
     def command(
@@ -276,8 +288,8 @@ class Context:
         return _too_late
 
     def _stop(self, call: Call, on_reply: OnReply, queue: str) -> None:
-        """Where a tick has time for a part of what waits, a stop overtakes what its client asked before; elsewhere the next tick carries out
-        all of it, and the order is the client's."""
+        """Queue a call that stops something. In real time a tick carries out only a part of the waiting requests, so the stop overtakes the
+        requests of its client. In other modes the next tick carries out all of them, and the client's order stays."""
         hub = self._hub
         if hub.simulation.timing.mode != "realtime":
             hub.mailbox.post(call, on_reply, queue, first=True)
@@ -289,7 +301,7 @@ class Context:
                 hub.bus.reply(older.on_reply, Reply(world.tick, world.t_ns, fault=fault))
 
     def _begin(self, call: Call, on_reply: OnReply, queue: str) -> Callable[[], bool]:
-        """Post a call that is answered much later; to cancel it is a call of its own, so that a recording holds it too."""
+        """Post a call that is answered much later. Its cancellation is a call of its own, so that a recording has it too."""
         over = asked = False
 
         def answered(answer: Reply | Progress) -> None:
@@ -302,7 +314,7 @@ class Context:
             if not over and not asked:
                 asked = True
                 path, _, name = call.service.rpartition("/")
-                # Also when too much waits for the next tick: a call whose peer has left would go on without anybody who could end it.
+                # Posted even if too many requests wait: a call whose peer has left would otherwise go on, and no client could end it.
                 self._hub.mailbox.post(Call(f"{path}/cancel_{name}", {}, call.source), None, queue, always=True)
             return not over
 
@@ -321,11 +333,10 @@ class Context:
 
     def tell_conflict(self, text: str) -> None:
         """See `uwserver.adapter.AdapterContext.tell_conflict`."""
-        world = self._hub.simulation.world
-        self._hub.bus.say(Event("conflict", world.tick, world.t_ns, f"{self.name}: {text}"))
+        self._hub.bus.say(self._hub.event("conflict", f"{self.name}: {text}"))
 
     def join(self, client: str) -> Callable[[], None]:
-        """A named client is there; the returned function says that it left."""
+        """Let a named client take part in lockstep. The returned function ends it."""
         barrier = self._hub.simulation.lockstep.barrier
         barrier.join(client)
         return lambda: barrier.leave(client)

@@ -1,4 +1,4 @@
-"""``/health`` and ``/metrics`` over HTTP: requests without a body, one a connection, and nothing that a web page could use."""
+"""Serves ``/health`` and ``/metrics`` over HTTP: requests without a body, one per connection, and nothing that a web page could use."""
 
 from __future__ import annotations
 
@@ -25,27 +25,27 @@ from uwserver.ports import Json
 log = logging.getLogger(__name__)
 
 REQUEST_TIMEOUT_S = 5.0
-"""Wall time in which a peer must have sent its request, and again in which it must have taken the answer."""
+"""Wall time in which a peer must have sent its request, and then the same time in which it must have read the answer."""
 REQUEST_LIMIT = 1 << 14
 """Longest head of a request, bytes."""
 MOST_PEERS = 64
-"""Connections at once; the oldest makes way."""
+"""Most connections at a time; a new one closes the oldest."""
 
 _END: Final = b"\r\n\r\n"
 _FIRST: Final = re.compile(r"([!#$%&'*+\-.^_`|~0-9A-Za-z]+) ([!-~]+) HTTP/1\.[01]")
 _HEADER: Final = re.compile(
     r"([!#$%&'*+\-.^_`|~0-9A-Za-z]+):([^\r\n\0]*)"
-)  # nothing that could be read in two ways: no peer buys time
+)  # The pattern matches in one way only, so that no header takes long.
 
 
 class Service:
-    """What there is to ask for.
+    """Answers requests.
 
     Args:
-        status: of the server.
-        metrics: of it, in Prometheus' text format.
+        status: returns the status of the server.
+        metrics: returns its metrics in Prometheus' text format.
         hosts: names by which it may be asked, see `is_host_known`.
-        refusals: where refused pages are told.
+        refusals: takes the reasons of refused requests.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class Service:
         self._refusals = refusals
 
     def answer(self, head: str) -> bytes:
-        """The answer to the head of a request."""
+        """Return the answer to the head of a request."""
         first, *lines = head.split("\r\n")
         request = _FIRST.fullmatch(first)
         headers = [_HEADER.fullmatch(line) for line in lines]
@@ -74,8 +74,8 @@ class Service:
                 continue
             name = header[2].strip(" \t")
             if not is_host_known(name, self._hosts):
-                # A page whose name was made to point here (DNS rebinding) could read the answer.
-                text = f'"{name[:200]}" is no name of this server that it knows: ask by address, or add it to [server] allowed_hosts'
+                # A web page whose host name was made to point here (DNS rebinding) could read the answer.
+                text = f'"{name[:200]}" is no known name of this server: ask by address, or add it to [server] allowed_hosts'
                 self._refusals.note("host", text)
                 return http_answer("421 Misdirected Request", f"{text}\n", body=with_body)
         if method not in ("GET", "HEAD"):
@@ -92,18 +92,18 @@ class Service:
                 now = self._status()
                 code = "503 Service Unavailable" if now["failure"] else "200 OK"
                 return http_answer(code, json.dumps(now), kind="application/json", body=with_body)
-        except Exception:  # a fault of ours is told to who asks, too
+        except Exception:  # A fault of ours is reported to the peer, too.
             log.exception("%s failed", path)
             return http_answer("500 Internal Server Error", "the server failed to answer: see its log\n")
         return http_answer("404 Not Found", "there are /health and /metrics here\n", body=with_body)
 
 
 class Asker(Connection):
-    """One peer with one request: a stranger for as long as it is there.
+    """One peer with one request.
 
     Args:
-        service: what it may ask for.
-        peers: that there are.
+        service: answers the request.
+        peers: all present peers.
     """
 
     def __init__(self, service: Service, peers: Peers[Asker]) -> None:
@@ -113,7 +113,7 @@ class Asker(Connection):
         self._is_http = False
 
     def takes_http(self, head: bytes) -> bool:
-        """All of it."""
+        """Take the whole request as HTTP."""
         self._is_http = True
         return True
 
@@ -122,7 +122,7 @@ class Asker(Connection):
         self._head += data
 
     def step(self) -> bool:
-        """Answer once the head is complete; what is no request of HTTP has not even an answer."""
+        """Answer once the head is complete. Bytes that are no HTTP get no answer."""
         end = self._head.find(_END, 0, REQUEST_LIMIT)
         if end >= 0 and self._is_http:
             self.farewell(self._service.answer(self._head[:end].decode("latin-1")), REQUEST_TIMEOUT_S)
@@ -131,7 +131,7 @@ class Asker(Connection):
         return False
 
     def missed(self) -> None:
-        """It has not ended its request in time: who is so slow waits for no answer."""
+        """Close the connection, as the request was not complete in time."""
         self.abort()
 
 
@@ -150,7 +150,7 @@ async def serve_http(
         status, metrics, hosts: see `Service`.
 
     Raises:
-        CannotListen: the address cannot be had.
+        CannotListen: the address is not available.
     """
     refusals = Refusals("/health and /metrics", AdapterStats(), asyncio.get_running_loop().time)
     service = Service(status, metrics, hosts, refusals)

@@ -1,15 +1,16 @@
-"""Life cycle of a server: simulation thread, adapters, signals, recording, health; and its orderly end."""
+"""The life cycle of a server: simulation thread, adapters, signals, recording, health, and the orderly end."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import logging
+import math
 import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -18,63 +19,64 @@ from typing import Any
 from msgspec import UNSET
 
 from uwserver.adapter import AdapterStats, CannotListen, load_adapter
-from uwserver.ports import Event, Json, Progress, Reply
+from uwserver.ports import Progress, Reply
 from uwserver.recording.parts import ONE_FILE, Rotation
 from uwserver.recording.recorder import Recorder
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.scene.scenery import Scenery
-from uwserver.server.context import Context, Hub
+from uwserver.server.context import Context, Hub, TickProvider
 from uwserver.server.http import serve_http
 from uwserver.server.playback import Playback
 from uwserver.server.profiling import Profiling
-from uwserver.server.recordings import recordings_of
+from uwserver.server.recordings import Recordings
 from uwserver.server.signals import signals_received
 from uwserver.server.state_files import StateFiles, state_folder
 from uwserver.server.status import Metrics, Monitor
 from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import SystemTime, Timing, processor_ns
 from uwserver.simulation.mailbox import Mailbox
-from uwserver.simulation.source import Source
 from uwserver.simulation.thread import Simulation
 from uwserver.units import NANOSECONDS
 
 log = logging.getLogger(__name__)
 
 SWITCH_INTERVAL_S = 0.0005
-"""Python's default of 5 ms, for which a thread may keep the interpreter, is longer than a tick."""
+"""How long a thread may keep the interpreter. Python's default of 5 ms is longer than a tick."""
 
 START_TIMEOUT_S = 10.0
-"""Wall time in which something must proceed while adapters start."""
+"""Wall time without progress after which adapters have failed to start."""
 START_WORK_NS = NANOSECONDS // 10
-"""Processor time that counts as something: a hundred looks whether all have started cost less, and a process gets more on any machine."""
+"""Processor time that counts as progress. A hundred checks whether all adapters have started take less, and a process gets more on any
+machine."""
 _LOOK_S = 0.1
 SHOWN_S = 1.0
-"""Wall time for which the announcement waits for an adapter that may fail."""
+"""Wall time for which the announcement waits for an adapter that is not required."""
 STOP_TIMEOUT_S = 1.0
-"""Wall time in which an adapter must clean up; and that lies between two signals of which the second ends the process at once."""
+"""Wall time in which an adapter must clean up. It is also the least time between two signals for which the second one ends the process at
+once."""
 STOP_WORK_NS = NANOSECONDS
-"""Processor time in which the present tick must end; only one that never ends takes so long."""
+"""Processor time in which the present tick must end. Only a tick that never ends takes so long."""
 _FIRST_BACKOFF_S, _LAST_BACKOFF_S = 0.2, 5.0
 
 
 @dataclass(frozen=True)
 class Options:
-    """What the command line may change of a scenario.
+    """Values of the command line that change a scenario.
 
     Attributes:
         seed: instead of the scenario's.
         timing: how time passes; None as in the scenario.
         record: file to write.
-        until_s: end the server when simulation time reaches this.
+        until_s: simulation time at which the server ends.
         begin: a saved state to start from.
-        save_at: times (s) at which to save the state, and the files.
-        profile_s: tell every so many seconds of wall time, and at the end, what ticks take; None for never.
+        save_at: times (s) at which the state is saved, and the files.
+        profile_s: wall time (s) after which the profile of ticks is shown, again and again, and at the end; None for never.
         shown: adapter whose address people want first: the start waits for it a moment, though it may fail; "" for none.
         announce: called once peers can connect, with the addresses by adapter name.
         tell: takes the tables of `profile_s`.
         rotation: when the recording goes on in another file.
-        foxglove: whether a recording holds channels for Foxglove, Lichtblick and rerun, too.
+        foxglove: whether a recording has channels for Foxglove, Lichtblick and rerun, too.
     """
 
     seed: int | None = None
@@ -92,11 +94,11 @@ class Options:
 
 
 class StartFailed(Exception):
-    """A required adapter could not start, or a saved state does not fit; the text names it and why."""
+    """A required adapter could not start, or a saved state does not fit. The text names it and says why."""
 
 
 def timing_of(resolved: Resolved) -> Timing:
-    """The scenario's clock."""
+    """Return the clock of a scenario."""
     clock = resolved.scenario.world.clock
     return Timing(
         clock.mode, clock.speed, clock.paused, clock.lockstep_clients, clock.lockstep_timeout_s, clock.on_loss,
@@ -109,23 +111,25 @@ class Server:
 
     Attributes:
         live: the simulation; None while a recording is played.
+        hub: what the adapters share.
     """
 
     def __init__(self, resolved: Resolved, options: Options, playback: Playback | None = None) -> None:
-        """Of a scenario, whose world runs, or of which a recording is played."""
+        """Take a scenario, whose world runs, or whose recording is played."""
         self._resolved = resolved
         self._options = options
         self._ending = asyncio.Event()
         self._reason, self._gave_up = "", False
+        self._signalled = math.inf  # time of the first signal, s
         self._loop = asyncio.get_running_loop()
         time, bus, mailbox = SystemTime(), Bus(self._call_soon), Mailbox()
-        self._monitor = Monitor(lambda: self._hub, time.now_ns)
+        self._monitor = Monitor(lambda: self.hub, time.now_ns)
         self.live: Simulation | None = None
-        self._simulation: Source
+        self._simulation: TickProvider
         self._recorder: Recorder | None = None
-        name, tell = resolved.scenario.server.name, (self.shutdown, self._status)
+        name, tell = resolved.scenario.server.name, (self.shutdown, self._monitor.status)
         if playback is not None:
-            player, self._hub = playback.start(name, resolved, (time, bus, mailbox), tell)
+            player, self.hub = playback.start(name, resolved, (time, bus, mailbox), tell)
             self._simulation = player
             return
         world = build(resolved, options.seed)
@@ -133,15 +137,10 @@ class Server:
         self._simulation = self.live = Simulation(world, timing, time, bus, mailbox)
         files = StateFiles(state_folder(resolved), self.live, mailbox, self._call_soon)
         profiling = Profiling(self.live, time.now_ns, self._call_soon, self._loop.call_later)
-        self._hub = Hub(name, self.live, bus, mailbox, *tell, files, profiling, Scenery(resolved, world))
+        self.hub = Hub(name, self.live, bus, mailbox, *tell, files, profiling, Scenery(resolved, world))
         if options.record:
             self._recorder = Recorder(options.record, world, resolved, options.rotation, foxglove=options.foxglove)
-        self._hub.recordings = recordings_of(resolved, self.live, bus, self._recorder, foxglove=options.foxglove)
-
-    @property
-    def hub(self) -> Hub:
-        """For tests and embedding: what the adapters share."""
-        return self._hub
+        self.hub.recordings = Recordings(resolved, self.live, self._recorder, foxglove=options.foxglove)
 
     def shutdown(self, reason: str) -> None:
         """Begin the orderly end. Loop thread; may be called more than once."""
@@ -154,16 +153,18 @@ class Server:
         """Serve until told to end.
 
         Returns:
-            Exit status: 0 after an orderly end, 1 when the world stopped by a fault or the recording is incomplete.
+            Exit status: 0 after an orderly end, 1 if the world stopped by a fault or the recording is incomplete.
 
         Raises:
             StartFailed: see there.
         """
         async with contextlib.AsyncExitStack() as stack:
-            stack.enter_context(_switch_interval(SWITCH_INTERVAL_S))
-            stack.enter_context(self._signals())
-            if self._hub.recordings is not None:
-                stack.push_async_callback(self._hub.recordings.finish)
+            stack.callback(sys.setswitchinterval, sys.getswitchinterval())
+            sys.setswitchinterval(SWITCH_INTERVAL_S)
+            if threading.current_thread() is threading.main_thread():
+                stack.enter_context(signals_received(self._loop, self._received))
+            if self.hub.recordings is not None:
+                stack.push_async_callback(self.hub.recordings.finish)
             if self.live is not None:
                 self._prepare(self.live, stack)
             await self._start_http(stack)
@@ -172,28 +173,27 @@ class Server:
             monitor = self._loop.create_task(self._monitor.run(), name="monitor")
             stack.push_async_callback(_cancel, [monitor])
             thread = threading.Thread(target=self._simulate, name="simulation", daemon=True)
-            self._options.announce({name: stats.address for name, stats in self._hub.stats.items()})
-            if self._options.profile_s is not None and self._hub.profiling is not None:
-                self._hub.profiling.tell_every(self._options.profile_s, self._options.tell)
+            self._options.announce({name: stats.address for name, stats in self.hub.stats.items()})
+            if self._options.profile_s is not None and self.hub.profiling is not None:
+                self.hub.profiling.tell_every(self._options.profile_s, self._options.tell)
             thread.start()
-            # Also when this task is cancelled: the recorder, which closes next, must be alone with the world.
+            # Also when this task is cancelled: the recorder closes next, and no other thread may use the world then.
             stack.callback(self._join, thread)
             stack.callback(self._simulation.stop)
             await self._ending.wait()
-            world = self._simulation.world
-            event = Event("shutdown", world.tick, world.t_ns, self._reason or "the server ends")
+            event = self.hub.event("shutdown", self._reason or "the server ends")
             self._simulation.stop()
             await self._loop.run_in_executor(None, self._join, thread)
-            if self._hub.profiling is not None:
-                self._hub.profiling.finish()
-            self._hub.bus.say(event)
-            self._hub.bus.drain()
-            if self._hub.files is not None:
-                await self._hub.files.finish()
-            if self._hub.recordings is not None:
-                await self._hub.recordings.finish()
+            if self.hub.profiling is not None:
+                self.hub.profiling.finish()
+            self.hub.bus.say(event)
+            self.hub.bus.drain()
+            if self.hub.files is not None:
+                await self.hub.files.finish()
+            if self.hub.recordings is not None:
+                await self.hub.recordings.finish()
             for t_s, path in self._options.save_at:
-                if world.t_ns < t_s * NANOSECONDS - 1.0:
+                if self._simulation.world.t_ns < t_s * NANOSECONDS - 1.0:
                     log.warning("%s was not written: the run ended before %g s", path, t_s)
         incomplete = self._recorder is not None and not self._recorder.is_complete
         return 1 if self._simulation.failure or incomplete else 0
@@ -202,12 +202,13 @@ class Server:
 
     def _simulate(self) -> None:
         self._simulation.run()
-        # After an orderly stop this says nothing new.
+        # After an orderly stop `shutdown` has been called already, and keeps its first reason.
         reason = self._simulation.failure or f"simulation time reached {self._options.until_s} s"
         self._call_soon(lambda: self.shutdown(reason))
 
     def _join(self, thread: threading.Thread) -> None:
-        """Wait for the end of a tick. Not by the wall clock: on a busy machine, or while a kernel is compiled, a sound one lasts."""
+        """Wait for the end of the present tick. The limit is processor time, because on a busy machine, or while a kernel is compiled, a
+        healthy tick may take long."""
         before, since = processor_ns(), self._loop.time()
         while thread.is_alive() and not self._gave_up:
             thread.join(_LOOK_S)
@@ -220,41 +221,38 @@ class Server:
             log.error("%s: the simulation is cut off", text)
             if self._recorder is not None:
                 self._recorder.abandon(text)
-            if self._hub.recordings is not None:
-                self._hub.recordings.abandon(text)
+            if self.hub.recordings is not None:
+                self.hub.recordings.abandon(text)
 
     def _prepare(self, live: Simulation, stack: contextlib.ExitStack | contextlib.AsyncExitStack) -> None:
-        """What is done with a world before its first tick."""
+        """Do everything that must be done before the first tick of a world."""
         live.world.prepare()
         if self._recorder is not None:
-            stack.enter_context(self._recorder.running(live, self._hub.bus))
+            stack.enter_context(self._recorder.running(live, self.hub.bus))
         if self._options.begin is not None and (refused := live.begin_from(self._options.begin)):
             raise StartFailed(f"the run cannot begin from the saved state: {refused}")
         for t_s, path in self._options.save_at:
             tick = live.world.ticks.at(t_s)
             if tick < live.world.tick:
                 raise StartFailed(f"the state at {t_s:g} s cannot be saved: the run begins later")
-            if self._hub.files is not None:
-                live.appoint(tick, partial(self._hub.files.save_now, path, _told))
+            if self.hub.files is not None:
+                live.appoint(tick, partial(self.hub.files.save_now, path, _log_fault))
         if self._options.until_s is not None:
             live.until_tick = live.world.ticks.at(self._options.until_s)
 
     def _call_soon(self, function: Callable[[], None]) -> None:
-        # The loop is closed already when the last replies of a stopped simulation come.
+        # The last replies of a stopped simulation may come after the loop has closed.
         with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(function)
-
-    def _status(self) -> dict[str, Json]:
-        status = self._monitor.status()
-        status["recorder"] = self._hub.recordings.status() if self._hub.recordings else None
-        return status
 
     async def _start_http(self, stack: contextlib.AsyncExitStack) -> None:
         config = self._resolved.scenario.server
         if not config.metrics:
             return
-        metrics = Metrics(self._hub, self._monitor)
-        serving = serve_http(config.metrics_bind, config.metrics_port, self._status, metrics.text, config.allowed_hosts)
+        metrics = Metrics(self.hub, self._monitor)
+        serving = serve_http(
+            config.metrics_bind, config.metrics_port, self._monitor.status, metrics.text, config.allowed_hosts
+        )
         try:
             port = await stack.enter_async_context(serving)
         except CannotListen as error:
@@ -266,7 +264,7 @@ class Server:
         tasks: list[asyncio.Task[None]] = []
         waiting: dict[str, asyncio.Task[object]] = {}
         for name, config in self._resolved.scenario.adapters.items():
-            context = Context(self._hub, name, config.truth)
+            context = Context(self.hub, name, config.truth)
             ready = asyncio.Event()
             task = self._loop.create_task(self._supervise(config, context, ready), name=f"adapter {name}")
             tasks.append(task)
@@ -283,18 +281,19 @@ class Server:
         return tasks
 
     async def _wait_ready(self, waiting: dict[str, asyncio.Task[object]]) -> None:
-        """Until all have started or the server is told to end; as long as something proceeds, for a busy machine deals out little time.
+        """Wait until all required adapters have started, or the server is told to end. There is no fixed limit as long as something
+        progresses, because a busy machine may be slow.
 
         Raises:
-            StartFailed: one has failed, or nothing proceeds.
+            StartFailed: an adapter has failed, or there is no progress.
         """
         ending = self._loop.create_task(self._ending.wait())
         seen, since, told = (0, 0), self._loop.time(), False
         try:
             while pending := [name for name in waiting if not waiting[name].done()]:
                 for name in pending:
-                    if self._hub.stats[name].restarts:
-                        raise StartFailed(f'adapter "{name}" did not start: {self._hub.stats[name].last_error}')
+                    if self.hub.stats[name].restarts:
+                        raise StartFailed(f'adapter "{name}" did not start: {self.hub.stats[name].last_error}')
                 if ending.done():
                     return
                 sign, now = (len(pending), processor_ns() // START_WORK_NS), self._loop.time()
@@ -313,13 +312,13 @@ class Server:
             ending.cancel()
 
     async def _wait_shown(self) -> None:
-        """A moment, until the adapter that is announced first has its address, or has failed."""
-        stats, until = self._hub.stats.get(self._options.shown), self._loop.time() + SHOWN_S
+        """Wait a moment until the adapter that is announced first has its address, or has failed."""
+        stats, until = self.hub.stats.get(self._options.shown), self._loop.time() + SHOWN_S
         while stats is not None and stats.state == "starting" and self._loop.time() < until:
             await asyncio.sleep(_LOOK_S / 10)
 
     async def _supervise(self, config: Any, context: Context, ready: asyncio.Event) -> None:
-        """Run an adapter, and start it again with back-off when it fails; its fault never reaches the world."""
+        """Run an adapter, and start it again after a growing pause when it fails. Its errors never reach the world."""
         backoff, stats = _FIRST_BACKOFF_S, context.stats
         while True:
             again = asyncio.Event()
@@ -339,38 +338,25 @@ class Server:
                 is_told = not config.required and stats.last_error == str(error)
                 stats.restarts += 1
                 stats.state, stats.last_error = "retrying", str(error)
-                if not is_told:  # one that nobody waits for says the same thing once
+                if not is_told:  # The same error of an adapter that is not required is logged once.
                     log.error('adapter "%s" failed: %s; next try in %.1f s', context.name, error, backoff)
-                    world = self._simulation.world
-                    text = f'adapter "{context.name}" failed: {error}'
-                    self._hub.bus.say(Event("adapter_failed", world.tick, world.t_ns, text))
+                    self.hub.bus.say(self.hub.event("adapter_failed", f'adapter "{context.name}" failed: {error}'))
             if again.is_set():
                 backoff = _FIRST_BACKOFF_S
             await asyncio.sleep(backoff)
             backoff = min(2 * backoff, _LAST_BACKOFF_S)
 
-    @contextlib.contextmanager
-    def _signals(self) -> Iterator[None]:
-        """SIGINT and SIGTERM end the server in order; a second one ends it at once."""
-
-        first: list[float] = []
-
-        def received(number: signal.Signals) -> None:
-            now = self._loop.time()
-            # A supervisor may signal both the process and its group: a second signal counts only when it comes later.
-            if first and now - first[0] > STOP_TIMEOUT_S:
-                os._exit(128 + number)
-            first.append(now)
-            self.shutdown(number.name)
-
-        if threading.current_thread() is not threading.main_thread():
-            yield
-            return
-        with signals_received(self._loop, received):
-            yield
+    def _received(self, number: signal.Signals) -> None:
+        """End the server in order at the first signal; end the process at once at a second one."""
+        now = self._loop.time()
+        # A supervisor may signal both the process and its group, so a second signal counts only some time after the first.
+        if now - self._signalled > STOP_TIMEOUT_S:
+            os._exit(128 + number)
+        self._signalled = min(self._signalled, now)
+        self.shutdown(number.name)
 
 
-def _told(answer: Reply | Progress) -> None:
+def _log_fault(answer: Reply | Progress) -> None:
     if isinstance(answer, Reply) and answer.fault is not None:
         log.error("%s", answer.fault.text)
 
@@ -382,18 +368,8 @@ async def _relay(again: asyncio.Event, ready: asyncio.Event, stats: AdapterStats
 
 
 async def _cancel(tasks: list[Any]) -> None:
-    """Cancel tasks and wait for them, but not for ever."""
+    """Cancel tasks and wait for them, for a limited time."""
     for task in tasks:
         task.cancel()
     if tasks:
         await asyncio.wait(tasks, timeout=STOP_TIMEOUT_S)
-
-
-@contextlib.contextmanager
-def _switch_interval(seconds: float) -> Iterator[None]:
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(seconds)
-    try:
-        yield
-    finally:
-        sys.setswitchinterval(before)

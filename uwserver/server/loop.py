@@ -11,7 +11,7 @@ T = TypeVar("T")
 
 
 def run(main: Coroutine[Any, Any, T]) -> T:
-    """Do as `asyncio.run` does, on a loop that has `add_reader`: the default loop of Windows has none."""
+    """Run a coroutine as `asyncio.run` does, on a loop that has `add_reader`. The default loop of Windows has none."""
     if sys.platform == "win32":
         asyncio.set_event_loop_policy(asyncio.WindowsSelectorEventLoopPolicy())
     return asyncio.run(main)

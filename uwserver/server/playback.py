@@ -1,4 +1,4 @@
-"""A recording in the place of a world: the same hub for the same adapters, without physics."""
+"""Plays a recording in place of a world, with the same hub for the same adapters and without physics."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from uwserver.simulation.mailbox import Mailbox
 
 @dataclass(frozen=True)
 class Playback:
-    """What is played, and how.
+    """A recording to play.
 
     Attributes:
         track: the recording, which the player closes.
         timing: speed, and whether it begins paused.
-        span: from, to, and whether again and again.
+        span: the range that is played.
     """
 
     track: Track
@@ -39,12 +39,12 @@ class Playback:
         outlet: tuple[Time, Bus, Mailbox],
         tell: tuple[Callable[[str], None], Callable[[], dict[str, Json]]],
     ) -> tuple[Player, Hub]:
-        """The player, and the hub that shows it to adapters.
+        """Return the player, and the hub that shows it to adapters.
 
         Args:
             name: of the server.
             resolved: the scenario, with the adapters that serve it.
-            outlet: what carries it to the loop and back.
+            outlet: clock and queues of the server.
             tell: shutdown and status of the server.
         """
         _, bus, mailbox = outlet

@@ -1,6 +1,6 @@
-"""Who wants to know where the time of ticks goes: ``world/profile``, and `uwserver run --profile`. Loop thread.
+"""Profiles of ticks on request: ``world/profile``, and `uwserver run --profile`. Loop thread.
 
-The ticks are measured only while somebody asks.
+Ticks are measured only while a profile is requested.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ PROFILE = Service(
     long_running=True,
 )
 MAX_MEASUREMENTS = 16
-"""At once: each tick is added to all of them."""
+"""Most measurements at a time, as each tick is added to all of them."""
 
 Done = Callable[[Report], None]
 
 
 @dataclass(eq=False)
 class _Measurement:
-    """One that is under way.
+    """A measurement that goes on.
 
     Attributes:
-        done: is told what was measured. Loop thread.
-        source: who wants it; for one client, begin and end keep their order.
-        ending: its end was asked for. Loop thread.
-        window: where it is measured; the simulation thread's, while that runs.
-        report: what came of it.
+        done: takes the report. Loop thread.
+        source: the client; begin and end of one client keep their order.
+        ending: whether its end was requested. Loop thread.
+        window: what is measured; used by the simulation thread while that runs.
+        report: the result.
     """
 
     done: Done
@@ -58,13 +58,13 @@ class Profiling:
         call_soon: Callable[[Callable[[], None]], None],
         call_later: Callable[[float, Callable[[], None]], object],
     ) -> None:
-        """Of a simulation that has not begun yet.
+        """Begin without measurements, before the simulation runs.
 
         Args:
-            simulation: whose ticks are measured.
-            now_ns: the clock of the measurements, ns.
+            simulation: its ticks are measured.
+            now_ns: gives the time of a clock, ns.
             call_soon: lets the loop call a function, from any thread.
-            call_later: lets the loop call one after some seconds.
+            call_later: lets the loop call a function after some seconds.
         """
         self._simulation, self._call_soon, self._call_later = simulation, call_soon, call_later
         self._profile = Profile(now_ns)
@@ -72,10 +72,10 @@ class Profiling:
         self._finished = False
 
     def call(self, seconds: float, source: str, on_reply: OnReply) -> Callable[[], bool]:
-        """Carry out `PROFILE`; returns its cancel function.
+        """Carry out `PROFILE`. Returns its cancel function.
 
         Raises:
-            Refused: too much is under way.
+            Refused: there are too many measurements.
         """
         if len(self._running) >= MAX_MEASUREMENTS:
             raise Refused("overload", f"{MAX_MEASUREMENTS} profiles are being measured: wait for one of them")
@@ -97,7 +97,7 @@ class Profiling:
         return cancel
 
     def tell_every(self, seconds: float, tell: Callable[[str], None]) -> None:
-        """Tell a table of each so many seconds (wall time), and of the whole run at its end."""
+        """Report a table again and again after `seconds` of wall time, and one for the whole run at its end."""
 
         def again(report: Report) -> None:
             if not self._finished:
@@ -108,7 +108,7 @@ class Profiling:
         self._begin(_Measurement(again), seconds)
 
     def finish(self) -> None:
-        """The simulation thread has ended: whoever still waits is told what was measured so far."""
+        """Report what was measured so far to all that wait, after the simulation thread has ended."""
         self._finished = True
         for measurement in tuple(self._running):
             self._tell(
@@ -116,7 +116,7 @@ class Profiling:
             )
 
     def _begin(self, measurement: _Measurement, seconds: float | None) -> None:
-        """Measure so many seconds; None until the end of the run."""
+        """Measure for `seconds`; None: until the end of the run."""
 
         def begin() -> None:
             if not self._profile.is_needed:
@@ -137,7 +137,7 @@ class Profiling:
             self._simulation.steer(partial(self._close, measurement), measurement.source, always=True)
 
     def _close(self, measurement: _Measurement) -> None:
-        """On the simulation thread; its begin was carried out before, as steering keeps its order."""
+        """End a measurement, on the simulation thread. It has begun by now, as steering keeps the order of a client."""
         assert measurement.window is not None
         report = measurement.report = self._profile.close(measurement.window)
         if not self._profile.is_needed:
@@ -145,6 +145,6 @@ class Profiling:
         self._call_soon(partial(self._tell, measurement, report))
 
     def _tell(self, measurement: _Measurement, report: Report) -> None:
-        if measurement in self._running:  # who was told at the end of the run is told once
+        if measurement in self._running:  # at the end of the run `finish` may have reported it
             self._running.remove(measurement)
             measurement.done(report)

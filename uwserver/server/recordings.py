@@ -1,7 +1,8 @@
-"""Recordings that clients begin and end while the server runs: ``recording/start``, ``recording/stop`` and ``recording/state``. Loop thread.
+"""Recordings that clients begin and end while the server runs: ``recording/start``, ``recording/stop`` and ``recording/state``. Loop
+thread.
 
-A client names a file, never a folder: all of them lie in `[server] recordings`. The file begins with the state of the world at the border of a tick,
-so that a replay needs nothing from before. Files are made, written and closed beside the loop.
+A client names a file, never a folder: all files are in `[server] recordings`. A file begins with the state of the world between two ticks,
+so that a replay needs nothing from before. Files are opened, written and closed in other threads than the loop's.
 """
 
 from __future__ import annotations
@@ -20,7 +21,6 @@ from typing import Any, TypeVar
 from uwserver.ports import Argument, Event, Json, OnReply, Refused, Reply, Service
 from uwserver.recording.recorder import Recorder
 from uwserver.scenario.load.resolved import Resolved
-from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import utc_text
 from uwserver.simulation.thread import Simulation
 
@@ -47,43 +47,36 @@ SERVICES = {service.path: service for service in (START, STOP, STATE)}
 
 SUFFIX = ".mcap"
 MAX_FILES = 256
-"""Recordings in the folder."""
+"""Most recordings in the folder."""
 RESERVE_BYTES = 200_000_000
-"""That a recording leaves free on its disk."""
+"""Bytes that a recording leaves free on its disk."""
 MAX_WAITING = 64
-"""Requests that may wait for the disk: who begins and ends all the time keeps nobody else from ending for long."""
+"""Most requests that may wait for the disk, so that a client with many requests does not keep another from ending a recording for long."""
 LOOK_S = 0.5
-"""Wall time between two looks at how much was written; so much more than the limit there can be."""
+"""Wall time between two checks of the file size. A recording may exceed its limit by what is written in that time."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 _TRIES = 100
-_LOST = "somebody has moved or deleted the file"
+_LOST = "the file was moved or deleted"
 
 
 class Recordings:
     """The recordings of a server, one at a time.
 
     Args:
-        folder: where the files are; None for a server on which clients begin none.
-        most_bytes: of all files in the folder.
-        resolved: what the world was built from.
-        simulation, bus: of the server.
-        given: the recording for which the command line asked; None for none.
-        foxglove: whether recordings hold channels for Foxglove, Lichtblick and rerun, too.
+        resolved: the scenario of the world; its `[server]` names the folder of the recordings, and their size altogether.
+        simulation: of the server.
+        given: the recording that the command line has requested; None for none.
+        foxglove: whether recordings have channels for Foxglove, Lichtblick and rerun, too.
     """
 
     def __init__(
-        self,
-        folder: Path | None,
-        most_bytes: int,
-        resolved: Resolved,
-        simulation: Simulation,
-        bus: Bus,
-        given: Recorder | None = None,
-        *,
-        foxglove: bool = True,
+        self, resolved: Resolved, simulation: Simulation, given: Recorder | None = None, *, foxglove: bool = True
     ) -> None:
-        self._folder, self._most_bytes, self._resolved, self._foxglove = folder, most_bytes, resolved, foxglove
-        self._simulation, self._bus, self._given = simulation, bus, given
+        config = resolved.scenario.server
+        self._folder = Path.cwd() / config.recordings if config.recordings else None
+        self._most_bytes = config.recordings_mb * 1_000_000
+        self._resolved, self._foxglove = resolved, foxglove
+        self._simulation, self._bus, self._given = simulation, simulation.bus, given
         self._now: Recorder | None = None
         self._last = given
         self._detach: Callable[[], None] | None = None
@@ -97,15 +90,15 @@ class Recordings:
         """Begin to answer one of `SERVICES`, with checked arguments.
 
         Raises:
-            Refused: no file can have that name, this server records nothing for clients, or too much is asked at once.
+            Refused: no file can have that name, clients cannot record on this server, or too many requests wait.
         """
         if len(self._tasks) >= MAX_WAITING:
             text = f"{MAX_WAITING} requests about recordings wait to be answered already: ask again when they are"
             raise Refused("busy", text)
         if service == STATE.path:
-            self._spawn(self._answered(self._state(), on_reply))
+            self._spawn(self._reply_with(self._state(), on_reply))
         elif service == STOP.path:
-            self._spawn(self._answered(self._stop(f"{STOP.path} by {source}"), on_reply))
+            self._spawn(self._reply_with(self._stop(f"{STOP.path} by {source}"), on_reply))
         else:
             name = str(args["name"])
             if self._folder is None:
@@ -114,19 +107,19 @@ class Recordings:
             if name and not _NAME.fullmatch(name):
                 text = f'"{name[:80]}" cannot name a recording: letters, digits, ., _ and -, no folders, at most 100'
                 raise Refused("bad_argument", text, "name")
-            self._spawn(self._answered(self._start(self._folder, name, source), on_reply))
+            self._spawn(self._reply_with(self._start(self._folder, name, source), on_reply))
 
     def status(self) -> dict[str, Json] | None:
-        """For ``world/status``: the recording that goes on, or the last; None where there was none."""
+        """Return the status of the present recording, or of the last one, for ``world/status``; None if there was none."""
         return None if self._last is None else self._last.status()
 
     def abandon(self, reason: str) -> None:
-        """Give a recording up, as its world cannot be asked any more."""
+        """Give the present recording up, as its world can no longer be read."""
         if self._now is not None:
             self._now.abandon(reason)
 
     async def finish(self) -> None:
-        """The simulation thread has ended: end the recording in order, and wait for the disk. May be called again."""
+        """End the recording in order after the simulation thread has ended, and wait for the disk. May be called again."""
         self._is_over = True
         if self._waiting is not None and not self._waiting.done():
             self._waiting.set_exception(_shutdown())
@@ -142,14 +135,14 @@ class Recordings:
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    async def _answered(self, work: Coroutine[Any, Any, Json], on_reply: OnReply) -> None:
+    async def _reply_with(self, work: Coroutine[Any, Any, Json], on_reply: OnReply) -> None:
         world = self._simulation.world
         try:
             result = await work
             on_reply(Reply(world.tick, world.t_ns, result))
         except Refused as refused:
             on_reply(Reply(world.tick, world.t_ns, fault=refused.fault))
-        except Exception as error:  # ours; who asked must not wait for ever
+        except Exception as error:  # A fault of ours; the client must get an answer all the same.
             log.exception("a recording could not be begun or ended")
             on_reply(Reply(world.tick, world.t_ns, fault=Refused("internal", f"internal fault: {error}").fault))
 
@@ -157,7 +150,7 @@ class Recordings:
         folder, sizes = self._folder, dict[str, int]()
         if folder is not None:
             try:
-                sizes = await _beside(partial(sizes_in, folder))
+                sizes = await _in_thread(partial(sizes_in, folder))
             except OSError as error:
                 raise Refused("denied", f"{folder} cannot be read: {error.strerror or error}") from error
         return {
@@ -173,14 +166,14 @@ class Recordings:
         async with self._one_at_a_time:
             self._check_idle()
             try:
-                recorder, most = await _beside(partial(self._opened, folder, name))
+                recorder, most = await _in_thread(partial(self._opened, folder, name))
             except OSError as error:
                 raise Refused("denied", f"nothing can be recorded to {folder}: {error.strerror or error}") from error
             try:
                 await self._begin(recorder)
             except BaseException:
-                self._leave()
-                await _beside(partial(_discard, recorder))
+                self._detach_recorder()
+                await _in_thread(partial(_discard, recorder))
                 raise
             self._now = self._last = recorder
             self._watcher = asyncio.get_running_loop().create_task(self._watch(recorder, most))
@@ -196,11 +189,10 @@ class Recordings:
                 raise Refused("busy", f"{recorder.path} is being recorded already: that ends {end}")
         if self._now is not None:
             raise Refused("busy", f"the recording {self._now.path} is just ending")
-        if self._simulation.failure:
-            raise Refused("denied", f"{self._simulation.failure}\nCall world/reset or world/restore first.")
+        self._simulation.check_runs()
 
     def _opened(self, folder: Path, name: str) -> tuple[Recorder, int]:
-        """A new file, and how large it may become. Not on the loop: it waits for the disk."""
+        """Return a new file, and how large it may become. Not called on the loop, as it waits for the disk."""
         folder.mkdir(exist_ok=True)
         sizes = sizes_in(folder)
         left = self._most_bytes - sum(sizes.values())
@@ -209,9 +201,9 @@ class Recordings:
             most = f"at most {MAX_FILES} of {self._most_bytes / 1e6:.0f} MB ([server] recordings_mb)"
             raise Refused("busy", f"{text}; {most}: have some of them deleted")
         if (free := shutil.disk_usage(folder).free) < RESERVE_BYTES:
-            text = f"the disk of {folder} is full: {free / 1e6:.0f} MB are free, {RESERVE_BYTES / 1e6:.0f} MB stay so"
+            text = f"the disk of {folder} is full: {free / 1e6:.0f} MB are free, and {RESERVE_BYTES / 1e6:.0f} MB must stay free"
             raise Refused("busy", text)
-        stem = name.removesuffix(SUFFIX) if name else self._usual_name()
+        stem = name.removesuffix(SUFFIX) if name else self._default_name()
         for attempt in range(1, _TRIES if not name else 2):
             path = folder / f"{stem if attempt == 1 else f'{stem}-{attempt}'}{SUFFIX}"
             recorder = Recorder(path, self._simulation.world, self._resolved, foxglove=self._foxglove)
@@ -223,7 +215,7 @@ class Recordings:
         text = f"{stem}{SUFFIX} is there already, and a recording is never overwritten: give another name"
         raise Refused("bad_argument", text, "name")
 
-    def _usual_name(self) -> str:
+    def _default_name(self) -> str:
         scenario = re.sub(r"[^A-Za-z0-9._-]", "_", self._resolved.name).lstrip("._-")[:60] or "run"
         return f"{scenario}-{utc_text()}"
 
@@ -238,20 +230,20 @@ class Recordings:
         finally:
             end_heed()
         try:
-            await _beside(partial(recorder.write_from, state))
+            await _in_thread(partial(recorder.write_from, state))
         except Exception as error:
             text = (error.strerror if isinstance(error, OSError) else None) or str(error)
             recorder.abandon(text)
-            await self._end(recorder)  # there, as the simulation thread tells it of each tick
+            await self._end(recorder)  # Ended on the simulation thread, which shows it each tick.
             if not isinstance(error, OSError | Refused):
                 raise
             raise Refused("denied", f"nothing can be recorded: {text}") from error
 
     async def _watch(self, recorder: Recorder, most: int) -> None:
-        """End a recording that may not, or cannot, go on."""
+        """End a recording that must not, or cannot, go on."""
         while True:
             await asyncio.sleep(LOOK_S)
-            free = await _beside(partial(_free_beside, recorder.path))
+            free = await _in_thread(partial(_free_bytes, recorder.path))
             status = recorder.status()
             written = status["bytes"]
             if free is None:
@@ -260,13 +252,13 @@ class Recordings:
             elif status["error"]:
                 reason = str(status["error"])
             elif isinstance(written, int) and written >= most:
-                reason = f"recordings have {self._most_bytes / 1e6:.0f} MB together, which is all they may"
+                reason = f"recordings have {self._most_bytes / 1e6:.0f} MB together, which is the limit"
             elif free < RESERVE_BYTES:
                 reason = f"the disk is full: {free / 1e6:.0f} MB are free"
             else:
                 continue
-            self._watcher = None  # which `_stop` must not cancel
-            self._spawn(self._answered(self._stop(reason), lambda reply: None))
+            self._watcher = None  # `_stop` must not cancel this task.
+            self._spawn(self._reply_with(self._stop(reason), lambda reply: None))
             return
 
     # -- end --------------------------------------------------------------------------------------------------------------------------
@@ -283,8 +275,8 @@ class Recordings:
                 self._watcher.cancel()
                 self._watcher = None
             await self._end(recorder)
-            await _beside(recorder.close)
-            if await _beside(partial(_free_beside, recorder.path)) is None:
+            await _in_thread(recorder.close)
+            if await _in_thread(partial(_free_bytes, recorder.path)) is None:
                 recorder.abandon(_LOST)
             self._now = None
         status = recorder.status()
@@ -292,14 +284,14 @@ class Recordings:
         return status
 
     async def _end(self, recorder: Recorder) -> None:
-        """Follow the run no more."""
+        """Stop following the run."""
         try:
-            await self._between_ticks(recorder.end, self._leave)
-        except Refused:  # the simulation thread has ended: nobody else is there
+            await self._between_ticks(recorder.end, self._detach_recorder)
+        except Refused:  # The simulation thread has ended, so no other thread uses the recorder.
             recorder.end()
-            self._leave()
+            self._detach_recorder()
 
-    def _leave(self) -> None:
+    def _detach_recorder(self) -> None:
         if self._detach is not None:
             self._detach()
             self._detach = None
@@ -307,8 +299,8 @@ class Recordings:
     # -- the simulation ---------------------------------------------------------------------------------------------------------------
 
     async def _between_ticks(self, action: Callable[[], T], then: Callable[[], None]) -> T:
-        """What an action of the simulation thread gave. `then` is called on the loop behind all that was published before the action, and before
-        anything that is published after it.
+        """Return the result of an action of the simulation thread. `then` is called on the loop after everything that was published before
+        the action, and before everything that is published after it.
 
         Raises:
             Refused: that thread has ended.
@@ -338,37 +330,28 @@ class Recordings:
         self._bus.say(Event("recording", world.tick, world.t_ns, text))
 
 
-def recordings_of(
-    resolved: Resolved, simulation: Simulation, bus: Bus, given: Recorder | None, *, foxglove: bool
-) -> Recordings:
-    """Those of a server of this scenario; arguments as for `Recordings`."""
-    config = resolved.scenario.server
-    folder = Path.cwd() / config.recordings if config.recordings else None
-    return Recordings(folder, config.recordings_mb * 1_000_000, resolved, simulation, bus, given, foxglove=foxglove)
-
-
 def sizes_in(folder: Path) -> dict[str, int]:
-    """Bytes of each recording in a folder, by name; none where there is no folder. Raises OSError."""
+    """Return the size (bytes) of each recording in a folder, by name; empty if there is no folder. Raises OSError."""
     if not folder.is_dir():
         return {}
     sizes = {}
     for path in folder.glob(f"*{SUFFIX}"):
-        with contextlib.suppress(FileNotFoundError):  # somebody tidies up meanwhile
+        with contextlib.suppress(FileNotFoundError):  # the file was deleted meanwhile
             if stat.S_ISREG((status := path.stat()).st_mode):
                 sizes[path.name] = status.st_size
     return sizes
 
 
 def _discard(recorder: Recorder) -> None:
-    """Leave no file of a recording that did not begin."""
+    """Remove the file of a recording that did not begin."""
     recorder.abandon("it could not begin")
     recorder.end()
     recorder.close()
     recorder.path.unlink(missing_ok=True)
 
 
-def _free_beside(path: Path) -> int | None:
-    """Bytes that are free on the disk of a file; None where that file is no more."""
+def _free_bytes(path: Path) -> int | None:
+    """Return the free bytes on the disk of a file; None if the file is gone."""
     try:
         path.lstat()
         return shutil.disk_usage(path.parent).free
@@ -376,8 +359,8 @@ def _free_beside(path: Path) -> int | None:
         return None
 
 
-async def _beside(work: Callable[[], T]) -> T:
-    """Wait for the disk without keeping the loop."""
+async def _in_thread(work: Callable[[], T]) -> T:
+    """Wait for disk access without blocking the loop."""
     return await asyncio.get_running_loop().run_in_executor(None, work)
 
 

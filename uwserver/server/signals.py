@@ -1,4 +1,4 @@
-"""The signals that end a server: on every system, also where asyncio's own are less able (Windows)."""
+"""The signals that end a server, on every system. On Windows, asyncio has no signal handlers of its own."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ _ENDING = (signal.SIGINT, signal.SIGTERM)
 
 
 def end_undisturbed() -> None:
-    """What is left is the end of this process: a signal that asks for it once more must not make it look killed. Main thread only."""
+    """Ignore further signals, as the process is about to end: a signal now must not make it look killed. Main thread only."""
     for number in _ENDING:
         signal.signal(number, signal.SIG_IGN)
 
 
 @contextlib.contextmanager
 def signals_received(loop: asyncio.AbstractEventLoop, received: Callable[[signal.Signals], None]) -> Iterator[None]:
-    """Tell of SIGINT and SIGTERM, in the loop. Main thread only, as Python demands.
+    """Call `received` in the loop at SIGINT and SIGTERM. Main thread only, as Python demands.
 
-    Afterwards what was done before with a signal is done again; but once one was received, `received` goes on to hear of all, between two
-    instructions of whatever runs: who asked this process to end may ask again while it does.
+    Afterwards the previous handlers are restored. But once a signal was received, `received` stays the handler of all further ones, so that
+    a user can ask again while this process ends. It is then called between any two instructions.
 
     Args:
         loop: runs, or is about to.
@@ -50,11 +50,11 @@ def signals_received(loop: asyncio.AbstractEventLoop, received: Callable[[signal
 
 
 def _listen(loop: asyncio.AbstractEventLoop, number: signal.Signals, received: Callable[[signal.Signals], None]) -> Callable[[], Any]:  # fmt: skip
-    """Begin to listen for one signal; returns what ends it."""
+    """Begin to listen for one signal. Returns the function that ends it."""
     before = signal.getsignal(number)
 
     def handler(caught: int, frame: FrameType | None) -> None:
-        # Between two instructions of whatever runs: only the loop may call.
+        # Python calls this between any two instructions, so only the loop may call `received`.
         loop.call_soon_threadsafe(received, number)
 
     def end() -> None:

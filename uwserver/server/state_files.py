@@ -1,4 +1,5 @@
-"""Saved states as files of the server's state folder. Files are written and read beside the loop, and never by the simulation thread."""
+"""Saved states as files in the server's state folder. Other threads than the loop's read and write them, and the simulation thread never
+does."""
 
 from __future__ import annotations
 
@@ -31,13 +32,13 @@ log = logging.getLogger(__name__)
 SUFFIX = ".uwstate"
 """Added to every name, so that a client can reach no other file."""
 MAX_FILES = 64
-"""States in a folder: a GiB at most."""
+"""Most states in a folder: a GiB altogether."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 _PART = re.compile(rf"{_NAME.pattern}\{SUFFIX}\.[a-z0-9_]{{8}}\.part")
 
 
 def state_folder(resolved: Resolved) -> Path | None:
-    """Where a scenario's states are: beside its file, unless that is absolute; None for nowhere."""
+    """Return the folder of a scenario's states, beside the scenario's file unless the path is absolute; None for none."""
     name = resolved.scenario.server.state_folder
     if not name:
         return None
@@ -45,7 +46,7 @@ def state_folder(resolved: Resolved) -> Path | None:
 
 
 def read_state(path: Path) -> bytes:
-    """A saved state; what is longer than one can be is cut, and refused when it is loaded.
+    """Return a saved state. A longer file is cut, and refused when it is loaded.
 
     Raises:
         OSError: it cannot be read, or is no file.
@@ -57,20 +58,20 @@ def read_state(path: Path) -> bytes:
 
 
 def write_state(path: Path, data: bytes) -> None:
-    """Write a state whole or not at all: a server that is killed half-way leaves the old one.
+    """Write a state as a whole or not at all: if the server is killed meanwhile, the old file stays.
 
     Raises:
         OSError: it cannot be written.
     """
     with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f"{path.name}.", suffix=".part", delete=False) as file:
         try:
-            # Held as long as the writer lives, so that `remove_parts` knows the dead from the living.
+            # Held as long as the writer lives, so that `remove_parts` can tell which files a dead writer has left.
             if fcntl is not None:
                 fcntl.flock(file, fcntl.LOCK_EX)
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-            if fcntl is None:  # where an open file cannot be moved
+            if fcntl is None:  # on Windows, where an open file cannot be moved
                 file.close()
             Path(file.name).replace(path)
         except OSError:
@@ -81,7 +82,8 @@ def write_state(path: Path, data: bytes) -> None:
 
 
 def remove_parts(folder: Path) -> None:
-    """Remove what servers left in a folder that were killed as they wrote a state. Whatever is no such file, or is being written, stays."""
+    """Remove the files that servers have left in a folder when they were killed while writing a state. Other files, and files that are
+    being written, stay."""
     try:
         paths = [*folder.iterdir()] if folder.is_dir() else []
     except OSError as error:
@@ -93,7 +95,7 @@ def remove_parts(folder: Path) -> None:
         if not _PART.fullmatch(path.name):
             continue
         if fcntl is None:
-            # Nor can a file be removed that its writer holds open.
+            # On Windows, a file cannot be removed while its writer has it open.
             with contextlib.suppress(OSError):
                 if path.is_file() and not path.is_symlink():
                     path.unlink()
@@ -118,7 +120,7 @@ def check_room(path: Path) -> None:
 
 
 def _open(path: Path) -> int:
-    """For reading. A link could lead out of the folder, and a pipe would never end."""
+    """Open a file for reading. Links are refused, as they could lead out of the folder, and pipes do not block."""
     no_follow = getattr(os, "O_NOFOLLOW", 0)
     if not no_follow and path.is_symlink():
         raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), str(path))
@@ -154,7 +156,7 @@ class StateFiles:
         """Begin to save or load a file.
 
         Raises:
-            Refused: there is no folder, or the name cannot be one.
+            Refused: there is no folder, or the name is not possible.
         """
         path = self._path(str(args["name"]))
         if service == "world/load":
@@ -163,12 +165,12 @@ class StateFiles:
             self._simulation.steer(lambda: self.save_now(path, on_reply))
 
     def save_now(self, path: Path, on_reply: OnReply) -> None:
-        """Take the state between two ticks, on the simulation thread, and write it from the loop's side."""
+        """Take the state between two ticks, on the simulation thread, and let the loop write it."""
         kept = snapshot.take(self._simulation.world)
         self._call_soon(lambda: self._begin(self._save(path, kept, on_reply)))
 
     async def finish(self) -> None:
-        """Wait for what is being written."""
+        """Wait for files that are being written."""
         while self._running:
             await asyncio.wait(self._running)
 
@@ -202,7 +204,7 @@ class StateFiles:
             async with self._one_at_a_time:
                 size = await asyncio.get_running_loop().run_in_executor(None, write)
         except OSError as error:
-            on_reply(Reply(kept.tick, t_ns, fault=_not(f"the state was not saved to {path}", error).fault))
+            on_reply(Reply(kept.tick, t_ns, fault=_failure(f"the state was not saved to {path}", error).fault))
             return
         except Refused as refused:
             on_reply(Reply(kept.tick, t_ns, fault=refused.fault))
@@ -216,10 +218,10 @@ class StateFiles:
             data = await asyncio.get_running_loop().run_in_executor(None, read_state, path)
             self._mailbox.post(Call("world/load", in_one_piece(data), source), on_reply)
         except OSError as error:
-            on_reply(Reply(world.tick, world.t_ns, fault=_not(f"{path.name} cannot be read", error).fault))
+            on_reply(Reply(world.tick, world.t_ns, fault=_failure(f"{path.name} cannot be read", error).fault))
         except Refused as refused:
             on_reply(Reply(world.tick, world.t_ns, fault=refused.fault))
 
 
-def _not(what: str, error: OSError) -> Refused:
+def _failure(what: str, error: OSError) -> Refused:
     return Refused("bad_argument", f"{what}: {error.strerror or error}", "name")

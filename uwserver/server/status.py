@@ -1,4 +1,4 @@
-"""What a server tells of itself: `world/status`, and the metrics of Prometheus."""
+"""The reports of a server about itself: `world/status`, and the metrics for Prometheus."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 
 class Monitor:
-    """Measures the real-time factor twice a second and puts the status together. Loop thread.
+    """Measures the real-time factor twice a second, and makes the status. Loop thread.
 
     Attributes:
-        real_time_factor: simulated over wall time in the last half second.
-        lateness: its quantiles, as new as that; asking a status must stay cheap.
+        real_time_factor: simulated time divided by wall time, in the last half second.
+        lateness: quantiles of the lateness, as of then, so that a status stays cheap.
     """
 
     def __init__(self, hub: Callable[[], Hub], now_ns: Callable[[], int]) -> None:
@@ -41,10 +41,10 @@ class Monitor:
             self.lateness = self._hub().simulation.lateness.quantiles()
             wall, sim = now, t_ns
             for handler in logging.getLogger().handlers:
-                handler.flush()  # counts of what flooded the log are told though nothing more comes
+                handler.flush()  # writes pending counts of repeated messages, even if no further message comes
 
     def status(self) -> dict[str, Json]:
-        """The `world/status` answer."""
+        """Return the answer of `world/status`."""
         hub = self._hub()
         simulation, world = hub.simulation, hub.simulation.world
         return {
@@ -72,19 +72,20 @@ class Monitor:
             else [],
             "playback": None if hub.playback is None else hub.playback(),
             "adapters": {name: dict(vars(stats)) for name, stats in hub.stats.items()},
+            "recorder": hub.recordings.status() if hub.recordings else None,
         }
 
 
 class Metrics:
-    """Prometheus text from the live counters."""
+    """The metrics for Prometheus, made from live counters."""
 
     def __init__(self, hub: Hub, monitor: Monitor) -> None:
         self._hub = hub
         self._monitor = monitor
 
     def text(self) -> bytes:
-        """The whole exposition."""
-        # Imported at the first request: it costs a tenth of the start-up.
+        """Return all metrics as text."""
+        # Imported at the first request, as the import takes a tenth of the start-up time.
         from prometheus_client import CollectorRegistry, generate_latest
 
         registry = CollectorRegistry(auto_describe=False)
@@ -92,7 +93,7 @@ class Metrics:
         return generate_latest(registry)
 
     def collect(self) -> Iterable[Metric]:
-        """Called by prometheus_client."""
+        """Yield all metrics; prometheus_client calls this."""
         from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, HistogramMetricFamily
 
         simulation = self._hub.simulation
@@ -104,8 +105,8 @@ class Metrics:
         yield HistogramMetricFamily(
             "uwserver_tick_lateness_seconds", "Lateness of paced ticks.", buckets, lateness.total_s
         )
-        conflicts = sum(slot.conflicts for slot in simulation.world.actuators.values())
         known = simulation.world
+        conflicts = sum(slot.conflicts for slot in known.actuators.values())
         for family, name, doc, value in (
             (CounterMetricFamily, "ticks", "Ticks done.", lateness.ticks),
             (GaugeMetricFamily, "simulation_time_seconds", "Simulation time.", simulation.world.t_ns / NANOSECONDS),
@@ -115,7 +116,7 @@ class Metrics:
             (CounterMetricFamily, "bus_dropped_samples", "Samples the loop was too slow to take.", self._hub.bus.dropped),
             (CounterMetricFamily, "readings_dropped", "Readings that were not computed in time.", sum(known.readings_dropped.values())),
             (CounterMetricFamily, "readings_failed", "Readings that could not be computed.", sum(known.readings_failed.values())),
-            (CounterMetricFamily, "command_conflicts", "Commands to an actuator that somebody else commands too.", conflicts),
+            (CounterMetricFamily, "command_conflicts", "Commands to an actuator that another source commands too.", conflicts),
         ):  # fmt: skip
             yield family(f"uwserver_{name}", doc, value)
         for name, doc in _OF_ADAPTERS.items():

@@ -1,4 +1,4 @@
-"""Wall time, and how simulation time follows it. The only module that knows what time it is."""
+"""Wall time, and how simulation time follows it. No other module reads the clock of the machine."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from typing import Literal, Protocol
 from uwserver.units import NANOSECONDS
 
 OVERLOAD_NS = NANOSECONDS // 4
-"""Behind by more than this, the deadlines start anew from now: a stopped process does not catch up in a burst."""
+"""If ticks are late by more than this, the deadlines begin again from now, so that a process that was stopped does not catch up in a burst."""
 
 _WAKE_NS = NANOSECONDS // 20
-"""Longer waits can be cut short; shorter ones use the sharper sleep."""
+"""Longer waits can be interrupted; shorter ones use the more precise sleep."""
 
 Mode = Literal["realtime", "freerun", "lockstep"]
 OnLoss = Literal["wait", "continue", "pause"]
@@ -34,29 +34,29 @@ class Timing:
 
     @property
     def pace(self) -> float | None:
-        """Simulated seconds per second of the wall clock that ticks wait for; None where they wait for none."""
+        """Simulated seconds per second of wall time that ticks keep to; None if they wait for no clock."""
         return {"realtime": self.speed, "lockstep": self.max_speed, "freerun": None}[self.mode]
 
 
 class Time(Protocol):
-    """Wall time; a test replaces it by `uwserver.testing.MockTime`."""
+    """Wall time; tests replace it by `uwserver.testing.MockTime`."""
 
     def now_ns(self) -> int:
-        """Monotonic time, ns."""
+        """Return monotonic time, ns."""
 
     def wait(self, seconds: float, wake: threading.Event) -> None:
-        """Return after the time, or soon after `wake` is set when the wait is long."""
+        """Return after a time. A long wait ends early when `wake` is set."""
 
 
 class SystemTime:
     """The machine's monotonic clock."""
 
     def now_ns(self) -> int:
-        """Monotonic time, ns."""
+        """Return monotonic time, ns."""
         return time.monotonic_ns()
 
     def wait(self, seconds: float, wake: threading.Event) -> None:
-        """Sleep; a wait of more than 50 ms ends early when `wake` is set."""
+        """Sleep. A wait of more than 50 ms ends early when `wake` is set."""
         if seconds * NANOSECONDS > _WAKE_NS:
             wake.wait(seconds)
         elif seconds > 0.0:
@@ -64,21 +64,21 @@ class SystemTime:
 
 
 def processor_ns() -> int:
-    """Processor time that this process has used, ns: on a busy machine less than passes."""
+    """Return the processor time that this process has used, ns. On a busy machine it grows more slowly than wall time."""
     return time.process_time_ns()
 
 
 def utc_text() -> str:
-    """Wall-clock UTC as ``20260131T235959Z``, for names of files."""
+    """Return wall-clock UTC as ``20260131T235959Z``, for names of files."""
     return time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
 
 
 class Pace:
-    """Real time at a speed, by absolute deadlines: the n-th tick is due at anchor + t_n / speed, so lateness never adds up.
+    """Keeps ticks to wall time at a speed, by absolute deadlines: the n-th tick is due at anchor + t_n / speed, so lateness never adds up.
 
     Attributes:
         speed: simulated seconds per second.
-        overruns: how often the deadlines had to start anew.
+        overruns: how often the deadlines had to begin again.
     """
 
     def __init__(self, time: Time, speed: float = 1.0) -> None:
@@ -89,15 +89,15 @@ class Pace:
         self._anchor_sim = 0
 
     def anchor(self, t_ns: int) -> None:
-        """Simulation time t_ns is due now."""
+        """Let simulation time t_ns be due now."""
         self._anchor_wall, self._anchor_sim = self._time.now_ns(), t_ns
 
     def release(self) -> None:
-        """Forget the anchor: the next wait makes a new one (after a pause, a reset or a change of mode)."""
+        """Forget the anchor; the next wait sets a new one. Called after a pause, a reset or a change of mode."""
         self._anchor_wall = None
 
     def wait(self, t_ns: int, wake: threading.Event) -> int | None:
-        """Wait until simulation time t_ns is due; returns how late it is then, ns (>= 0), None if `wake` cut a long wait short."""
+        """Wait until simulation time t_ns is due. Returns how late it is then, ns (>= 0); None if `wake` has interrupted a long wait."""
         if self._anchor_wall is None:
             self.anchor(t_ns)
         assert self._anchor_wall is not None
@@ -116,10 +116,10 @@ class Pace:
 
 
 class Barrier:
-    """Lockstep: time may go as far as every named client has granted. Thread-safe.
+    """Lets lockstep time go as far as every named client has granted. Thread-safe.
 
     Attributes:
-        clients: the names that must grant.
+        clients: names of the clients that must grant.
     """
 
     def __init__(self, clients: Iterable[str]) -> None:
@@ -130,49 +130,49 @@ class Barrier:
         self._lock = threading.Lock()
 
     def join(self, client: str) -> None:
-        """A client of this name is connected."""
+        """Note that a client of this name is connected."""
         with self._lock:
             self._present[client] = self._present.get(client, 0) + 1
             self._excused.discard(client)
 
     def leave(self, client: str) -> None:
-        """One connection of this name is gone."""
+        """Note that one connection of this name is gone."""
         with self._lock:
             left = self._present.pop(client, 1) - 1
-            if left > 0:  # names that nobody bears any more are not kept
+            if left > 0:  # a name without a connection is not kept
                 self._present[client] = left
 
     def grant(self, client: str, ticks: int, now: int) -> int:
-        """Let time go `ticks` on from what the client granted before (or from tick `now`); returns the tick it now allows."""
+        """Let time go `ticks` further than the client granted before (or further than tick `now`). Returns the tick that it now allows."""
         with self._lock:
             self._granted[client] = max(self._granted.get(client, 0), now) + ticks
             self._excused.discard(client)
             return self._granted[client]
 
     def granted(self, client: str) -> int:
-        """The tick up to which this client lets time go."""
+        """Return the tick up to which this client lets time go."""
         return self._granted.get(client, 0)
 
     def is_excused(self, client: str) -> bool:
-        """Whether time goes on without it."""
+        """Return whether time goes on without this client."""
         return client in self._excused
 
     def restart(self, tick: int) -> None:
-        """The world went back to a tick: nothing beyond it is granted."""
+        """Drop all grants beyond a tick, as the world was put there."""
         with self._lock:
             self._granted = dict.fromkeys(self.clients, tick)
 
     def excuse(self, clients: Iterable[str]) -> None:
-        """Go on without these until they grant or join again."""
+        """Go on without these clients until they grant or join again."""
         with self._lock:
             self._excused |= set(clients)
 
     def missing(self, tick: int) -> list[str]:
-        """Clients that do not yet let tick `tick` begin, in order of their names."""
+        """Return the clients that do not yet let a tick begin, in order of their names."""
         with self._lock:
             return sorted(c for c in self.clients - self._excused if self._granted[c] <= tick)
 
     def absent(self) -> list[str]:
-        """Named clients that are not connected."""
+        """Return the named clients that are not connected."""
         with self._lock:
             return sorted(c for c in self.clients if not self._present.get(c))

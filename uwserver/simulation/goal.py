@@ -1,4 +1,4 @@
-"""Steps and runs that are under way."""
+"""Requests to step or run to a tick, while they are carried out."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ class Goal:
     """A long-running request to reach a tick.
 
     Attributes:
-        tick, start: that, and where it began.
-        on_reply: gets progress, and the answer.
-        pause_there: it is a part of a pause, which goes on behind it.
-        paced: at the pace of the clock; else as fast as can be.
+        tick, start: the tick to reach, and where it began.
+        on_reply: gets the progress and the answer.
+        pause_there: whether the world is paused, and stays so afterwards.
+        paced: whether ticks keep the pace of the clock, or are made as fast as possible.
     """
 
     tick: int
@@ -34,14 +34,14 @@ class Goal:
 
 
 class Goals:
-    """Those of a simulation, the nearest first. Simulation thread."""
+    """The goals of a simulation, the nearest first. Simulation thread."""
 
     def __init__(self, world: World, bus: Bus, time: Time, pause: Callable[[], None]) -> None:
-        """Of a world.
+        """Begin without goals.
 
         Args:
             world, bus, time: of the simulation.
-            pause: called where one is reached behind which a pause goes on.
+            pause: called when a goal is reached after which the world stays paused.
         """
         self._world, self._bus, self._time, self._pause = world, bus, time, pause
         self._goals: list[Goal] = []
@@ -55,19 +55,19 @@ class Goals:
 
     @property
     def hurries(self) -> bool:
-        """Whether the nearest one is to be reached as fast as can be."""
+        """Whether the nearest goal is to be reached as fast as possible."""
         return bool(self._goals) and not self._goals[0].paced
 
     def request(
         self, make: Callable[[], Goal], on_reply: OnReply, steering: Steering, source: str
     ) -> Callable[[], bool]:
-        """Begin one between two ticks. Any thread.
+        """Begin a goal between two ticks. Any thread.
 
         Args:
-            make: makes it there, or raises Refused.
+            make: makes the goal there, or raises Refused.
             on_reply: gets its answers.
-            steering: carries that out.
-            source: who asks.
+            steering: calls `make` between two ticks.
+            source: the client.
 
         Returns its cancel function. May raise as `Turns.put`.
         """
@@ -91,7 +91,7 @@ class Goals:
         def cancel() -> bool:
             if begun and begun[0] not in self._goals:
                 return False
-            # One that has not begun yet has when this is carried out: steering keeps its order.
+            # A goal that has not begun yet will have begun by then, as steering keeps the order of a client.
             steering.add(end, source, always=True)
             return True
 
@@ -99,7 +99,7 @@ class Goals:
         return cancel
 
     def check(self) -> None:
-        """Answer those that are reached, and tell the others now and then how far they have come."""
+        """Answer the goals that are reached, and report progress of the others ten times a second."""
         tick, now = self._world.tick, self._time.now_ns()
         for goal in self._goals[:]:
             if tick >= goal.tick:
@@ -113,7 +113,7 @@ class Goals:
             self._next_progress = now + _PROGRESS_NS
 
     def give_up(self, refused: Refused) -> None:
-        """None of them is reached any more."""
+        """End all goals with this refusal."""
         for goal in self._goals[:]:
             self._finish(goal, refused)
 

@@ -1,4 +1,4 @@
-"""What comes from outside, handed to the world at the start of a tick: in real time as much of it as there is time for."""
+"""Hands requests from outside to the world at the start of a tick: in real time as many as there is time for."""
 
 from __future__ import annotations
 
@@ -16,41 +16,43 @@ from uwserver.world.world import World
 T = TypeVar("T")
 
 REQUESTS_NS = NANOSECONDS // 1000
-"""Wall time a tick for commands and calls, in real time; what does not fit is carried out in the next ticks. The last of a tick may exceed it."""
+"""Wall time per tick for commands and calls, in real time. The rest is carried out in the next ticks. The last request of a tick may exceed
+it."""
 
 BEGIN = "begin"
 """Source of the call by which a run begins from a saved state."""
 
 
 class Observer(Protocol):
-    """Follows a run from inside, on the simulation thread; must be quick. A recorder is one."""
+    """Follows a run on the simulation thread; must be quick. A recorder is one."""
 
     def requested(self, item: Command | Call, tick: int, batch: int) -> None:
-        """A command or call, carried out at the start of `tick` with the others of its batch; also those that the world then refuses."""
+        """Take a command or call that is carried out at the start of `tick`, with the others of its batch; also one that the world then
+        refuses."""
 
     def ticked(self, world: World) -> None:
-        """A tick is done; the world stands between two ticks."""
+        """Take a finished tick; the world stands between two ticks."""
 
     def next_tick(self, tick: int) -> int:
-        """Until which one, after this, nobody need tell it of ticks in which nothing was carried out."""
+        """Return the tick until which it need not get the ticks after this one in which no request is carried out."""
 
 
 class Intake:
-    """Takes what was posted, and tells an observer. Simulation thread.
+    """Takes the posted requests, and shows them to an observer. Simulation thread.
 
     Attributes:
         observer: follows the run.
-        batch: counts what was carried out together.
+        batch: numbers the groups of requests that are carried out together.
     """
 
     def __init__(self, world: World, posted: Turns[Posted], time: Time, stop: threading.Event) -> None:
-        """Of a simulation.
+        """Begin without an observer.
 
         Args:
-            world: carries out what is taken.
-            posted: what waits.
-            time: counts the budget.
-            stop: the run ends after the request under way: thousands that rebuild the world take minutes.
+            world: carries out the requests.
+            posted: the waiting requests.
+            time: measures the budget.
+            stop: when it is set, only the present request is finished: thousands of requests that rebuild the world would take minutes.
         """
         self.observer: Observer | None = None
         self.batch = 0
@@ -60,17 +62,18 @@ class Intake:
         self._stop = stop
 
     def submit(self, posted: Posted) -> None:
-        """Post something to the world itself, before what is taken."""
+        """Post a request to the world itself, before the waiting ones."""
         self._observe(posted, self._world.tick)
         self._world.post(posted)
 
     def ticked(self) -> None:
-        """Tell the observer that a tick is done."""
+        """Show the observer that a tick is done."""
         if self.observer is not None:
             self.observer.ticked(self._world)
 
     def for_tick(self, is_paced: bool) -> Iterable[Posted]:
-        """The same for a tick. Where the wall clock sets the pace it must not wait for readings under computation: the late ones are dropped."""
+        """Return the requests for a tick, as `requests`. In real time, readings under computation that would be late are dropped first, as
+        the tick must not wait for them."""
         world = self._world
         if is_paced and not world.sensing.under_way.is_idle:
             tick = world.tick + 1
@@ -79,11 +82,12 @@ class Intake:
         return self.requests(is_paced)
 
     def requests(self, is_paced: bool) -> Iterable[Posted]:
-        """What the world carries out now, the next when the one before is done.
+        """Return the requests that the world carries out now. Each one is taken when the one before is done.
 
         Args:
-            is_paced: the wall clock sets the pace: a budget holds, and what rebuilds the world (as reset, restore, load and spawn) is the last.
-                Else it is all that waits: order and tick must not depend on the clock there.
+            is_paced: whether the wall clock sets the pace. Then a budget holds, and a request that rebuilds the world (such as reset,
+                restore, load and spawn) is the last one. Otherwise all waiting requests are taken, as their order and tick must not depend
+                on the clock.
         """
         return self._requests(is_paced) if len(self._posted) else ()
 
@@ -99,9 +103,9 @@ class Intake:
                 return
 
     def within(self, budget_ns: int | None, turns: Turns[T]) -> Iterator[T]:
-        """What waited, one by one: until the budget (ns of wall time, None for no end) is used up."""
+        """Yield waiting items, until the budget (ns of wall time, None for no limit) is used up."""
         end = None if budget_ns is None else self._time.now_ns() + budget_ns
-        for _ in range(len(turns)):  # what comes meanwhile has its time in the next tick
+        for _ in range(len(turns)):  # what comes meanwhile waits for the next tick
             item = turns.take()
             if item is None:
                 return

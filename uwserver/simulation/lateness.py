@@ -1,6 +1,8 @@
-"""How late the ticks are, and how fast simulation time goes: counted by the simulation thread, read by anybody."""
+"""The lateness of ticks: counted by the simulation thread, read by any thread."""
 
 from __future__ import annotations
+
+from bisect import bisect_left
 
 import numpy as np
 
@@ -11,12 +13,12 @@ _RECENT = 8192
 
 
 class Lateness:
-    """Histogram over the whole run and quantiles over the last 8192 paced ticks.
+    """Histogram over the whole run, and quantiles over the last 8192 paced ticks.
 
     Attributes:
-        ticks: all ticks done.
-        counts: paced ticks in each bucket, the last without bound.
-        total_s: sum of all lateness.
+        ticks: number of all ticks.
+        counts: paced ticks in each bucket, the last one without a bound.
+        total_s: sum of the lateness of all paced ticks, s.
     """
 
     def __init__(self) -> None:
@@ -29,16 +31,13 @@ class Lateness:
     def add(self, late_ns: int) -> None:
         """Count one paced tick."""
         late = late_ns * 1e-9
-        k = 0
-        while k < len(BUCKETS_S) and late > BUCKETS_S[k]:
-            k += 1
-        self.counts[k] += 1
+        self.counts[bisect_left(BUCKETS_S, late)] += 1
         self.total_s += late
         self._recent[self._paced % _RECENT] = late
         self._paced += 1
 
     def quantiles(self) -> dict[str, float]:
-        """p50, p99 and max of the recent lateness, s; zeros before the first paced tick."""
+        """Return p50, p99 and max of the recent lateness, s; zeros before the first paced tick."""
         recent = self._recent[: min(self._paced, _RECENT)]
         if not len(recent):
             return {"p50_s": 0.0, "p99_s": 0.0, "max_s": 0.0}

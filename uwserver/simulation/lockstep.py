@@ -1,10 +1,11 @@
-"""Lockstep: how far time may go. Named clients grant ticks from the loop; drivers do so on the simulation thread."""
+"""Lockstep: how far time may go. Named clients grant ticks from the loop; drivers grant them on the simulation thread."""
 
 from __future__ import annotations
 
 import logging
 import threading
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import Literal, TypeVar
 
 from uwserver.adapter import Driver, Order
@@ -20,41 +21,41 @@ log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 LOOK_S = 0.02
-"""Wall time that a driver is waited for at a time; between two such waits calls are answered."""
+"""Wall time of one wait for a driver. Between two waits calls are answered."""
 
 GLANCE_S = 0.004
-"""Wall time that samples may wait for the loop while a driver steps: a wake-up for each tick would cost as much as the tick."""
+"""Wall time that samples may wait for the loop while a driver steps: waking the loop for each tick would take as long as the tick."""
 GATHER_S = 0.02
-"""Wall time that they may wait where nobody paces the world, for the same reason: with 500 wake-ups a second instead of 100, one client took twice
-as much from a single vehicle, and with 50 the loop is a tenth less at work than with 100."""
+"""Wall time that samples may wait if nothing paces the world, for the same reason. With 500 wake-ups a second instead of 100, one client
+slowed a single vehicle twice as much; with 50, the loop works a tenth less than with 100."""
 
 
+@dataclass(eq=False)
 class Seat:
-    """A driver and the client that it is.
+    """A driver and its client.
 
     Attributes:
-        ports: those by which it reads samples; None before the first tick.
-        answer_at: tick after which its peer is answered; None when nothing is owed to it.
-        held: taken while the driver is called, so that nobody takes its socket away meanwhile.
+        client, source: the client in the barrier, and the source of its commands.
+        on_reply: is told if the driver fails.
+        ports: the ports by which it reads samples; None before the first tick.
+        answer_at: the tick after which its peer gets an answer; None if it waits for none.
+        held: locked while the driver is called, so that its socket is not closed meanwhile.
     """
 
-    def __init__(
-        self, client: str, source: str, driver: Driver, on_reply: OnReply, ports: Mapping[str, Port] | None
-    ) -> None:
-        self.client = client
-        self.source = source
-        self.driver = driver
-        self.on_reply = on_reply
-        self.ports = ports
-        self.answer_at: int | None = None
-        self.held = threading.Lock()
+    client: str
+    source: str
+    driver: Driver
+    on_reply: OnReply
+    ports: Mapping[str, Port] | None
+    answer_at: int | None = None
+    held: threading.Lock = field(default_factory=threading.Lock)
 
 
 class Lockstep:
-    """The barrier of a simulation, and those who drive it. Simulation thread, but for `drive`.
+    """The barrier of a simulation, and its drivers. Simulation thread, except `drive`.
 
     Attributes:
-        barrier: who has granted how far.
+        barrier: how far each client has granted.
     """
 
     def __init__(
@@ -65,11 +66,11 @@ class Lockstep:
         say: Callable[[Literal["paused", "resumed"], str], None],
         pause: Callable[[str], None],
     ) -> None:
-        """For one simulation.
+        """Begin without drivers.
 
         Args:
-            timing, time, bus: of it.
-            say: tells an event and its text.
+            timing, time, bus: of the simulation.
+            say: sends an event and its text.
             pause: stops time, for a reason.
         """
         self.barrier = Barrier(timing.lockstep_clients)
@@ -78,12 +79,12 @@ class Lockstep:
         self._bus = bus
         self._say = say
         self._pause = pause
+        # Replaced, never changed in place, as both threads add and remove drivers.
         self._seats: dict[str, Seat] = {}
-        """Replaced, never changed in place: both threads may come and go."""
-        self._seating = threading.Lock()
+        self._seats_lock = threading.Lock()
         self._waiting_since: int | None = None
-        self._told_lost: list[str] = []
-        self._woken = 0
+        self._reported_lost: list[str] = []
+        self._last_wake_ns = 0
 
     # -- from the loop --------------------------------------------------------------------------------------------------------------
 
@@ -97,7 +98,7 @@ class Lockstep:
             names = f'mode = "lockstep" and lockstep_clients = ["{client}"]'
             raise Refused("denied", f'"{client}" sets the pace of the world: give [world.clock] {names}', client)
         seat = Seat(client, source, driver, on_reply, self._bus.ports)
-        with self._seating:
+        with self._seats_lock:
             if client in self._seats:
                 raise Refused("busy", f'the world has a driver "{client}" already', client)
             self.barrier.join(client)
@@ -105,22 +106,22 @@ class Lockstep:
         return lambda: self._leave(seat)
 
     def _leave(self, seat: Seat) -> None:
-        with self._seating:
+        with self._seats_lock:
             if self._seats.get(seat.client) is seat:
                 self._seats = {name: other for name, other in self._seats.items() if other is not seat}
                 self.barrier.leave(seat.client)
-        with seat.held:  # at most one look of the simulation thread, which is the last
+        with seat.held:  # The simulation thread may be in a last call of the driver; wait for its end.
             pass
 
     # -- the tick -------------------------------------------------------------------------------------------------------------------
 
     @property
     def asks(self) -> bool:
-        """Whether there are drivers: waiting for them is the only sleep that is needed then."""
+        """Whether there are drivers. Waiting for them is then the only sleep that is needed."""
         return bool(self._seats)
 
     def orders(self, tick: int, ports: Mapping[str, Port]) -> Iterator[Command]:
-        """Wait a moment for each driver that has not yet granted `tick`; yields the commands that come with its grant."""
+        """Wait a moment for each driver that has not yet granted `tick`. Yields the commands that come with their grants."""
         for seat in self._seats.values():
             if tick >= self.barrier.granted(seat.client):
                 order = self._order(seat)
@@ -138,13 +139,13 @@ class Lockstep:
         return order
 
     def wakes(self) -> bool:
-        """Whether the samples of this tick wake the loop; those that do not wait for others, or for `Bus.flush`."""
+        """Return whether the samples of this tick wake the loop. Otherwise they wait for later ones, or for `Bus.flush`."""
         if not self._seats and self._timing.mode != "freerun":
             return True
         now = self._time.now_ns()
-        if now - self._woken < (GLANCE_S if self._seats else GATHER_S) * NANOSECONDS:
+        if now - self._last_wake_ns < (GLANCE_S if self._seats else GATHER_S) * NANOSECONDS:
             return False
-        self._woken = now
+        self._last_wake_ns = now
         return True
 
     def _commands(self, seat: Seat, order: Order, ports: Mapping[str, Port]) -> Iterator[Command]:
@@ -157,7 +158,7 @@ class Lockstep:
                 self._call(seat, lambda driver: driver.refuse(fault))  # noqa: B023  # called at once
 
     def ticked(self, output: TickOutput) -> None:
-        """Show a tick to the drivers, and let those answer whose order is carried out with it."""
+        """Show a tick to the drivers, and let drivers answer whose order ends with it."""
         for seat in self._seats.values():
             samples = _readable(output, seat)
             self._call(seat, lambda driver: driver.see(output.t_ns, samples))  # noqa: B023  # called at once
@@ -174,7 +175,7 @@ class Lockstep:
                 return None
             try:
                 return work(seat.driver)
-            except Exception as error:  # a driver's fault must not end the simulation
+            except Exception as error:  # A fault of a driver must not end the simulation.
                 log.exception('the driver "%s" failed', seat.client)
                 text = f"{type(error).__name__}: {error}"
         self._leave(seat)
@@ -182,7 +183,7 @@ class Lockstep:
         return None
 
     def restart(self, tick: int, t_ns: int) -> None:
-        """The world went to another time: nothing beyond `tick` is granted, and what was ordered is over."""
+        """Drop all grants and orders beyond `tick`, as the world was put to another time."""
         self.barrier.restart(tick)
         for seat in self._seats.values():
             if seat.answer_at is not None:
@@ -191,11 +192,11 @@ class Lockstep:
     # -- loss -----------------------------------------------------------------------------------------------------------------------
 
     def is_granted(self, tick: int) -> bool:
-        """Whether `tick` may begin; if not, what the scenario says of lost clients is done."""
+        """Return whether `tick` may begin. If it may not, treat lost clients as the scenario says."""
         missing = self.barrier.missing(tick)
         if not missing:
             self._waiting_since = None
-            self._told_lost = []
+            self._reported_lost = []
             return True
         now = self._time.now_ns()
         if self._waiting_since is None:
@@ -206,7 +207,7 @@ class Lockstep:
         return False
 
     def wait_anew(self) -> None:
-        """Give those who are late the whole time-out again."""
+        """Give late clients the whole time-out again."""
         self._waiting_since = None
 
     def _lost(self, missing: list[str]) -> None:
@@ -217,13 +218,13 @@ class Lockstep:
             self._waiting_since = None
             late = ", ".join(missing)
             self._pause(f"lockstep: no step from {late} within the time-out; world/resume waits for them again")
-        elif missing != self._told_lost:
-            self._told_lost = missing
+        elif missing != self._reported_lost:
+            self._reported_lost = missing
             self._say("paused", f"lockstep waits for {', '.join(missing)}")
 
 
 def _readable(output: TickOutput, seat: Seat) -> list[Sample]:
-    """What a driver can understand: the fields of a sensor are those that it found when it began, or it goes without."""
+    """Return the samples that a driver can read: those of ports whose fields have not changed since it began."""
     if output.ports is None or output.ports is seat.ports:
         return output.samples
     if seat.ports is None:

@@ -1,4 +1,5 @@
-"""What the asyncio loop posts for the simulation thread, and how that thread is woken."""
+"""Requests of the asyncio loop to the simulation thread, and the event that wakes that thread. Apart from `Bus`, the threads share nothing
+else."""
 
 from __future__ import annotations
 
@@ -13,11 +14,11 @@ from uwserver.ports.stops import is_withdrawn
 from uwserver.simulation.turns import Turns
 
 _OF_OBJECTS = 4
-"""Bytes that the objects of a decoded value take for each of its text."""
+"""Bytes of Python objects for each byte of a value's JSON text."""
 
 
 class Wake(threading.Event):
-    """Wakes the simulation thread where it waits, and ends the step that it makes in compiled code.
+    """Wakes the simulation thread, and ends the step that it makes in compiled code.
 
     Attributes:
         posted: (1) 1 while the event is set, for `step.tick.step`.
@@ -39,16 +40,16 @@ class Wake(threading.Event):
 
 
 class Mailbox:
-    """What the loop posts for the simulation.
+    """Requests of the loop to the simulation, which empties the mailbox at the start of a tick.
 
     Attributes:
-        posted: what waits, by client.
-        wake: set with each post.
+        posted: waiting requests, by client.
+        wake: is set by each request.
     """
 
     def __init__(self) -> None:
-        self.posted: Turns[Posted] = Turns()
         self.wake = Wake()
+        self.posted: Turns[Posted] = Turns(self.wake)
 
     def post(
         self,
@@ -60,37 +61,34 @@ class Mailbox:
         first: bool = False,
         fields: tuple[Field, ...] = (),
     ) -> None:
-        """Queue for the next tick, or the next in which there is time for it.
+        """Queue a request for the next tick, or for a later one if there is too little time in the next.
 
         Args:
-            item, on_reply: what is asked, and who gets the answer.
-            client: whose turn it takes; default: that of its source.
+            item, on_reply: the request, and the function that gets the reply.
+            client: whose queue it joins; default: the client of its source.
             always, first: as for `Turns.put`.
-            fields: as of `Posted`.
+            fields: as in `Posted`.
 
         Raises:
-            Refused: `overload` when too many wait already.
+            Refused: `overload`; too many requests wait already.
         """
         client = client or client_of(item.source)
         self.posted.put(client, Posted(item, on_reply, fields), size=_bytes_of(item), always=always, first=first)
-        self.wake.set()
 
     def stop(self, call: Call, on_reply: OnReply | None, client: str = "") -> list[Posted]:
-        """Queue the call of a service that stops a vehicle or a component, before all that its client asked.
+        """Queue the call of a service that stops a vehicle or a component, before all requests of its client.
 
-        Returns what it withdraws: never carried out, for the caller to answer. May raise as `Turns.overtake`.
+        Returns the requests that it withdraws. They are never carried out; the caller answers them. May raise as `Turns.overtake`.
         """
-        withdrawn = self.posted.overtake(
+        return self.posted.overtake(
             client or client_of(call.source),
             Posted(call, on_reply),
             lambda older: is_withdrawn(older.item, call.service),
         )
-        self.wake.set()
-        return withdrawn
 
 
 def _bytes_of(item: Command | Call) -> int:
-    """What a request keeps while it waits, about; numbers and short texts are nothing."""
+    """Return about how many bytes a waiting request takes; numbers and short texts are not counted."""
     if isinstance(item, Command):
         return sum(
             len(value.data) if isinstance(value, Buffer) else len(value) for value in item.value if value is not None
@@ -105,5 +103,5 @@ def _bytes_of(item: Command | Call) -> int:
 
 
 def client_of(source: str) -> str:
-    """Who stands behind a source: what is before the first space. A name that a client gives itself later stands behind it."""
+    """Return the client of a source: the text before the first space. A name that a client gives itself stands behind the space."""
     return source.partition(" ")[0]

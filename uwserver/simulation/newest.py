@@ -1,4 +1,4 @@
-"""The newest delivered sample of each port, made when somebody asks for it."""
+"""The newest delivered sample of each port, made on access."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ _port = attrgetter("port")
 
 
 class Newest(Mapping[str, Sample]):
-    """By path of the port."""
+    """The newest samples by path of the port."""
 
     def __init__(self) -> None:
         self._places: dict[str, Sample | Told] = {}
         self._log: Log | None = None
 
     def put(self, samples: Sequence[Sample]) -> None:
-        """These were delivered, in this order."""
+        """Take samples that were delivered, in this order."""
         if isinstance(samples, Told):
             if samples.log is not self._log:
                 self._leave(samples.log)
@@ -28,18 +28,19 @@ class Newest(Mapping[str, Sample]):
             self._places.update(zip(map(_port, samples), samples, strict=True))
 
     def _leave(self, log: Log) -> None:
-        """Another log begins: what is still the newest of the one before the last must not keep all of that."""
+        """Begin to use another log. Samples that are still the newest from the log before the last one are copied, so that they do not keep
+        that log alive."""
         for path, place in self._places.items():
             if isinstance(place, Told) and place.log is not self._log:
                 self._places[path] = place.newest(path)
         self._log = log
 
     def keep(self, holds: Callable[[str], bool]) -> None:
-        """Forget the others than those of ports for which this holds."""
+        """Forget the samples of ports for which `holds` returns false."""
         self._places = {path: place for path, place in self._places.items() if holds(path)}
 
     def clear(self) -> None:
-        """Forget all."""
+        """Forget all samples."""
         self._places.clear()
 
     def __getitem__(self, path: str) -> Sample:

@@ -1,4 +1,4 @@
-"""Who reads what the world measures: samples are made of those ports alone, and of others the newest on request."""
+"""The readers of a world: samples are made only of ports that they subscribe to, and the newest sample of any port on request."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from uwserver.world.world import World
 log = logging.getLogger(__name__)
 
 AT_ONCE = 16
-"""Ports that are read between two ticks before others have their turn: about 0.1 ms."""
+"""Ports that are read between two ticks in one go, in about 0.1 ms. Then other clients have their turn."""
 
 OnState = Callable[[SceneState], None]
-"""Gets where all bodies are."""
+"""Takes the state of the scene."""
 OnSamples = Callable[[Sequence[Sample]], None]
-"""Gets the newest samples of some ports."""
+"""Takes the newest samples of some ports."""
 
 
 class Readers:
-    """Between a world and those who read it."""
+    """Stands between a world and its readers."""
 
     def __init__(self, world: World, bus: Bus, steering: Steering) -> None:
-        """Of a simulation; `bus` knows who wants what, `steering` is what its thread does between two ticks."""
+        """Take the world of a simulation. `bus` knows the subscriptions; `steering` runs actions between two ticks."""
         self._world, self._bus, self._steering = world, bus, steering
         self._wanted: Wanted | None = None
         self._lookout = Lookout(world)
@@ -40,47 +40,47 @@ class Readers:
         bus.expect(world.ports, world.jumps)
 
     def begin(self) -> None:
-        """A tick begins: what is wanted by now is made in it. Simulation thread."""
+        """Begin a tick: give the world the present subscriptions. Simulation thread."""
         wanted = self._bus.wanted
         if wanted is not self._wanted:
             self._wanted = wanted
             world = self._world
-            # What the readers know of is past: what is enough for them was said of other samples.
+            # The decimations are for ports and times that have changed since, so they do not apply.
             is_past = wanted is None or wanted.known is not world.ports or wanted.jumps != world.jumps
             world.want(wanted, WHOLE if wanted is None or is_past else wanted.thinned)
 
     def read(self, ports: Sequence[str], on_samples: OnSamples, source: str = "") -> None:
-        """Ask for the newest delivered samples of some ports, wanted or not. Loop thread.
+        """Ask for the newest delivered samples of some ports, subscribed to or not. Loop thread.
 
-        They are not kept for this on the loop: what nobody asks for costs nothing there, and a sample that a sensor sends once in an hour is
-        not lost to who asks later.
+        The loop keeps no samples for this: a port that is not read costs nothing there, and a sample that a sensor sends once in an hour
+        can still be read later.
 
         Args:
-            ports: paths; those that are gone, or have said nothing yet, are left out.
-            on_samples: gets them on the loop, after all that the world had said before.
-            source: who asks.
+            ports: paths; ports that are gone, or have no sample yet, are left out.
+            on_samples: gets the samples on the loop, after everything that the world has sent before.
+            source: the client.
 
         Raises:
-            Refused: `overload`; it asked too much before.
+            Refused: `overload`; the client has too many requests waiting.
         """
         self._steering.add(partial(self._look, ports, 0, [], on_samples, source), source)
 
     def look(self, on_state: OnState, source: str = "") -> None:
-        """Ask where all bodies are. Loop thread.
+        """Ask for the state of the scene: where all bodies are. Loop thread.
 
         Args:
-            on_state: gets it on the loop, after all that the world had said before.
-            source: who asks.
+            on_state: gets it on the loop, after everything that the world has sent before.
+            source: the client.
 
         Raises:
-            Refused: `overload`; it asked too much before.
+            Refused: `overload`; the client has too many requests waiting.
         """
         self._steering.add(partial(self._look_at_bodies, on_state), source)
 
     def _look_at_bodies(self, on_state: OnState) -> None:
         try:
             state = self._lookout.state()
-        except Exception:  # a fault of ours in what only viewers need must not end the world
+        except Exception:  # A fault in what only viewers need must not end the world.
             if not self._is_blind:
                 self._is_blind = True
                 log.exception("where the bodies are cannot be told: viewers see them where they were")
@@ -93,7 +93,7 @@ class Readers:
             try:
                 reading = self._world.read(path)
             except Refused:
-                continue  # its vehicle left
+                continue  # its vehicle was removed
             if reading is not None:
                 found.append(reading.sample)
         rest = first + AT_ONCE

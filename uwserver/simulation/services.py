@@ -1,4 +1,4 @@
-"""Services of the clock, which the simulation thread carries out between two ticks."""
+"""The services of the clock, which the simulation thread carries out between two ticks."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""What is wanted of the clock, carried out between two ticks: each client in turn, and a pause before all that its client asked."""
+"""Actions on the clock that wait for the time between two ticks. Clients are served in turn; a pause comes before all other requests of its
+client."""
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -12,42 +12,32 @@ from uwserver.simulation.turns import Turns
 
 
 class Steered(NamedTuple):
-    """An action that waits; `on_reply` is of the request that a pause withdraws, None where it must be carried out."""
+    """An action that waits. `on_reply` belongs to a request that a pause withdraws; it is None if the action must be carried out."""
 
     action: Callable[[], None]
     on_reply: OnReply | None = None
 
 
 class Steering(Turns[Steered]):
-    """Actions that wait for the simulation thread, which takes them. Thread-safe.
-
-    Args:
-        wake: set with each.
-    """
-
-    def __init__(self, wake: threading.Event) -> None:
-        super().__init__()
-        self._wake = wake
+    """Actions that wait for the simulation thread, which takes them. Thread-safe."""
 
     def add(
         self, action: Callable[[], None], source: str = "", on_reply: OnReply | None = None, *, always: bool = False
     ) -> None:
-        """Let an action wait.
+        """Queue an action.
 
         Args:
             action: to be carried out.
-            source: who wants it.
+            source: the client.
             on_reply: of a request that a later pause withdraws.
             always: as for `Turns.put`, whose `Refused` may be raised.
         """
         self.put(client_of(source), Steered(action, on_reply), always=always)
-        self._wake.set()
 
     def stop(self, action: Callable[[], None], source: str, on_reply: OnReply) -> list[OnReply]:
-        """Let a pause wait, before all that its client asked. May raise as `Turns.overtake`.
+        """Queue a pause before all requests of its client. May raise as `Turns.overtake`.
 
-        Returns who must be told that his request was withdrawn.
+        Returns the reply functions of the requests that are withdrawn; the caller has to answer them.
         """
         older = self.overtake(client_of(source), Steered(action, on_reply), lambda each: each.on_reply is not None)
-        self._wake.set()
         return [each.on_reply for each in older if each.on_reply is not None]

@@ -1,4 +1,4 @@
-"""The simulation thread: a world, its clock, and the services that steer time."""
+"""The simulation thread: a world, its clock, and the services that control time."""
 
 from __future__ import annotations
 
@@ -30,22 +30,22 @@ from uwserver.world.world import Diverged, World
 log = logging.getLogger(__name__)
 
 STEERING_NS = NANOSECONDS // 4000
-"""Wall time between two ticks for services of the clock, in real time; what does not fit waits for the next."""
+"""Wall time between two ticks for services of the clock, in real time. The rest waits for the next tick."""
 MAX_GOALS = 256
-"""Steps and runs that may be under way at once: each is told its progress."""
+"""Most steps and runs at a time, as each gets progress reports."""
 _LOOK_S = 0.0005
-"""How long a world that is ahead of the loop sleeps before it looks again."""
+"""How long a world that is ahead of the loop sleeps before it checks again."""
 _IDLE_S = 0.25
-"""How long a paused or waiting world sleeps at most before it looks around; a post wakes it at once."""
+"""How long a paused or waiting world sleeps at most before it checks again; a request wakes it at once."""
 
 
 class Simulation:
-    """Steps a world until it is stopped. `run` is the body of the simulation thread; everything else here is called from the loop.
+    """Steps a world until it is stopped. `run` runs in the simulation thread; everything else here is called from the loop.
 
     Attributes:
-        world: touched by the simulation thread only, but for its immutable ports and services.
+        world: used by the simulation thread only, except its immutable ports and services.
         failure: text of the fault that ended the run; "" while all is well.
-        readers: what of its samples is wanted, and who looks where its bodies are.
+        readers: gives samples and the state of the scene to readers.
         until_tick: `run` ends at this tick, or at a fault before it; None for never.
     """
 
@@ -59,7 +59,7 @@ class Simulation:
         self._time, self._stop = time, threading.Event()
         self._steering = Steering(mailbox.wake)
         self.readers = Readers(world, bus, self._steering)
-        self._goals, self._jumps = Goals(world, bus, time, self._stand), world.jumps
+        self._goals, self._jumps = Goals(world, bus, time, self._stay_paused), world.jumps
         self._intake = Intake(world, mailbox.posted, time, self._stop)
         self._publish, self._record = bus.publish, self._intake.ticked
         self._appointments: list[tuple[int, Callable[[], None]]] = []
@@ -72,21 +72,21 @@ class Simulation:
         self.mailbox.wake.set()
 
     def observe(self, observer: Observer | None) -> None:
-        """Let one observer follow the run, or nobody. Before `run`; later, on its thread between two ticks."""
+        """Let one observer follow the run; None for none. Called before `run`, or later on its thread between two ticks."""
         self._intake.observer = observer
 
     def steer(self, action: Callable[[], None], source: str = "", *, always: bool = False) -> None:
-        """Carry out an action between two ticks; `source`, `always` and what it may raise as for `Steering.add`."""
+        """Carry out an action between two ticks. `source`, `always` and errors are as for `Steering.add`."""
         self._steering.add(action, source, always=always)
 
     def appoint(self, tick: int, action: Callable[[], None]) -> None:
-        """Let the simulation thread do something quick as soon as the world stands at a tick, or behind it. Before `run`."""
+        """Let the simulation thread call something quick as soon as the world has reached a tick. Called before `run`."""
         self._appointments.append((tick, action))
 
     def begin_from(self, data: bytes) -> str:
-        """Go to a saved state, as by a call of the first tick, so that a recording holds it. Before `run`.
+        """Go to a saved state, by a call of the first tick, so that a recording has it. Called before `run`.
 
-        Returns why that was refused; "" where it was not.
+        Returns why that was refused; "" if it was not.
         """
         replies: list[Reply | Progress] = []
         self._intake.submit(Posted(Call("world/load", in_one_piece(data), BEGIN), replies.append))
@@ -104,12 +104,12 @@ class Simulation:
         """Start a service of the clock (`uwserver.simulation.services`) with checked arguments.
 
         Args:
-            service, args: what is asked.
+            service, args: the request.
             client: a name of the barrier, or "".
             on_reply: gets the answer.
-            source: who asks.
+            source: the client.
 
-        Returns its cancel function. May raise as `Turns.put` and, of a pause, `Turns.overtake`.
+        Returns its cancel function. May raise as `Turns.put` and, for a pause, `Turns.overtake`.
         """
         if service in ("world/step", "world/run_until", "world/run_until_tick"):
             make = partial(self._goal, service, args, client, on_reply)
@@ -122,13 +122,13 @@ class Simulation:
         if service != PAUSE:
             self._steering.add(lambda: self._acknowledge(action, on_reply), source, on_reply)
             return lambda: False
-        fault = Refused("preempted", "world/pause, which was called later, has overtaken it", PAUSE).fault
+        overtaken = Refused("preempted", "world/pause, which was called later, has overtaken it", PAUSE)
         for older in self._steering.stop(lambda: self._acknowledge(action, on_reply), source, on_reply):
-            self.bus.reply(older, Reply(self.world.tick, self.world.t_ns, fault=fault))
+            self._reply(older, overtaken)
         return lambda: False
 
     def watch(self, profile: Profile | None) -> None:
-        """Let a profile measure ticks from the next on; None for nobody. Simulation thread, between two ticks."""
+        """Let a profile measure ticks from the next one on; None ends it. Simulation thread, between two ticks."""
         timed = untimed if profile is None else profile.timed
         self._publish = timed("publishing", "to the loop", self.bus.publish)
         self._record = timed("recording", "states", self._intake.ticked)
@@ -137,8 +137,8 @@ class Simulation:
     # -- the thread -----------------------------------------------------------------------------------------------------------------
 
     def run(self) -> None:
-        """Step until stopped, or until the world diverges (then `failure` says why, and calls are still answered)."""
-        # A full collection of a large heap would be a late tick; what is built so far stays.
+        """Step until stopped, or until the world diverges. Then `failure` says why, and calls are still answered."""
+        # A full garbage collection of a large heap would delay a tick, so the objects that exist now are exempt.
         gc.collect()
         gc.freeze()
         try:
@@ -155,13 +155,13 @@ class Simulation:
         self._refuse_the_rest(Refused("shutdown", "the server is shutting down"))
 
     def _refuse_the_rest(self, refused: Refused) -> None:
-        """Everybody who still waits gets an answer."""
+        """Answer all requests that still wait."""
         while (steered := self._steering.take()) is not None:
             steered.action()
         self._goals.give_up(refused)
         while (posted := self.mailbox.posted.take()) is not None:
             if posted.on_reply is not None:
-                self.bus.reply(posted.on_reply, Reply(self.world.tick, self.world.t_ns, fault=refused.fault))
+                self._reply(posted.on_reply, refused)
         for on_reply, answer in self.world.end(refused.fault.text):
             self.bus.reply(on_reply, answer)
 
@@ -170,12 +170,12 @@ class Simulation:
         return ended or self._stop.is_set()
 
     def _turn(self) -> None:
-        self.mailbox.wake.clear()  # before anybody looks at what was posted: what comes from here on sets it again
+        self.mailbox.wake.clear()  # Cleared before the queues are read, as every later request sets it again.
         for steered in self._intake.within(STEERING_NS if self._is_paced() else None, self._steering):
             steered.action()
         if (
             self.failure
-            # A paused world that was told to step or run asks nobody for grants; a grant does not move a paused one.
+            # A paused world that steps or runs to a tick needs no grants, and a grant does not move a paused one.
             or (self.paused and not any(goal.pause_there for goal in self._goals))
             or (self.timing.mode == "lockstep" and not self.paused and not self._granted())
         ):
@@ -184,15 +184,15 @@ class Simulation:
             self._tick()
 
     def _is_due(self) -> bool:
-        """Wait for the tick's deadline; False when something was posted during a long wait, for instance another speed."""
+        """Wait for the tick's deadline. Returns False if a request came during a long wait, such as another speed."""
         if self.timing.pace is not None and not self._goals.hurries:
             late_ns = self.pace.wait(self.world.t_ns, self.mailbox.wake)
             if late_ns is None:
                 return False
             self.lateness.add(late_ns)
         else:
-            # Nobody waits for the wall clock here, so the tick may wait for the loop: nothing is lost to a sink, and the loop hears its peers.
-            # A driver's packets leave it the time to do so.
+            # No deadline is kept here, so the tick may wait for the loop: no sink loses samples, and the loop can serve its peers. With a
+            # driver, waiting for its packets leaves the loop enough time.
             most = MAX_TICKS // 2 if self.lockstep.asks else self.bus.ahead
             while self.bus.backlog() >= most and not self._stop.is_set():
                 self.bus.flush()
@@ -200,7 +200,7 @@ class Simulation:
         return True
 
     def _is_paced(self) -> bool:
-        """Whether a tick must not be kept waiting."""
+        """Return whether a tick must not be delayed."""
         return self.timing.mode == "realtime" and not self._goals.hurries
 
     def _tick(self) -> None:
@@ -210,7 +210,7 @@ class Simulation:
         except Diverged as error:
             self.lateness.ticks += error.output.ticks
             self._intake.batch += 1
-            self._follow_jump()  # a load may have been in this tick; its failure is the one that follows
+            self._follow_jump()  # The tick may have loaded a state; the failure belongs to the time after that.
             self.failure = str(error)
             log.error("%s", error)
             self.paused = True
@@ -233,13 +233,13 @@ class Simulation:
         return self.world.advance(self._intake.for_tick(self._is_paced()))
 
     def _is_free(self) -> bool:
-        """Whether nothing paces ticks, and nobody looks at each: then they may be made in one go."""
+        """Return whether nothing paces ticks, and nothing needs each of them: then several may be made in one call."""
         is_free = self._goals.hurries or self.timing.mode == "freerun"
         return is_free and not (self.lockstep.asks or self.world.is_watched)
 
     def _free_ticks(self) -> TickOutput:
-        """Ticks in one go, of which none is missed that somebody waits for. Who has asked something is answered before; where that sets the time, or
-        an observer sees what is carried out, one tick follows by itself."""
+        """Make several ticks in one call, up to the next tick that something waits for. Waiting requests are carried out first. If they set
+        the time, or an observer follows them, a single tick is made instead."""
         observer = self._intake.observer
         if len(self.mailbox.posted) and (observer is not None or self._answer_first()):
             return self._one_tick()
@@ -254,7 +254,7 @@ class Simulation:
         return self.world.advance(most=most, posted=self.mailbox.wake.posted)
 
     def _answer_first(self) -> bool:
-        """Carry out what is posted, as at the start of a tick. Returns whether that has set the time."""
+        """Carry out the posted requests, as at the start of a tick. Returns whether they have set the time."""
         self.readers.begin()
         jumps = self.world.jumps
         self._carry_out()
@@ -266,7 +266,7 @@ class Simulation:
             appointment[1]()
 
     def _idle(self) -> None:
-        """Answer what is posted without a tick, then sleep until something is posted."""
+        """Answer the posted requests without a tick, then sleep until the next one."""
         self.pace.release()
         self._carry_out()
         self.bus.flush()
@@ -275,14 +275,14 @@ class Simulation:
             self.mailbox.wake.wait(_IDLE_S)
 
     def _carry_out(self) -> None:
-        """What is posted, without a tick."""
+        """Carry out the posted requests without a tick."""
         output = self.world.flush(self._intake.requests(self._is_paced()))
         self._intake.batch += 1
-        self.bus.publish(output, wake=False)  # answers and events do that
+        self.bus.publish(output, wake=False)  # answers and events wake the loop anyway
         self._follow_jump()
 
     def _follow_jump(self) -> None:
-        """After a reset or restore deadlines and grants start anew, goals of the old time are gone."""
+        """Begin deadlines and grants again after a reset or restore, and end the goals of the old time."""
         if self.world.jumps == self._jumps:
             return
         self._jumps = self.world.jumps
@@ -308,12 +308,16 @@ class Simulation:
     # -- steering -------------------------------------------------------------------------------------------------------------------
 
     def _acknowledge(self, action: Callable[[], None], on_reply: OnReply) -> None:
+        refusal = None
         try:
             action()
-            reply = Reply(self.world.tick, self.world.t_ns)
         except Refused as refused:
-            reply = Reply(self.world.tick, self.world.t_ns, fault=refused.fault)
-        self.bus.reply(on_reply, reply)
+            refusal = refused
+        self._reply(on_reply, refusal)
+
+    def _reply(self, on_reply: OnReply, refused: Refused | None) -> None:
+        fault = None if refused is None else refused.fault
+        self.bus.reply(on_reply, Reply(self.world.tick, self.world.t_ns, fault=fault))
 
     def _pause(self) -> None:
         self._goals.give_up(Refused("preempted", "the world was paused"))
@@ -321,20 +325,28 @@ class Simulation:
             self.paused = True
             self._say("paused", "world/pause was called")
 
-    def _stand(self) -> None:
-        """A step is done, and the pause goes on."""
+    def _stay_paused(self) -> None:
+        """Stay paused after a step is done."""
         self.paused = True
         self.pace.release()
 
     def _resume(self) -> None:
-        if self.failure:
-            raise Refused("denied", f"{self.failure}\nCall world/reset or world/restore first.")
+        self.check_runs()
         if self.paused:
             self.paused = False
             self.lockstep.wait_anew()
-            for goal in self._goals:  # what was to be a part of the pause goes on with time
+            for goal in self._goals:  # A step within the pause becomes a run at the pace of the clock.
                 goal.pause_there, goal.paced = False, True
             self._say("resumed", "world/resume was called")
+
+    def check_runs(self) -> None:
+        """Refuse a request that needs a world that can run.
+
+        Raises:
+            Refused: a fault has ended the run.
+        """
+        if self.failure:
+            raise Refused("denied", f"{self.failure}\nCall world/reset or world/restore first.")
 
     def _set_speed(self, speed: Json) -> None:
         if self.timing.pace is None:
@@ -344,8 +356,7 @@ class Simulation:
 
     def _goal(self, service: str, args: Mapping[str, Json], client: str, on_reply: OnReply) -> Goal:
         now = self.world.tick
-        if self.failure:
-            raise Refused("denied", f"{self.failure}\nCall world/reset or world/restore first.")
+        self.check_runs()
         if len(self._goals) >= MAX_GOALS:
             raise Refused("overload", f"{MAX_GOALS} steps and runs of all clients are under way: wait for one of them")
         if service != "world/step":

@@ -1,4 +1,4 @@
-"""What clients want done, one thing at a time: nobody's many requests keep another's one waiting."""
+"""A queue of requests for each client, served in turn: many requests of one client do not delay those of another."""
 
 from __future__ import annotations
 
@@ -12,22 +12,26 @@ from uwserver.ports import Refused
 T = TypeVar("T")
 
 MAX_WAITING = 1024
-"""Requests of one client that may wait."""
+"""Most waiting requests of one client."""
 MAX_WAITING_OF_ALL = 4096
-"""Of all clients together; beyond it a client is refused that has `FREE_PLACES` waiting, so that others cannot shut out one that asks little."""
+"""Most waiting requests of all clients together. Beyond it, a client is refused if it has `FREE_PLACES` waiting already, so that others
+cannot shut out a client with few requests."""
 FREE_PLACES = 16
 MAX_BYTES = 2 << 20
-"""Bytes in those of one client that may wait, unless it is the only one."""
+"""Most bytes in the waiting requests of one client, if there is more than one request."""
 MAX_BYTES_OF_ALL = 8 << 20
-"""Of all clients together; one of each is always taken. What waits in many objects costs others time, too: each full collection looks at all."""
+"""Most bytes in the waiting requests of all clients together; one request of each is always taken. Many waiting objects delay other work
+too, as each full garbage collection visits them."""
 
 
 class Turns(Generic[T]):
-    """A queue for each client, from which they are served in turn; what one client asked is done in its order. Thread-safe."""
+    """A queue for each client. The clients are served in turn, and the requests of one client in their order. Thread-safe."""
 
-    def __init__(self) -> None:
+    def __init__(self, wake: threading.Event) -> None:
+        """Begin with empty queues; `wake` is set with each request."""
+        self._wake = wake
+        # Requests with their bytes. The client that is served next comes first; a client without requests has no queue.
         self._queues: OrderedDict[str, deque[tuple[T, int]]] = OrderedDict()
-        """The next to be served stands first; nobody is in it without a request. Each with its bytes."""
         self._count = 0
         self._bytes: Counter[str] = Counter()
         self._lock = threading.Lock()
@@ -36,16 +40,16 @@ class Turns(Generic[T]):
         return self._count
 
     def put(self, client: str, item: T, *, size: int = 0, always: bool = False, first: bool = False) -> None:
-        """Add to the queue of a client.
+        """Add a request to the queue of a client.
 
         Args:
-            client, item: who wants what.
-            size: bytes that it keeps.
-            always: never refused; for what who asks bounds, as one cancel for each call.
-            first: it is this client's turn next; its own order stays.
+            client, item: the client and its request.
+            size: bytes that the request takes.
+            always: never refuse it; for requests whose number the caller limits, such as one cancel for each call.
+            first: serve this client next; the order of its own requests stays.
 
         Raises:
-            Refused: `overload`; too many wait already. The text says which limit.
+            Refused: `overload`; too many requests wait already. The text says which limit is reached.
         """
         with self._lock:
             queue = self._queues.get(client)
@@ -65,6 +69,7 @@ class Turns(Generic[T]):
             self._bytes[client] += size
             if first:
                 self._queues.move_to_end(client, last=False)
+        self._wake.set()
 
     def _check_bytes(self, client: str, size: int) -> None:
         whose = "this client", self._bytes[client], MAX_BYTES
@@ -72,20 +77,20 @@ class Turns(Generic[T]):
             whose = "all clients", self._bytes.total(), MAX_BYTES_OF_ALL
         who, there, most = whose
         if there + size > most:
-            text = f"requests of {who} with {there} bytes wait for their tick already, of {most} that may"
+            text = f"requests of {who} with {there} bytes wait for their tick already; at most {most} bytes may wait"
             raise Refused("overload", f"{text}: wait for their replies")
 
     def overtake(self, client: str, item: T, withdraws: Callable[[T], bool]) -> list[T]:
-        """Add a stop: before all that this client asked, whose turn is next. What must not be done after it leaves the queue.
+        """Add a stop before all requests of this client, which is served next. Requests that must not be done after it are withdrawn.
 
         Args:
-            client, item: who stops what.
-            withdraws: whether an older request of this client leaves.
+            client, item: the client and its request.
+            withdraws: returns whether an older request of this client is withdrawn.
 
-        Returns those, the oldest first: whoever calls this answers them.
+        Returns the withdrawn requests, the oldest first; the caller answers them.
 
         Raises:
-            Refused: `overload`; the client has used up the places that are kept for this, too. Nothing has changed.
+            Refused: `overload`; the client has used up the extra places for stops, too. Nothing has changed.
         """
         with self._lock:
             older = self._queues.get(client, deque())
@@ -98,10 +103,11 @@ class Turns(Generic[T]):
             self._queues.move_to_end(client, last=False)
             self._count += 1 - len(withdrawn)
             self._bytes[client] = sum(size for _, size in kept)
-            return withdrawn
+        self._wake.set()
+        return withdrawn
 
     def take(self) -> T | None:
-        """The oldest request of the client whose turn it is; None when nobody waits."""
+        """Return the oldest request of the client that is served next; None if there is none."""
         with self._lock:
             if not self._queues:
                 return None

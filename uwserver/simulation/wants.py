@@ -1,28 +1,31 @@
-"""What all who read samples want together."""
+"""The subscriptions of all readers together."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection, Container, Sequence
+from collections.abc import Callable, Collection, Container, Sequence
+from typing import Any, TypeVar
 
 from uwserver.ports.thinning import WHOLE, Thinned, Thinning
 
 log = logging.getLogger(__name__)
 
+T = TypeVar("T")
+
 
 class Wanted:
-    """Ports of which samples are made: those that somebody reads, and those of which the readers have not heard yet.
+    """The ports of which samples are made: those that a reader subscribes to, and those that the readers do not know of yet.
 
-    So nothing of a body that just came is lost while they find out about it. Never changed: the simulation thread looks at it.
+    So no sample of a new body is lost while readers hear of its ports. Never changed, as the simulation thread reads it.
 
     Attributes:
-        known: all that the readers have heard of.
-        jumps: how often they have heard that the time was set.
-        thinned: ports of which not all samples are read; while the ports and the times are those that the readers have heard of.
+        known: all ports that the readers know of.
+        jumps: how often the time was set, as far as the readers know.
+        thinned: ports of which not all samples are needed; valid while ports and times are those that the readers know of.
     """
 
     def __init__(self, paths: Collection[str], known: Container[str], jumps: int = 0, thinned: Thinned = WHOLE) -> None:
-        """paths: of those that are read."""
+        """Take the paths that readers subscribe to."""
         self._paths, self.known, self.jumps, self.thinned = paths, known, jumps, thinned
 
     def __contains__(self, path: object) -> bool:
@@ -30,41 +33,41 @@ class Wanted:
 
 
 def together(readers: Sequence[object]) -> frozenset[str] | None:
-    """What they want; None for all, as one wants who does not say."""
+    """Return the paths that readers subscribe to; None for all, as a reader without `wanted` reads all."""
     wanted = [_wanted_by(reader) for reader in readers]
     some = [paths for paths in wanted if paths is not None]
     return frozenset().union(*some) if len(some) == len(wanted) else None
 
 
 def wants_any(reader: object) -> bool:
-    """Whether it wants samples at all."""
+    """Return whether a reader subscribes to any samples."""
     return _wanted_by(reader) != frozenset()
 
 
 def thinned_together(readers: Sequence[object], paths: Collection[str]) -> Thinned:
-    """Of which of these nobody wants all samples."""
+    """Return the ports of which no reader needs all samples, with their decimations."""
     thinned: dict[str, frozenset[Thinning]] = {}
     whole: set[str] = set()
     for reader in readers:
-        wanted, less = _wanted_by(reader) or frozenset(), _thinned_by(reader)
+        wanted, less = (
+            _wanted_by(reader) or frozenset(),
+            _attribute(reader, "thinned", dict[str, Collection[Thinning]]) or WHOLE,
+        )
         whole |= wanted - less.keys()
         for path in wanted & less.keys():
             thinned[path] = thinned.get(path, frozenset()).union(less[path])
     return {path: some for path, some in thinned.items() if some and path in paths and path not in whole}
 
 
-def _thinned_by(reader: object) -> Thinned:
-    try:
-        return dict(getattr(reader, "thinned", WHOLE))
-    except Exception:  # one reader's fault must not reach the others
-        log.exception("what is enough for a reader cannot be told; it gets all")
-        return WHOLE
-
-
 def _wanted_by(reader: object) -> frozenset[str] | None:
+    return _attribute(reader, "wanted", frozenset[str])
+
+
+def _attribute(reader: object, name: str, kind: Callable[[Any], T]) -> T | None:
+    """Return an attribute of a reader as another kind of collection; None if it has none, or if it cannot be read."""
     try:
-        wanted: Collection[str] | None = getattr(reader, "wanted", None)
-        return None if wanted is None else frozenset(wanted)
-    except Exception:  # one reader's fault must not reach the others
-        log.exception("what a reader wants cannot be told; it gets all")
+        value = getattr(reader, name, None)
+        return None if value is None else kind(value)
+    except Exception:  # A fault of one reader must not reach the others.
+        log.exception('"%s" of a reader cannot be read: it gets all samples', name)
         return None

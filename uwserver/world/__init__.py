@@ -1,4 +1,4 @@
-"""What lives in a world, and the tick."""
+"""The parts of a world, and the Python side of its tick."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""Kernels of sensors, autopilots and steps, by the stages in which they are compiled."""
+"""The kernels of sensors, autopilots and steps, in the stages in which they are compiled."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,9 @@ from uwserver.sensors import bank, truth
 from uwserver.sensors.acoustic.cross_talk import BankSonar
 from uwserver.sensors.bank import Bank, BankSensor
 
+Stage = tuple[Callable[[], None], Iterable[Any]]
+"""A function that loads the kernels of a stage, and these kernels."""
+
 
 def _kinds(base: type[BankSensor]) -> Iterator[type[BankSensor]]:
     for kind in base.__subclasses__():
@@ -24,122 +27,95 @@ def _kinds(base: type[BankSensor]) -> Iterator[type[BankSensor]]:
             yield from _kinds(kind)
 
 
-def banks_of_all(stage: str) -> dict[int, Bank]:
-    """The banks of all kinds of sensors of a stage: `sonars`, others that cast rays (`soundings`), or those that do not (`sensors`)."""
-    assert truth  # whose kinds no table names
-    kinds = [kind for kind in _kinds(BankSensor) if "bank" in vars(kind)]
-    return {id(kind.bank): kind.bank for kind in kinds if _stage_of(kind) == stage}
-
-
 def _stage_of(kind: type[BankSensor]) -> str:
     if issubclass(kind, BankSonar):
         return "sonars"
     return "soundings" if kind.bank.aims else "sensors"
 
 
-def _loader_of(stage: str) -> Callable[[], None]:
-    def load_all() -> None:
-        for each in banks_of_all(stage).values():
+def _banks_of(stage: str) -> Iterable[Bank]:
+    """Return the banks of all sensor kinds of a stage: `sonars`, other kinds that cast rays (`soundings`), or kinds that cast none (`sensors`)."""
+    assert truth  # No table names its kinds, so nothing else imports them.
+    kinds = [kind for kind in _kinds(BankSensor) if "bank" in vars(kind)]
+    return {id(kind.bank): kind.bank for kind in kinds if _stage_of(kind) == stage}.values()
+
+
+def _of_banks(stage: str) -> Stage:
+    banks = _banks_of(stage)
+
+    def load() -> None:
+        for each in banks:
             bank.load(each)
 
-    return load_all
+    return load, [kernel for each in banks for kernel in bank.kernels(each)]
 
 
-def _kernels_of_banks(stage: str) -> Callable[[], Iterable[Any]]:
-    return lambda: [kernel for each in banks_of_all(stage).values() for kernel in bank.kernels(each)]
-
-
-def _sensors() -> Iterable[Any]:
-    from uwserver.modifiers.chain import disturb_alone
-    from uwserver.step.delivery import deliver
-    from uwserver.step.tick import step
-
-    yield from (deliver, step, disturb_alone.made(), choosing.choose_samples.made())
-    yield from _kernels_of_banks("sensors")()
-
-
-def _load_sensors() -> None:
+# These functions import their kernels themselves: a world needs few stages, and imports take time.
+def _sensors() -> Stage:
     from uwserver.modifiers import chain
     from uwserver.step import delivery, tick
 
-    delivery.load()
-    tick.load()
-    choosing.load()
-    chain.load()
-    draw_normals(0, 1)
-    _loader_of("sensors")()
+    load_banks, kernels = _of_banks("sensors")
+
+    def load() -> None:
+        delivery.load()
+        tick.load()
+        choosing.load()
+        chain.load()
+        draw_normals(0, 1)
+        load_banks()
+
+    return load, [delivery.deliver, tick.step, chain.disturb_alone.made(), choosing.choose_samples.made(), *kernels]
 
 
-def _load_pictures() -> None:
-    from uwserver.sensors.acoustic.imaging.kernels import load
-
-    load()
+def _sound() -> Stage:
+    return channel.load_kernels, channel.kernels()
 
 
-def _pictures() -> Iterable[Any]:
-    from uwserver.sensors.acoustic.imaging.kernels import KERNELS
+def _pictures() -> Stage:
+    from uwserver.sensors.acoustic.imaging import kernels
 
-    return [kernel.made() for kernel in KERNELS]
-
-
-def _load_cameras() -> None:
-    from uwserver.sensors.optical.camera.kernels import load
-
-    load()
+    return kernels.load, [kernel.made() for kernel in kernels.KERNELS]
 
 
-def _cameras() -> Iterable[Any]:
-    from uwserver.sensors.optical.camera.kernels import KERNELS
+def _cameras() -> Stage:
+    from uwserver.sensors.optical.camera import kernels
 
-    return [kernel.made() for kernel in KERNELS]
-
-
-def _autopilots() -> Iterable[Any]:
-    from uwserver.autopilot.entries import ENTRIES
-
-    return ENTRIES
+    return kernels.load, [kernel.made() for kernel in kernels.KERNELS]
 
 
-def load_autopilots() -> None:
-    """Have those of autopilots ready, compiled or from the cache."""
+def _autopilots() -> Stage:
     from uwserver.autopilot import entries
     from uwserver.step.streams import ENTRY
 
-    entries.load(np.zeros(0, ENTRY))
+    return partial(entries.load, np.zeros(0, ENTRY)), entries.ENTRIES
 
 
-def _load_copies() -> None:
+def _copies() -> Stage:
     from uwserver.step import many
 
-    many.load()
+    return many.load, many.KERNELS
 
 
-def _copies() -> Iterable[Any]:
-    from uwserver.step.many import KERNELS
-
-    return KERNELS
-
-
-COMPILE: dict[str, Callable[[], None]] = {
-    "sensors": _load_sensors, "soundings": _loader_of("soundings"), "sonars": _loader_of("sonars"), "sound": channel.load_kernels,
-    "pictures": _load_pictures,
-    "autopilots": load_autopilots, "cameras": _load_cameras, "copies": _load_copies,
-}  # fmt: skip
-"""What compiles the kernels of a stage, and no others."""
-
-_KERNELS: dict[str, Callable[[], Iterable[Any]]] = {
+STAGES: dict[str, Callable[[], Stage]] = {
     "sensors": _sensors,
-    "soundings": _kernels_of_banks("soundings"),
-    "sonars": _kernels_of_banks("sonars"),
-    "sound": channel.kernels,
+    "soundings": partial(_of_banks, "soundings"),
+    "sonars": partial(_of_banks, "sonars"),
+    "sound": _sound,
     "pictures": _pictures,
     "autopilots": _autopilots,
     "cameras": _cameras,
     "copies": _copies,
 }
+"""Gives the kernels of each stage."""
+
+
+def load(stage: str) -> None:
+    """Compile the kernels of a stage, or load them from the cache."""
+    STAGES[stage]()[0]()
 
 
 @cache
 def kernels_of(stage: str) -> tuple[str, ...]:
-    """Names of the kernels of a stage, in the cache."""
-    return tuple(kernel_name(kernel.py_func) for kernel in _KERNELS[stage]())
+    """Return the names of the kernels of a stage, as the cache has them."""
+    return tuple(kernel_name(kernel.py_func) for kernel in STAGES[stage]()[1])

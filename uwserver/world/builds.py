@@ -1,4 +1,4 @@
-"""Has the kernels compiled that a world needs, in processes on all cores, and says how far it is."""
+"""Compiles the kernels that a world needs, in processes on all cores, and shows the progress."""
 
 from __future__ import annotations
 
@@ -18,22 +18,24 @@ STAGES = {
     "sensors": 12.0, "soundings": 9.0, "sonars": 12.0, "sound": 5.0, "pictures": 8.0, "autopilots": 10.0,
     "cameras": 25.0, "copies": 2.0,
 }  # fmt: skip
-"""The parts of the kernels, each for what a world may have, with the processor time (s) that they take on a 2.5 GHz Xeon, alone."""
+"""The stages in which kernels are compiled, one for each thing that a world may have. The number is the processor time (s) that a stage
+takes alone on a 2.5 GHz Xeon."""
 
 Tell = Callable[[str, bool], None]
-"""Gets a line of progress, and whether it is the last one."""
+"""Takes a line of progress, and whether it is the last one."""
 
-_PERIOD = 0.2  # s between two looks at the processes
+_PERIOD = 0.2  # s between two checks of the processes
 _PREFIX = "uwserver: compiling the physics for this machine, once"
 
 
 def kernels_of(stage: str) -> tuple[str, ...]:
-    """Names of the kernels of a stage, in the cache."""
+    """Return the names of the kernels of a stage, as the cache has them."""
     return ENTRY_KERNELS.get(stage) or banks.kernels_of(stage)
 
 
 def missing(stages: Collection[str]) -> tuple[str, ...]:
-    """Which of some stages are not compiled yet, the longest first; those of solid things only where an engine is installed."""
+    """Return those of some stages that are not compiled yet, the longest first. The stage of solids counts only if a collision engine is
+    installed."""
     here = [stage for stage in STAGES if stage in stages and (stage != "solids" or missing_engine() is None)]
     needed = {stage: kernels_of(stage) for stage in here}
     absent = set(compiled.cache_state.missing([kernel for kernels in needed.values() for kernel in kernels]))
@@ -42,11 +44,11 @@ def missing(stages: Collection[str]) -> tuple[str, ...]:
 
 
 def prepare(stages: Collection[str], tell: Tell) -> bool:
-    """Compile what is missing of some stages, into the user's cache; without one it is left to whoever needs a kernel first.
+    """Compile the missing kernels of some stages into the user's cache. Without a cache, each kernel is compiled when it is first needed.
 
     Args:
-        stages: of `STAGES`.
-        tell: gets progress; nothing when nothing is missing.
+        stages: names from `STAGES`.
+        tell: takes the progress; it is not called if nothing is missing.
 
     Returns:
         Whether anything was missing.
@@ -85,7 +87,7 @@ def _run(todo: Sequence[str], workers: int, tell: Tell) -> None:
 
 
 def _wait(process: subprocess.Popen[bytes]) -> float:
-    """Until a process ends, at most a period; returns that if it passed."""
+    """Wait until a process ends, but at most one period. Returns the time that is to be counted: the period, or 0 if the process has ended."""
     try:
         process.wait(_PERIOD)
     except subprocess.TimeoutExpired:
@@ -94,7 +96,7 @@ def _wait(process: subprocess.Popen[bytes]) -> float:
 
 
 def _left(stages: Sequence[str], workers: int, done: float, elapsed: float) -> float:
-    """Seconds that some stages will take yet, by the pace until now."""
+    """Return about how many seconds some stages will take, judged by the pace so far."""
     if not stages:
         return 0.0
     whole = max(sum(STAGES[stage] for stage in stages) + done, 1e-9) / workers
@@ -104,7 +106,7 @@ def _left(stages: Sequence[str], workers: int, done: float, elapsed: float) -> f
 
 
 def start(stages: Sequence[str], nice: int = 0) -> subprocess.Popen[bytes]:
-    """A process that compiles some stages, and ends with this one."""
+    """Start a process that compiles some stages and ends with this one."""
     command = [sys.executable, "-m", "uwserver.world.warm", "--nice", str(nice), *stages]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     null = subprocess.DEVNULL
@@ -112,7 +114,7 @@ def start(stages: Sequence[str], nice: int = 0) -> subprocess.Popen[bytes]:
 
 
 def stop(process: subprocess.Popen[bytes]) -> None:
-    """End a process of `start` at once, if it has not ended; what is half compiled is not kept."""
+    """Kill a process of `start`. A kernel that is half compiled is not kept."""
     process.kill()
     process.wait()
     if process.stdin is not None:
@@ -120,10 +122,10 @@ def stop(process: subprocess.Popen[bytes]) -> None:
 
 
 def watch_parent() -> None:
-    """In such a process: end as soon as the parent is gone, however it ended."""
+    """End this process as soon as its parent is gone, for whatever reason. Called in the processes of `start`."""
 
     def wait() -> None:
-        # Not through a buffer, whose lock an interpreter that ends cannot take: it would abort.
+        # `sys.stdin` would read through a buffer with a lock. An interpreter that ends while this thread holds the lock would abort.
         os.read(sys.stdin.fileno(), 1)
         os._exit(1)
 
@@ -131,7 +133,7 @@ def watch_parent() -> None:
 
 
 def progress() -> Tell:
-    """Progress for a person: a line that is written over on a terminal, in a log one line, and nothing more."""
+    """Return a function that shows progress to a person: on a terminal one line that is overwritten, in a log only the first line."""
     stream, said = sys.stderr, [""]
 
     def tell(text: str, last: bool) -> None:

@@ -1,4 +1,4 @@
-"""What readings need of Python, at the stops of a step: sensors and errors that are written in it, and values that are no numbers."""
+"""The Python work that readings need at the stops of a step: sensors and errors that are written in Python, and values that are no numbers."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from uwserver.world.profile import Timer, kind_of
 from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.timetable import is_repeated, is_written
 
-_MOST_KEPT = 512
-"""Sets of sensors that read together for which it is known what they need."""
+_MOST_SETS = 512
+"""Number of sets of sensors for which the work is kept ready. A set is what reads together in one round."""
 
 
-class _Chores(NamedTuple):
-    """What sensors that read together need.
+class _Work(NamedTuple):
+    """The Python work for a set of sensors that read together.
 
     Attributes:
-        in_python: sensors, and what reads each.
-        loose: what takes those values that are no numbers of those that compiled code reads.
-        written: what lets those of them read that need not see the world.
-        texts: the same for those that compiled code writes otherwise.
-        ready_made: what makes the errors of those whose errors are written in Python.
-        kept: what keeps values that are no numbers for the samples of this reading, after their delays are known.
-        kept_texts: the same of those that compiled code writes otherwise.
-        slow: those that may take time to compute what they read.
-        needs_rates: whether one of them does.
+        in_python: sensors written in Python, each with the function that reads it.
+        loose: functions that take values that are no numbers from sensors of compiled code.
+        written: functions that let sensors write their readings; these sensors need not see the world.
+        texts: the same for sensors that compiled code usually writes.
+        ready_made: functions that make the errors that are written in Python.
+        kept: functions that keep the values that are no numbers until their samples are delivered. They run when the delays are known.
+        kept_texts: the same for sensors that compiled code usually writes.
+        slow: sensors that may take time to compute their readings.
+        needs_rates: whether one of the sensors needs accelerations.
     """
 
     in_python: tuple[tuple[SensorSlot, Callable[[Scope], None]], ...]
@@ -47,54 +47,54 @@ class _Chores(NamedTuple):
 
 
 class ByHand:
-    """Of a world, until other sensors are due."""
+    """Does the Python work of a world's sensors. It is made anew whenever other sensors are due."""
 
     def __init__(self, slots: Mapping[int, SensorSlot], instruments: Instruments, timed: Timer) -> None:
-        """Of sensors by their heads, which lie in these instruments; `timed` is told what each step is."""
+        """Take the sensors by the numbers of their heads in these instruments. `timed` wraps each function for a profile."""
         self._slots, self._instruments, self._timed = slots, instruments, timed
-        self._chores: dict[bytes, _Chores] = {}
+        self._work: dict[bytes, _Work] = {}
         self._writes_texts = False
 
     def sense(self, due: IntArray, t_ns: int) -> None:
-        """Let sensors read that are written in Python, then make the errors that are."""
-        chores = self._of(due)
-        if chores.in_python:
-            scope_of = self._instruments.scopes(t_ns, chores.needs_rates)
-            for slot, read in chores.in_python:
+        """Read the due sensors that are written in Python, then make the errors that are written in Python."""
+        work = self._work_for(due)
+        if work.in_python:
+            scope_of = self._instruments.scopes(t_ns, work.needs_rates)
+            for slot, read in work.in_python:
                 read(scope_of(slot.row, slot.wiring))
-        for take in chores.loose:
+        for take in work.loose:
             take()
-        for write in chores.written:
+        for write in work.written:
             write()
-        for disturb in chores.ready_made:
+        for disturb in work.ready_made:
             disturb(t_ns)
 
     def write(self, due: IntArray) -> None:
-        """Let sensors write that compiled code writes otherwise: one of them repeats itself."""
+        """Write the due sensors that compiled code usually writes. Needed when a fault makes one of them repeat itself."""
         self._writes_texts = True
-        for write in self._of(due).texts:
+        for write in self._work_for(due).texts:
             write()
 
     def keep(self, due: IntArray) -> Sequence[SensorSlot]:
-        """What is no number of these readings waits for its samples. Returns those that take time."""
-        chores = self._of(due)
-        for keep in chores.kept:
+        """Keep the values that are no numbers for the samples of these readings. Returns the sensors that take time to compute."""
+        work = self._work_for(due)
+        for keep in work.kept:
             keep()
-        for keep in chores.kept_texts if self._writes_texts else ():
+        for keep in work.kept_texts if self._writes_texts else ():
             keep()
         self._writes_texts = False
-        return chores.slow
+        return work.slow
 
-    def _of(self, due: IntArray) -> _Chores:
+    def _work_for(self, due: IntArray) -> _Work:
         key = due.tobytes()
-        chores = self._chores.get(key)
-        if chores is None:
-            if len(self._chores) >= _MOST_KEPT:
-                self._chores.clear()
-            chores = self._chores[key] = self._made([self._slots[head] for head in due.tolist()])
-        return chores
+        work = self._work.get(key)
+        if work is None:
+            if len(self._work) >= _MOST_SETS:
+                self._work.clear()
+            work = self._work[key] = self._find_work([self._slots[head] for head in due.tolist()])
+        return work
 
-    def _made(self, slots: Sequence[SensorSlot]) -> _Chores:
+    def _find_work(self, slots: Sequence[SensorSlot]) -> _Work:
         timed, instruments = self._timed, self._instruments
         texts = [slot for slot in slots if is_written(slot)]
         others = [slot for slot in slots if not is_written(slot)]
@@ -102,7 +102,7 @@ class ByHand:
         in_python = [slot for slot in others if slot not in compiled and not slot.writes]
         wordy = [slot for slot in others if slot.is_wordy]
         ready_made = [slot for slot in others if any(stream.is_ready_made for stream in slot.streams)]
-        return _Chores(
+        return _Work(
             tuple((slot, timed("sensors", kind_of(slot.sensor), slot.read, 1)) for slot in in_python),
             tuple(slot.take_loose for slot in others if slot.is_wordy and isinstance(slot.sensor, BankSensor)),
             self._writers(slot for slot in others if slot.writes),
@@ -129,9 +129,10 @@ def _by_kind(slots: Iterable[SensorSlot]) -> Collection[list[SensorSlot]]:
 
 
 def _writer(slots: Sequence[SensorSlot], instruments: Instruments) -> Callable[[], None]:
-    """What lets sensors write (`Sensor.writes`), and tells of all at once that they are ready, but for those that a fault keeps silent."""
+    """Return a function that lets some sensors write (`Sensor.writes`) and marks all of them as ready, except those that a fault keeps
+    silent."""
     numbers, heads = np.array([slot.head for slot in slots]), instruments.heads.rows
-    # To find a column costs as much as to write it.
+    # Finding a column of a record array costs as much as writing it, so it is done once.
     ready, silent, valid = heads["ready"], heads["silent"], heads["valid"]
 
     def write_all() -> None:
@@ -144,7 +145,7 @@ def _writer(slots: Sequence[SensorSlot], instruments: Instruments) -> Callable[[
 
 
 def _keeper(slots: Sequence[SensorSlot], instruments: Instruments) -> Callable[[], None]:
-    """What lets sensors keep what is no number of their readings (`SensorSlot.keep_loose`)."""
+    """Return a function that lets some sensors keep the values of their readings that are no numbers (`SensorSlot.keep_loose`)."""
     numbers, heads = np.array([slot.head for slot in slots]), instruments.heads.rows
     streams = np.array([k for slot in slots for k in slot.stream_numbers])
     ready, made, dropped = heads["ready"], heads["number"], instruments.streams.rows["reading"]["dropped"]

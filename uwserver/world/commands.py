@@ -1,4 +1,4 @@
-"""Commands on their way to the actuators: who commands, who disagrees, and who has fallen silent."""
+"""Takes commands to actuators: which source commands, which sources disagree, and which actuators have had no command for too long."""
 
 from __future__ import annotations
 
@@ -9,27 +9,28 @@ from typing import Any, ClassVar
 from uwserver.ports import Command, Field, Refused
 from uwserver.ports.checks import check_given
 from uwserver.world.components import ActuatorSlot
-from uwserver.world.part import Part, Stage, State
+from uwserver.world.part import Stage, Stateless
 
 CONFLICT_WINDOW_S = 1.0
-"""Two sources that command one actuator within this simulation time are in conflict."""
+"""Two sources that command the same actuator within this simulation time are in conflict."""
 
 
-class Commands(Part):
-    """Commands and watchdogs of all actuators of a world; `next_tick` is when a watchdog may expire. What it knows stands in the slots."""
+class Commands(Stateless):
+    """The commands and watchdogs of all actuators of a world. Its state stands in the slots of the actuators; `next_tick` is when a
+    watchdog may expire."""
 
     path = "world/commands"
-    state_type = State
     stage: ClassVar[Stage] = Stage.WATCHDOGS
 
     def __init__(
         self, actuators: Mapping[str, ActuatorSlot], rate_hz: Fraction, say: Callable[[str, str], None]
     ) -> None:
-        """Of a world whose actuators may come and go.
+        """Begin without commands.
 
         Args:
-            actuators, rate_hz: of the world.
-            say: tells an event and its text to all clients.
+            actuators: slots of the world by path; the mapping may change later.
+            rate_hz: ticks per second.
+            say: sends an event with a text to all clients.
         """
         self._actuators = actuators
         self._say = say
@@ -37,14 +38,20 @@ class Commands(Part):
         self._newest: dict[str, Command] = {}
 
     def accept(self, command: Command, tick: int, fields: tuple[Field, ...] = ()) -> bool:
-        """Take a command over; of several to one actuator before the next `apply` only the last can act,
-        but for one that takes each. `fields` are those against which it was checked.
+        """Accept a command. It acts at the next `apply`. If several commands for one actuator come before that, only the last one acts,
+        unless the actuator takes each command.
+
+        Args:
+            command: checked against the fields of a port.
+            tick: the present tick.
+            fields: the fields against which the command was checked.
 
         Returns:
-            Whether somebody else commands that actuator too.
+            Whether another source commands the same actuator at present.
 
         Raises:
-            Refused: the actuator is gone, deactivated, held by the autopilot, or another one than the command was checked for.
+            Refused: the actuator is gone, is deactivated, is held by the autopilot, has been replaced by another one that takes no such
+                command, or refuses the value.
         """
         path = command.port
         slot = self._actuators.get(path)
@@ -54,11 +61,11 @@ class Commands(Part):
             raise Refused("denied", f'"{path}" is deactivated: call {path}/activate first', path)
         if slot.refusal:
             raise Refused("denied", f'"{path}" {slot.refusal}', path)
-        if fields is not slot.port.fields:  # a body of another kind may have come under the name since
+        if fields is not slot.port.fields:  # Another body may have come under this name since the check.
             try:
                 check_given(slot.port.fields, command.value)
             except ValueError as error:
-                text = f'"{path}" is another actuator than when this was sent ({error}); "describe" lists its fields'
+                text = f'"{path}" was replaced by another actuator after this was sent ({error}); "describe" lists its fields'
                 raise Refused("bad_argument", text, path) from None
         if slot.takes_each and path in self._newest:
             slot.actuator.apply(self._newest.pop(path).value)
@@ -76,13 +83,14 @@ class Commands(Part):
                 slot.conflicts += 1
                 slot.other_tick = tick
         slot.source, slot.last_tick = command.source, tick
-        # In the order of the last ones: of set points of an autopilot, each a port of its own, the last one counts as it does between two ticks.
+        # Moved to the end: each set point of an autopilot has its own port, and the newest command has to act last, as it would in separate
+        # ticks.
         self._newest.pop(path, None)
         self._newest[path] = command
         return conflict
 
     def apply(self, tick: int) -> None:
-        """Hand what was accepted to the actuators; an actuator that a call removed meanwhile gets nothing."""
+        """Give the accepted commands to their actuators. Commands to an actuator that a call has removed meanwhile are dropped."""
         for port, command in self._newest.items():
             slot = self._actuators.get(port)
             if slot is None:
@@ -95,23 +103,19 @@ class Commands(Part):
         self._newest.clear()
 
     def newest(self, vehicle: str) -> list[str]:
-        """The last command to each actuator of a vehicle, in words."""
+        """Return the last command to each actuator of a vehicle as text, for an error report."""
         return [
             f"last command to {path} in tick {slot.last_tick} by {slot.source}: {slot.last_value}"
             for path, slot in self._actuators.items()
             if path.startswith(f"{vehicle}/") and slot.last_tick >= 0
         ]
 
-    def save(self) -> State:
-        """Nothing: commands that are accepted are applied in the same tick."""
-        return State()
-
     def load(self, state: Any) -> None:
-        """Look at all watchdogs anew."""
+        """Check all watchdogs in the next tick, as the slots have other states."""
         self.next_tick = -1
 
     def before(self, tick: int, t_ns: int) -> None:
-        """Let the actuators go to neutral that were left without a command for too long."""
+        """Set actuators to neutral that had no command for longer than their time-out."""
         following: int | None = None
         for slot in self._actuators.values():
             if not slot.timeout_ticks or not slot.last_value:

@@ -1,4 +1,4 @@
-"""What a world keeps of each component: sensors, actuators, and the bodies that carry them."""
+"""What a world keeps for each component: the streams and states of sensors, and the slots of actuators."""
 
 from __future__ import annotations
 
@@ -19,30 +19,31 @@ from uwserver.world.computing import Loose, settled
 from uwserver.world.part import Part, State, read_record, record
 
 Held = tuple[bool, tuple[Value, ...]] | None
-"""A reading: whether it is valid, and its values; None before the first."""
+"""The last reading: whether it is valid, and its values. None before the first reading."""
 NEVER = -(10**18)
 """A tick before all others."""
 Tick = Annotated[int, Meta(ge=NEVER, le=2**62)]
 Count = Annotated[int, Meta(ge=0, le=2**62)]
-"""Limits of a state from outside, beyond which numbers could no longer be counted on and encoded."""
+"""The limits of numbers in a state from outside. Larger numbers could not be counted up or encoded."""
 
 
 @dataclass(slots=True, eq=False)
 class SensorStream:
-    """A stream of samples: the sensor's own, or one more, with errors of its own; `ideal`: of what the device would read without any.
+    """A stream of samples of one sensor, with its own errors.
 
-    Texts, pictures and other values that are no numbers are loose: they have no place in the arrays.
+    Values that are no numbers (texts, pictures) have no place in the arrays and are called loose.
 
     Attributes:
-        port: where its samples come out.
-        modifiers: its errors.
-        columns: which numbers of a row are which of its values.
-        operations: its errors, where compiled code carries out all of them.
-        is_ready_made: its readings are made in Python.
+        port: the port at which the samples are delivered.
+        modifiers: the errors of the stream, in their order.
+        ideal: whether the stream starts from the values that the device would read without any errors.
+        columns: which numbers of a row belong to which field.
+        operations: the errors, if compiled code makes all of them; else empty.
+        is_ready_made: whether Python makes the readings, because an error is written in Python.
         fresh: loose values of the present reading.
-        loose: of the last one that was not lost; empty before the first.
-        coming: of those that are not delivered yet, by sequence number.
-        newest: of the newest delivered sample.
+        loose: loose values of the last reading that was not lost; empty before the first.
+        coming: loose values of samples that are not delivered yet, by sequence number.
+        newest: loose values of the newest delivered sample.
     """
 
     port: Port
@@ -64,22 +65,22 @@ class SensorStream:
 
     @property
     def kept(self) -> int:
-        """How many numbers are kept of it: the last reading, and what its operations remember."""
+        """How many numbers a state keeps of this stream: those of the last reading, and the memory of its operations."""
         return self.columns.width + sum([len(operation.numbers) for operation in self.operations])
 
 
 class SensorState(State, frozen=True, omit_defaults=True):
-    """What one sensor remembers.
+    """The state of one sensor.
 
     Attributes:
-        number: readings made; with it the random numbers go on.
+        number: number of readings made; it also decides which random numbers come next.
         active, divisor: of the slot.
-        settings, memory: of the sensor; empty where it has none.
-        held: HELD of each stream (`uwserver.step.streams`), its own first.
-        numbers: float64, of each stream the last reading, and what its operations remember.
-        loose: of each stream the values of the last reading that are no numbers; empty where it has none.
-        modifiers: memories of those modifiers whose streams are made in Python.
-        pictures: in place of `loose` of a sensor that takes time.
+        settings, memory: of the sensor, as msgpack; empty if it has none.
+        held: HELD of each stream (`uwserver.step.streams`), the sensor's own stream first.
+        numbers: float64 of each stream: the last reading, then the memory of its operations.
+        loose: of each stream the values of the last reading that are no numbers; empty if it has none.
+        modifiers: memories of the modifiers of streams whose readings are made in Python.
+        pictures: stands in place of `loose` for a sensor that takes time.
     """
 
     number: Count
@@ -94,21 +95,21 @@ class SensorState(State, frozen=True, omit_defaults=True):
     pictures: tuple[tuple[Value, ...], ...] = ()
 
     def deciding(self) -> SensorState:
-        """Pictures follow from the rest, and may be under computation."""
+        """Leave the pictures out: they follow from the other values, and may still be under computation."""
         return structs.replace(self, pictures=()) if self.pictures else self
 
     def settled(self) -> SensorState:
-        """With the pictures computed."""
+        """Wait for the pictures, and put them in."""
         return structs.replace(self, pictures=computed(self.pictures))
 
 
 def computed(pictures: Iterable[Loose]) -> tuple[tuple[Value, ...], ...]:
-    """Values of pictures, some of which may be under computation."""
+    """Wait for pictures under computation. Returns the values of all pictures."""
     return tuple([settled(loose) for loose in pictures])
 
 
 class Sources(Struct, frozen=True):
-    """Who commanded an actuator, who else did, and how often they disagreed or fell silent."""
+    """Which source commanded an actuator, when another source did so, and how many conflicts and time-outs there were."""
 
     source: Annotated[str, Meta(max_length=4096)] = ""
     other_tick: Tick = NEVER
@@ -117,7 +118,7 @@ class Sources(Struct, frozen=True):
 
 
 class ActuatorState(State, frozen=True):
-    """What one actuator's slot remembers; where the device itself stands is in the bodies' arrays, or in the record `memory`."""
+    """The state of one actuator's slot. The state of the device is in the arrays of the bodies, or in `memory`."""
 
     active: bool
     timeout_ticks: Count
@@ -127,13 +128,20 @@ class ActuatorState(State, frozen=True):
     sources: Sources
 
     def deciding(self) -> ActuatorState:
-        """Who commanded does not change the run."""
+        """Leave the sources out: they do not change the run."""
         return structs.replace(self, sources=Sources())
 
 
 @dataclass(slots=True, eq=False)
 class ActuatorSlot(Part):
-    """An actuator in the world: who commanded it last, when it goes to neutral, and why it takes no commands now ("" when it does)."""
+    """An actuator in the world: its last command, the source of that command, and its watchdog.
+
+    Attributes:
+        timeout_ticks: ticks without a command after which the actuator goes to neutral; 0 for never.
+        last_tick, last_value, source: of the last command.
+        other_tick: last tick in which two sources were in conflict.
+        refusal: why the actuator takes no commands at present; "" if it does.
+    """
 
     state_type = ActuatorState
 
@@ -152,26 +160,26 @@ class ActuatorSlot(Part):
 
     @property
     def path(self) -> str:
-        """Of the port."""
+        """Path of the port."""
         return self.port.path
 
     @property
     def takes_each(self) -> bool:
-        """Whether every command counts, as of a modem: none replaces another, and two sources are no conflict."""
+        """Whether every command counts, as for a modem: no command replaces another, and two sources are not in conflict."""
         return bool(getattr(self.actuator, "takes_each", False))
 
     def objection(self, value: Items) -> Fault | None:
-        """Why the device takes no such value, though its fields allow it; None where it does. It changes nothing."""
+        """Return why the device refuses a value that its fields allow; None if it does not refuse. Changes nothing."""
         object_to: Callable[[Items], Fault | None] | None = getattr(self.actuator, "objection", None)
         return None if object_to is None else object_to(value)
 
     def set_timeout(self, ticks: int) -> None:
-        """Set the watchdog; 0 ticks for none."""
+        """Set the time-out of the watchdog; 0 ticks for none."""
         self.timeout_ticks = ticks
         self.port = structs.replace(self.port, timeout_s=float(ticks / self.rate_hz) or None)
 
     def save(self) -> ActuatorState:
-        """All that it remembers."""
+        """Return the state of the slot."""
         memory = getattr(self.actuator, "memory", None)
         return ActuatorState(
             self.active,
@@ -183,17 +191,17 @@ class ActuatorSlot(Part):
         )
 
     def check(self, state: Any) -> None:
-        """The last command fits the fields."""
+        """Raise ValueError if the state is not of this actuator: another kind of memory, or a last command that does not fit the fields."""
         memory = getattr(self.actuator, "memory", None)
         if memory is not None:
             read_record(state.memory, memory)
         elif state.memory:
-            raise ValueError("a memory of an actuator that has none")
+            raise ValueError("it has a memory, and this actuator has none")
         if state.last_value:
             check_given(self.port.fields, state.last_value)
 
     def load(self, state: ActuatorState) -> None:
-        """Go on from there."""
+        """Take over a checked state."""
         self.active, self.last_tick, self.last_value = state.active, state.last_tick, state.last_value
         if state.timeout_ticks != self.timeout_ticks:
             self.set_timeout(state.timeout_ticks)

@@ -1,4 +1,4 @@
-"""What ends a run whose numbers have left all bounds."""
+"""The error that ends a run whose numbers have left all bounds."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from uwserver.world.vehicle import Vehicle
 
 
 class Diverged(Exception):
-    """A body's state is not finite, or absurdly fast. The text names body, tick and the last commands.
+    """The state of a body is not finite, or absurdly fast. The text names the body, the tick and the last commands.
 
     Attributes:
-        output: replies to what was carried out at the start of the tick, and samples of ticks before it that were made in one go with it.
+        output: replies to the requests that were carried out at the start of the tick, and samples of earlier ticks that were made in the
+            same call.
     """
 
     def __init__(self, text: str, output: TickOutput) -> None:
@@ -21,7 +22,7 @@ class Diverged(Exception):
 
 
 def report(tick: int, t_ns: int, vehicle: Vehicle | None, commands: Commands) -> str:
-    """The text of it; no vehicle where the body has been taken out."""
+    """Return the text of the error. `vehicle` is None if the body has been taken out of the world."""
     if vehicle is None:
         return f"a body that is no longer there diverged in tick {tick}"
     t = t_ns / NANOSECONDS

@@ -1,4 +1,4 @@
-"""What a program in the same process asks of a world: to command, to call, to step, to read and to record."""
+"""The methods with which a program in the same process commands, calls, steps, reads and records a world."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from uwserver.world.part import Carry
 from uwserver.world.reading import Reading
 from uwserver.world.requests import Requests
 from uwserver.world.sensing import Sensing
-from uwserver.world.traces import Traces, Tracing
+from uwserver.world.traces import Traces, chosen
 
 
 class InProcess(ABC):
-    """That part of a world.
+    """The part of a world that is for programs in the same process.
 
     Attributes:
         ports, services, requests, sensing: see `World`.
-        carry: what each service does.
+        carry: the function of each service, by path.
     """
 
     ports: Mapping[str, Port]
@@ -31,7 +31,7 @@ class InProcess(ABC):
 
     def __init__(self) -> None:
         self.carry: dict[str, Carry] = {}
-        self._tracing = Tracing()
+        self._traces: list[Traces] = []
 
     @property
     @abstractmethod
@@ -40,18 +40,19 @@ class InProcess(ABC):
 
     @abstractmethod
     def advance(self, *, most: int = 1) -> TickOutput:
-        """One tick, or up to `most`."""
+        """Make one tick, or up to `most`."""
 
     def submit(self, item: Command | Call, on_reply: OnReply | None = None) -> None:
         """Post a checked command or call for the start of the next tick."""
         self.post(Posted(item, on_reply))
 
     def post(self, posted: Posted) -> None:
-        """The same, as it came over the crossing."""
+        """Post a request for the start of the next tick."""
         self.requests.posted.append(posted)
 
     def command(self, port: str, **value: object) -> None:
-        """Check and post a command: ``world.command("rov/thrusters", u=[...])``, lists or arrays, texts, bytes. It acts from the next `step` on.
+        """Check and post a command: ``world.command("rov/thrusters", u=[...])``, with lists or arrays, texts, bytes. It acts from the next
+        `step` on.
 
         Raises:
             Refused: unknown port or field, wrong type or shape, not finite, out of range, too large.
@@ -61,7 +62,7 @@ class InProcess(ABC):
         self.post(Posted(Command(port, checked_command(known, value), "in-process"), None, known.fields))
 
     def call(self, service: str, **args: object) -> Json:
-        """Carry out a service at once, between two ticks, and return its result; a long-running one is only begun.
+        """Carry out a service at once, between two ticks, and return its result. A long-running service is only begun, and gives None.
 
         Raises:
             Refused: unknown service or argument, wrong type, out of range, or refused by the service.
@@ -72,11 +73,11 @@ class InProcess(ABC):
         return None if isinstance(result, Later) else result
 
     def step(self, n: int = 1) -> Samples:
-        """Run n ticks; returns the samples delivered in them, as a list: each is made when somebody looks.
+        """Run n ticks. Returns the samples delivered in them, as a list; each sample object is made when it is accessed.
 
         Raises:
-            Refused: n below 1; nothing is stepped.
-            Diverged: a body's state is not finite; the world must not be stepped on.
+            Refused: n is below 1; nothing is stepped.
+            Diverged: the state of a body is not finite; the world must not be stepped any further.
         """
         if n < 1:
             raise Refused("out_of_range", f"step takes 1 tick or more, not {n}", "n")
@@ -88,11 +89,12 @@ class InProcess(ABC):
             samples.add(output.made)
             for on_reply, reply in output.replies:
                 on_reply(reply)
-        self._tracing.take(samples)
+        for traces in self._traces:
+            traces.take(samples)
         return samples
 
     def read(self, port: str) -> Reading | None:
-        """The newest delivered sample of a sensor, by field: ``world.read("rov/depth").depth``; None before the first.
+        """Return the newest delivered sample of a sensor, by field: ``world.read("rov/depth").depth``; None before the first.
 
         Raises:
             Refused: no such port.
@@ -102,5 +104,10 @@ class InProcess(ABC):
         return None if sample is None else Reading(self.ports[port], sample)
 
     def record(self, *patterns: str) -> Traces:
-        """Arrays of what the sensors that match (``*`` one level; default: all) say in `step` from now on; Refused where none matches."""
-        return self._tracing.begin(self.ports, patterns)
+        """Record the sensors that match a pattern as arrays, from now on and while `step` runs (``*`` stands for one level; default: all
+        sensors).
+
+        Raises:
+            Refused: no sensor matches.
+        """
+        return Traces(chosen(self.ports, patterns), self._traces)

@@ -1,4 +1,4 @@
-"""The arrays in which all sensors of a world lie, and the calls of compiled code that read and deliver them."""
+"""The arrays of all sensors of a world, and what compiled code needs to read the sensors and deliver their samples."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.pool import Pool
-from uwserver.physics.rays.raycast import Geometry, OpenWater
+from uwserver.physics.rays.raycast import Geometry
 from uwserver.ports.thinning import Thinning
 from uwserver.ports.told import Log
 from uwserver.sensors import Scope, surroundings
@@ -28,16 +28,17 @@ from uwserver.step.streams import COUNTS, ENTRY, FORMS, NEVER, NO_INTERVAL, STRE
 from uwserver.world.computing import Computing
 from uwserver.world.vehicle import Vehicle
 
-_SLOTS, _OPEN = 64, OpenWater()
+_SLOTS = 64
 _LOGGED, _LOGGED_NUMBERS = 4096, 1 << 17
-"""Samples of a log, and numbers that it has room for, as most samples are of few; more where a tick may need them."""
+"""Samples in a log, and numbers in it: most samples have few numbers. A log is larger if one tick needs more."""
 _NONE: FloatArray = np.zeros(0)
 _TOUCHING = list(surroundings.FORMS).index("touching")
 """Place of the contacts in `now`."""
 
 
 class Around(NamedTuple):
-    """What sensors see besides water: bodies by name, where N lies, solid things, the backscatter of their materials, and their looks."""
+    """What sensors see besides water: bodies by name, the place of N on the Earth, solids, the backscatter of their materials, the bottom's
+    layers, and what cameras see."""
 
     vehicles: Mapping[str, Vehicle]
     earth: Earth
@@ -47,37 +48,28 @@ class Around(NamedTuple):
     sight: Sight | None = None
 
 
-class Delivered(NamedTuple):
-    """A delivered sample: its stream, and the rest as in a `Sample`; `values` is a row of numbers."""
-
-    stream: int
-    seq: int
-    t_ns: int
-    t_sent_ns: int
-    valid: bool
-    values: FloatArray
-
-
 class Instruments:
-    """Sensors as rows. Who is here is decided elsewhere; here it is known where they lie.
+    """The rows of all sensors. Other parts decide which sensors there are; this class knows where their rows are.
 
     Attributes:
+        now: addresses of the arrays that sensors see (`sensors.surroundings`).
+        table: addresses of the arrays of the sensors themselves (`step.streams.FORMS`).
         heads, streams, operations, numbers: of all sensors (`sensors.bank`, `step.streams`, `modifiers.operations`).
         voices: of all sonars (`sensors.voices`).
-        nu_dot, tau: (n, 6) of the bodies, where a sensor needs them: see `Hydrodynamics.rates_of_change`.
-        next_ns: when the next sample on its way arrives.
-        roused: sensors that have something to tell, whatever their rate (`Sensor.rouse`).
-        wordy_count: how many of the samples of the last tick have values that are no numbers.
-        log: what was read of late, and `logged` how many of its places are taken.
-        computing: of readings that take time.
-        is_read: whether somebody reads samples.
+        nu_dot, tau: (n, 6) of the bodies, made in ticks in which a sensor needs them: see `Hydrodynamics.rates_of_change`.
+        next_ns: time at which the next sample in flight arrives.
+        roused: sensors that have something to report, whatever their rate (`Sensor.rouse`).
+        wordy_count: how many samples of the last tick have values that are no numbers.
+        log, logged: samples that were read lately, and how many places of the log are taken.
+        computing: computes readings that take time.
+        is_read: whether anything reads samples.
     """
 
     now: IntArray
     table: IntArray
 
     def __init__(self, hydro: Hydrodynamics, water: Water, around: Callable[[], Around]) -> None:
-        """Of a world with these bodies and this water; `around` tells what else there is."""
+        """Begin without sensors, in a world with these bodies and this water; `around` gives everything else that sensors see."""
         from uwserver.step import delivery
 
         delivery.load()
@@ -88,11 +80,11 @@ class Instruments:
         self.voices = Pool(VOICE)
         self._banks: dict[int, Pool] = {}
         self.is_read = True
-        self.roused: dict[Any, None] = {}  # slots, which stand above this module
+        self.roused: dict[Any, None] = {}  # slots, whose class imports this module
         self._pending, self._told = np.zeros(_SLOTS, ENTRY), np.zeros(_SLOTS, ENTRY)
         self._free, self._counts = np.arange(_SLOTS), np.zeros(1, COUNTS)
-        self._told_counts = self._counts.view(np.int64)  # quicker to look at than a record
-        self._values, self._told_values, self._room = np.zeros((_SLOTS, 1)), np.zeros((_SLOTS, 1)), _SLOTS
+        self._told_counts = self._counts.view(np.int64)  # An array of int64 is quicker to read than a record.
+        self._values, self._told_values = np.zeros((_SLOTS, 1)), np.zeros((_SLOTS, 1))
         self._wordy, self._thinnings = np.zeros(_SLOTS, np.int64), np.zeros(0, THINNING)
         self.next_ns, self.wordy_count, self._on_their_way = NEVER, 0, 0
         self.log, self.logged = Log(np.zeros(0, ENTRY), np.zeros(0)), 0
@@ -100,21 +92,21 @@ class Instruments:
         self.gather(())
 
     def rows_of(self, bank: Bank) -> Pool:
-        """Where the records of a kind lie; its kernels are then ready."""
+        """Return the pool of the records of a kind, and load its kernels."""
         if id(bank) not in self._banks:
             load(bank)
             self._banks[id(bank)] = Pool(bank.record)
         return self._banks[id(bank)]
 
     def gather(self, wirings: Iterable[Wiring]) -> None:
-        """Find all arrays again: after sensors or bodies came or went."""
+        """Find all arrays again. Called after sensors or bodies were added or removed."""
         hydro, around = self._hydro, self._around()
         self.nu_dot, self.tau = np.zeros((len(hydro), 6)), np.zeros((len(hydro), 6))
         self._place = place_row(self._water, around.earth)
         electrics: Any = np.zeros(len(hydro.thrusters), ELECTRIC)
         for wiring in wirings:
             wiring.fill(electrics)
-        self._seen = {
+        self._visible = {
             "state": hydro.state,
             "nu_dot": self.nu_dot,
             "tau": self.tau,
@@ -128,21 +120,22 @@ class Instruments:
             "team": hydro.team,
             "voices": self.voices.rows,
         }
-        self._find_seen()
+        self._tabulate_visible()
         self._make_room(0, int(self.streams.rows["width"].max(initial=0)))
         self._tabulate()
 
-    def _find_seen(self) -> None:
-        self._seen["touching"] = self._hydro.touching.table
-        self.now = layout.addresses(surroundings.FORMS, self._seen)
+    def _tabulate_visible(self) -> None:
+        self._visible["touching"] = self._hydro.touching.table
+        self.now = layout.addresses(surroundings.FORMS, self._visible)
 
     def follow_contacts(self) -> None:
-        """The contacts of the world lie elsewhere, as when there was no room for more. `now` stays where it is: others have its address."""
-        self._seen["touching"] = table = self._hydro.touching.table
+        """Find the contacts of the world again, as their array moves when it grows. `now` itself stays where it is, because others have its
+        address."""
+        self._visible["touching"] = table = self._hydro.touching.table
         self.now[_TOUCHING] = table.ctypes.data, len(table)
 
     def move(self, place: Callable[[Any], Any]) -> None:
-        """Have all that a tick writes lie elsewhere, after the bodies' rows: `place` gives a copy of an array in other memory."""
+        """Move everything that a tick writes to other memory, after the rows of the bodies: `place` returns a copy of an array there."""
         for pool in (self.heads, *self._banks.values(), self.streams, self.operations, self.numbers, self.voices):
             pool.move(place)
         self._counts, self._pending, self._free = place(self._counts), place(self._pending), place(self._free)
@@ -150,8 +143,8 @@ class Instruments:
         self._values, self._told, self._told_values = place(self._values), place(self._told), place(self._told_values)
         self.nu_dot, self.tau, self._place = place(self.nu_dot), place(self.tau), place(self._place)
         own = {"nu_dot": self.nu_dot, "tau": self.tau, "place": self._place, "voices": self.voices.rows}
-        self._seen |= own | {name: getattr(self._hydro, name) for name in ("state", "bodies", "thrusters")}
-        self._find_seen()
+        self._visible |= own | {name: getattr(self._hydro, name) for name in ("state", "bodies", "thrusters")}
+        self._tabulate_visible()
         self._tabulate()
         self.now, self.table = place(self.now), place(self.table)
 
@@ -175,78 +168,72 @@ class Instruments:
         self.table = layout.addresses(FORMS, rows)
 
     def _make_room(self, needed: int, width: int = 0) -> None:
-        """Room for so many samples on their way or delivered, of so many numbers."""
+        """Have room for `needed` samples, in flight or delivered, of up to `width` numbers each."""
         room, wide = self._values.shape
         if needed <= room and width <= wide:
             return
         if width > wide:
-            self._log_room = 0  # its numbers are for fewer
+            self._log_room = 0  # The present log has room for narrower samples only.
         more, wide = (room if needed <= room else needed + needed // 4), max(wide, width)
         self._pending, self._told = _grown(self._pending, more), _grown(self._told, more)
         self._values, self._told_values = _grown(self._values, more, wide), _grown(self._told_values, more, wide)
-        self._free, self._room = np.concatenate([self._free, np.arange(room, more)]), more
-        self._wordy = _grown(self._wordy, more)  # within a tick, sensors measure more than once
+        self._free = np.concatenate([self._free, np.arange(room, more)])
+        self._wordy = _grown(self._wordy, more)  # In a tick, sensors measure in several rounds.
         self._tabulate()
 
     def on_their_way(self) -> tuple[int, Any, FloatArray]:
-        """How many were on their way before; ENTRY of each that is, as they will be delivered; and their numbers, one after the other."""
+        """Return how many samples were ever in flight, the ENTRY of each that is in flight now, in the order of delivery, and their numbers
+        one after the other."""
         entries = self._pending[: self._on_their_way]
         if not len(entries):
             return int(self._counts["order"][0]), entries, _NONE
         entries = entries[np.lexsort((entries["order"], entries["t_sent_ns"]))]
         values = self._values[entries["slot"]]
-        return int(self._counts["order"][0]), entries, values[self._used(entries, values.shape[1])]
+        return int(self._counts["order"][0]), entries, values[self._number_mask(entries, values.shape[1])]
 
-    def _used(self, entries: Any, width: int) -> Any:
-        """(n, width) which numbers of rows that wide belong to each of n entries."""
+    def _number_mask(self, entries: Any, width: int) -> Any:
+        """Return a mask (n, width) of the numbers that belong to each of n entries, in rows of that width."""
         return np.arange(width) < self.streams.rows["width"][entries["stream"]][:, None]
 
     def send_on_their_way(self, order: int, entries: Any, numbers: FloatArray) -> None:
-        """Put these on their way, and no others; as `on_their_way` gives them."""
+        """Put these samples in flight, and no others; the arguments are as `on_their_way` returns them."""
         n = len(entries)
         self._make_room(n)
         self._free[:] = np.arange(len(self._free))
         self._pending[:n] = entries
         self._pending["slot"][:n] = np.arange(n)
-        self._values[:n][self._used(entries, self._values.shape[1])] = numbers
+        self._values[:n][self._number_mask(entries, self._values.shape[1])] = numbers
         self._on_their_way = n
         self._counts["pending"], self._counts["told"], self._counts["order"] = n, 0, order
         self._counts["next_ns"] = self.next_ns = int(entries["t_sent_ns"][0]) if n else NEVER
 
     def arriving(self, t_ns: int) -> list[tuple[int, int, int]]:
-        """Place, stream and number of each sample that is on its way and due at a time."""
+        """Return place, stream and number of each sample in flight that is due at a time."""
         entries = self._pending[: self._on_their_way]
         places = np.flatnonzero(entries["t_sent_ns"] <= t_ns)
         return list(
             zip(places.tolist(), entries["stream"][places].tolist(), entries["seq"][places].tolist(), strict=True)
         )
 
-    def spoil(self, place: int) -> None:
-        """The sample on its way in a place is invalid; until others come or go."""
+    def invalidate(self, place: int) -> None:
+        """Mark the sample in flight at a place as invalid. Places hold until other samples are added or removed."""
         self._pending["valid"][place] = 0
 
     def lose(self, is_lost: Callable[[int, int], bool]) -> None:
-        """Samples are lost on their way, by stream and number. Between two deliveries."""
+        """Remove samples in flight, chosen by stream and number. Called between two deliveries."""
         order, entries, numbers = self.on_their_way()
         stays = np.array([not is_lost(k, n) for k, n in entries[["stream", "seq"]].tolist()], bool)
         if not stays.all():
             widths = self.streams.rows["width"][entries["stream"]]
             self.send_on_their_way(order, entries[stays], numbers[np.repeat(stays, widths)])
 
-    def newest(self, stream: int) -> Delivered | None:
-        """The newest delivered sample of a stream."""
-        row = self.streams.rows[stream]
-        if not row["newest"]:
-            return None
-        numbers = self.numbers.rows[row["newest_first"] : row["newest_first"] + row["width"]].copy()
-        return Delivered(stream, int(row["seq"]), int(row["t_ns"]), int(row["t_sent_ns"]), bool(row["valid"]), numbers)
-
     def forget_newest(self) -> None:
-        """The time was set: what was read at another time does not count."""
+        """Forget the newest samples, as the time was set and they belong to another time."""
         self.streams.rows["newest"] = self.streams.rows["unordered"] = 0
 
     def thin(self, thinned: Mapping[int, Collection[Thinning]]) -> None:
-        """Choose, of the samples of these streams, by number, those alone that one of these takes; of all others each one."""
+        """Let only those samples of these streams (by number) be read that one of their decimations takes. Of all other streams, every
+        sample is read."""
         rows = self.streams.rows
         rows["thinning_count"] = 0
         if not thinned:
@@ -258,12 +245,13 @@ class Instruments:
         self._thinnings = np.array(each_one, THINNING)
         self._tabulate()
 
-    def sea_moves(self) -> None:
-        """The steady part of the current was changed."""
+    def current_changed(self) -> None:
+        """Take over the steady part of the current after a change."""
         self._place["current"] = self._water.current
 
     def scopes(self, t_ns: int, with_rates: bool) -> Callable[[int, Wiring | None], Scope]:
-        """What sensors in Python see at this instant, by the row of their body and its inside; made once a body. With rates: after `look`."""
+        """Return a function that gives what sensors in Python see at this instant, by the row of their body and the inside of their
+        vehicle. The scope of each body is made once. `with_rates`: the accelerations have been found."""
         seen: dict[int, Scope] = {}
         state, water, around = self._hydro.state, self._water, self._around()
 
@@ -284,33 +272,34 @@ class Instruments:
 
     @property
     def solids(self) -> Geometry:
-        """What rays can hit."""
+        """The solids that rays can hit."""
         return self._around().solids
 
     def to_deliver(self) -> tuple[IntArray, FloatArray, FloatArray]:
-        """What `delivery.deliver` gets besides, until sensors come or go or there is another log."""
+        """Return the table and the two arrays of values for `delivery.deliver`. They hold until sensors are added or removed, or another
+        log begins."""
         return self.table, self._values, self._told_values
 
     @property
     def room(self) -> tuple[int, int]:
-        """For how many samples there is some, on their way or delivered in a tick, and in the log, which takes none where nobody reads any."""
-        return self._room, self._log_room if self.is_read else NEVER
+        """Room for samples in flight or delivered in a tick, and room in the log. A log that nothing reads takes no samples, so its room is
+        unlimited."""
+        return len(self._values), self._log_room if self.is_read else NEVER
 
     def make_room(self, most: int) -> None:
-        """So many samples may come of the readings of a tick: have room for them. Between two ticks of which all is told."""
+        """Have room for the samples of a tick, at most `most`. Called between two ticks, when all samples of the first have been handed on."""
         needed = self._on_their_way + most
-        if needed > self._room:
-            self._make_room(needed)
+        self._make_room(needed)
         numbers = int(self._counts["log_width"][0]) + needed * self._values.shape[1]
         if self.is_read and (self.logged + needed > self._log_room or numbers > len(self.log.numbers)):
             self._begin_log(needed)
 
     def take_over(self) -> None:
-        """Compiled code has delivered."""
+        """Read the counts after compiled code has delivered samples."""
         self._on_their_way, _, _, self.next_ns, _, self.wordy_count, self.logged, _ = self._told_counts.tolist()
 
     def _begin_log(self, needed: int) -> None:
-        """Go on in another log, with room for so many samples at least; who has the samples of this one keeps it."""
+        """Begin another log, with room for at least `needed` samples. Readers of samples in the old log keep it alive."""
         room, numbers = max(2 * needed, _LOGGED), max(2 * needed * self._values.shape[1], _LOGGED_NUMBERS)
         self.log = Log(np.zeros(room, ENTRY), np.zeros(numbers))
         self.logged, self._log_room = 0, room
@@ -319,13 +308,14 @@ class Instruments:
 
     @property
     def wordy(self) -> list[tuple[int, int, int]]:
-        """Stream and number of each sample of this tick with values that are no numbers, and its place in the log; -1 where nobody reads it."""
+        """Stream, number and place in the log of each sample of this tick with values that are no numbers; the place is -1 if nothing reads
+        the sample."""
         entries = self._told_table[self._wordy[: self.wordy_count]].tolist()
         return [(stream, seq, slot) for _, _, stream, seq, _, _, slot in entries]
 
 
 def _grown(array: Any, *shape: int) -> Any:
-    """A copy of an array in the corner of a larger one."""
+    """Return a larger array with a copy of an array in its corner."""
     grown = np.zeros(shape, array.dtype)
     grown[tuple(slice(extent) for extent in array.shape)] = array
     return grown

@@ -1,4 +1,4 @@
-"""Where all bodies are, for those who watch: taken between two ticks when somebody asks, so that it costs nothing while nobody does."""
+"""The state of the scene (poses and actuators) for viewers. It is taken between two ticks on request, so it costs nothing without a viewer."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from uwserver.world.world import World
 
 @runtime_checkable
 class Led(Protocol):
-    """A part of a body that has no actuators of its own here: somebody else says what they give."""
+    """A part of a body whose actuators are not simulated here: their outputs come from outside."""
 
     def achieved(self, t_ns: int) -> np.ndarray[tuple[int, ...], np.dtype[np.int8]]:
-        """Of each actuator, -127..127, at a simulation time; always as many."""
+        """Return the outputs of its actuators at a simulation time, each -127..127; always the same number of them."""
 
 
 class Rows(NamedTuple):
-    """Where the numbers of a cast lie in the arrays of the kernel.
+    """Where the numbers of a scene state stand in the arrays of the kernel.
 
     Attributes:
         bodies: rows of vehicles, then of objects.
         thrusters, servos: rows of the vehicles' actuators.
         full: (m, 2) thrust of each thruster at full command ahead and astern, N, both positive.
-        places, servo_places: where their numbers stand among all that is achieved.
-        led: bodies that follow somebody else, and where their numbers begin.
-        total: how much is achieved.
+        places, servo_places: places of their outputs in `SceneState.achieved`.
+        led: parts with outputs from outside, and where their outputs begin.
+        total: number of outputs.
     """
 
     bodies: IntArray
@@ -46,10 +46,10 @@ class Rows(NamedTuple):
 
 
 class Lookout:
-    """Looks at a world between two ticks."""
+    """Takes the state of the scene of a world, between two ticks."""
 
     def __init__(self, world: World) -> None:
-        """world: that is looked at."""
+        """Take the world whose scene is shown."""
         self._world = world
         self._members: tuple[Member, ...] | None = None
         self._cast = Cast(0, (), ())
@@ -57,13 +57,13 @@ class Lookout:
         self._current = world.water.current
 
     def state(self) -> SceneState:
-        """Where all bodies are now."""
+        """Return where all bodies are now, and the outputs of their actuators."""
         world = self._world
         members = tuple(world.members.values())
         if members != self._members:
             self._follow(members)
         if world.water.current != self._current:
-            # By a service, or a state that was restored: what was described is past.
+            # A service or a restored state has changed the current, so the description that viewers have is out of date.
             self._current = world.water.current
             self._cast = self._cast._replace(revision=self._cast.revision + 1)
         hydro, rows = world.hydro, self._rows
@@ -71,7 +71,7 @@ class Lookout:
         return SceneState(self._cast, world.t_ns, poses, achieved(hydro, rows, world.t_ns), world.water.current)
 
     def _follow(self, members: tuple[Member, ...]) -> None:
-        """Somebody came or went."""
+        """Make the list of bodies and their rows again, after bodies were added or removed."""
         population = self._world.population
         likes = {} if population is None else population.likes()
         vehicles = [member for member in members if not member.is_object]
@@ -86,45 +86,35 @@ class Lookout:
 
 
 def rows_of(hydro: Hydrodynamics, members: tuple[Member, ...], vehicles: int) -> Rows:
-    """Rows of some bodies, of which the first `vehicles` are vehicles."""
+    """Return the rows of some bodies, of which the first `vehicles` are vehicles."""
     bodies = np.array([member.vehicle.row for member in members], dtype=np.int64)
-    thrusters: list[int] = []
-    servos: list[int] = []
+    thrusters: list[tuple[int, int]] = []
+    servos: list[tuple[int, int]] = []
     full: list[tuple[float, float]] = []
-    places: list[int] = []
-    servo_places: list[int] = []
     count = 0
     led: list[tuple[Led, int]] = []
     for member, row in zip(members[:vehicles], bodies[:vehicles].tolist(), strict=True):
         params, body = hydro.params[row], hydro.bodies[row]
         first, first_servo = int(body["thruster_first"]), int(body["servo_first"])
         for k, thruster in enumerate(params.thrusters):
-            thrusters.append(first + k)
+            thrusters.append((first + k, count))
             full.append(full_thrust(thruster))
-            places.append(count)
             count += 1
         for k in range(len(params.appendages.servos)):
-            servos.append(first_servo + k)
-            servo_places.append(count)
+            servos.append((first_servo + k, count))
             count += 1
         for part in member.others:
             if isinstance(part, Led):
                 led.append((part, count))
                 count += len(part.achieved(0))
-    return Rows(
-        bodies,
-        np.array(thrusters, dtype=np.int64),
-        np.array(servos, dtype=np.int64),
-        np.array(full, dtype=np.float64).reshape(-1, 2),
-        np.array(places, dtype=np.int64),
-        np.array(servo_places, dtype=np.int64),
-        tuple(led),
-        count,
-    )
+    thruster_rows, places = np.array(thrusters, np.int64).reshape(-1, 2).T
+    servo_rows, servo_places = np.array(servos, np.int64).reshape(-1, 2).T
+    whole = np.array(full, np.float64).reshape(-1, 2)
+    return Rows(bodies, thruster_rows, servo_rows, whole, places, servo_places, tuple(led), count)
 
 
 def full_thrust(thruster: ThrusterParams) -> tuple[float, float]:
-    """Thrust at full command and nominal supply, ahead and astern, N, both positive."""
+    """Return the thrust at full command and nominal supply, ahead and astern, N, both positive."""
     voltages, curves = thruster.table.voltages, thruster.table.curves
     ends = [np.interp(thruster.voltage, voltages, [curve[k][1] for curve in curves]) for k in (-1, 0)]
     ahead, astern = (max(abs(float(force)) * thruster.installed, 1e-9) for force in ends)
@@ -132,10 +122,8 @@ def full_thrust(thruster: ThrusterParams) -> tuple[float, float]:
 
 
 def achieved(hydro: Hydrodynamics, rows: Rows, t_ns: int) -> np.ndarray[tuple[int, ...], np.dtype[np.int8]]:
-    """What actuators achieve, of -127..127: thrust after the lag over that at full command; the place of a servo within its range.
-
-    Of those that follow somebody else it is what that says at a time.
-    """
+    """Return the outputs of all actuators, -127..127: for thrusters the thrust after the lag divided by that at full command, for servos
+    the place within their range. Outputs from outside are those of the given time."""
     parts = np.zeros(rows.total)
     if len(rows.thrusters):
         thrusters = hydro.thrusters[rows.thrusters]

@@ -1,4 +1,4 @@
-"""The bodies of a world with all that belongs to them, and who knows how they are made."""
+"""The bodies of a world with everything that belongs to them, and the contract of the part that makes bodies."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class ByPath(NamedTuple):
-    """What belongs to a body, by path; and those of its parts that act or hear."""
+    """What belongs to a body, by path. `awake` has those parts that act in a tick or listen to samples."""
 
     awake: tuple[Part, ...]
     sensors: dict[str, SensorSlot]
@@ -30,20 +30,20 @@ class ByPath(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Member:
-    """One body of a world with all that belongs to it; it comes and goes as a whole.
+    """One body of a world with everything that belongs to it. It is added and removed as a whole.
 
     Attributes:
-        vehicle: the body, also of a free object.
+        vehicle: the body; also that of a free object.
         sensors, actuators: its components.
         solid: its collision shapes; None for none.
-        others: whatever else lives and goes with it, as an autopilot.
-        is_object: it is a free object, not a vehicle, whatever its model is called.
-        led: from outside, as one that follows somebody's poses: it pushes others and yields to nothing.
-        offered, carry: services of its components, and what each does.
-        by_path: all the rest of it; made once, as bodies come and go within a tick.
+        others: other parts that belong to it, such as an autopilot.
+        is_object: whether it is a free object and no vehicle, whatever its model is called.
+        led: whether it is moved from outside: it pushes others and yields to nothing.
+        offered, carry: the services of its components, and the function of each.
+        by_path: everything else that belongs to it, by path. Made once, as bodies are added and removed within a tick.
 
     Args:
-        services: those of its components, and what they do.
+        services: services of its components, each with its function.
     """
 
     vehicle: Vehicle
@@ -59,6 +59,7 @@ class Member:
     by_path: ByPath = field(init=False, repr=False)
 
     def __post_init__(self, services: Iterable[tuple[Service, Carry]]) -> None:
+        # Two tuples instead of pairs or dicts: with a hundred vehicles, there are thousands of services.
         offered, carry = tuple(zip(*services, strict=True)) or ((), ())
         object.__setattr__(self, "offered", offered)
         object.__setattr__(self, "carry", carry)
@@ -72,17 +73,17 @@ class Member:
 
     @property
     def parts(self) -> tuple[Part, ...]:
-        """All that comes and goes with the body."""
+        """All parts that belong to the body."""
         return (*self.sensors, *self.actuators, *self.others)
 
 
 def place_solids(scene: Scene, placed: dict[Member, int], members: Collection[Member]) -> None:
-    """Let the solid ones of some bodies, and no others, stand in a scene.
+    """Place the solid bodies in a scene, and remove all others.
 
     Args:
         scene: of the world.
-        placed: those that stand there, with their ids; follows.
-        members: the bodies.
+        placed: the bodies in the scene, with their ids; is updated.
+        members: the bodies of the world.
     """
     there = set(members)
     for member in [member for member in placed if member not in there]:
@@ -93,27 +94,27 @@ def place_solids(scene: Scene, placed: dict[Member, int], members: Collection[Me
 
 
 class Population(Part):
-    """Who is in the world: the part that knows how bodies and their components are made."""
+    """The bodies in the world: the part that knows how bodies and their components are made."""
 
     @abstractmethod
     def likes(self) -> dict[str, str]:
-        """What of the scenario each body in the world is a copy of, by name."""
+        """Return, by name of each body, which body of the scenario it is a copy of."""
 
     @abstractmethod
     def is_here(self, state: Any) -> bool:
-        """Whether the bodies of a state are those of the world now."""
+        """Return whether the bodies of a state are those of the world now."""
 
     @abstractmethod
     def parts_of(self, state: Any) -> set[str]:
-        """Paths of the parts that the bodies of a checked state have; makes none of these bodies."""
+        """Return the paths of the parts that the bodies of a checked state have, without making these bodies."""
 
     @abstractmethod
     def params_of(self, state: Any) -> Sequence[BodyParams]:
-        """What their rows are made of, also of those that are gone; likewise."""
+        """Return the parameters of all rows of a checked state, also of bodies that are gone, without making these bodies."""
 
     @abstractmethod
     def members_of(self, state: Any) -> list[Member]:
-        """The bodies of a checked state, those that are there already as they are. All rows are made anew."""
+        """Return the bodies of a checked state. Bodies that are there already stay as they are. All rows are made anew."""
 
     @abstractmethod
     def admit(self, state: Any, members: Iterable[Member]) -> None:

@@ -1,4 +1,4 @@
-"""What is kept of samples that are measured and not delivered yet."""
+"""The state of samples in flight: they are measured and not delivered yet."""
 
 from __future__ import annotations
 
@@ -13,19 +13,20 @@ from uwserver.world.part import State
 
 _MOST = 65536
 WAY = np.dtype([(name, "i8") for name in ("t_sent_ns", "order", "port", "seq", "t_ns", "valid")])
-"""A sample on its way in a state; `port` counts the ports of that state."""
+"""A sample in flight in a state; `port` is its place in the ports of that state."""
 
 
 class OnTheirWay(State, frozen=True, omit_defaults=True):
-    """Samples that are measured and not delivered yet.
+    """The samples in flight.
 
     Attributes:
-        order: how many were on their way before.
-        ports: that have one on its way.
-        entries: a record of int64 each, in the order of their delivery: when (ns), order, port by its place in `ports`, seq, t_ns, valid.
-        numbers: of one after the other, float64.
-        loose: of those of ports with such fields, the values that are no numbers.
-        pictures: the same of sensors that take time.
+        order: how many samples were ever in flight.
+        ports: ports that have a sample in flight.
+        entries: for each sample a record of int64, in the order of delivery: time of delivery (ns), order, place of the port in `ports`,
+            seq, t_ns, valid.
+        numbers: the numbers of one sample after the other, float64.
+        loose: values that are no numbers, for samples of ports with such fields.
+        pictures: the same for sensors that take time.
     """
 
     order: Count
@@ -36,21 +37,21 @@ class OnTheirWay(State, frozen=True, omit_defaults=True):
     pictures: Annotated[tuple[tuple[Value, ...], ...], Meta(max_length=_MOST)] = ()
 
     def deciding(self) -> OnTheirWay:
-        """Pictures follow from the rest, and may be under computation."""
+        """Leave the pictures out: they follow from the other values, and may still be under computation."""
         return structs.replace(self, pictures=()) if self.pictures else self
 
     def settled(self) -> OnTheirWay:
-        """With the pictures computed."""
+        """Wait for the pictures, and put them in."""
         return structs.replace(self, pictures=computed(self.pictures))
 
     def checked_entries(self) -> Any:
-        """Records (WAY) of the samples.
+        """Return the records (WAY) of the samples.
 
         Raises:
-            ValueError: they cannot be.
+            ValueError: the records are not possible.
         """
         if len(self.entries) % WAY.itemsize:
-            raise ValueError("samples on their way that end within one")
+            raise ValueError("the samples in flight end within a record")
         entries = np.frombuffer(self.entries, WAY)
         limits = {
             "t_sent_ns": 2**62,
@@ -61,7 +62,7 @@ class OnTheirWay(State, frozen=True, omit_defaults=True):
             "valid": 1,
         }
         if any(((entries[name] < 0) | (entries[name] > most)).any() for name, most in limits.items()):
-            raise ValueError("a sample on its way that cannot be")
+            raise ValueError("a sample in flight is not possible")
         if (np.lexsort((entries["order"], entries["t_sent_ns"])) != np.arange(len(entries))).any():
-            raise ValueError("samples on their way that are not in the order of their delivery")
+            raise ValueError("the samples in flight are not in the order of their delivery")
         return entries

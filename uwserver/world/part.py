@@ -1,6 +1,7 @@
-"""What lives in a world: the contract of a part. A tick (`uwserver.step.tick`) stops for lists of parts and knows none of them by name."""
+"""The contract of a part: everything that lives in a world is one. A tick (`uwserver.step.tick`) stops for lists of parts and knows none of
+them by name."""
 
-# ruff: noqa: B027 - a part implements the stages in which it takes part, and no others
+# ruff: noqa: B027 - a part implements only the stages in which it acts
 
 from __future__ import annotations
 
@@ -18,12 +19,12 @@ from uwserver.ports.crossing import Later
 from uwserver.world.profile import Timer, kind_of, untimed
 
 Carry = Callable[[Mapping[str, Json]], Json | Later]
-"""What a service does; runs at the start of a tick. A long-running one gives its answers later."""
+"""The function of a service. It runs at the start of a tick. A long-running service returns a `Later` and answers later."""
 
 
 class Stage(IntEnum):
-    """When in a tick a part acts; `uwserver.step.tick` says why in this order. Between WATCHDOGS and FORCES autopilots step, between FORCES and WATER
-    the bodies move."""
+    """When a part acts in a tick; `uwserver.step.tick` has the order. Autopilots step between WATCHDOGS and FORCES, and the bodies move
+    between FORCES and WATER."""
 
     FAULTS = 1
     WATCHDOGS = 2
@@ -33,38 +34,38 @@ class Stage(IntEnum):
 
     @property
     def title(self) -> str:
-        """As in a profile."""
+        """The name in a profile."""
         return self.name.lower()
 
 
 class State(Struct, frozen=True):
-    """What is kept of a part between two ticks: plain, immutable, typed values; arrays and the records of components as bytes."""
+    """The state of a part between two ticks: plain, immutable, typed values. Arrays and the records of components are kept as bytes."""
 
     def deciding(self) -> State:
-        """What of it decides how the run goes on, for the state hash."""
+        """Return the values that decide how the run goes on, for the state hash."""
         return self
 
     def settled(self) -> State:
-        """The same, to be encoded: what is under computation has been waited for."""
+        """Return the state ready to be encoded, after waiting for values under computation."""
         return self
 
 
 class Part(ABC):
-    """Something that lives in a world, alone or for many.
+    """Something that lives in a world, such as a sensor, or a part that stands for all sensors.
 
-    It takes part in those stages whose methods it implements. All of them run on the simulation thread.
+    It acts in the stages whose methods it implements. All methods run on the simulation thread.
 
     Attributes:
         path: unique in its world.
-        state_type: of what `save` gives.
+        state_type: type of the state that `save` returns.
         stage: when `before` or `after` runs.
         order: place among the parts of a stage, smaller first; then by path.
-        next_tick: the first tick in which `before` has something to do; None for never. Looked at in every tick.
-        after_ns: time before which `after` has nothing to do, ns of simulation; of a part that acts before sensors read. Looked at when ticks begin,
-            and whenever one has needed Python.
+        next_tick: the first tick in which `before` has something to do; None for never. It is checked in every tick.
+        after_ns: before this simulation time (ns), `after` has nothing to do; for parts that act before sensors read. It is checked when
+            ticks begin, and whenever a tick has needed Python.
         hears: paths of the ports whose delivered samples it gets.
-        idle: it has nothing to do in any tick, though others of its kind do; decided when it is made.
-        services: what it can be asked, and what that does.
+        idle: whether it never has anything to do in a tick, though others of its class do; decided when it is made.
+        services: its services, each with its function.
     """
 
     state_type: ClassVar[type[State]]
@@ -83,10 +84,10 @@ class Part(ABC):
 
     @abstractmethod
     def save(self) -> State:
-        """All that decides how it goes on; costs microseconds, as it is called in a tick."""
+        """Return everything that decides how it goes on. It is called in a tick, so it may only take microseconds."""
 
     def check(self, state: Any) -> None:
-        """Refuse a state from outside, of the right type, that cannot be of this part; changes nothing.
+        """Refuse a state from outside that has the right type but is not possible for this part. Changes nothing.
 
         Raises:
             ValueError: the text says what is wrong.
@@ -94,32 +95,45 @@ class Part(ABC):
 
     @abstractmethod
     def load(self, state: Any) -> None:
-        """Take over a state that was checked, bit for bit. The bodies' arrays have been put back before."""
+        """Take over a checked state, bit for bit. The arrays of the bodies have been put back before."""
 
     def before(self, tick: int, t_ns: int) -> None:
-        """Act before the bodies move from tick to tick + 1: set points, wrenches, marks."""
+        """Act before the bodies move from tick to tick + 1: give set points, forces, marks."""
 
     def after(self, tick: int, t_ns: int, samples: list[Sample]) -> None:
-        """The bodies stand at `tick`: read them, and append what is delivered."""
+        """Act when the bodies are at `tick`: read them, and append samples that are delivered."""
 
     def hear(self, sample: Sample, t_ns: int) -> None:
-        """A sample of one of the ports that it `hears` was delivered."""
+        """Take a delivered sample of one of the ports in `hears`."""
 
     def forget(self, body: str) -> None:
-        """A body is about to go: drop what is about it."""
+        """Drop everything about a body that is about to go."""
 
     def leave(self, why: str) -> None:
-        """It goes, or the run ends: whoever waits for it is answered."""
+        """Answer the callers that wait for this part. It is about to go, or the run ends."""
+
+
+class Stateless(Part):
+    """A part with no state of its own."""
+
+    state_type = State
+
+    def save(self) -> State:
+        """Return an empty state."""
+        return State()
+
+    def load(self, state: Any) -> None:
+        """Do nothing."""
 
 
 @cache
 def takes_part(kind: type[Part]) -> tuple[bool, bool]:
-    """Whether parts of a kind implement `before`, and `after`."""
+    """Return whether parts of a class implement `before`, and `after`."""
     return kind.before is not Part.before, kind.after is not Part.after
 
 
 def is_awake(part: Part) -> bool:
-    """Whether it acts in a tick, or hears what others measure."""
+    """Return whether a part acts in ticks, or gets samples of others."""
     return not part.idle and (any(takes_part(type(part))) or bool(part.hears))
 
 
@@ -129,15 +143,15 @@ Hear = Callable[[Sample, int], None]
 
 
 class Turns(NamedTuple):
-    """What parts do in a tick, in its order.
+    """The work of parts in a tick, in the order of the tick.
 
     Attributes:
-        first: before what was posted is carried out.
+        first: before the posted requests are carried out.
         watch: after that, before autopilots.
-        forces: after these, before the bodies move.
-        follow: when they have moved, before sensors read.
-        last: after these.
-        ears: who hears each port.
+        forces: after autopilots, before the bodies move.
+        follow: after the bodies have moved, before sensors read.
+        last: after the sensors.
+        ears: functions that take the samples of each port.
     """
 
     first: list[tuple[Part, Before]]
@@ -148,24 +162,26 @@ class Turns(NamedTuple):
     ears: dict[str, list[Hear]]
 
 
-def _what(part: Part) -> str:
-    """What it is called in a profile: its name, where there is one in the world, else its kind."""
+def _profile_name(part: Part) -> str:
+    """Return the name of a part in a profile: the last part of its path if there is only one such part in the world, else its kind."""
     place, _, name = part.path.rpartition("/")
     return name if place == "world" else kind_of(part)
 
 
 def in_turn(awake: Iterable[Part], timed: Timer = untimed) -> Turns:
-    """The order of a tick of parts that do something in it, each called through what `timed` makes of it."""
-    everybody = sorted(awake, key=lambda part: (part.stage, part.order, part.path))
-    acting = [part for part in everybody if takes_part(type(part))[0]]
+    """Return the work of the parts that act in a tick. Each function is called through what `timed` makes of it."""
+    ordered = sorted(awake, key=lambda part: (part.stage, part.order, part.path))
+    acting = [part for part in ordered if takes_part(type(part))[0]]
     ears: dict[str, list[Hear]] = {}
-    for part in everybody:
-        hear = timed("listening", _what(part), part.hear)
+    for part in ordered:
+        hear = timed("listening", _profile_name(part), part.hear)
         for port in part.hears:
             ears.setdefault(port, []).append(hear)
-    before = [(part, timed(part.stage.title, _what(part), part.before)) for part in acting]
+    before = [(part, timed(part.stage.title, _profile_name(part), part.before)) for part in acting]
     after = [
-        (part, timed(part.stage.title, _what(part), part.after)) for part in everybody if takes_part(type(part))[1]
+        (part, timed(part.stage.title, _profile_name(part), part.after))
+        for part in ordered
+        if takes_part(type(part))[1]
     ]
     return Turns(
         [turn for turn in before if turn[0].stage <= Stage.FAULTS],
@@ -178,20 +194,20 @@ def in_turn(awake: Iterable[Part], timed: Timer = untimed) -> Turns:
 
 
 class RandomStream:
-    """A random stream (PCG64) as something to save. Its increment comes with the seed and never changes, so that it is no part of the state."""
+    """The state of a random stream (PCG64). Its increment comes from the seed and never changes, so the state leaves it out."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         self._bits: Any = rng.bit_generator
         self._form: Any = self._bits.state
 
     def save(self) -> bytes:
-        """Where it stands: 16 bytes, or 20 where half of a draw is left for the next one."""
+        """Return the state: 16 bytes, or 20 if half of a draw is left for the next one."""
         state = self._bits.state
         number: bytes = state["state"]["state"].to_bytes(16, "little")
         return number + state["uinteger"].to_bytes(4, "little") if state["has_uint32"] else number
 
     def load(self, data: bytes) -> None:
-        """Go on from there."""
+        """Take over a state."""
         form = self._form
         form["state"]["state"] = int.from_bytes(data[:16], "little")
         form["has_uint32"], form["uinteger"] = len(data) > 16, int.from_bytes(data[16:], "little")
@@ -199,19 +215,19 @@ class RandomStream:
 
     @staticmethod
     def check(data: bytes) -> None:
-        """Raise ValueError where these bytes are no state of one."""
+        """Raise ValueError if these bytes are no state of a random stream."""
         if len(data) not in (16, 20):
             raise ValueError(f"a random stream has 16 or 20 bytes, not {len(data)}")
 
 
 record = msgpack.Encoder().encode
-"""A typed record as bytes."""
+"""Encodes a typed record as bytes."""
 
 
 def read_record(data: bytes, like: Any) -> Any:
-    """A record of the type of another, from bytes.
+    """Return a record of the type of another one, from bytes.
 
     Raises:
-        ValueError: it is of another type, or outside the limits that the type declares.
+        ValueError: it has another type, or is outside the limits that the type declares.
     """
-    return msgpack.decode(data, type=type(like))  # msgspec's errors are ValueErrors
+    return msgpack.decode(data, type=type(like))  # errors of msgspec are ValueErrors

@@ -1,4 +1,5 @@
-"""Autopilots as parts of their world: one that steps them all in one call before the bodies move, and one each for what it remembers."""
+"""Autopilots as parts of their world: one part that steps all of them in one call before the bodies move, and one part for the state of
+each."""
 
 from __future__ import annotations
 
@@ -12,18 +13,18 @@ from uwserver.autopilot.pilot import Autopilot
 from uwserver.autopilot.state import Remembered
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.ports import Sample
-from uwserver.world.banks import load_autopilots as load_kernels
-from uwserver.world.part import Part, State
+from uwserver.world import banks
+from uwserver.world.part import Part, State, Stateless
 
 
 class PilotState(State, frozen=True):
-    """What an autopilot believes, remembers, and was told."""
+    """The state of an autopilot: its estimate, its memory and its orders."""
 
     pilot: Remembered
 
 
 class Piloting(Part):
-    """One autopilot. Compiled code hears its sensors but for those that speak in words, which come as samples."""
+    """One autopilot. Compiled code gives it the samples of its sensors, except those with texts, which come as sample objects."""
 
     state_type = PilotState
 
@@ -37,39 +38,38 @@ class Piloting(Part):
         return self.pilot.craft.path
 
     def hear(self, sample: Sample, t_ns: int) -> None:
-        """Take the sample into the estimate."""
+        """Take a sample into the estimate."""
         if sample.valid:
             self.pilot.seat.hear(sample.port, sample.value, sample.t_ns, t_ns)
 
     def leave(self, why: str) -> None:
-        """Answer who waits for the end of a way."""
+        """Answer the caller that waits for the end of a manoeuvre."""
         self.pilot.preempt(why)
 
     def save(self) -> PilotState:
-        """All that it remembers; the call that waits is not part of it."""
+        """Return its state. The call that waits is not part of it."""
         return PilotState(self.pilot.seat.save())
 
     def check(self, state: Any) -> None:
-        """It is of this vehicle."""
+        """Raise ValueError if the state is not of this vehicle's autopilot."""
         self.pilot.check(state.pilot)
 
     def load(self, state: PilotState) -> None:
-        """Go on from there."""
+        """Take over a checked state."""
         self.pilot.load(state.pilot)
 
 
 class _Switch(NamedTuple):
-    """An actuator that somebody may switch off, and whose autopilot has to know."""
+    """An actuator that can be switched off, and the autopilot that has to know of it."""
 
     slot: Held
     seat: Seat
 
 
-class Pilots(Part):
-    """A part that stands for all autopilots: each steps with its divisor, in the step (`uwserver.step.tick`)."""
+class Pilots(Stateless):
+    """A part that stands for all autopilots. They step within the step (`uwserver.step.tick`), each once every `divisor` ticks."""
 
     path = "world/autopilots"
-    state_type = State
 
     def __init__(self, hydro: Hydrodynamics) -> None:
         self._hydro = hydro
@@ -82,10 +82,10 @@ class Pilots(Part):
         self.ports: tuple[str, ...] = ()
 
     def settle(self, parts: Iterable[Part], streams: Mapping[str, int]) -> None:
-        """Parts came or went: the autopilots among them lie here from now on.
+        """Find the autopilots again after parts were added or removed.
 
         Args:
-            parts: all of the world.
+            parts: all parts of the world.
             streams: numbers of the streams of samples, by port.
         """
         pilots = [part.pilot for part in parts if isinstance(part, Piloting)]
@@ -98,38 +98,31 @@ class Pilots(Part):
         self._switches = [_Switch(slot, pilot.seat) for pilot in pilots for slot in pilot.craft.held]
         self._active = []
         if pilots and self._bank is None:
-            load_kernels()
+            banks.load("autopilots")
             self._bank = Bank()
         if self._bank is not None:
             self._bank.gather([pilot.seat for pilot in pilots], streams, max(streams.values(), default=-1) + 1)
 
     def attend(self, t_ns: int) -> None:
-        """Some have stepped that need Python."""
+        """Do the Python work of the autopilots that have just stepped."""
         assert self._bank is not None
         for k, need in self._bank.needs():
             self._pilots[k].attend(need, self._hydro.table, t_ns)
 
     @property
     def bank(self) -> Bank | None:
-        """Where they lie; None where there is none."""
+        """The rows of the autopilots; None if there are no autopilots."""
         return self._bank if self._pilots else None
 
     @property
     def every(self) -> int:
-        """Ticks of which those are a multiple in which any may be due."""
+        """Autopilots step only in ticks that are a multiple of this."""
         return math.gcd(*self._divisors)
 
     def follow_switches(self) -> None:
-        """Actuators may have been switched on or off since the last tick."""
+        """Tell the autopilots which actuators were switched on or off since the last tick."""
         active = [switch.slot.active for switch in self._switches]
         if active != self._active:
             self._active = active
             for switch in self._switches:
                 switch.seat.switch()
-
-    def save(self) -> State:
-        """Nothing: each keeps its own."""
-        return State()
-
-    def load(self, state: Any) -> None:
-        """Nothing."""

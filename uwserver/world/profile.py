@@ -1,11 +1,12 @@
-"""Where the time of ticks goes, by stage and kind. Whoever measures brings a clock: the world knows none.
+"""Measures where the time of ticks goes, by stage and kind. The caller brings a clock, as a world knows no wall time.
 
-What is called in a tick is called through what a `Timer` made of it, when members come or go: `untimed` gives the function itself, so that
-nothing is paid while nobody measures.
+Functions that are called in a tick are wrapped by a `Timer` when members are added or removed. The timer `untimed` returns the function
+itself, so that a world without a profile pays nothing.
 """
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple, ParamSpec, Protocol, TypeVar
@@ -20,33 +21,35 @@ STAGES = (
     "faults", "requests", "watchdogs", "autopilots", "forces", "physics", "contact", "water", "sensors", "delivery", "samples", "listening",
     "recording", "publishing", "tick",
 )  # fmt: skip
-"""In the order in which they are told, that of a tick; ``tick`` is what is left of it: the calls themselves, and the measuring."""
+"""The order in which stages are reported, which is that of a tick. ``tick`` is the time that is left of it: the calls themselves, and the
+measuring."""
 
 
 class Timer(Protocol):
-    """Makes of a function one that does the same, and tells what it takes."""
+    """Wraps a function so that its time is measured."""
 
     def __call__(self, stage: str, what: str, function: Callable[P, R], readings: int = 0) -> Callable[P, R]:
-        """stage: of `STAGES`; what: the kind of component; readings: of sensors, that one call makes."""
+        """Return the wrapped function. `stage` is one of `STAGES`, `what` the kind of component, and `readings` how many readings of
+        sensors one call makes."""
 
 
 def untimed(stage: str, what: str, function: Callable[P, R], readings: int = 0) -> Callable[P, R]:
-    """The timer of a world that nobody measures."""
+    """Return the function itself: the timer of a world without a profile."""
     return function
 
 
 def kind_of(thing: object) -> str:
-    """What a component is called here: the file that its kind stands in."""
+    """Return the name of a component's kind in a profile: the name of its module."""
     return type(thing).__module__.rpartition(".")[2]
 
 
 class Line(NamedTuple):
-    """What one stage or kind takes, without what was called within it and has a line of its own.
+    """The time of one stage or kind, without functions called within it that have a line of their own.
 
     Attributes:
-        stage, what: of `Timer`.
+        stage, what: as for `Timer`.
         calls, readings: how many.
-        mean_us: microseconds a tick, over all ticks.
+        mean_us: microseconds per tick, over all ticks.
         worst_us: in the worst tick.
     """
 
@@ -63,9 +66,9 @@ class Report:
     """Where the time went.
 
     Attributes:
-        seconds: wall time that was looked at.
-        ticks: that began in it.
-        mean_us, worst_us: what a tick takes in all.
+        seconds: measured wall time.
+        ticks: ticks that began in it.
+        mean_us, worst_us: time of a whole tick.
         lines: in the order of `STAGES`, and the largest first.
     """
 
@@ -76,7 +79,7 @@ class Report:
     lines: tuple[Line, ...]
 
     def as_json(self) -> dict[str, Json]:
-        """The answer of ``world/profile``."""
+        """Return the answer of ``world/profile``."""
         lines: list[Json] = [
             {**line._asdict(), "mean_us": round(line.mean_us, 3), "worst_us": round(line.worst_us, 3)}
             for line in self.lines
@@ -90,7 +93,7 @@ class Report:
         }
 
     def table(self) -> str:
-        """For people."""
+        """Return a table for people."""
         if not self.ticks:
             return f"profile: no tick in {self.seconds:.1f} s"
         busy = 100.0 * self.mean_us * self.ticks / (1e6 * self.seconds) if self.seconds > 0.0 else 0.0
@@ -115,7 +118,7 @@ class Report:
 
 @dataclass(eq=False, slots=True)
 class _Row:
-    """Of one stage and kind: since the begin of the present tick."""
+    """The counts of one stage and kind since the present tick began."""
 
     stage: str
     what: str
@@ -126,7 +129,7 @@ class _Row:
 
 @dataclass(slots=True)
 class _Sum:
-    """Of one stage and kind: over all ticks of a window."""
+    """The counts of one stage and kind over all ticks of a window."""
 
     calls: int = 0
     readings: int = 0
@@ -134,7 +137,7 @@ class _Sum:
     worst_ns: int = 0
 
     def add(self, calls: int, readings: int, ns: int) -> None:
-        """Take in a tick."""
+        """Add the counts of a tick."""
         self.calls += calls
         self.readings += readings
         self.ns += ns
@@ -143,18 +146,18 @@ class _Sum:
 
 @dataclass(eq=False)
 class Window:
-    """A time over which is measured; what it holds is for `Profile`."""
+    """A span of time over which is measured. Only `Profile` uses its values."""
 
     since_ns: int
     whole: _Sum = field(default_factory=_Sum)
-    sums: dict[_Row, _Sum] = field(default_factory=dict)
+    sums: defaultdict[_Row, _Sum] = field(default_factory=lambda: defaultdict(_Sum))
 
 
 class Profile:
-    """Measures ticks, for one window after the other or for several at once. On the thread that steps the world, between its ticks.
+    """Measures ticks, for one or more windows at a time. It is used on the thread that steps the world, between ticks.
 
     Args:
-        now_ns: a clock, ns.
+        now_ns: gives the time of a clock, ns.
     """
 
     def __init__(self, now_ns: Callable[[], int]) -> None:
@@ -171,25 +174,25 @@ class Profile:
         return bool(self._windows)
 
     def open(self) -> Window:
-        """Begin to measure, from the next tick on."""
+        """Begin to measure with the next tick."""
         self._settle()
         window = Window(self._now_ns())
         self._windows.append(window)
         return window
 
     def look(self, window: Window) -> Report:
-        """What was measured in a window so far."""
+        """Return what was measured in a window so far."""
         self._settle()
         return _report(window, self._now_ns())
 
     def close(self, window: Window) -> Report:
-        """The same, for the last time."""
+        """Return what was measured in a window, and end it."""
         report = self.look(window)
         self._windows.remove(window)
         return report
 
     def timed(self, stage: str, what: str, function: Callable[P, R], readings: int = 0) -> Callable[P, R]:
-        """See `Timer`. What runs within a function and is timed too counts there alone."""
+        """Wrap a function, as `Timer`. The time of a timed function that runs within another one counts only for the inner one."""
         row, now_ns = self._row(stage, what), self._now_ns
 
         def run(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -207,7 +210,8 @@ class Profile:
     def unit(
         self, function: Callable[..., int], *args: object, name: Callable[[int], tuple[str, str, int] | None]
     ) -> int:
-        """Call something that tells by its result what it was (stage, kind, readings), or that it was nothing by itself; returns the result."""
+        """Call a function whose result says what it did. `name` makes stage, kind and readings of the result, or None if the time has no
+        line of its own. Returns the result."""
         began_ns = self._now_ns()
         result = function(*args)
         named = name(result)
@@ -219,13 +223,13 @@ class Profile:
         return result
 
     def begin(self) -> None:
-        """A tick begins. What was done since the last one ended, as handing its samples over, belongs to that one."""
+        """Begin a tick. What was done since the last tick ended, such as handing its samples on, counts for that tick."""
         self._settle()
         self._inner_ns = 0
         self._began_ns = self._now_ns()
 
     def end(self) -> None:
-        """It ends."""
+        """End a tick."""
         self._count(self._tick, 0, self._now_ns() - self._began_ns - self._inner_ns)
 
     def _row(self, stage: str, what: str) -> _Row:
@@ -239,15 +243,12 @@ class Profile:
         row.ns += ns
 
     def _settle(self) -> None:
-        """Add what was measured since the begin of the last tick to the windows."""
+        """Add what was measured since the last tick began to the windows."""
         whole_ns = sum([row.ns for row in self._touched])
         for window in self._windows:
             window.whole.add(self._tick.calls, 0, whole_ns)
             for row in self._touched:
-                total = window.sums.get(row)
-                if total is None:
-                    total = window.sums[row] = _Sum()
-                total.add(row.calls, row.readings, row.ns)
+                window.sums[row].add(row.calls, row.readings, row.ns)
         for row in self._touched:
             row.calls = row.readings = row.ns = 0
         self._touched.clear()

@@ -1,4 +1,4 @@
-"""A sample by the names of its fields, for whoever steps a world in their own process."""
+"""A sample with its values by field name, for programs that step a world in their own process."""
 
 from __future__ import annotations
 
@@ -13,12 +13,14 @@ from uwserver.units import NANOSECONDS
 
 
 class Reading(Mapping[str, Value]):
-    """The newest sample of a sensor: ``reading.depth`` or ``reading["depth"]`` as the sensor gave it, ``reading.array("p_NS")`` as an array.
+    """The newest sample of a sensor: ``reading.depth`` or ``reading["depth"]`` as the sensor gave it, ``reading.array("p_NS")`` as an
+    array.
 
-    A field that is named like one of the attributes is reached by ``reading["..."]`` alone.
+    A field with the name of one of the attributes can only be read by ``reading["..."]``.
 
     Attributes:
-        sample: as it was delivered; its `port`, `seq`, `t_ns`, `t_sent_ns`, `valid` and `value` can be read from here too.
+        sample: the sample as it was delivered; its `port`, `seq`, `t_ns`, `t_sent_ns`, `valid` and `value` are attributes of the reading
+            too.
     """
 
     __slots__ = ("_fields", "sample")
@@ -34,17 +36,17 @@ class Reading(Mapping[str, Value]):
 
     @property
     def seq(self) -> int:
-        """Counts what the sensor produced."""
+        """Number of the sample: counts what the sensor produced."""
         return self.sample.seq
 
     @property
     def t_ns(self) -> int:
-        """Simulation time at which it was true, ns."""
+        """Simulation time at which the sample was true, ns."""
         return self.sample.t_ns
 
     @property
     def t_s(self) -> float:
-        """The same in s."""
+        """Simulation time at which the sample was true, s."""
         return self.sample.t_ns / NANOSECONDS
 
     @property
@@ -63,7 +65,7 @@ class Reading(Mapping[str, Value]):
         return self.sample.value
 
     def array(self, name: str) -> NDArray[Any]:
-        """A field as an array of its shape: numbers as floats, NaN where there is none; a buffer as it is.
+        """Return a field as an array of its shape: numbers as floats, with NaN for a missing value; a buffer as it is.
 
         Raises:
             KeyError: no such field.
@@ -105,7 +107,7 @@ class Reading(Mapping[str, Value]):
 
 
 def as_array(field: Field, value: Value) -> NDArray[Any]:
-    """One value of a field as an array; a missing number is NaN."""
+    """Return one value of a field as an array; a missing number is NaN."""
     if isinstance(value, Buffer) and field.type == "buffer":
         return value.array()
     if field.is_packed or field.type == "str":

@@ -1,4 +1,4 @@
-"""The state of a world as bytes, in pieces that fit into one message: ``world/save`` and ``world/load``."""
+"""The state of a world as bytes, in pieces that fit into a message: ``world/save`` and ``world/load``."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from uwserver.world.snapshot import MAX_BYTES
 from uwserver.world.world import World
 
 PIECE = 256 * 1024
-"""Bytes of a piece, where the caller names no other size."""
+"""Bytes of a piece, if the caller gives no size."""
 MAX_KEPT = 4
-"""States, saved or coming in, that are kept at once: as many clients may be at it."""
+"""Most states that are kept at once, saved or coming in, so that several clients can save or load at the same time."""
 
 SAVE = Service(
     "world/save",
@@ -28,7 +28,7 @@ SAVE = Service(
         ),
         Argument("length", "int", "bytes of a piece", minimum=1, maximum=MAX_BYTES, required=False, default=PIECE),
         Argument(
-            "sha256", "str", "of the state whose next piece is meant; with offset > 0", required=False, default=""
+            "sha256", "str", "of the state whose next piece is wanted; needed if offset > 0", required=False, default=""
         ),
         Argument("name", "str", "file in [server] state_folder, without folders", required=False, default=""),
     ),
@@ -54,17 +54,17 @@ def offer_state_services(world: World) -> None:
 
 
 class _Exchange:
-    """States on their way out and in, by their SHA-256."""
+    """The states that are being sent or received, by their SHA-256."""
 
     def __init__(self, world: World) -> None:
         self._world = world
         self._saved: dict[str, tuple[int, int, bytes]] = {}
-        self._coming: dict[str, bytearray] = {}
+        self._incoming: dict[str, bytearray] = {}
 
     def save(self, args: Mapping[str, Json]) -> Json:
-        """A piece of the state: of now at offset 0, else of one that is kept."""
+        """Return a piece of a state: of the present one at offset 0, else of one that is kept."""
         _refuse_name(args)
-        world, offset, digest = self._world, _whole(args, "offset"), str(args["sha256"])
+        world, offset, digest = self._world, _int_argument(args, "offset"), str(args["sha256"])
         if offset == 0:
             data = snapshot.to_bytes(world, snapshot.take(world))
             digest = hashlib.sha256(data).hexdigest()
@@ -73,35 +73,35 @@ class _Exchange:
         if digest not in self._saved:
             raise Refused("bad_argument", "no state of this sha256 is kept: begin again at offset 0", "sha256")
         tick, t_ns, data = self._saved[digest]
-        piece = base64.b64encode(data[offset : offset + _whole(args, "length")]).decode()
+        piece = base64.b64encode(data[offset : offset + _int_argument(args, "length")]).decode()
         return {"tick": tick, "t_ns": t_ns, "bytes": len(data), "sha256": digest, "offset": offset, "data": piece}
 
     def load(self, args: Mapping[str, Json]) -> Json:
-        """Take a piece in; the last one puts the world there."""
+        """Take a piece of a state. The last piece puts the world there."""
         _refuse_name(args)
-        digest, size, offset = str(args["sha256"]), _whole(args, "bytes"), _whole(args, "offset")
+        digest, size, offset = str(args["sha256"]), _int_argument(args, "bytes"), _int_argument(args, "offset")
         piece = _decoded(str(args["data"]))
         if len(digest) != 64 or size == 0:
-            text = "nothing is no saved state: give the size (bytes) and the sha256 of the whole state"
+            text = "a saved state must come with its size (bytes) and the sha256 of the whole state"
             raise Refused("bad_argument", text, "sha256")
         if size > MAX_BYTES:
-            raise Refused("out_of_range", f"{size} bytes are no saved state: one has at most {MAX_BYTES}", "bytes")
+            raise Refused("out_of_range", f"a saved state has at most {MAX_BYTES} bytes, not {size}", "bytes")
         if offset == 0:
-            _make_room(self._coming, digest)
-            self._coming[digest] = bytearray()
-        buffer = self._coming.get(digest, bytearray())
+            _make_room(self._incoming, digest)
+            self._incoming[digest] = bytearray()
+        buffer = self._incoming.get(digest, bytearray())
         if offset != len(buffer):
             raise Refused("bad_argument", f"the next piece belongs at offset {len(buffer)}, not {offset}", "offset")
         if offset + len(piece) > size:
             raise Refused("out_of_range", f"more than the {size} bytes that were announced", "data")
-        for other in [each for each in self._coming if each != digest]:
-            # One that was left half-way makes room for the one that goes on.
-            if sum(map(len, self._coming.values())) + len(piece) > MAX_BYTES:
-                del self._coming[other]
+        for other in [each for each in self._incoming if each != digest]:
+            # A state that was left half-way makes room for the one that goes on.
+            if sum(map(len, self._incoming.values())) + len(piece) > MAX_BYTES:
+                del self._incoming[other]
         buffer += piece
         if len(buffer) < size:
             return {"received": len(buffer)}
-        del self._coming[digest]
+        del self._incoming[digest]
         if hashlib.sha256(buffer).hexdigest() != digest.lower():
             text = "the pieces do not add up to the sha256: send them again from offset 0"
             raise Refused("bad_argument", text, "sha256")
@@ -112,13 +112,13 @@ class _Exchange:
 
 
 def in_one_piece(data: bytes) -> dict[str, Json]:
-    """Arguments of ``world/load`` for a whole state."""
+    """Return the arguments of ``world/load`` for a whole state."""
     text = base64.b64encode(data).decode()
     return {"data": text, "offset": 0, "bytes": len(data), "sha256": hashlib.sha256(data).hexdigest(), "name": ""}
 
 
 def _make_room(kept: dict[str, Any], digest: str) -> None:
-    """Forget the oldest of too many."""
+    """Remove the oldest states if there are too many."""
     kept.pop(digest, None)
     while len(kept) >= MAX_KEPT:
         del kept[next(iter(kept))]
@@ -126,15 +126,19 @@ def _make_room(kept: dict[str, Any], digest: str) -> None:
 
 def _refuse_name(args: Mapping[str, Json]) -> None:
     if args["name"]:
-        raise Refused("denied", "files are for a server with [server] state_folder in its scenario", "name")
+        raise Refused(
+            "denied",
+            "there are no files here: run a server with [server] state_folder in its scenario, or leave the name out",
+            "name",
+        )
 
 
 def _decoded(text: str) -> bytes:
     try:
-        return msgspec.convert(text, bytes)  # four times as fast as the standard library
+        return msgspec.convert(text, bytes)  # four times as fast as base64 of the standard library
     except msgspec.ValidationError:
         raise Refused("bad_argument", "data must be base64", "data") from None
 
 
-def _whole(args: Mapping[str, Json], name: str) -> int:
+def _int_argument(args: Mapping[str, Json], name: str) -> int:
     return int(args[name])  # type: ignore[arg-type]  # checked against the argument

@@ -1,4 +1,4 @@
-"""The sensors of a world: who is there, whose samples are wanted, and the samples that are on their way or delivered."""
+"""All sensors of a world: which streams are read, and the samples that are in flight or delivered."""
 
 from __future__ import annotations
 
@@ -27,46 +27,47 @@ from uwserver.world.timetable import Group, groups_of
 from uwserver.world.under_way import UnderWay
 
 _EARLY_NS = 2
-"""More than times in seconds are rounded by, up to a hundred days: who is asked so much too early has nothing to do."""
+"""Times in seconds are rounded by less than this, up to a hundred days. A sensor that is called earlier by so much has nothing to do yet."""
 
 
 class Sensing(Part):
-    """A part that stands for all sensors. When they read and are delivered is decided by the step (`uwserver.step.tick`).
+    """A part that stands for all sensors. The step (`uwserver.step.tick`) decides when they read and when samples are delivered.
 
     Attributes:
-        numbers: of the streams, by port.
-        groups: who is due when; another list whenever others are due than before.
-        by_hand: what these need of Python.
+        numbers: numbers of the streams, by port.
+        groups: sensors that are due together; a new list whenever other sensors are due.
+        by_hand: the Python work for the sensors that are due.
         casts: whether some of them cast rays.
-        callable: how many samples can come of those that may be called.
+        callable: how many samples can come from the sensors that may be called.
         under_way: readings that take time.
+        tell: hands the delivered samples of some ticks on; see `_tell`.
     """
 
     path = "world/samples"
     state_type = OnTheirWay
 
     def __init__(self, slots: Mapping[str, SensorSlot], instruments: Instruments) -> None:
-        """Of a world that is still being built.
+        """Begin without sensors, in a world that is still being built.
 
         Args:
             slots: the sensors by path; may change before each `schedule`.
-            instruments: where they lie.
+            instruments: the arrays of the sensors.
         """
         self._slots, self._instruments = slots, instruments
         self.groups: list[Group] = []
         self.by_hand = ByHand({}, instruments, untimed)
         self.casts, self.callable = False, 0
         self._listening: list[SensorSlot] = []
-        self._there: dict[SensorSlot, None] = {}
+        self._placed: dict[SensorSlot, None] = {}
         self._wanted: Container[str] | None = None
         self._measured: Collection[str] | None = None
         self._thinned = WHOLE
-        self._heard: Collection[str] = ()
-        self._overheard: Collection[str] = ()
+        self._heard_by_parts: Collection[str] = ()
+        self._heard_by_kernels: Collection[str] = ()
         self._streams: dict[int, SensorStream] = {}
         self._wordy: list[SensorStream] = []
         self._origins: dict[int, Origin] = {}
-        self._is_read = self._marked(())
+        self._is_read = self._mask_of(())
         self._told: Told | None = None
         self.numbers: dict[str, int] = {}
         self.under_way = UnderWay(instruments, self._is_needed)
@@ -74,27 +75,27 @@ class Sensing(Part):
         self.watch(untimed)
 
     def watch(self, timed: Timer) -> None:
-        """Call what it does in a tick through what `timed` makes of it; `schedule` follows."""
+        """Call the functions of a tick through what `timed` makes of them. `schedule` must follow."""
         self._timed = timed
-        self.tell = timed("samples", "for who reads", self._tell)
+        self.tell = timed("samples", "for readers", self._tell)
 
     def settle(self) -> None:
-        """Sensors came or went: give them their places."""
+        """Give sensors their places in the arrays, after sensors were added or removed."""
         slots, there, self._thinned = self._slots, dict.fromkeys(self._slots.values()), WHOLE
-        gone = [slot for slot in self._there if slot not in there]
+        gone = [slot for slot in self._placed if slot not in there]
         streams = dict(self._streams)
         if gone:
             lost = {k for slot in gone for k in slot.stream_numbers}
-            self._instruments.lose(lambda k, _: k in lost)  # while they are still there
+            self._instruments.lose(lambda k, _: k in lost)  # while their streams still exist
             for k in lost:
                 del streams[k]
             for slot in gone:
                 slot.move_out()
-        new = [slot for slot in slots.values() if slot not in self._there]
+        new = [slot for slot in slots.values() if slot not in self._placed]
         for slot in new:
             slot.enter(self._instruments)
             streams |= zip(slot.stream_numbers, slot.streams, strict=True)
-        self._there, self._streams = there, streams
+        self._placed, self._streams = there, streams
         self.numbers = {stream.port.path: k for k, stream in streams.items()}
         self._wordy = [stream for stream in streams.values() if stream.columns.loose]
         writing = [(slot, slot.sensor.writing) for slot in there]
@@ -109,28 +110,30 @@ class Sensing(Part):
         self._instruments.gather({id(s.wiring): s.wiring for s in slots.values() if s.wiring is not None}.values())
 
     def want(self, ports: Container[str] | None, thinned: Thinned = WHOLE) -> None:
-        """Only samples of these ports are made; None for all. Those that parts of the world hear are always made.
+        """Make samples of these ports only; None for all ports. Samples of ports that parts of the world listen to are always made.
 
         Args:
             ports: paths.
-            thinned: of those by path, of which only the samples are needed that one of these takes. More may be made, as where their order
-                is not that of their times. It holds until sensors come or go, or the time is set.
+            thinned: decimations by path. Of these ports only the samples are needed that one of the decimations takes. More may be made,
+                for instance if samples are not delivered in the order of their times. It holds until sensors are added or removed, or the
+                time is set.
         """
         self._wanted, self._thinned = ports, thinned
-        self._mark()
+        self._mark_streams()
 
     def forget_newest(self) -> None:
-        """The time was set: what was read at another time does not count."""
+        """Forget the newest samples, as the time was set and they belong to another time."""
         self._instruments.forget_newest()
         self._thinned = WHOLE
         self._instruments.thin({})
 
     def set_listeners(self, ports: Collection[str], overheard: Collection[str]) -> None:
-        """Parts of the world hear some ports; compiled code hears others."""
-        self._heard, self._overheard = ports, overheard
-        self._mark()
+        """Set the ports that parts of the world listen to, and the ports that compiled code listens to (`overheard`)."""
+        self._heard_by_parts, self._heard_by_kernels = ports, overheard
+        self._mark_streams()
 
-    def _mark(self) -> None:
+    def _mark_streams(self) -> None:
+        """Mark in the rows of the streams which of them are read."""
         rows, streams, wanted = self._instruments.streams.rows["wanted"], self._streams, self._wanted
         rows[:] = 0
         if wanted is None:
@@ -138,26 +141,28 @@ class Sensing(Part):
             self._instruments.is_read = bool(streams)
             self._instruments.thin({})
             return
-        read = {k for path, k in self.numbers.items() if path in wanted or path in self._heard}
-        self._is_read, self._instruments.is_read = self._marked(read), bool(read)
-        # Values that are no numbers wait in Python for the sample that they belong to.
+        read = {k for path, k in self.numbers.items() if path in wanted or path in self._heard_by_parts}
+        self._is_read, self._instruments.is_read = self._mask_of(read), bool(read)
+        # Values that are no numbers wait in Python for their sample.
         rows[[k for k, stream in streams.items() if stream.columns.loose]] = KEPT
-        rows[[self.numbers[path] for path in self._overheard]] = HEARD
+        rows[[self.numbers[path] for path in self._heard_by_kernels]] = HEARD
         rows[list(read)] = READ
-        known = [(self.numbers.get(path), some) for path, some in self._thinned.items() if path not in self._heard]
+        known = [
+            (self.numbers.get(path), some) for path, some in self._thinned.items() if path not in self._heard_by_parts
+        ]
         self._instruments.thin({k: some for k, some in known if k in read and streams[k].columns.is_small})
 
     def _is_needed(self, stream: int) -> bool:
         return self._wanted is None or bool(self._is_read[stream])
 
-    def _marked(self, streams: Collection[int]) -> Any:
-        """By number of a stream: whether it is one of these."""
+    def _mask_of(self, streams: Collection[int]) -> Any:
+        """Return for each number of a stream whether it is one of these."""
         marked = np.zeros(max(self._streams, default=-1) + 1, bool)
         marked[list(streams)] = True
         return marked
 
     def choose(self, measured: Collection[str] | None) -> None:
-        """Let sensors of these paths alone measure; None, as at first, for all."""
+        """Let only sensors of these paths measure; None for all, as at first."""
         self._measured = measured
         self.schedule()
 
@@ -175,21 +180,26 @@ class Sensing(Part):
 
     @property
     def call_ns(self) -> int:
-        """Before this time (ns of simulation) nothing comes to sensors that they wait for, as far as is known now."""
+        """Before this simulation time (ns) no sensor has to be called because something has come to it, as far as is known now."""
         wakes = [slot.sensor.wake for slot in (*self._listening, *self._instruments.roused)]
         first = min([wake for wake in wakes if wake is not None], default=None)
         return NEVER if first is None else math.floor(first * NANOSECONDS) - _EARLY_NS
 
     def called(self, now: float) -> list[SensorSlot]:
-        """Sensors to which something has come by now (s) that they wait for, in an order that does not depend on who came first."""
+        """Return the sensors to which something has come by now (s) that they wait for, in an order that does not depend on the order of
+        arrival."""
         roused = self._instruments.roused
         for slot in [slot for slot in roused if slot.sensor.wake is None]:
             del roused[slot]
         inorder = sorted((slot for slot in roused if slot.active), key=lambda slot: slot.path)
-        return [slot for slot in (*self._listening, *inorder) if slot.is_called(now)]
+        return [
+            slot
+            for slot in (*self._listening, *inorder)
+            if slot.sensor.wake is not None and slot.sensor.wake <= now + 1e-9
+        ]
 
     def take_texts(self) -> None:
-        """Know the texts again that belong to what compiled code has written (`sensors.writing.Writing`)."""
+        """Find the texts of readings that compiled code has written (`sensors.writing.Writing`)."""
         told = self._instruments.streams.rows["texts"]
         (streams,) = told.nonzero()
         for k, texts in zip(streams.tolist(), told[streams].tolist(), strict=True):
@@ -198,18 +208,18 @@ class Sensing(Part):
         told[streams] = 0
 
     def _tell(self, first: int, ends: Sequence[int], with_words: bool, samples: list[Sample]) -> None:
-        """Tell what was delivered in some ticks.
+        """Hand on the samples that were delivered in some ticks.
 
         Args:
-            first: place in the log from which on that stands.
-            ends: of each tick with samples that somebody reads, the place behind them.
-            with_words: in the last one there are some with values that are no numbers.
-            samples: receives those that `take_told` does not give.
+            first: place in the log at which they begin.
+            ends: for each tick with samples that are read, the place in the log behind them.
+            with_words: whether the last tick has samples with values that are no numbers.
+            samples: takes the samples that `take_told` does not return.
         """
         log, is_large = self._instruments.log, False
         for k, seq, place in self._instruments.wordy if with_words else ():
             stream = self._streams[k]
-            # A state from outside may have two of one number on their way.
+            # A state from outside may have two samples of one number in flight.
             stream.newest = stream.coming.pop(seq, stream.newest or stream.loose)
             if place >= 0:
                 log.loose[place] = settled(stream.newest)
@@ -223,28 +233,32 @@ class Sensing(Part):
             return
         samples += (*(before or ()), *told)
         self._told = None
-        for place in range(first, ends[-1]):  # a picture is not kept by what was delivered with it
+        for place in range(
+            first, ends[-1]
+        ):  # A picture must not be kept alive by the samples that were delivered with it.
             log.loose.pop(place, None)
 
     def take_told(self) -> Told | None:
-        """What was delivered of late, but for what `tell` has appended."""
+        """Return the samples that were delivered lately, except those that `tell` has appended."""
         told, self._told = self._told, None
         return told
 
     def newest(self, path: str) -> Sample | None:
-        """The newest delivered sample of a port; None before the first, or after the time was set."""
+        """Return the newest delivered sample of a port; None before the first, and after the time was set."""
         k = self.numbers.get(path)
-        newest = None if k is None else self._instruments.newest(k)
-        if k is None or newest is None:
+        if k is None:
             return None
-        stream = self._streams[k]
-        values = stream.columns.unpack(newest.values, settled(stream.newest))
-        return Sample(path, newest.seq, newest.t_ns, newest.t_sent_ns, newest.valid, values)
+        row, stream = self._instruments.streams.rows[k], self._streams[k]
+        if not row["newest"]:
+            return None
+        first, width = row["newest_first"], row["width"]
+        values = stream.columns.unpack(self._instruments.numbers.rows[first : first + width], settled(stream.newest))
+        return Sample(path, int(row["seq"]), int(row["t_ns"]), int(row["t_sent_ns"]), bool(row["valid"]), values)
 
     # -- state ----------------------------------------------------------------------------------------------------------------------
 
     def save(self) -> OnTheirWay:
-        """The samples on their way, in their order."""
+        """Return the samples in flight, in the order of their delivery."""
         order, pending, numbers = self._instruments.on_their_way()
         if not len(pending):
             return OnTheirWay(order, (), b"", b"", ())
@@ -267,23 +281,24 @@ class Sensing(Part):
         return OnTheirWay(order, paths, entries.tobytes(), numbers.tobytes(), tuple(loose), tuple(pictures))
 
     def check(self, state: Any) -> None:
-        """Each sample is of a sensor, and fits its fields."""
+        """Raise ValueError if a sample is not of a sensor of this world, or does not fit its fields."""
         unknown = [path for path in state.ports if path not in self.numbers]
         if unknown:
-            raise ValueError(f'a sample on its way from "{unknown[0][:80]}", which is no sensor')
+            raise ValueError(f'a sample in flight from "{unknown[0][:80]}", which is no sensor of this world')
         entries = state.checked_entries()
         streams = [self._streams[self.numbers[path]] for path in state.ports]
         width = sum([streams[place].columns.width for place in entries["port"].tolist()])
         if len(state.numbers) != 8 * width:
-            raise ValueError(f"samples on their way with other fields: {len(state.numbers)} bytes, not {8 * width}")
-        wordy, slow = self._split(state, entries)
+            raise ValueError(f"the samples in flight have other fields: {len(state.numbers)} bytes, not {8 * width}")
+        wordy, slow = self._loose_samples(state, entries)
         if len(state.loose) != len(wordy) or len(state.pictures) != len(slow):
-            raise ValueError("samples on their way with other fields")
+            raise ValueError("the samples in flight have other fields")
         for (stream, _), values in zip(wordy + slow, state.loose + state.pictures, strict=True):
             check_values([stream.port.fields[k] for k in stream.columns.loose], values)
 
-    def _split(self, state: OnTheirWay, entries: Any) -> tuple[list[tuple[SensorStream, int]], ...]:
-        """Stream and number of each sample whose values stand in `loose` of a state, and of those in `pictures`."""
+    def _loose_samples(self, state: OnTheirWay, entries: Any) -> tuple[list[tuple[SensorStream, int]], ...]:
+        """Return stream and number of each sample whose values are in `loose` of a state, and of each sample whose values are in
+        `pictures`."""
         numbers = [self.numbers[path] for path in state.ports]
         each = [(numbers[place], seq) for place, seq in entries[["port", "seq"]].tolist()]
         each = [(k, seq) for k, seq in each if self._streams[k].columns.loose]
@@ -291,7 +306,7 @@ class Sensing(Part):
         return tuple([[(self._streams[k], n) for k, n in each if (k in takes_time) is slow] for slow in (False, True)])
 
     def load(self, state: OnTheirWay) -> None:
-        """Put them on their way again."""
+        """Put the samples of a checked state in flight."""
         for stream in self._wordy:
             stream.coming.clear()
         given = np.frombuffer(state.entries, WAY)
@@ -301,11 +316,11 @@ class Sensing(Part):
         numbers = np.array([self.numbers[path] for path in state.ports], np.int64)
         entries["stream"] = numbers[given["port"]]
         self.under_way.forget()
-        for known, each in zip(self._split(state, given), (state.loose, state.pictures), strict=True):
+        for known, each in zip(self._loose_samples(state, given), (state.loose, state.pictures), strict=True):
             for (stream, seq), values in zip(known, each, strict=True):
                 stream.coming[seq] = values
         self._instruments.send_on_their_way(state.order, entries, np.frombuffer(state.numbers))
 
     def leave(self, why: str) -> None:
-        """The run ends, and with it the thread that computes readings."""
+        """End the thread that computes readings, as the run ends."""
         self._instruments.computing.end()

@@ -1,4 +1,4 @@
-"""Where a sensor lies in the arrays of its world, and what is kept of it there, as bytes."""
+"""The places of a sensor in the arrays of its world, and its state there as bytes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from uwserver.world.instruments import Instruments
 
 
 def _offset(form: np.dtype[Any], name: str) -> int:
-    """Bytes before a field of a record."""
+    """Return the byte at which a field of a record begins."""
     assert form.fields is not None
     return int(form.fields[name][1])
 
@@ -36,16 +36,16 @@ _FLOAT = 8
 
 
 class SensorRows:
-    """A head, a row for each stream, their operations, and numbers.
+    """The rows of one sensor: a head, a row for each stream, their operations, and numbers.
 
-    Of the numbers those stand first that are kept with the world: of each stream the last reading, errors included, and what its operations
-    remember. Behind them stands what each reading makes anew.
+    The numbers that a state keeps stand first: for each stream the last reading with its errors, and the memory of its operations. The
+    numbers behind them are made anew by each reading.
 
     Attributes:
         instruments: the arrays.
-        head: number of its head.
-        streams: numbers of its streams.
-        reading: where the numbers of its present reading begin.
+        head: number of the head.
+        streams: numbers of the streams.
+        reading: place at which the numbers of the present reading begin.
     """
 
     __slots__ = (
@@ -56,7 +56,7 @@ class SensorRows:
     def __init__(
         self, instruments: Instruments, sensor: Sensor, streams: Sequence[SensorStream], body: int, latency_ns: int
     ) -> None:
-        """Take rows for a sensor on this body, with errors that remember nothing yet."""
+        """Take rows for a sensor on this body, with errors that have no memory yet."""
         self.instruments, self._sensor, self._streams = instruments, sensor, streams
         self._bank = sensor if isinstance(sensor, BankSensor) else None
         self._sonar = sensor if isinstance(sensor, Sonar) else None
@@ -78,11 +78,11 @@ class SensorRows:
         head["stream_first"], head["stream_count"] = first, len(streams)
         head["exact_first"] = at + width if ideal else -1
         head["voice"] = -1 if self._sonar is None else instruments.voices.take(1)
-        self._enter_streams(at, at + width * (1 + ideal))
-        self._know_bytes()
+        self._fill_streams(at, at + width * (1 + ideal))
+        self._find_state_bytes()
 
-    def _know_bytes(self) -> None:
-        """Where in the arrays the bytes stand that are kept: found once, as a state is taken between two ticks."""
+    def _find_state_bytes(self) -> None:
+        """Find where the bytes of the state stand in the arrays. Done once, as a state is taken between two ticks and must be quick."""
         instruments, bank = self.instruments, self._bank
         memories = None if bank is None else bank.rows
         self._pools = instruments.heads, instruments.streams, instruments.numbers, memories
@@ -93,8 +93,9 @@ class SensorRows:
             record = bank.bank.record
             self._memory_at = _bytes(bank.row * record.itemsize + _offset(record, "m"), record["m"].itemsize)
 
-    def _enter_streams(self, reading: int, made: int) -> None:
-        """`reading`, `made`: where the present reading stands, and behind it and the one without errors the rest of what is made anew."""
+    def _fill_streams(self, reading: int, made: int) -> None:
+        """Fill the rows of the streams. `reading` is the place of the present reading; `made` is the place behind it, and behind the
+        reading without errors."""
         instruments, at = self.instruments, self._first
         self._remembering: list[tuple[Operation, int]] = []
         for k, stream in zip(self.streams, self._streams, strict=True):
@@ -121,7 +122,7 @@ class SensorRows:
                 place, at = end, at + len(operation.numbers)
 
     def give_back(self) -> None:
-        """Leave the arrays."""
+        """Give all rows back."""
         instruments = self.instruments
         for place, count in self._operations:
             instruments.operations.give_back(place, count)
@@ -136,25 +137,25 @@ class SensorRows:
         else:
             instruments.heads.give_back(self.head, 1)
 
-    # -- as it is now ---------------------------------------------------------------------------------------------------------------
+    # -- the present reading -------------------------------------------------------------------------------------------------------
 
     @property
     def row(self) -> Any:
-        """Its head."""
+        """The head."""
         return self.instruments.heads.rows[self.head]
 
     def numbers(self, first: int, width: int) -> FloatArray:
-        """So many numbers from one on, to read and to write."""
+        """Return a view, which can be written, of `width` numbers from the place `first` on."""
         found: FloatArray = self.instruments.numbers.rows[first : first + width]
         return found
 
     def set_time(self, dt: float) -> None:
-        """So long (s) is it from one reading to the next."""
+        """Set the time from one reading to the next, s."""
         self.instruments.heads.rows["dt"][self.head] = dt
         self.instruments.streams.rows["dt"][self.streams.start : self.streams.stop] = dt
 
     def speak(self, works: bool) -> None:
-        """Say how it sounds now, and whether at all, to sonars in compiled code."""
+        """Tell the sonars in compiled code how this sensor sounds now, and whether it works."""
         if self._sonar is not None:
             row = self.row
             voice = self.instruments.voices.rows[row["voice"]]
@@ -162,12 +163,12 @@ class SensorRows:
             self._sonar.speak(voice)
 
     def set_fault(self, fault: str) -> None:
-        """What is broken of it."""
+        """Set the fault of the sensor."""
         self.instruments.heads.rows["silent"][self.head] = fault == "silent"
         self.instruments.streams.rows["frozen"][self.streams.start : self.streams.stop] = fault != ""
 
     def held(self, k: int) -> tuple[bool, tuple[Value, ...]] | None:
-        """Last reading of its k-th stream: whether it is valid, and its values."""
+        """Return the last reading of its k-th stream: whether it is valid, and its values."""
         row, stream = self.instruments.streams.rows[self.streams[k]], self._streams[k]
         held = row["held"]
         if not held["there"]:
@@ -177,18 +178,15 @@ class SensorRows:
         )
 
     def held_ns(self) -> int:
-        """When that of its own stream was true."""
+        """Return the time of the last reading of its own stream."""
         return int(self.instruments.streams.rows["held"]["t_ns"][self.streams.start])
 
-    # -- what is kept ---------------------------------------------------------------------------------------------------------------
+    # -- the state ---------------------------------------------------------------------------------------------------------------
 
     def save(self) -> tuple[int, bytes, bytes, bytes]:
-        """Readings made; what a sensor of a bank remembers; HELD of each stream; and the kept numbers."""
+        """Return the number of readings, the memory of a compiled sensor, HELD of each stream, and the numbers that are kept."""
         heads, streams, numbers, memories = self._pools
-        raw = streams.raw
-        held = bytes(raw[self._held_at[0]])
-        for at in self._held_at[1:]:
-            held += raw[at]
+        held = b"".join([streams.raw[at] for at in self._held_at])
         return (
             int.from_bytes(heads.raw[self._number_at], "little"),
             b"" if memories is None else bytes(memories.raw[self._memory_at]),
@@ -197,7 +195,7 @@ class SensorRows:
         )
 
     def check(self, memory: bytes, held: bytes, numbers: bytes) -> None:
-        """Raise ValueError where what was saved elsewhere cannot be of this sensor."""
+        """Raise ValueError if a state from outside is not possible for this sensor."""
         bank = self._bank
         if bank is not None:
             form = bank.bank.record["m"]
@@ -209,14 +207,14 @@ class SensorRows:
             raise ValueError("other streams than this sensor has")
         for there, valid, t_ns in struct.iter_unpack("=3q", held):
             if there not in (0, 1) or valid not in (0, 1) or not 0 <= t_ns <= 2**62:
-                raise ValueError("a last reading that cannot be")
+                raise ValueError("a last reading is not possible")
         if len(numbers) != _FLOAT * self._kept:
             raise ValueError(f"{len(numbers)} bytes of readings and modifiers, not {_FLOAT * self._kept}")
         for operation, at in self._remembering:
             operation.valid(operation.record(np.frombuffer(numbers, count=len(operation.numbers), offset=at * _FLOAT)))
 
     def load(self, number: int, memory: bytes, held: bytes, numbers: bytes) -> None:
-        """Go on from what was saved; nothing was delivered since."""
+        """Take over a checked state. No sample counts as delivered since."""
         heads, streams, kept, memories = self._pools
         heads.raw[self._number_at] = number.to_bytes(8, "little")
         if memories is not None:

@@ -34,14 +34,14 @@ class SensorSlot(Part):
 
     Attributes:
         row: of the body that carries it.
-        sensor: what reads.
-        streams: its own, then those beside it.
-        rate_hz: of the physics.
-        divisor: it measures every so many ticks.
+        sensor: the device.
+        streams: its own stream, then the further ones.
+        rate_hz: ticks per second.
+        divisor: it measures once every `divisor` ticks.
         latency_ns: of the device.
         wiring: the inside of its vehicle.
-        twin: the instrument without errors that ideal streams read, where the sensor is written in Python.
-        is_wordy: some of its values are no numbers.
+        twin: the same device without errors, for ideal streams of a sensor that is written in Python.
+        is_wordy: whether some of its values are no numbers.
     """
 
     state_type = SensorState
@@ -62,36 +62,36 @@ class SensorSlot(Part):
         self.wiring: Wiring | None = None
         self._fault: Fault = ""
         self._rows: SensorRows | None = None
-        self._rest: SensorState | None = None
-        # Which of them remember something never changes.
+        self._saved: SensorState | None = None
+        # Whether settings and memory have fields never changes.
         self._has_settings, self.is_wordy = bool(sensor.settings.__struct_fields__), bool(streams[0].columns.loose)
         self._settings = sensor.settings, record(sensor.settings) if self._has_settings else b""
         self._has_memory = not isinstance(sensor, BankSensor) and bool(sensor.memory.__struct_fields__)
-        self._in_python = [m for stream in streams if stream.is_ready_made for m in stream.modifiers]
+        self._python_modifiers = [m for stream in streams if stream.is_ready_made for m in stream.modifiers]
 
     @property
     def port(self) -> Port:
-        """Of its own stream."""
+        """Port of its own stream."""
         return self.streams[0].port
 
     @property
     def path(self) -> str:
-        """Of the port."""
+        """Path of the port."""
         return self.port.path
 
     @property
     def fields(self) -> tuple[Field, ...]:
-        """Of the port."""
+        """Fields of the port."""
         return self.port.fields
 
     @property
     def works(self) -> bool:
-        """Whether it reads: it is switched on, and no fault keeps it silent."""
+        """Whether it reads: it is active, and no fault silences it."""
         return self.active and self._fault != "silent"
 
     @property
     def wants_exact(self) -> bool:
-        """Whether a stream is of what the device would read without errors."""
+        """Whether a stream needs the values that the device would read without errors."""
         return any(stream.ideal for stream in self.streams)
 
     @property
@@ -107,18 +107,18 @@ class SensorSlot(Part):
     # -- its place ------------------------------------------------------------------------------------------------------------------
 
     def enter(self, instruments: Instruments) -> None:
-        """Lie in these arrays, and remember what it did before."""
+        """Take places in these arrays, with the state from before."""
         self._rows = SensorRows(instruments, self.sensor, self.streams, self.row, self.latency_ns)
-        self._time()
+        self._set_time()
         self._rows.set_fault(self._fault)
         if self.sensor.rouses:
             self.sensor.rouse = lambda: instruments.roused.update({self: None})
-        if self._rest is not None:
-            self.load(self._rest)
+        if self._saved is not None:
+            self.load(self._saved)
 
     def move_out(self) -> None:
-        """Give the places back; what it remembers stays with it."""
-        rows, self._rest = self._here, self.save()
+        """Give the places back, and keep the state."""
+        rows, self._saved = self._here, self.save()
         rows.instruments.roused.pop(self, None)
         rows.give_back()
         self._rows = None
@@ -131,24 +131,24 @@ class SensorSlot(Part):
 
     @property
     def head(self) -> int:
-        """Its number among the heads of the world."""
+        """Number of its head."""
         return self._here.head
 
     @property
     def stream_numbers(self) -> range:
-        """Numbers of its streams among those of the world."""
+        """Numbers of its streams."""
         return self._here.streams
 
     # -- settings -------------------------------------------------------------------------------------------------------------------
 
     def set_divisor(self, divisor: int) -> None:
-        """Measure every `divisor` ticks from now on; the sensor and its errors learn the time from one reading to the next."""
+        """Measure every `divisor` ticks from now on. The sensor and its errors get the new time between readings."""
         self.divisor = divisor
         for stream in self.streams:
             stream.port = structs.replace(stream.port, rate_hz=float(self.rate_hz / divisor))
-        self._time()
+        self._set_time()
 
-    def _time(self) -> None:
+    def _set_time(self) -> None:
         dt = float(self.divisor / self.rate_hz)
         self.sensor.dt = dt
         if self.twin is not None:
@@ -162,7 +162,7 @@ class SensorSlot(Part):
 
     @property
     def fault(self) -> Fault:
-        """What is broken of it."""
+        """Its fault; "" for none."""
         return self._fault
 
     @fault.setter
@@ -175,30 +175,25 @@ class SensorSlot(Part):
             self._speak()
 
     def change(self, args: Mapping[str, Json]) -> None:
-        """As `Sensor.change`."""
+        """Change settings, as `Sensor.change`."""
         self.sensor.change(args)
         self._speak()
 
     def _speak(self) -> None:
-        """Have others hear it as it is now."""
+        """Tell other sonars how it sounds now."""
         if self._rows is not None:
             self._rows.speak(self.works)
 
     # -- readings -------------------------------------------------------------------------------------------------------------------
 
-    def is_called(self, now: float) -> bool:
-        """Whether it has to measure now (s), whatever its rate."""
-        wake = self.sensor.wake
-        return wake is not None and wake <= now + 1e-9
-
     @property
     def writes(self) -> bool:
-        """Whether `write` is enough, in place of `read`."""
+        """Whether it can `write` its reading instead of being `read`."""
         return self.sensor.writes and not self.wants_exact
 
     @property
     def is_compiled(self) -> bool:
-        """Whether compiled code can do everything for it, from its reading to its samples."""
+        """Whether compiled code can do everything for it, from the reading to the samples."""
         if any(stream.is_ready_made for stream in self.streams):
             return False
         if isinstance(self.sensor, BankSensor):
@@ -209,7 +204,7 @@ class SensorSlot(Part):
         return self.sensor.writing is not None and at_once
 
     def write(self) -> None:
-        """Let a sensor that writes do so, into the arrays, where `due.writer` tells whether it is ready."""
+        """Let a sensor that writes do so, into the arrays. `by_hand._writer` marks whether it is ready."""
         if self._fault == "silent":
             return
         rows = self._here
@@ -224,7 +219,7 @@ class SensorSlot(Part):
         if self._fault == "silent":
             head["ready"] = 0
             return
-        exact = None if self.twin is None else self._exact(self.twin, scope)
+        exact = None if self.twin is None else self._twin_reading(self.twin, scope)
         self.sensor.begin(int(head["number"]))
         reading = self.sensor.sense(scope)
         head["ready"] = reading is not None
@@ -232,7 +227,7 @@ class SensorSlot(Part):
             return
         self._speak()
         head["valid"], head["delay_ns"], head["since_ns"] = reading.valid, reading.delay_ns, reading.since_ns
-        if self.sensor.takes_time:  # until the next tick at least
+        if self.sensor.takes_time:  # A picture is delivered in the next tick at the earliest.
             head["delay_ns"] = max(reading.delay_ns, reading.since_ns + 1)
         columns = self.streams[0].columns
         columns.pack(reading.values, rows.numbers(head["first"], columns.width))
@@ -246,7 +241,7 @@ class SensorSlot(Part):
             stream.fresh = exact_loose if stream.ideal else loose
 
     def take_loose(self) -> None:
-        """Take from the sensor what is no number of a reading that compiled code has made."""
+        """Take the values that are no numbers from a sensor that compiled code has read."""
         sensor = self.sensor
         assert isinstance(sensor, BankSensor)
         if not self._here.row["ready"]:
@@ -262,7 +257,7 @@ class SensorSlot(Part):
 
     @property
     def delay_ns(self) -> int:
-        """From now to the delivery of what it read just now, but for what its streams add."""
+        """Time from now until the present reading is delivered, without the delays of its streams."""
         head = self._here.row
         return int(head["delay_ns"]) - int(head["since_ns"]) + self.latency_ns
 
@@ -277,7 +272,7 @@ class SensorSlot(Part):
                 continue
             row, columns = rows.instruments.streams.rows[k], stream.columns
             source = head["exact_first"] if stream.ideal else head["first"]
-            # What is still to be computed has no errors of modifiers.
+            # Modifiers cannot change values that are still under computation.
             unknown = isinstance(stream.fresh, Work)
             loose = (None,) * len(columns.loose) if isinstance(stream.fresh, Work) else stream.fresh
             values = columns.unpack(rows.numbers(source, row["width"]), loose)
@@ -293,11 +288,12 @@ class SensorSlot(Part):
                 row["reading"][name] = getattr(reading, name)
 
     def keep_loose(self, number: int, dropped: Iterable[int]) -> None:
-        """What is no number of the reading that was just taken in waits for its sample; a lost one changes nothing, a frozen one repeats itself.
+        """Keep the values that are no numbers for the sample of the present reading. A lost reading changes nothing, and a frozen sensor
+        repeats its values.
 
         Args:
             number: of the reading.
-            dropped: of each stream, whether its sample is lost.
+            dropped: for each stream, whether its sample is lost.
         """
         for stream, is_lost in zip(self.streams, dropped, strict=True):
             if is_lost:
@@ -306,40 +302,40 @@ class SensorSlot(Part):
                 stream.loose = stream.fresh
             stream.coming[number] = stream.loose
 
-    def _exact(self, twin: Sensor, scope: Scope) -> Measurement:
-        """What the twin makes of this instant; before the device itself reads, which may change what both look at."""
+    def _twin_reading(self, twin: Sensor, scope: Scope) -> Measurement:
+        """Return what the twin reads at this instant. It reads before the device itself, which may change what both see."""
         twin.settings = self.sensor.settings
         if twin.paces:
             twin.memory = copy(self.sensor.memory)
         reading = twin.sense(scope if scope.wiring is None else replace(scope, wiring=scope.wiring.unfed()))
         return Measurement(blank(twin.fields), False) if reading is None else reading
 
-    # -- what is told of it ---------------------------------------------------------------------------------------------------------
+    # -- the last reading -----------------------------------------------------------------------------------------------------------
 
     @property
     def number(self) -> int:
-        """Readings made."""
+        """Number of readings made."""
         return int(self._here.row["number"])
 
     @property
     def is_ready(self) -> bool:
-        """Whether it has read when it was last asked."""
+        """Whether the last attempt to read gave a reading."""
         return bool(self._here.row["ready"])
 
     @property
     def held(self) -> Held:
-        """Its last reading, errors included."""
+        """Its last reading, with errors."""
         return self._here.held(0)
 
     @property
     def held_ns(self) -> int:
-        """When that was true."""
+        """Time at which the last reading was true."""
         return self._here.held_ns()
 
     # -- state ----------------------------------------------------------------------------------------------------------------------
 
     def save(self) -> SensorState:
-        """All that it remembers."""
+        """Return its state."""
         sensor = self.sensor
         if self._has_settings and sensor.settings is not self._settings[0]:
             self._settings = sensor.settings, record(sensor.settings)
@@ -349,20 +345,20 @@ class SensorSlot(Part):
             memory = record(sensor.memory)
         loose: tuple[Any, ...] = tuple([stream.loose for stream in self.streams]) if self.is_wordy else ()
         loose, pictures = ((), loose) if sensor.takes_time else (loose, ())
-        modifiers = tuple([record(m.memory) for m in self._in_python]) if self._in_python else ()
+        modifiers = tuple([record(m.memory) for m in self._python_modifiers]) if self._python_modifiers else ()
         return SensorState(
             number, self.active, self.divisor, settings, memory, held, numbers, loose, modifiers, pictures
         )
 
     def check(self, state: Any) -> None:
-        """Settings and memories are of its kinds, and readings fit their fields."""
+        """Raise ValueError if settings or memories are of another kind, or a reading does not fit its fields."""
         sensor = self.sensor
         if state.settings or self._has_settings:
             sensor.valid(read_record(state.settings, sensor.settings))
         if self._has_memory:
             sensor.valid(read_record(state.memory, sensor.memory))
         elif state.memory and not isinstance(sensor, BankSensor):
-            raise ValueError("a memory of a sensor that has none")
+            raise ValueError("it has a memory, and this sensor has none")
         self._here.check(state.memory, state.held, state.numbers)
         loose, others = state.loose, state.pictures
         if sensor.takes_time:
@@ -373,13 +369,13 @@ class SensorSlot(Part):
         for held, values in zip(np.frombuffer(state.held, HELD), loose, strict=False):
             if held["there"] or values:
                 check_values(wordy, values)
-        if len(state.modifiers) != len(self._in_python):
+        if len(state.modifiers) != len(self._python_modifiers):
             raise ValueError("other modifiers than this sensor has")
-        for modifier, data in zip(self._in_python, state.modifiers, strict=True):
+        for modifier, data in zip(self._python_modifiers, state.modifiers, strict=True):
             modifier.valid(read_record(data, modifier.memory))
 
     def load(self, state: SensorState) -> None:
-        """Go on from there; the twin follows by itself."""
+        """Take over a checked state. The twin needs none."""
         sensor = self.sensor
         self.active = state.active
         if state.divisor != self.divisor:
@@ -396,5 +392,5 @@ class SensorSlot(Part):
         self._speak()
         for stream, loose in zip(self.streams, state.loose or state.pictures, strict=False):
             stream.loose = loose
-        for modifier, data in zip(self._in_python, state.modifiers, strict=True):
+        for modifier, data in zip(self._python_modifiers, state.modifiers, strict=True):
             modifier.memory = read_record(data, modifier.memory)

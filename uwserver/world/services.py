@@ -1,6 +1,7 @@
-"""Services that the world itself answers; those of the clock belong to the simulation (`uwserver.simulation.thread`).
+"""The services of the world itself. Those of the clock belong to the simulation (`uwserver.simulation.thread`).
 
-Reset and restore delay their tick by 0.1 ms for each vehicle of 24 ports that is there after it, and by 0.1 to 0.2 ms for each that comes or goes.
+Reset and restore delay their tick by 0.1 ms for each vehicle of 24 ports that stays, and by 0.1 to 0.2 ms for each that is added or
+removed.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from uwserver.world.snapshot import Snapshot
 from uwserver.world.world import World
 
 SENSOR_SERVICES = ("activate", "deactivate", "get", "set")
-"""Names below each sensor that its further streams cannot have."""
+"""Names of the services below each sensor. Its further streams cannot have these names."""
 MAX_SNAPSHOTS = 32
 MAX_SNAPSHOT_NAME = 64
 """Characters."""
@@ -34,10 +35,10 @@ _TIMEOUT = Argument(
 
 
 def offer_world_services(world: World) -> None:
-    """Add reset, snapshot, restore, state_hash, set_current to a finished world; reset comes back to what it is now."""
+    """Add reset, snapshot, restore, state_hash and set_current to a finished world. Reset returns to the present state."""
     start = snapshot.take(world)
     saved: dict[str, Snapshot] = {}
-    now = _Now(world)
+    now = _PresentState(world)
 
     def reset(_: Mapping[str, Json]) -> Json:
         snapshot.restore(world, start)
@@ -94,8 +95,8 @@ def offer_world_services(world: World) -> None:
     )
 
 
-class _Now:
-    """The state of a world and its hash, each made once however many ask in a tick, until something may have changed (`Requests.changes`)."""
+class _PresentState:
+    """The present state of a world and its hash. Each is made only once, until something may have changed (`Requests.changes`)."""
 
     def __init__(self, world: World) -> None:
         self._world = world
@@ -104,13 +105,13 @@ class _Now:
         self._hash = ""
 
     def snapshot(self) -> Snapshot:
-        """As `snapshot.take`."""
+        """Return the state, as `snapshot.take`."""
         if self._snapshot is None or self._of != self._world.requests.changes:
             self._snapshot, self._hash, self._of = snapshot.take(self._world), "", self._world.requests.changes
         return self._snapshot
 
     def hash(self) -> str:
-        """Of the snapshot."""
+        """Return the hash of the state."""
         taken = self.snapshot()
         if not self._hash:
             self._hash = taken.hash()
@@ -120,17 +121,17 @@ class _Now:
 def component_services(
     world: World, sensors: Iterable[SensorSlot], actuators: Iterable[ActuatorSlot]
 ) -> Iterator[tuple[Service, Carry]]:
-    """Services of the components of one body, and what they do."""
+    """Yield the services of the components of one body, each with its function."""
     for sensor in sensors:
-        yield from _OfSensor(world, sensor).services()
+        yield from _SensorServices(world, sensor).services()
     for actuator in actuators:
-        yield from _OfActuator(world, actuator).services()
+        yield from _ActuatorServices(world, actuator).services()
 
 
-# A hundred vehicles have thousands of services: methods of one small object take a third of what functions do that are made for each.
+# A hundred vehicles have thousands of services. Methods of one small object take a third of the memory of functions made for each service.
 @dataclass(slots=True, eq=False)
-class _OfSensor:
-    """What a sensor can be asked."""
+class _SensorServices:
+    """The services of a sensor."""
 
     world: World
     slot: SensorSlot
@@ -183,8 +184,8 @@ class _OfSensor:
 
 
 @dataclass(slots=True, eq=False)
-class _OfActuator:
-    """What an actuator can be asked."""
+class _ActuatorServices:
+    """The services of an actuator."""
 
     world: World
     slot: ActuatorSlot

@@ -1,4 +1,4 @@
-"""The whole changeable state of a world as one immutable value of plain data: for reset, restore, files, and the hash that proves two runs equal."""
+"""The whole state of a world as one immutable value of plain data: for reset, restore, files, and the hash that proves two runs equal."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from uwserver.world.surroundings import Bodies, BodiesState
 from uwserver.world.world import World
 
 MAX_BYTES = 16 * 2**20
-"""Of a state as a file."""
+"""Largest file of a state."""
 MAX_PARTS = 2**17
-"""More would not fit into a file."""
+"""More parts would not fit into a file."""
 FORMAT = "uwserver-state-2"
 _DIGEST_SIZE = 32
 
 
 class Snapshot(Struct, frozen=True, eq=False):
-    """A world between two ticks. Commands and calls that are posted but not carried out are not part of it.
+    """The state of a world between two ticks. Commands and calls that are posted but not carried out are not part of it.
 
     Attributes:
         tick: of the world.
@@ -34,15 +34,16 @@ class Snapshot(Struct, frozen=True, eq=False):
     parts: dict[str, State]
 
     def hash(self) -> str:
-        """SHA-256 over everything that decides how the run goes on; equal in every clock mode and process, whoever commanded."""
+        """Return the SHA-256 of everything that decides how the run goes on. It is equal in every clock mode and process, whichever source
+        commanded."""
         deciding = {path: state.deciding() for path, state in self.parts.items()}
         return hashlib.sha256(msgpack.encode((self.tick, deciding))).hexdigest()
 
     def __eq__(self, other: object) -> bool:
-        # As bytes, as a number that is none equals itself there.
+        # Compared as bytes, because NaN does not equal itself.
         return isinstance(other, Snapshot) and _encoded(self) == _encoded(other)
 
-    __hash__ = None  # type: ignore[assignment]  # nobody keeps them in sets
+    __hash__ = None  # snapshots are not kept in sets
 
 
 def _encoded(snapshot: Snapshot) -> bytes:
@@ -59,12 +60,12 @@ class _File(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def take(world: World) -> Snapshot:
-    """The state of a world now."""
+    """Return the state of a world now."""
     return Snapshot(world.tick, {path: part.save() for path, part in world.parts.items()})
 
 
 def restore(world: World, snapshot: Snapshot) -> None:
-    """Put a world back, bit for bit: bodies that came since are gone, and those that went are back. All or nothing.
+    """Put a world back to a snapshot, bit for bit. Bodies that were added since are removed, and bodies that were removed are back.
 
     Raises:
         Refused: the snapshot is of a world with other bodies or components; nothing has changed.
@@ -73,7 +74,7 @@ def restore(world: World, snapshot: Snapshot) -> None:
 
 
 def to_bytes(world: World, snapshot: Snapshot) -> bytes:
-    """A snapshot as a file: msgpack, then 32 bytes SHA-256 of all before. Waits for readings under computation.
+    """Return a snapshot as the bytes of a file: msgpack, then 32 bytes SHA-256 of the rest. Waits for readings under computation.
 
     Raises:
         Refused: it is too large to be loaded again.
@@ -86,16 +87,16 @@ def to_bytes(world: World, snapshot: Snapshot) -> bytes:
 
 
 def from_bytes(world: World, data: bytes) -> None:
-    """Put a world where a file says; as `restore`.
+    """Put a world to the state in a file, as `restore` does.
 
     Raises:
-        Refused: no state of this scenario and version, damaged, too large, or impossible; the text says which. Nothing has changed.
+        Refused: it is no state of this scenario and version, is damaged, too large or impossible; the text says which. Nothing has changed.
     """
     if len(data) > MAX_BYTES:
-        raise _refused(f"{len(data)} bytes are no saved state: one has at most {MAX_BYTES}")
+        raise _refused(f"a saved state has at most {MAX_BYTES} bytes, not {len(data)}")
     body, digest = data[:-_DIGEST_SIZE], data[-_DIGEST_SIZE:]
     if hashlib.sha256(body).digest() != digest:
-        raise _refused("this is no saved state, or it was damaged on its way: its check sum does not fit")
+        raise _refused("this is no saved state, or it was damaged: its check sum is wrong")
     try:
         file = msgpack.decode(body, type=_File)
     except (ValueError, RecursionError) as error:
@@ -104,22 +105,22 @@ def from_bytes(world: World, data: bytes) -> None:
         if theirs != ours:
             raise _refused(f"the state was saved by another version of uwserver ({name} {theirs}, here {ours})")
     if (file.scenario, file.seed) != (world.identity(), world.seed):
-        text = "the state is of another scenario: load the scenario, with the seed, of which it was saved"
+        text = "the state is of another scenario: load the scenario and the seed with which it was saved"
         raise _refused(f"{text} (seed {file.seed}, here {world.seed})" if file.seed != world.seed else text)
     if not 0 <= world.ticks.time_of(file.tick) < 2**62:
-        raise _refused(f"tick {file.tick} cannot be")
+        raise _refused(f"tick {file.tick} is not possible")
     _restore(world, file.tick, file.parts, checked=False)
 
 
 def _restore(world: World, tick: int, states: Mapping[str, Any], checked: bool) -> None:
-    """The population first, as it says which other parts there are. Until all has been checked, everything can be taken back."""
+    """Restore the population first, as it says which other parts there are. Until everything has been checked, all changes can be undone."""
     bodies, undo, before = world.population, world.hydro.arrays(), list(world.members.values())
     members = before
     try:
         born = _typed(bodies, states.get(bodies.path))
         here = bodies.is_here(born)
         if not here:
-            # Bodies cost far more to make than to name: nobody is made for a state that has not what belongs to them.
+            # Checked by name first, as making bodies takes far longer: none is made for a state that lacks the parts of its bodies.
             bodies.check(born)
             _compare(states.keys(), {part.path for part in world.own_parts} | bodies.parts_of(born))
             rows: BodiesState = _typed(world.parts[Bodies.path], states[Bodies.path])

@@ -1,4 +1,5 @@
-"""What a world's steps are given (`uwserver.step.rows`): where all lies, who is due when, and which code is called."""
+"""The table that the steps of a world get (`uwserver.step.rows`): addresses of all arrays, the sensors that are due, and the addresses of
+compiled code."""
 
 from __future__ import annotations
 
@@ -23,29 +24,30 @@ from uwserver.world.sensing import Sensing
 from uwserver.world.ticks import Ticks
 from uwserver.world.timetable import Timetable, timetable_of
 
-if TYPE_CHECKING:  # what is solid needs numba to be imported
+if TYPE_CHECKING:  # importing them imports numba
     from uwserver.physics.rays.casting import Met
     from uwserver.physics.scene import Scene
 
 _NO_TABLE: IntArray = np.zeros((0, 2), np.int64)
 _FOUND = ("pairs", "line_first", "lines", "overlapping", "bodies", "numbers", "keys", "coefficients", "led")
 LONGEST = 1024
-"""Ticks that are made in one go at most."""
-_NOTHING_TOLD = 0, 0, 0, 0, 0.0, 0.0
+"""Most ticks in one call of the step."""
+_NO_TIMES = 0, 0, 0, 0, 0.0, 0.0
 
 
 class StepTable:
-    """Of a world.
+    """The table of a world.
 
     Attributes:
-        hydro, water, instruments, sensing, pilots: what it is made of.
-        rate_hz: of its ticks.
-        table: of addresses, made by `step.rows.FORMS`; `rows` has the arrays by name, and keeps them.
-        run: where its tick stands (`step.rows.RUN`).
-        ends: of the log, of each tick that had samples.
-        timetable: when which sensors read.
-        scene: solid things of the world; None where nothing is solid.
-        last: up to this tick times are worked out in compiled code (`stands_at`).
+        hydro, water, instruments, sensing, pilots: the parts that have the arrays.
+        rate_hz: ticks per second.
+        ticks: the times of the ticks.
+        table: addresses, made with `step.rows.FORMS`. `rows` has the arrays by name, and keeps them alive.
+        run: the state of the step (`step.rows.RUN`).
+        ends: for each tick with samples, the end of its samples in the log.
+        timetable: when the sensors read.
+        scene: the solids of the world; None if there are none.
+        last: up to this tick, compiled code computes the times of ticks itself (`stands_at`).
     """
 
     def __init__(
@@ -57,50 +59,48 @@ class StepTable:
         pilots: Pilots,
         rate_hz: Fraction,
     ) -> None:
-        """Of a world of these bodies, in this water, with these sensors and autopilots."""
+        """Make the table of a world with these bodies, this water, these sensors and autopilots."""
         self.hydro, self.water, self.instruments, self.sensing, self.pilots = hydro, water, instruments, sensing, pilots
-        self.rate_hz, self._ticks = rate_hz, Ticks(rate_hz)
+        self.rate_hz, self.ticks = rate_hz, Ticks(rate_hz)
         self.run: IntArray = np.zeros(len(rows.RUN.names or ()), np.int64)
         self.ends: IntArray = np.zeros(LONGEST, np.int64)
-        # Kept, so that no other object has the identity of one of them.
-        self._known: tuple[object, ...] = ()
+        # Kept alive, so that no new object can have the identity of one of them.
+        self._kept: tuple[object, ...] = ()
         self._ids: tuple[int, ...] = ()
         parts = rate_hz.denominator
         self.last = min(2**62 // (2 * NANOSECONDS * parts), 2**53 // parts) - LONGEST
-        self._told: tuple[float, ...] = _NOTHING_TOLD
+        self._given_times: tuple[float, ...] = _NO_TIMES
         self.timetable: Timetable
         self.rows: dict[str, Any] = {}
         self.table: IntArray = _NO_TABLE
         self.scene: Scene | None = None
 
     def move(self, place: Callable[[Any], Any]) -> None:
-        """Have what a tick reads and writes here lie elsewhere, until others are due: `place` gives a copy of an array in other memory."""
+        """Move everything that a tick reads and writes here to other memory, until other sensors are due: `place` returns a copy of an
+        array there."""
         self.run = place(self.run)
         self._tabulate()
         self.rows |= {name: place(self.rows[name]) for name in ("course", *self.timetable.rows)}
         self.table = place(addresses(rows.FORMS, self.rows))
 
     def stands_at(self, tick: int) -> bool:
-        """Ticks are to be made from this one on. Returns whether one alone, whose times are told: beyond some tick they are no quotients of whole
-        numbers of 64 bits any more, or no exact floats."""
-        is_told = tick > self.last
-        if is_told or self._told is not _NOTHING_TOLD:
-            self._ids, time_of, second = (), self._ticks.time_of, self.second
+        """Prepare for ticks from this one on. Returns whether only one tick can be made, with times that are given to the step: beyond some
+        tick, the times are no longer exact in integers of 64 bits or in floats."""
+        is_given = tick > self.last
+        if is_given or self._given_times is not _NO_TIMES:
+            self._ids, time_of, second = (), self.ticks.time_of, self.ticks.second
             times = 1, tick, time_of(tick), time_of(tick + 1), second(tick), second(tick + 1)
-            self._told = times if is_told else _NOTHING_TOLD
-        return is_told
-
-    def second(self, tick: int) -> float:
-        """Time of a tick, s."""
-        return tick * self.rate_hz.denominator / self.rate_hz.numerator
+            self._given_times = times if is_given else _NO_TIMES
+        return is_given
 
     def settle(self) -> None:
-        """Find all again where something lies elsewhere, or others are due."""
-        now = self._lies()
+        """Make the table again if an array has moved, or other sensors are due."""
+        now = self._dependencies()
         if tuple(map(id, now)) != self._ids:
             self._tabulate()
 
-    def _lies(self) -> tuple[object, ...]:
+    def _dependencies(self) -> tuple[object, ...]:
+        """Return the objects on which the table depends."""
         bank, instruments, hydro, solids = self.pilots.bank, self.instruments, self.hydro, self.instruments.solids
         return (
             hydro.table, instruments.now, instruments.heads.rows, self.sensing.groups, None if bank is None else bank.table,
@@ -108,11 +108,11 @@ class StepTable:
         )  # fmt: skip
 
     def finding(self) -> Finding | None:
-        """How it is found out whether anything may touch; None where nothing may, or compiled code cannot."""
+        """Return how contacts are found; None if there can be none, or compiled code cannot find them."""
         return self.scene.finding() if self.scene is not None and self.scene is self.hydro.collider else None
 
     def _met(self, solids: Geometry) -> Met | None:
-        """What rays are cast at; None where there are none or they meet nothing."""
+        """Return the surfaces at which rays are cast; None if no sensor casts rays, or there is nothing to meet."""
         is_met = self.sensing.casts and self.scene is solids
         return self.scene.met() if is_met and self.scene is not None else None
 
@@ -123,8 +123,8 @@ class StepTable:
         met = self._met(instruments.solids)
         self.timetable = made = timetable_of(self.sensing.groups, instruments)
         instruments.follow_contacts()
-        self._known = self._lies()
-        self._ids = tuple(map(id, self._known))
+        self._kept = self._dependencies()
+        self._ids = tuple(map(id, self._kept))
         step, hear, tell = (0, 0, 0) if bank is None else bank.codes()
         sea = self.water.sea
         no_drifts, no_intervals = np.zeros((0, 2, 3)), np.zeros(0, np.int64)
@@ -135,7 +135,7 @@ class StepTable:
         course = np.zeros(1, rows.COURSE)
         last_round = max((group.round for group in self.sensing.groups), default=rows.WHEN_DUE)
         course[0] = (
-            hydro.dt, finding.margin, self.rate_hz.numerator, self.rate_hz.denominator, *self._told, step, self.pilots.every, hear, tell,
+            hydro.dt, finding.margin, self.rate_hz.numerator, self.rate_hz.denominator, *self._given_times, step, self.pilots.every, hear, tell,
             0 if sea is None else entries.flow_code(), *finding[:3], cast, codes, delivery.code(), max(last_round, rows.WHEN_DUE),
         )  # fmt: skip
         self.rows = made.rows | {

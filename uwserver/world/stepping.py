@@ -1,4 +1,4 @@
-"""A world's steps (`uwserver.step.tick`): what they are given, and what Python does where they stop."""
+"""The steps of a world (`uwserver.step.tick`): what they get from Python, and the Python work at their stops."""
 
 from __future__ import annotations
 
@@ -11,14 +11,12 @@ from uwserver.step import rows
 from uwserver.step.streams import NEVER
 from uwserver.world.part import Before, Part, Turns
 from uwserver.world.profile import Profile, kind_of
-from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.step_table import LONGEST, StepTable
-from uwserver.world.ticks import Ticks
 from uwserver.world.timetable import needs_of
 
 _SERVED, _ALONE = 5120, 25_600
-"""Ticks of one body, or half as many of two, that one step makes at most. In a server they take about 20 ms; then their samples are handed over. In a
-program that steps its own world they take about 0.1 s; then it can be interrupted."""
+"""Most ticks in one step for a world with one body; half as many with two. In a server they take about 20 ms; then their samples are handed
+on. In a program that steps its own world they take about 0.1 s; then it can be interrupted."""
 
 REASONS = {
     rows.PILOTS: "autopilots", rows.FORCES: "forces", rows.FIND: "contacts", rows.DRAW: "drifting currents",
@@ -26,7 +24,7 @@ REASONS = {
     rows.PYTHON: "readings in Python", rows.WRITE: "frozen texts", rows.KEEP: "values that are no numbers", rows.ROOM: "room",
     rows.CALLED: "called sensors",
 }  # fmt: skip
-"""What a step has stopped for, in words."""
+"""Why a step has stopped, in words."""
 
 _UNITS = {
     rows.PILOTS: ("autopilots", "autopilots"), rows.FIND: ("contact", "detection"), rows.MOVE: ("physics", "bodies"),
@@ -34,14 +32,14 @@ _UNITS = {
     rows.REPEAT: ("sensors", "compound"), rows.WRITE: ("sensors", "status"),
     rows.DELIVER: ("delivery", "errors, delays"), rows.HEAR: ("listening", "autopilots"),
 }  # fmt: skip
-"""Stage and kind of what compiled code does, as in a profile."""
+"""Stage and kind of the work of compiled code, as in a profile."""
 _WORK = {rows.UNIT: 0, rows.PILOTS: rows.PILOTS, rows.DIVERGED: rows.MOVE}
-"""Stops behind such work, and what it was where that follows from it."""
+"""Stops behind such work, and which work it was if the stop tells."""
 
 _CHANGING = (rows.PILOTS, rows.FORCES, rows.FIND, rows.FLOW)
-"""Stops behind which things may lie elsewhere."""
+"""Stops after which arrays may have moved."""
 QUIET = (rows.FIND, rows.DRAW)
-"""Stops behind which nothing else has changed."""
+"""Stops whose Python work changes nothing else."""
 
 _NAMES = rows.RUN.names or ()
 _TICK, _STAGE, _ROUND, _NEEDS, _DUE, _KINDS, _TURN, _BEGUN, _ENDS, _WRITTEN, _WHICH, _UNIT = (
@@ -51,22 +49,22 @@ _ASKED = slice(_NAMES.index("first"), _NAMES.index("measured") + 1)
 
 
 class Stepping:
-    """Of a world.
+    """Makes the ticks of a world.
 
     Attributes:
-        given: what steps are given.
-        turns: of its parts.
+        given: the table that steps get.
+        turns: the work of the parts.
         stops: how often steps have stopped, by `REASONS`.
-        profile: measures each unit of work; None for nobody.
+        profile: measures each unit of work; None for none.
     """
 
     def __init__(self, given: StepTable, stand: Callable[[int], None], has_to_tell: Callable[[], bool]) -> None:
-        """Of a world.
+        """Load the step.
 
         Args:
-            given: what its steps are given.
-            stand: tells the world at which tick it stands.
-            has_to_tell: whether something waits to be told, so that no further tick is to be made.
+            given: the table that steps get.
+            stand: tells the world which tick it has reached.
+            has_to_tell: returns whether something waits for clients, so that no further tick is to be made.
         """
         from uwserver.step import tick
 
@@ -75,7 +73,6 @@ class Stepping:
         self._hydro, self._water, self._instruments, self._sensing, self._pilots = (
             given.hydro, given.water, given.instruments, given.sensing, given.pilots,
         )  # fmt: skip
-        self._ticks = Ticks(given.rate_hz)
         self._stand_at, self._has_to_tell = stand, has_to_tell
         self._step = straight(tick.step)
         self._first = 0
@@ -84,24 +81,26 @@ class Stepping:
         self.stops = dict.fromkeys(REASONS.values(), 0)
         self.profile: Profile | None = None
         self._answers = {
-            rows.PILOTS: self._attend, rows.FORCES: self._give_forces, rows.FIND: given.hydro.find_contacts, rows.DRAW: self._draw,
-            rows.FLOW: self._follow, rows.ARRIVALS: self._arrive, rows.PYTHON: self._sense, rows.WRITE: self._write, rows.KEEP: self._keep,
+            rows.PILOTS: lambda: self._pilots.attend(self._now[1]), rows.FORCES: lambda: take_turns(self.turns.forces, *self._now),
+            rows.FIND: given.hydro.find_contacts, rows.DRAW: self._draw, rows.FLOW: self._follow,
+            rows.ARRIVALS: lambda: self._sensing.under_way.arrive(self._now[1]),
+            rows.PYTHON: lambda: self._sensing.by_hand.sense(self._due, self._now[1]), rows.WRITE: self._write, rows.KEEP: self._keep,
             rows.ROOM: self._make_room, rows.CALLED: self._call,
         }  # fmt: skip
 
     # -- ticks ----------------------------------------------------------------------------------------------------------------------
 
     def go_on(self, tick: int, most: int, posted: IntArray | None, samples: list[Sample]) -> int:
-        """Make up to `most` ticks, one at least.
+        """Make up to `most` ticks, and at least one.
 
         Args:
-            tick: at which the world stands; what comes before autopilots has been done.
+            tick: the present tick of the world; everything before autopilots has been done.
             most: 1 or more.
-            posted: as of `tick.step`; None for a world that no other thread posts to.
-            samples: receives those that `Sensing` does not keep to tell.
+            posted: as for `tick.step`; None for a world to which no other thread posts.
+            samples: takes the samples that `Sensing` does not keep.
 
         Returns:
-            The row of the first body whose state is not finite, -1 where all went well.
+            The row of the first body whose state is not finite; -1 if there is none.
         """
         longest = max(1, (_ALONE if posted is None else _SERVED) // max(1, len(self._hydro)))
         until = tick + min(most, LONGEST, longest)
@@ -111,7 +110,7 @@ class Stepping:
         try:
             while lost < 0:
                 if asks:
-                    # Who is in a server is asked for something between two ticks that need Python.
+                    # In a server, requests may come at any time, so a step that has needed Python ends with its tick.
                     ends = stopped and (posted is not None or self._has_to_tell())
                     until = tick + 1 if ends else min(until, self.next_tick(tick))
                     self.ask(tick, until)
@@ -123,17 +122,18 @@ class Stepping:
                 elif why != rows.UNIT:
                     asks, stopped = not stopped or why not in QUIET, True
                     self.answer(why)
-        finally:  # a kernel may raise
+        finally:  # A kernel may raise.
             self.end(why)
         return lost
 
     def begin(self, tick: int, samples: list[Sample]) -> bool:
-        """Ticks are to be made from this one on; what comes before autopilots has been done. Returns whether one alone (`StepTable.stands_at`).
+        """Prepare for ticks from this one on; everything before autopilots has been done. Returns whether only one can be made
+        (`StepTable.stands_at`).
 
-        `samples` receives those that `Sensing` does not keep to tell.
+        `samples` takes the samples that `Sensing` does not keep.
         """
         run, self._samples, self._first = self.given.run, samples, self._instruments.logged
-        run[: _ASKED.start] = 0  # of which BEGIN is the stage
+        run[: _ASKED.start] = 0  # 0 in `stage` is BEGIN
         run[_TICK] = tick
         if self._pilots.bank is not None:
             self._pilots.follow_switches()
@@ -142,7 +142,7 @@ class Stepping:
         return is_one
 
     def end(self, why: int) -> None:
-        """No further tick is made, for that reason: the world knows where it stands, and samples are told."""
+        """Finish a call of the step, which has stopped for this reason: the world gets its tick, and samples are handed on."""
         run, instruments, samples = self.given.run, self._instruments, self._samples
         reached = run[: _ASKED.start].tolist()
         self._stand_at(reached[_TICK])
@@ -159,28 +159,24 @@ class Stepping:
 
     @property
     def lost(self) -> int:
-        """The row of the body whose state is not finite, for which a step has stopped."""
+        """Row of the body whose state is not finite, after a step has stopped for that."""
         return int(self.given.run[_WHICH])
 
     def next_tick(self, tick: int) -> int:
-        """Before which one after this parts act again that do so before autopilots."""
-        following = [part.next_tick for part, _ in (*self.turns.first, *self.turns.watch) if part.next_tick is not None]
-        return max(tick + 1, min(following, default=NEVER))
+        """Return the next tick before which a part acts that does so before autopilots."""
+        return max(tick + 1, next_tick((*self.turns.first, *self.turns.watch)))
 
     def ask(self, first: int, until: int) -> None:
-        """Say what Python says before a step: ticks are made from the first on and until another."""
+        """Set what Python decides before a step: the first tick, the tick at which it ends, and when Python is needed."""
         sensing, turns, collider = self._sensing, self.turns, self._hydro.collider
-        forces = NEVER
-        if turns.forces:
-            forces = min([part.next_tick for part, _ in turns.forces if part.next_tick is not None], default=NEVER)
         follow_ns = min([NEVER, *(part.after_ns for part, _ in turns.follow)])
         self.given.run[_ASKED] = (
-            first, until, forces, collider is not None and self.given.finding() is None, follow_ns, sensing.call_ns,
+            first, until, next_tick(turns.forces), collider is not None and self.given.finding() is None, follow_ns, sensing.call_ns,
             sensing.callable, not sensing.under_way.is_idle, 2 if turns.last else bool(turns.ears), self.profile is not None,
         )  # fmt: skip
 
     def ask_again(self) -> None:
-        """The same behind a stop, as others may be due then; where something waits to be told, no further tick is made."""
+        """Do the same after a stop, as others may be due then. If something waits for clients, no further tick is made."""
         first, until = self.given.run[_ASKED][:2].tolist()
         self.ask(first, 0 if self._has_to_tell() else min(until, self.next_tick(first)))
 
@@ -191,7 +187,7 @@ class Stepping:
         return self.profile.unit(*step, name=self._unit)
 
     def _unit(self, why: int) -> tuple[str, str, int] | None:
-        """What compiled code has done, as a profile tells it; None for nothing by itself."""
+        """Return what compiled code has just done, for a profile; None if it was nothing of its own."""
         if why not in _WORK:
             return None
         unit = _WORK[why] or int(self.given.run[_UNIT])
@@ -208,16 +204,12 @@ class Stepping:
     @property
     def _now(self) -> tuple[int, int]:
         tick = int(self.given.run[_TICK])
-        return tick, self._ticks.time_of(tick)
+        return tick, self.given.ticks.time_of(tick)
 
-    @property
-    def _seconds(self) -> float:
-        return self.given.second(int(self.given.run[_TICK]))
-
-    # -- where they stop ------------------------------------------------------------------------------------------------------------
+    # -- the stops ------------------------------------------------------------------------------------------------------------------
 
     def answer(self, why: int) -> None:
-        """Do what a step has stopped for (`REASONS`)."""
+        """Do the Python work for which a step has stopped (`REASONS`)."""
         self.stops[REASONS[why]] += 1
         if why not in QUIET:
             self._stand()
@@ -225,12 +217,6 @@ class Stepping:
         self._answers[why]()
         if why in _CHANGING:
             self.given.settle()
-
-    def _attend(self) -> None:
-        self._pilots.attend(self._now[1])
-
-    def _give_forces(self) -> None:
-        take_turns(self.turns.forces, *self._now)
 
     def _draw(self) -> None:
         if self._water.sea is not None:
@@ -242,36 +228,25 @@ class Stepping:
             if t_ns >= part.after_ns:
                 act(tick, t_ns, self._samples)
 
-    def _arrive(self) -> None:
-        self._sensing.under_way.arrive(self._now[1])
-
     def _call(self) -> None:
-        """Let sensors that are called have a round of their own, if there are any."""
-        run, called = self.given.run, self._sensing.called(self._seconds)
+        """Let sensors that are called read in a round of their own, if there are any."""
+        run, called = self.given.run, self._sensing.called(self.given.ticks.second(self._now[0]))
         if not called:
             run[_ROUND] = rows.WHEN_DUE
             return
-        heads = [slot.head for slot in called]
-        run[_STAGE], run[_NEEDS], run[_DUE] = rows.RATES, self._needs_of(called), len(heads)
-        self.given.rows["due"][: len(heads)] = heads
-        count = 0
-        kinds = [
-            (kind, [k for k in heads if self._bank_of(k) is bank])
-            for kind, bank in enumerate(self.given.timetable.banks)
-        ]
-        there = [(kind, of_kind) for kind, of_kind in kinds if of_kind]
-        for turn, (kind, of_kind) in enumerate(there):
-            self.given.rows["turns"][count : count + len(of_kind)] = of_kind
-            self.given.rows["turn"][turn] = kind, count, len(of_kind)
-            count += len(of_kind)
-        run[_KINDS] = len(there)
-
-    def _needs_of(self, called: Iterable[SensorSlot]) -> int:
         needs = needs_of(called)
-        return needs & ~rows.NEEDS_TEXTS | (rows.NEEDS_PYTHON if needs & rows.NEEDS_TEXTS else 0)
-
-    def _bank_of(self, head: int) -> object:
-        return getattr(self.given.timetable.slots[head].sensor, "bank", None)
+        if needs & rows.NEEDS_TEXTS:  # Compiled code writes texts for whole groups only.
+            needs = needs & ~rows.NEEDS_TEXTS | rows.NEEDS_PYTHON
+        run[_STAGE], run[_NEEDS], run[_DUE] = rows.RATES, needs, len(called)
+        self.given.rows["due"][: len(called)] = [slot.head for slot in called]
+        count = turn = 0
+        for kind, bank in enumerate(self.given.timetable.banks):
+            heads = [slot.head for slot in called if getattr(slot.sensor, "bank", None) is bank]
+            if heads:
+                self.given.rows["turns"][count : count + len(heads)] = heads
+                self.given.rows["turn"][turn] = kind, count, len(heads)
+                count, turn = count + len(heads), turn + 1
+        run[_KINDS] = turn
 
     @property
     def _due(self) -> IntArray:
@@ -279,13 +254,10 @@ class Stepping:
         return due
 
     def _turn(self, number: int) -> IntArray:
-        """Heads of a kind that read together."""
+        """Return the heads of a kind that read together."""
         _, first, count = self.given.rows["turn"][number].tolist()
         heads: IntArray = self.given.rows["turns"][first : first + count]
         return heads
-
-    def _sense(self) -> None:
-        self._sensing.by_hand.sense(self._due, self._now[1])
 
     def _write(self) -> None:
         self._sensing.take_texts()
@@ -300,8 +272,13 @@ class Stepping:
         self._first = self._instruments.logged
 
 
+def next_tick(parts: Iterable[tuple[Part, Before]]) -> int:
+    """Return the first tick in which one of these parts has something to do; NEVER if none has."""
+    return min([part.next_tick for part, _ in parts if part.next_tick is not None], default=NEVER)
+
+
 def take_turns(parts: Iterable[tuple[Part, Before]], tick: int, t_ns: int) -> None:
-    """Let those of these parts act that have something to do in a tick."""
+    """Call those of these parts that have something to do in a tick."""
     for part, before in parts:
         if part.next_tick is not None and tick >= part.next_tick:
             before(tick, t_ns)

@@ -1,4 +1,4 @@
-"""Bodies and water of a world as parts of it: what is kept of them, and what moves with the ticks."""
+"""The bodies and the water of a world as parts with a state."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class BodiesState(State, frozen=True):
 
 
 class Bodies(Part):
-    """The arrays of the kernel, which moves the bodies between the stages."""
+    """The arrays of the kernel, which moves the bodies."""
 
     path = "world/bodies"
     state_type = BodiesState
@@ -30,44 +30,44 @@ class Bodies(Part):
         self._hydro = hydro
 
     def save(self) -> BodiesState:
-        """Copies of the arrays."""
+        """Return copies of the arrays."""
         return BodiesState(self._hydro.save())
 
     def check(self, state: Any) -> None:
-        """See `Hydrodynamics.check`."""
+        """Raise ValueError if the arrays do not fit: see `Hydrodynamics.check`."""
         self._hydro.check(state.arrays)
 
     def load(self, state: BodiesState) -> None:
-        """Put them back."""
+        """Take over a checked state."""
         self._hydro.load(state.arrays)
 
 
 class WaterState(State, frozen=True):
-    """The steady current (m/s, N), and of each drifting current its random stream and its velocities at both ends of a draw."""
+    """The steady current (m/s, N), and for each drifting current its random stream and its velocities at both ends of the present interval."""
 
     current: Vec3
     drifts: Annotated[tuple[tuple[bytes, Annotated[tuple[float, ...], Meta(max_length=6)]], ...], Meta(max_length=1024)]
 
 
 class Flowing(Part):
-    """The water, whose uniform part drifts from tick to tick."""
+    """The water, whose uniform part drifts."""
 
     path = "world/water"
     state_type = WaterState
 
     def __init__(self, water: Water, set_current: Callable[[Vec3], None]) -> None:
-        """set_current: method of the world."""
+        """Take the water. `set_current` is the method of the world."""
         self._water = water
         self._set_current = set_current
         self._drifts = [(RandomStream(drift.rng), drift.ends) for drift in (water.sea.drifts if water.sea else ())]
 
     def save(self) -> WaterState:
-        """What drifts."""
+        """Return the currents."""
         drifts = tuple((stream.save(), tuple(ends.ravel().tolist())) for stream, ends in self._drifts)
         return WaterState(self._water.current, drifts)
 
     def check(self, state: Any) -> None:
-        """As many drifting currents, and velocities of water."""
+        """Raise ValueError for another number of drifting currents, or velocities that no water has."""
         if len(state.drifts) != len(self._drifts):
             raise ValueError(f"{len(state.drifts)} drifting currents, not {len(self._drifts)}")
         for (stream, ends), (data, given) in zip(self._drifts, state.drifts, strict=True):
@@ -79,7 +79,7 @@ class Flowing(Part):
             raise ValueError("a current faster than any water")
 
     def load(self, state: WaterState) -> None:
-        """Put it back; the world stands at its tick already."""
+        """Take over a checked state. The world is at its tick already."""
         for (stream, ends), (data, given) in zip(self._drifts, state.drifts, strict=True):
             stream.load(data)
             ends[...] = np.reshape(given, ends.shape)

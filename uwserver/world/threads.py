@@ -1,4 +1,4 @@
-"""How many threads step a world: as many as its scenario asks for, or two where that is faster here."""
+"""How many threads step a world: as many as its scenario asks for, or two if that is faster on this machine."""
 
 from __future__ import annotations
 
@@ -14,33 +14,35 @@ AUTO: Literal["auto"] = "auto"
 Wanted = Literal["auto"] | int
 
 LEAST_BODIES = 16
-"""With fewer no thread begins: what could be shared is done before another thread is awake."""
+"""With fewer bodies no thread is started: the work would be done before another thread is awake."""
 BLOCKS = 12
-"""Of ticks that a trial lasts, each with one thread or with all, in turn."""
+"""Number of blocks of ticks in a trial, with one thread and with all in turn."""
 GAIN = 0.97
-"""Sharing must take less than this part of the time of one thread."""
+"""Sharing must take less than this fraction of the time of one thread."""
 
 
 class Trial:
-    """Ticks with one thread and with all, in turn, until it is known which is faster. The numbers of a run are the same in both.
+    """Makes ticks with one thread and with all in turn, until it is known which is faster. The results of the run are the same in both
+    cases.
 
-    Blocks are as long as the schedule of the sensors, so that all hold the same work; medians, as other processes disturb some.
+    The blocks are as long as the schedule of the sensors, so that all of them have the same work. Medians are compared, as other processes
+    disturb some blocks.
     """
 
     def __init__(self, team: Team, block: int, now_ns: Callable[[], int]) -> None:
-        """A trial of a team, in blocks of so many ticks; `now_ns`: monotonic wall time."""
+        """Begin a trial of a team, with `block` ticks in each block. `now_ns` gives monotonic wall time."""
         self._team, self._block, self._now_ns = team, block, now_ns
         self._began: int | None = None
         self._spent = self._ticks = 0
         self._spans: list[int] = []
 
     def begin_tick(self) -> None:
-        """A tick begins."""
+        """Begin a tick."""
         self._began = self._now_ns()
 
     def end_tick(self) -> bool:
-        """It ends. Returns whether the trial is over; the team then shares, or does not."""
-        if self._began is None:  # it was settled within this tick
+        """End a tick. Returns whether the trial is over; the team then shares the work, or does not."""
+        if self._began is None:  # The trial began within this tick.
             return False
         self._spent += self._now_ns() - self._began
         self._ticks += 1
@@ -51,7 +53,7 @@ class Trial:
         self._team.shares = len(self._spans) % 2 == 1
         if len(self._spans) < BLOCKS:
             return False
-        # The first block of each warms up.
+        # The first block of each kind is a warm-up.
         self._team.shares = median(self._spans[3::2]) < GAIN * median(self._spans[2::2])
         return True
 
@@ -60,11 +62,11 @@ class Threads:
     """The threads of one world.
 
     Attributes:
-        trial: while it is measured whether they pay.
+        trial: the trial that goes on; None for none.
     """
 
     def __init__(self, hydro: Hydrodynamics, block: int, now_ns: Callable[[], int] = perf_counter_ns) -> None:
-        """Of the world of these bodies; `block`: ticks after which sensors have done all that they do."""
+        """Begin with one thread, in the world of these bodies. `block` is the number of ticks after which the work of the sensors repeats."""
         self._hydro, self._block, self._now_ns = hydro, block, now_ns
         self._wanted: Wanted = 1
         self._team: Team | None = None
@@ -73,18 +75,19 @@ class Threads:
 
     @property
     def count(self) -> int:
-        """How many step the world now."""
+        """How many threads step the world now."""
         return self._team.size if self._team is not None and self._team.shares else 1
 
     def want(self, wanted: Wanted) -> None:
-        """Step with so many threads, from 1 to MOST_THREADS, or (`AUTO`) with two where that is faster. Bodies come later."""
+        """Step with this number of threads, from 1 to MOST_THREADS, or with two if that is faster (`AUTO`). It takes effect when bodies are
+        added."""
         if wanted != AUTO and not 1 <= wanted <= MOST_THREADS:
             raise ValueError(f"a world has 1 to {MOST_THREADS} threads, not {wanted}")
         self.end()
         self._team, self._wanted = None, wanted
 
     def settle(self) -> None:
-        """Bodies came or went: begin with what pays for so many, before anything finds the bodies' arrays."""
+        """Start the threads that pay for this number of bodies. Called after bodies were added or removed, before their arrays are used."""
         hydro, size = self._hydro, self._size()
         if size < 2 or len(hydro) < LEAST_BODIES:
             return
@@ -99,7 +102,7 @@ class Threads:
             self._tried, self.trial = len(hydro), Trial(self._team, self._block, self._now_ns)
 
     def end_tick(self) -> None:
-        """A tick of a trial ends, and with the last one the trial."""
+        """End a tick of a trial; the last one ends the trial."""
         if self.trial is not None and self.trial.end_tick():
             self.trial = None
 
@@ -109,7 +112,7 @@ class Threads:
         return self._wanted if can_sleep() else 1
 
     def end(self) -> None:
-        """Let the threads end, and wait for it; the world is stepped by one from then on."""
+        """End the threads and wait for them. From then on one thread steps the world."""
         self._wanted, self.trial = 1, None
         if self._team is not None:
             self._team.end()

@@ -1,4 +1,4 @@
-"""Ticks and their times, in whole numbers: there and back without a drift."""
+"""The times of ticks, in whole numbers, so that conversion in both directions is exact."""
 
 from __future__ import annotations
 
@@ -13,26 +13,32 @@ Number = TypeVar("Number", int, IntArray)
 
 
 class Ticks:
-    """The grid of times on which a world moves."""
+    """The times at which a world stands."""
 
     def __init__(self, rate_hz: Fraction) -> None:
-        """Of a world with this physics rate, Hz (> 0)."""
-        # In whole numbers, as Fraction arithmetic would cost as much as a sensor.
-        self._double_ns, self._rate = 2 * NANOSECONDS * rate_hz.denominator, rate_hz.numerator
+        """Take the number of ticks per second, Hz (> 0)."""
+        # As integers, because arithmetic with Fractions would take as long as a sensor.
+        self._parts, self._rate = rate_hz.denominator, rate_hz.numerator
+        self._double_ns = 2 * NANOSECONDS * self._parts
 
     def time_of(self, tick: Number) -> Number:
-        """Simulation time of a tick, or of an array of some, ns (half up): computed from its number, never accumulated."""
+        """Return the simulation time of a tick, or of an array of ticks, ns (rounded half up). It is computed from the number of the tick,
+        never accumulated."""
         return (tick * self._double_ns + self._rate) // (2 * self._rate)
 
+    def second(self, tick: int) -> float:
+        """Return the simulation time of a tick, s."""
+        return tick * self._parts / self._rate
+
     def first_at(self, t_ns: int) -> int:
-        """The first tick whose time is t_ns (ns) or later."""
+        """Return the first tick whose time is t_ns (ns) or later."""
         return -((self._rate - 2 * self._rate * t_ns) // self._double_ns)
 
     def at(self, t_s: float) -> int:
-        """The first tick at simulation time t_s (s, finite, >= 0) or later.
+        """Return the first tick at simulation time t_s (s, finite, >= 0) or later.
 
-        1 ns earlier is as good: told times are whole nanoseconds, and a float that was made of one is not quite it. So the time that a status tells
-        leads back to its own tick. (After 97 days floats are coarser than that; then two of their steps are.)
+        A tick 1 ns earlier also counts: reported times are whole nanoseconds, and a float made of one is not exact. So the time in a status
+        leads back to its own tick. (After 97 days, floats are coarser than 1 ns; then a tick two steps of a float earlier counts.)
         """
         slack_ns = max(1, math.ceil(2 * math.ulp(t_s) * NANOSECONDS))
         return max(0, self.first_at(round(t_s * NANOSECONDS) - slack_ns))

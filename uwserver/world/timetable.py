@@ -1,4 +1,4 @@
-"""When which sensors of a world read, as rows for the step (`uwserver.step.rows`)."""
+"""When the sensors of a world read, as rows for the step (`uwserver.step.rows`)."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from uwserver.world.sensor_slot import SensorSlot
 
 
 class Group(NamedTuple):
-    """Sensors that are due in the same ticks, every `divisor`, in a round of them."""
+    """Sensors that are due in the same ticks, every `divisor`, and read in the same round."""
 
     round: int
     divisor: int
@@ -38,12 +38,12 @@ class Group(NamedTuple):
 
 
 class Timetable(NamedTuple):
-    """That of a world, until other sensors are due.
+    """The timetable of a world, until other sensors are due.
 
     Attributes:
-        rows: of `step.rows.FORMS`, by name.
+        rows: arrays of `step.rows.FORMS`, by name.
         banks: of the kinds, by their numbers.
-        slots: by the number of a head.
+        slots: by the number of their head.
     """
 
     rows: dict[str, Any]
@@ -52,7 +52,7 @@ class Timetable(NamedTuple):
 
 
 def groups_of(slots: Iterable[SensorSlot]) -> list[Group]:
-    """The active ones among some, by how often they are due; those that repeat what others have read come after all others."""
+    """Return the active sensors among some, grouped by how often they are due. Sensors that repeat readings of others come last."""
     found: dict[tuple[bool, int], list[SensorSlot]] = {}
     for slot in slots:
         if slot.active:
@@ -65,17 +65,17 @@ def groups_of(slots: Iterable[SensorSlot]) -> list[Group]:
 
 
 def is_written(slot: SensorSlot) -> bool:
-    """Whether compiled code writes it, and tells its texts."""
+    """Return whether compiled code writes the readings of a sensor, including their texts."""
     return slot.is_compiled and slot.sensor.writing is not None
 
 
 def is_repeated(slot: SensorSlot) -> bool:
-    """Whether compiled code repeats for it what others have read."""
+    """Return whether compiled code makes the readings of a sensor from readings of others."""
     return bool(slot.sensor.repeated) and not slot.is_wordy
 
 
 def needs_of(slots: Iterable[SensorSlot]) -> int:
-    """What these sensors need beside compiled code."""
+    """Return what these sensors need besides the compiled kernels of their kinds, as a sum of NEEDS_ flags."""
     needs = 0
     for slot in slots:
         needs |= NEEDS_RATES * slot.sensor.needs_rates
@@ -95,7 +95,7 @@ class _Maker:
     """Makes the rows of a timetable."""
 
     def __init__(self, instruments: Instruments) -> None:
-        """Of sensors that lie in these instruments."""
+        """Begin with empty rows, for sensors in these instruments."""
         self._instruments = instruments
         self.banks: list[Bank] = []
         self._numbers: dict[int, int] = {}
@@ -108,7 +108,7 @@ class _Maker:
         self.members: list[int] = []
 
     def add(self, group: Group) -> None:
-        """One group more."""
+        """Add a group."""
         first, share_first = len(self.scheduled), len(self.shares)
         writing_first, repeating_first = len(self.writings), len(self.repeatings)
         by_kind: dict[int, list[int]] = {}
@@ -146,18 +146,18 @@ class _Maker:
         )
 
     def kind(self, bank: Bank) -> tuple[int, ...]:
-        """The row of a kind."""
+        """Return the row of a kind."""
         *aims, code = codes_of(bank)
         rows = self._instruments.rows_of(bank).rows
         return code, rows.ctypes.data, len(rows), rows.dtype.itemsize, bool(aims), *(*aims, 0, 0)[:2]
 
 
 def timetable_of(groups: Sequence[Group], instruments: Instruments) -> Timetable:
-    """The timetable of a world.
+    """Return the timetable of a world.
 
     Args:
         groups: in the order of a tick.
-        instruments: where they lie.
+        instruments: the arrays of the sensors.
     """
     made = _Maker(instruments)
     for group in groups:
@@ -195,7 +195,7 @@ def timetable_of(groups: Sequence[Group], instruments: Instruments) -> Timetable
 
 
 def _most_rays(made: _Maker, heads: Any) -> tuple[int, int]:
-    """How many rays sensors of a kind cast at most in a tick, and how many sensors these are."""
+    """Return the most rays that sensors of one kind cast in a tick, and the most sensors that cast them."""
     casting = [kind for kind, bank in enumerate(made.banks) if bank.aims]
     rays, counts = dict.fromkeys(casting, 0), dict.fromkeys(casting, 0)
     for kind, first, count in made.shares:

@@ -1,4 +1,4 @@
-"""What sensors said while a world was stepped, as arrays: one table for each port."""
+"""Samples of sensors, recorded as arrays while a world is stepped: one table for each port."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Trace:
     """All samples of one port, in their order: ``trace.t``, and ``trace.depth`` or ``trace["depth"]`` of shape (n, *shape of the field).
 
     Attributes:
-        port: whose.
+        port: the port.
         samples: as they were delivered.
     """
 
@@ -38,9 +38,10 @@ class Trace:
         return np.array([sample.valid for sample in self.samples], dtype=bool)
 
     def columns(self) -> dict[str, NDArray[Any]]:
-        """Arrays (n) by name, as ``pandas.DataFrame`` takes them: `t`, `valid`, and each number of each field: `depth`, `p_NS_0`, `p_NS_1`, `p_NS_2`.
+        """Return arrays (n) by name, as ``pandas.DataFrame`` takes them: `t`, `valid`, and each number of each field: `depth`, `p_NS_0`,
+        `p_NS_1`, `p_NS_2`.
 
-        Buffers, of which one is a table itself, are left out.
+        Buffers are left out, as each of them is a table itself.
         """
         columns = {"t": self.t, "valid": self.valid}
         for field in self.port.fields:
@@ -52,11 +53,11 @@ class Trace:
         return columns
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """All values of a field; KeyError for one that the port has not."""
+        """Return all values of a field; KeyError if the port has no such field."""
         for k, field in enumerate(self.port.fields):
             if field.name == name:
                 values = [as_array(field, sample.value[k]) for sample in self.samples]
-                if len({value.shape for value in values}) > 1:  # pictures of several sizes
+                if len({value.shape for value in values}) > 1:  # pictures of different sizes
                     whole = np.empty(len(values), dtype=object)
                     whole[:] = values
                     return whole
@@ -81,22 +82,23 @@ class Trace:
 
 
 class Traces(Mapping[str, Trace]):
-    """Traces by the path of their port; they grow with each step until `stop`, also within a ``with``."""
+    """Traces by the path of their port. They grow with each step until `stop`, or until the end of a ``with`` block."""
 
-    def __init__(self, ports: Iterable[Port], under_way: list[Traces]) -> None:
+    def __init__(self, ports: Iterable[Port], growing: list[Traces]) -> None:
+        """Record these ports; `growing` has all traces that still grow, and takes this one in."""
         self._traces = {port.path: Trace(port) for port in ports}
-        self._under_way = under_way
-        under_way.append(self)
+        self._growing = growing
+        growing.append(self)
 
     def take(self, samples: Samples) -> None:
-        """Keep the samples of the chosen ports."""
+        """Keep the samples of the recorded ports."""
         for sample in samples.of(self._traces):
             self._traces[sample.port].samples.append(sample)
 
     def stop(self) -> None:
-        """Keep what there is, and take no more."""
-        if self in self._under_way:
-            self._under_way.remove(self)
+        """Take no more samples, and keep those that there are."""
+        if self in self._growing:
+            self._growing.remove(self)
 
     def __enter__(self) -> Traces:
         return self
@@ -124,23 +126,16 @@ class Traces(Mapping[str, Trace]):
         return "\n".join(map(repr, self._traces.values()))
 
 
-class Tracing:
-    """All traces of a world that still grow."""
+def chosen(ports: Mapping[str, Port], patterns: Sequence[str]) -> list[Port]:
+    """Return the sensor ports that match one of the patterns; all of them if there is no pattern.
 
-    def __init__(self) -> None:
-        self._under_way: list[Traces] = []
-
-    def begin(self, ports: Mapping[str, Port], patterns: Sequence[str]) -> Traces:
-        """Traces of the sensors that match; Refused where none does."""
-        wanted = patterns or ("**",)
-        sensors = [port for port in ports.values() if port.direction == "sensor"]
-        chosen = [port for port in sensors if any(matches(pattern, port.path) for pattern in wanted)]
-        if not chosen:
-            there = ", ".join(port.path for port in sensors) or "none"
-            raise Refused("unknown_port", f"no sensor matches {', '.join(wanted)}; there are: {there}", "patterns")
-        return Traces(chosen, self._under_way)
-
-    def take(self, samples: Samples) -> None:
-        """Hand the samples of some ticks to all of them."""
-        for traces in self._under_way:
-            traces.take(samples)
+    Raises:
+        Refused: no sensor matches.
+    """
+    wanted = patterns or ("**",)
+    sensors = [port for port in ports.values() if port.direction == "sensor"]
+    found = [port for port in sensors if any(matches(pattern, port.path) for pattern in wanted)]
+    if not found:
+        there = ", ".join(port.path for port in sensors) or "none"
+        raise Refused("unknown_port", f"no sensor matches {', '.join(wanted)}; there are: {there}", "patterns")
+    return found

@@ -1,4 +1,4 @@
-"""Readings that take time, from their begin to their delivery: who of them is computed, waited for, learned from, or dropped."""
+"""Readings that take time, from their begin to their delivery: which of them are computed, awaited, given back to their sensor, or dropped."""
 
 from __future__ import annotations
 
@@ -14,35 +14,35 @@ from uwserver.world.sensor_slot import SensorSlot
 
 
 class UnderWay:
-    """Those of a world.
+    """The readings of a world that take time.
 
     Attributes:
-        streams: sensors that take time, and their streams, by the number of these.
-        is_idle: there are none.
+        streams: the sensors that take time with their streams, by the number of the stream.
+        is_idle: whether there are no such sensors.
     """
 
     def __init__(self, instruments: Instruments, is_read: Callable[[int], bool]) -> None:
-        """instruments: where they lie; `is_read`: whether anybody reads a stream, by its number."""
+        """Begin without readings. `is_read` returns whether a stream is read, by its number."""
         self._instruments, self._computing, self._is_read = instruments, instruments.computing, is_read
         self._slots: dict[str, SensorSlot] = {}
         self.streams: dict[int, tuple[SensorSlot, SensorStream]] = {}
-        self._refused: dict[str, int] = {}
-        self._lost: set[tuple[int, int]] = set()
+        self._to_drop: dict[str, int] = {}
+        self._dropped: set[tuple[int, int]] = set()
         self.is_idle = True
 
     def settle(self, slots: Iterable[SensorSlot]) -> None:
-        """Sensors came or went; these are here."""
+        """Take over the sensors that there are now."""
         self._slots = {slot.path: slot for slot in slots if slot.sensor.takes_time}
         self.streams = {k: (slot, stream) for slot in self._slots.values() for k, stream in _numbered(slot)}
         self.is_idle = not self._slots
 
     def forget(self) -> None:
-        """The world is in another state: what was to be dropped of the old one does not count."""
-        self._refused.clear()
+        """Forget which readings are to be dropped, as the world is in another state."""
+        self._to_drop.clear()
 
     def late(self, tick: int, t_ns: int) -> list[Call]:
-        """Calls that drop what cannot be ready in a tick, for a world that must not wait: what is due and not computed, and what would begin
-        while the reading before is under computation. Before the tick that leads to `tick`, at `t_ns`."""
+        """Return the calls that drop readings for a world that must not wait: readings that are due and not computed, and readings that
+        would begin while the one before is under computation. Called before the tick that leads to `tick`, at `t_ns`."""
         found: dict[tuple[str, int], None] = {}
         if t_ns >= self._instruments.next_ns:
             for _, k, seq in self._instruments.arriving(t_ns):
@@ -57,7 +57,7 @@ class UnderWay:
         return [drop_call(path, number) for path, number in found]
 
     def arrive(self, t_ns: int) -> None:
-        """Before samples are delivered: compute, or wait for, what is due and needed."""
+        """Compute or wait for the values of samples that are due and needed. Called before they are delivered."""
         for place, k, seq in self._instruments.arriving(t_ns):
             slot, stream = self.streams.get(k, (None, None))
             if slot is None or stream is None or seq not in stream.coming or not self._is_needed(k, slot):
@@ -68,21 +68,21 @@ class UnderWay:
                 if loose.error and not loose.is_told:
                     loose.is_told = True
                     self._computing.count_failure(slot.path, seq, loose.error)
-            else:  # of a saved state
+            else:  # from a saved state
                 values = loose
             if None in values:
-                self._instruments.spoil(place)
+                self._instruments.invalidate(place)
             elif slot.sensor.learns and stream is slot.streams[0]:
                 slot.sensor.learn(values)
 
     def take(self, slot: SensorSlot, t_ns: int) -> None:
-        """A sensor was asked at a time: begin to compute what it has begun."""
+        """Begin to compute the reading that a sensor has just begun at a time."""
         if not slot.sensor.takes_time or not slot.is_ready:
             return
         number = slot.number - 1
-        if self._refused.get(slot.path) == number:
-            del self._refused[slot.path]
-            self._lose(slot, number)
+        if self._to_drop.get(slot.path) == number:
+            del self._to_drop[slot.path]
+            self._drop_reading(slot, number)
             return
         due_ns = t_ns + slot.delay_ns
         for k, stream in _numbered(slot):
@@ -91,9 +91,9 @@ class UnderWay:
                 self._computing.begin(work, due_ns)
 
     def purge(self) -> None:
-        """What is lost is not on its way any more. Not while samples are delivered."""
-        if self._lost:
-            lost, self._lost = self._lost, set()
+        """Remove the samples of lost readings. Not called while samples are delivered."""
+        if self._dropped:
+            lost, self._dropped = self._dropped, set()
             self._instruments.lose(lambda k, seq: (k, seq) in lost)
 
     def drop(self, args: Mapping[str, Json]) -> Json:
@@ -104,23 +104,24 @@ class UnderWay:
             text = f'no sensor that takes time is "{shown(str(args["port"]))}", there are: {names}'
             raise Refused("bad_argument", text, "port")
         if number == slot.number:
-            self._refused[slot.path] = number
+            self._to_drop[slot.path] = number
             return None
         if not any(number in stream.coming for stream in slot.streams):
             raise Refused("bad_argument", f"reading {number} is not under way; the next is {slot.number}", "number")
-        self._lose(slot, number)
+        self._drop_reading(slot, number)
         self.purge()
         return None
 
-    def _lose(self, slot: SensorSlot, number: int) -> None:
+    def _drop_reading(self, slot: SensorSlot, number: int) -> None:
         for k, stream in _numbered(slot):
             work = stream.coming.pop(number, None)
             if isinstance(work, Work) and work is not stream.loose:
                 work.is_cancelled = True
-            self._lost.add((k, number))
+            self._dropped.add((k, number))
         self._computing.count_drop(slot.path, number)
 
     def _is_needed(self, k: int, slot: SensorSlot) -> bool:
+        """Return whether the stream is read, or the sensor needs the values itself."""
         return self._is_read(k) or (slot.sensor.learns and k == slot.stream_numbers.start)
 
 

@@ -1,4 +1,4 @@
-"""One vehicle's state as a reader sees it."""
+"""A read-only view of one vehicle's state."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from uwserver.physics.kernel.layout import NU, P, Q
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """p_NB (m) and q_NB (w x y z)."""
+    """A pose: p_NB (m) and q_NB (w x y z)."""
 
     p_NB: Vec3
     q_NB: Quat
@@ -25,11 +25,11 @@ class Pose:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Vehicle:
-    """Live view of one body; every property is read from the world's arrays at the time of asking.
+    """Live view of one body. Each property is read from the arrays of the world at the time of the call.
 
     Attributes:
         name: in the scenario.
-        model: the vehicle file's own name.
+        model: name in the vehicle file.
         row: in the arrays.
         hydro: the arrays.
     """
@@ -65,7 +65,8 @@ class Vehicle:
     def wrench(self) -> tuple[float, ...]:
         """Force (N) and moment (N m) of all actuators about the body origin in B, from the present lag states.
 
-        Prescribed wrenches that vary with time are taken at t = 0 of their sine (with a sea: now); a commanded one is exact.
+        A prescribed wrench that varies with time is taken at t = 0 of its sine; with a sea, at the present time. A commanded wrench is
+        exact.
         """
         sea = self.hydro.sea
         _, tau = self.hydro.rates_of_change(0.0 if sea is None else float(sea.uniform[6]))

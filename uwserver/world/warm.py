@@ -1,4 +1,4 @@
-"""Compiles every kernel, so that no server has to; ``python -m uwserver.world.warm``."""
+"""Compiles every kernel ahead of the first run; ``python -m uwserver.world.warm``."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import os
 import shutil
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 from uwserver.physics import warm as physics
@@ -13,15 +14,17 @@ from uwserver.physics.kernel.compiled import cache_state
 from uwserver.world import banks
 from uwserver.world.builds import STAGES, prepare, progress, watch_parent
 
-COMPILE: dict[str, Callable[[], object]] = {**physics.COMPILE, **banks.COMPILE}
-"""What compiles the kernels of a stage, and no others."""
+COMPILE: dict[str, Callable[[], object]] = physics.COMPILE | {
+    stage: partial(banks.load, stage) for stage in banks.STAGES
+}
+"""Compiles the kernels of each stage."""
 
 _KEPT = 16
-"""Caches of other versions, 3 MB each, that stay: other installations and checkouts may be at work with them, and wheels are made of them."""
+"""Caches of other versions that stay, 3 MB each: other installations and checkouts may use them, and wheels are made of them."""
 
 
 def prune(folder: Path) -> list[Path]:
-    """Remove the oldest caches that other versions of the sources left beside `folder`; returns what was removed."""
+    """Remove the oldest caches beside `folder` that other versions of the sources have left. Returns the removed ones."""
     others = [path for path in folder.parent.glob("kernels-*") if path != folder]
     old = sorted(others, key=lambda path: path.stat().st_mtime_ns, reverse=True)[_KEPT:]
     for path in old:
@@ -30,10 +33,10 @@ def prune(folder: Path) -> list[Path]:
 
 
 def warm(say: Callable[[str], None] = lambda line: None) -> bool:
-    """Compile what the cache lacks, on all cores, and run each path of those of physics once.
+    """Compile the kernels that the cache lacks, on all cores, and run each path of the physics kernels once.
 
     Args:
-        say: gets a line of progress before each part.
+        say: takes a line of progress before each part.
 
     Returns:
         Whether anything had to be compiled.
@@ -45,13 +48,13 @@ def warm(say: Callable[[str], None] = lambda line: None) -> bool:
     compiled = prepare(STAGES, progress())
     physics.check(say)
     say("kernels: sensors and autopilots")
-    for stage in banks.COMPILE:
-        COMPILE[stage]()
+    for stage in banks.STAGES:
+        banks.load(stage)
     return compiled
 
 
 def compile_for_parent(arguments: Sequence[str], compile_stage: Mapping[str, Callable[[], object]]) -> None:
-    """Be one of the processes of `builds.start`, with its arguments: ``--nice N STAGE...``."""
+    """Do the work of a process of `builds.start`, with its arguments: ``--nice N STAGE...``."""
     os.nice(int(arguments[1]))
     watch_parent()
     for stage in arguments[2:]:

@@ -1,4 +1,4 @@
-"""The world: bodies, components and the tick. Single-threaded, no input or output, no wall time."""
+"""The world: bodies, components and the tick. It has one thread, no input or output, and no wall time."""
 
 from __future__ import annotations
 
@@ -47,25 +47,26 @@ _OPEN_WATER = OpenWater()
 class World(InProcess):
     """All vehicles and their components, stepped tick by tick.
 
-    Build one with `uwserver.load`. Not thread-safe: in a server only the simulation thread touches it.
+    Build one with `uwserver.load`. Not thread-safe: in a server only the simulation thread uses it.
 
     Attributes:
         t_ns: simulation time, ns, computed from `tick`.
-        ticks: which tick is when.
+        ticks: the times of all ticks.
         ports, services: what can be read, commanded and called, by path. Replaced, never changed in place.
         members: all bodies with their components, by name; `vehicles`, `sensors` and `actuators` follow from them.
         vehicles: the bodies by name, free objects too.
-        scene: solid things; None where nothing is solid.
-        lambert, sediments: (n) backscatter of their materials by number, and these as a bottom that reflects.
-        water, earth, sight: the environment, where N lies, and what cameras see.
-        parts: all that lives in it, by path: its own parts and those of the members, sorted. The rows of the bodies stand before all others,
-            which may look at them when they load.
-        own_parts, population: those that are no body's, and the one that makes bodies.
-        identity: tells apart scenarios whose states cannot be exchanged.
-        answers: what callers that wait are to be told in this tick.
-        threads, jumps: how many threads step it, and how often a reset or restore has set the time.
-        requests, sensing: what was posted, and what measures; `readings_dropped` and `readings_failed` of what takes time, by port.
-        stepping, stops: what makes its ticks, and how often these have needed Python, by what for.
+        scene: the solids; None if there are none.
+        lambert, sediments: (n) backscatter of their materials by number, and the materials as a reflecting bottom.
+        water, earth, sight: the environment, the place of N, and what cameras see.
+        parts: everything that lives in the world, by path: its own parts and those of the members, sorted. The arrays of the bodies come
+            first, as other parts may read them when they load.
+        own_parts, population: the parts that belong to no body, and the one that makes bodies.
+        identity: tells scenarios apart whose states cannot be exchanged.
+        answers: replies of this tick to callers that wait.
+        threads, jumps: the threads that step the world, and how often a reset or restore has set the time.
+        requests, sensing: the posted requests, and the sensors. `readings_dropped` and `readings_failed` count lost readings of sensors
+            that take time, by port.
+        stepping, stops: makes the ticks, and counts how often they have needed Python, by reason.
     """
 
     def __init__(
@@ -76,7 +77,7 @@ class World(InProcess):
         self.hydro, self.water = hydro, water
         self.earth, self.lambert, self.sediments = Earth(), SEDIMENT, BOTTOM
         self.sight: Sight | None = None
-        self._rate, self.ticks = (rate_hz.numerator, rate_hz.denominator), Ticks(rate_hz)
+        self.ticks = Ticks(rate_hz)
         self.tick = self.jumps = 0
         self.vehicles: dict[str, Vehicle] = {}
         self.ports: Mapping[str, Port] = {}
@@ -85,7 +86,7 @@ class World(InProcess):
         self.actuators: dict[str, ActuatorSlot] = {}
         self.members: dict[str, Member] = {}
         self.scene: Scene | None = None
-        self._solids, self._settled = dict[Member, int](), list[Member]()
+        self._solids, self._placed_members = dict[Member, int](), list[Member]()
         self._own_services: dict[str, tuple[Service, Carry]] = {}
         self._events = list[Event]()
         self.answers: Answers = []
@@ -99,7 +100,7 @@ class World(InProcess):
         self._profile: Profile | None = None
         self._pilots = Pilots(hydro)
         given = StepTable(hydro, water, self.instruments, self.sensing, self._pilots, rate_hz)
-        self.stepping = Stepping(given, self._stand, self._has_to_tell)
+        self.stepping = Stepping(given, self._stand, self._has_output)
         self.stops = self.stepping.stops
         self.threads = Threads(hydro, max(16, round(rate_hz / 4)))
         self._timed: Timer = untimed
@@ -118,22 +119,22 @@ class World(InProcess):
 
     @property
     def geometry(self) -> Geometry:
-        """Solid things, as sensors see them."""
+        """The solids, as sensors see them."""
         return _OPEN_WATER if self.scene is None else self.scene
 
     def set_scene(self, scene: Scene) -> None:
-        """Give the world its solid things; before any body is in it."""
+        """Give the world its solids, before any body is in it."""
         self.scene = self.hydro.collider = self.stepping.given.scene = scene
 
     def prepare(self) -> None:
-        """Do now what would make a tick late when it is needed first: before a run that the clock paces."""
+        """Prepare everything that would delay the first tick that needs it. Called before a run that the clock paces."""
         self.stepping.given.settle()
         if self.scene is not None:
             self.scene.stocks.ways.open()
-            self.scene.still()  # which makes the surfaces
+            self.scene.still()  # makes the surfaces
 
     def add(self, part: Part) -> None:
-        """Let a part of its own live in the world, with its services.
+        """Add a part of the world's own, with its services.
 
         Raises:
             ValueError: another part has this path.
@@ -144,32 +145,32 @@ class World(InProcess):
         self.parts[part.path] = part
         for service, carry in part.services:
             self.offer(service, carry)
-        self._line_up()
+        self._order_parts()
 
     def set_members(self, members: Iterable[Member]) -> None:
-        """Let these bodies, and no others, be in the world. Their rows are there already; so may they be, by `bind`."""
-        begun, new = bool(self._settled or "world/reset" in self.services), list(members)
+        """Let these bodies, and no others, be in the world. Their rows exist already; `bind` may have been called before."""
+        begun, new = bool(self._placed_members or "world/reset" in self.services), list(members)
         if new != list(self.members.values()):
             self.bind(new)
         if self.scene is not None:
             place_solids(self.scene, self._solids, new)
         there = set(new)
-        for part in [part for member in self._settled if member not in there for part in member.parts]:
+        for part in [part for member in self._placed_members if member not in there for part in member.parts]:
             if self.parts.get(part.path) is not part:
                 part.leave("the vehicle was taken out of the world")
-        self._settled = new
+        self._placed_members = new
         self._commands.next_tick = self.tick
         if begun:
             self.say("ports_changed", "bodies came or went")
 
     def dismiss(self, name: str) -> None:
-        """Let a body go, with its components; its rows stay. All parts drop what they have of it while it is still there."""
+        """Remove a body with its components; its rows stay. All parts drop what they have about it first."""
         for part in self.parts.values():
             part.forget(name)
         self.set_members(member for other, member in self.members.items() if other != name)
 
     def bind(self, members: Iterable[Member]) -> None:
-        """Know these bodies by name, with their components, and tell nobody: the part of `set_members` that can be taken back."""
+        """Make the bodies, their components and services known, without any event. This part of `set_members` can be undone."""
         self.members = {member.vehicle.name: member for member in members}
         self.parts = {part.path: part for part in self.own_parts}
         for known in (self.vehicles, self.sensors, self.actuators, self.carry):
@@ -177,10 +178,11 @@ class World(InProcess):
         services = {path: service for path, (service, _) in self._own_services.items()}
         self.carry |= {path: carry for path, (_, carry) in self._own_services.items()}
         for name, member in self.members.items():
+            by_path = member.by_path
             self.vehicles[name] = member.vehicle
-            self.sensors |= member.by_path.sensors
-            self.actuators |= member.by_path.actuators
-            self.parts |= member.by_path.parts
+            self.sensors |= by_path.sensors
+            self.actuators |= by_path.actuators
+            self.parts |= by_path.parts
             offered = {service.path: service for service in member.offered}
             services |= offered
             self.carry |= zip(offered, member.carry, strict=True)
@@ -188,16 +190,16 @@ class World(InProcess):
         self.refresh()
 
     def refresh(self) -> None:
-        """Publish the ports as the slots now have them, and put everybody in line again."""
+        """Publish the ports of the slots as they are now, and find the order of parts again."""
         slots: list[SensorStream | ActuatorSlot] = [stream for slot in self.sensors.values() for stream in slot.streams]
         slots += self.actuators.values()
         self.ports = {slot.port.path: slot.port for slot in slots}
         self.threads.settle()
         self.sensing.settle()
-        self._line_up()
+        self._order_parts()
 
-    def _line_up(self) -> None:
-        """Who acts when: lists in the order of a tick, so that nothing is paid in a tick for what is not there."""
+    def _order_parts(self) -> None:
+        """List the parts that act, in the order of a tick, so that a tick spends no time on parts that do nothing."""
         self.parts = {path: self.parts[path] for path in (Bodies.path, *sorted(self.parts.keys() - {Bodies.path}))}
         awake = [part for part in self.own_parts if is_awake(part)]
         awake += [part for member in self.members.values() for part in member.by_path.awake]
@@ -207,27 +209,29 @@ class World(InProcess):
         self.sensing.schedule()
 
     def want(self, ports: Container[str] | None, thinned: Thinned = WHOLE) -> None:
-        """Let `step` give samples of these ports alone, so that the others cost next to nothing; None, as at first, for all. `thinned`: as `Sensing`.
+        """Let `step` give samples of these ports only, so that the others cost next to nothing; None, as at first, for all. `thinned` is as
+        for `Sensing.want`.
 
-        Those that parts hear (`Part.hears`) are there too. All sensors measure and count as ever, and `read` gives the newest of any port.
+        Samples for parts (`Part.hears`) are given too. All sensors measure and count as ever, and `read` returns the newest sample of any
+        port.
         """
         self.sensing.want(ports, thinned)
 
     def watch(self, profile: Profile | None) -> None:
-        """Let a profile measure each stage of a tick, from the next on; None for nobody. Between two ticks."""
+        """Let a profile measure each stage of a tick from the next tick on; None ends it. Called between two ticks."""
         self._profile = self.stepping.profile = profile
         self._timed = untimed if profile is None else profile.timed
         self._carry_out = self._timed("requests", "requests", self.requests.carry_out)
         self.sensing.watch(self._timed)
-        self._line_up()
+        self._order_parts()
 
     @property
     def is_watched(self) -> bool:
-        """Whether a profile measures its ticks."""
+        """Whether a profile measures the ticks."""
         return self._profile is not None
 
     def follow_slots(self, why: str) -> None:
-        """Slots were changed: look at sensors and watchdogs anew, and publish and tell of their ports where these are others."""
+        """Check sensors and watchdogs again after slots were changed. If ports have changed, publish them with an event."""
         self._commands.next_tick = self.tick
         slots: list[SensorSlot | ActuatorSlot] = [*self.sensors.values(), *self.actuators.values()]
         if any(self.ports[slot.port.path] is not slot.port for slot in slots):
@@ -245,10 +249,10 @@ class World(InProcess):
     def set_current(self, velocity: Vec3) -> None:
         """Set the uniform, steady part of the current, m/s in N, from the next tick on."""
         self.water.current = velocity
-        self.instruments.sea_moves()
+        self.instruments.current_changed()
         self.hydro.currents[:] = velocity
         if self.water.sea is not None:
-            self.water.sea.hold(self.tick, self._seconds(), velocity)
+            self.water.sea.hold(self.tick, self.ticks.second(self.tick), velocity)
 
     @property
     def tick(self) -> int:
@@ -260,27 +264,24 @@ class World(InProcess):
         self._tick, self.t_ns = tick, self.ticks.time_of(tick)
 
     def jump(self, tick: int) -> None:
-        """Set the time to that of a tick; what was read at another time is forgotten."""
+        """Set the time to that of a tick, and forget samples of other times."""
         self.tick, self.jumps = tick, self.jumps + 1
         self.sensing.forget_newest()
 
-    def _seconds(self) -> float:
-        return self._tick * self._rate[1] / self._rate[0]
-
     def __repr__(self) -> str:
         vehicles, ports = ", ".join(self.vehicles), f"{len(self.sensors)} sensors, {len(self.actuators)} actuators"
-        return f"<World {self.name} at {self._seconds():.3f} s (tick {self.tick}): {vehicles or 'no vehicle'}; {ports}>"
+        return f"<World {self.name} at {self.ticks.second(self.tick):.3f} s (tick {self.tick}): {vehicles or 'no vehicle'}; {ports}>"
 
     def advance(self, more: Iterable[Posted] = (), most: int = 1, posted: IntArray | None = None) -> TickOutput:
-        """One tick, or several while none of them needs what comes before a tick: their order is that of `uwserver.step.tick`.
+        """Make one tick, or several if none of the later ones needs the work before a tick. Their order is that of `uwserver.step.tick`.
 
         Args:
-            more: is carried out before the first, after what was posted (`Requests.carry_out`).
+            more: requests to carry out before the first tick, after the posted ones (`Requests.carry_out`).
             most: ticks.
-            posted: as of `step.tick.step`: ends these ticks as soon as another thread posts something; None where no thread does.
+            posted: as for `step.tick.step`: the ticks end as soon as another thread posts something; None if no other thread does.
 
         Raises:
-            Diverged: a body's state is not finite.
+            Diverged: the state of a body is not finite.
         """
         trial = self.threads.trial
         if trial is not None:
@@ -304,7 +305,7 @@ class World(InProcess):
     def _stand(self, tick: int) -> None:
         self.tick = tick
 
-    def _has_to_tell(self) -> bool:
+    def _has_output(self) -> bool:
         return bool(self._events or self.answers or self.requests.posted)
 
     def _begin_tick(self, output: TickOutput, more: Iterable[Posted]) -> None:
@@ -312,11 +313,12 @@ class World(InProcess):
         take_turns(self.stepping.turns.first, self._tick, self.t_ns)
         if self.requests.posted or more:
             self._carry_out(output, more)
-            if self.jumps != jumps:  # the faults of this tick are others
+            if self.jumps != jumps:  # The time was set, so other faults are due.
                 take_turns(self.stepping.turns.first, self._tick, self.t_ns)
 
     def _end_tick(self, output: TickOutput, diverged: int = -1) -> None:
-        """All is done, but for who listens; `diverged`: row of the first body whose state is not finite."""
+        """Give samples to the parts that listen, and complete the output. `diverged` is the row of the first body whose state is not
+        finite."""
         output.told = self.sensing.take_told()
         ears = self.stepping.turns.ears
         for sample in output.samples if ears else ():
@@ -332,8 +334,8 @@ class World(InProcess):
             raise Diverged(report(self._tick, self.t_ns, lost, self._commands), output)
 
     def flush(self, more: Iterable[Posted] = ()) -> TickOutput:
-        """Carry out what was posted before the tick, and begin and end the faults that it meets: for a paused world, where calls must still be
-        answered, and for ticks in one go. Where nothing was posted, nothing begins."""
+        """Carry out the posted requests before a tick, and begin and end the faults that are due then: for a paused world, which must still
+        answer calls, and for many ticks in one call. If nothing was posted, nothing is done."""
         output = TickOutput(self.tick, self.t_ns, [])
         if self.requests.posted or more:
             self._begin_tick(output, more)
@@ -341,7 +343,7 @@ class World(InProcess):
         return output
 
     def end(self, why: str) -> Answers:
-        """Answers for everybody who still waits, when the run ends."""
+        """Return answers for all callers that still wait, as the run ends."""
         self.threads.end()
         for part in self.parts.values():
             part.leave(why)
@@ -351,4 +353,4 @@ class World(InProcess):
 
     def say(self, event: str, text: str) -> None:
         """Queue an event for all clients."""
-        self._events.append(Event(event, self.tick, self.t_ns, text))  # type: ignore[arg-type]  # callers pass literals
+        self._events.append(Event(event, self.tick, self.t_ns, text))  # callers pass literals

@@ -17,7 +17,7 @@ def batch():
     [
         ("bluerov2/thruster", {"u": np.zeros(8)}, 'did you mean "bluerov2/thrusters"'),
         ("bluerov2/thrusters", {"v": np.zeros(8)}, 'no field "v"'),
-        ("bluerov2/thrusters", {}, "no field given"),
+        ("bluerov2/thrusters", {}, "no field is given"),
         ("bluerov2/thrusters", {"u": np.zeros((2, 8))}, r"\(3, 8\) is needed"),
         ("bluerov2/thrusters", {"u": np.full((3, 8), [[0.0], [np.nan], [0.0]])}, "of copy 1 is not finite"),
         ("bluerov2/thrusters", {"u": np.full((3, 8), [[0.0], [0.0], [1.5]])}, "of copy 2 is above 1"),

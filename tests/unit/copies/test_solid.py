@@ -125,7 +125,7 @@ def test_all_copies_hear_the_bottom():
 
 def test_a_factor_of_errors_is_refused_where_it_scales_none():
     """Sensors in Python draw their own; a latency they all have."""
-    with pytest.raises(Refused, match="no factor scales: rov/fix;"):
+    with pytest.raises(Refused, match="cannot be scaled: rov/fix;"):
         uwserver.batch(wet(), N, noise=0.5)
     batch = uwserver.batch(wet(), N, latency=[0.0, 0.5, 0.0])
     batch.step(240)

@@ -154,6 +154,10 @@ def test_a_driver_is_heard_from_its_first_tick_until_it_leaves(resolved: Resolve
     class Mute:
         wanted = ("rov/depth", "rov/truth/pose")
 
+        def order(self, wait_s: float) -> None: ...
+
+        answer = refuse = order
+
     with running(resolved, Timing(mode="lockstep", lockstep_clients=("fcu",))) as rig:
         rig.wanted = ()
         context = Context(hub_of(rig), "fcu", False)

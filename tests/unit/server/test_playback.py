@@ -1,4 +1,4 @@
-"""A recording behind the context of an adapter: the same description as live, and refusals that say why. Also of uwserver.simulation.source."""
+"""A recording behind the context of an adapter: the same description as live, and refusals that say why."""
 
 from __future__ import annotations
 
@@ -14,13 +14,12 @@ from uwserver.recording.player_track import Track
 from uwserver.recording.player_world import Range
 from uwserver.scenario.build.world import build
 from uwserver.scenario.scene.scenery import Scenery
-from uwserver.server.context import Context, Hub
+from uwserver.server.context import Context
 from uwserver.server.playback import Playback
 from uwserver.server.status import Monitor
 from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import Timing
 from uwserver.simulation.mailbox import Mailbox
-from uwserver.simulation.source import Source
 from uwserver.testing.mock_time import MockTime
 from uwserver.world.lookout import Lookout
 from uwserver.world.world import World
@@ -121,9 +120,3 @@ def test_the_scene_is_that_of_the_world(played: Played, world: World) -> None:
         (body.name, body.shapes, body.actuators, body.sensors) for body in live.vehicles]  # fmt: skip
     assert states[0].poses.shape == (1, 7)
     assert len(states[0].achieved) == 8
-
-
-def test_both_kinds_are_sources(played: Played) -> None:
-    source: Source = played.player
-    assert played.hub.simulation is source
-    assert isinstance(played.hub, Hub)

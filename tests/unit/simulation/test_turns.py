@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+
 import pytest
 from lock_rig import Keeper
 
@@ -20,7 +22,7 @@ def fill(turns: Turns[str]) -> None:
 
 
 def test_clients_take_turns_and_each_keeps_its_order() -> None:
-    turns: Turns[str] = Turns()
+    turns: Turns[str] = Turns(threading.Event())
     for client, count in (("a", 4), ("b", 1), ("c", 2)):
         for n in range(count):
             turns.put(client, f"{client}{n}")
@@ -32,7 +34,7 @@ def test_clients_take_turns_and_each_keeps_its_order() -> None:
 
 def test_queues_are_touched_under_the_lock_alone() -> None:
     """Else a request could go into a queue that is just taken away as an empty one, and be lost."""
-    turns: Turns[str] = Turns()
+    turns: Turns[str] = Turns(threading.Event())
     turns._lock = Keeper(turns, "_queues", "_bytes")  # type: ignore[assignment]
     turns.put("a", "a0")
     assert turns.overtake("a", "a-stop", lambda item: True) == ["a0"]
@@ -41,7 +43,7 @@ def test_queues_are_touched_under_the_lock_alone() -> None:
 
 
 def test_whose_turn_is_next_still_keeps_its_own_order() -> None:
-    turns: Turns[str] = Turns()
+    turns: Turns[str] = Turns(threading.Event())
     for item in ("a0", "a1", "b0"):
         turns.put(item[0], item)
     turns.put("c", "c0", first=True)
@@ -50,7 +52,7 @@ def test_whose_turn_is_next_still_keeps_its_own_order() -> None:
 
 
 def test_a_client_has_a_limit_of_its_own_and_is_told_which() -> None:
-    turns: Turns[str] = Turns()
+    turns: Turns[str] = Turns(threading.Event())
     for _ in range(MAX_WAITING):
         turns.put("a", "")
     with pytest.raises(Refused, match="1024 requests of this client wait") as caught:
@@ -62,7 +64,7 @@ def test_a_client_has_a_limit_of_its_own_and_is_told_which() -> None:
 
 
 def test_many_cannot_shut_out_one_who_asks_little() -> None:
-    turns: Turns[str] = Turns()
+    turns: Turns[str] = Turns(threading.Event())
     fill(turns)
     for _ in range(FREE_PLACES):
         turns.put("a", "")
@@ -74,7 +76,7 @@ def test_many_cannot_shut_out_one_who_asks_little() -> None:
 
 
 def test_a_stop_is_done_before_all_that_its_client_asked_and_takes_back_what_it_must() -> None:
-    turns: Turns[str] = Turns()
+    turns: Turns[str] = Turns(threading.Event())
     for item in ("b0", "a-go", "a1", "a-go too", "a2"):
         turns.put(item[0], item)
     assert turns.overtake("a", "a-stop", lambda item: "go" in item) == ["a-go", "a-go too"]
@@ -84,7 +86,7 @@ def test_a_stop_is_done_before_all_that_its_client_asked_and_takes_back_what_it_
 
 
 def test_a_stop_is_taken_though_its_client_has_used_up_its_limit_but_not_for_ever() -> None:
-    turns: Turns[str] = Turns()
+    turns: Turns[str] = Turns(threading.Event())
     fill(turns)
     for _ in range(FREE_PLACES):
         assert turns.overtake("crowd 0", "stop", lambda item: False) == []
@@ -98,11 +100,11 @@ def test_a_stop_is_taken_though_its_client_has_used_up_its_limit_but_not_for_eve
 
 def test_what_waits_is_bounded_in_bytes_too() -> None:
     """A thousand missions are a gigabyte, and a million objects for each collection to look at."""
-    turns: Turns[str] = Turns()
+    turns: Turns[str] = Turns(threading.Event())
     for size in (4 * MAX_BYTES, 0, 0):
         turns.put("a", "", size=size)  # the first is taken whatever it is
     with pytest.raises(
-        Refused, match="of this client with 8388608 bytes wait for their tick already, of 2097152 that may"
+        Refused, match="of this client with 8388608 bytes wait for their tick already; at most 2097152 bytes may wait"
     ):
         turns.put("a", "", size=1)
     turns.put("b", "", size=MAX_BYTES // 2)

@@ -36,9 +36,9 @@ def test_every_loop_of_a_sensor_belongs_to_a_stage() -> None:
     }
 
 
-@pytest.mark.parametrize("stage", banks.COMPILE)
+@pytest.mark.parametrize("stage", banks.STAGES)
 def test_a_stage_loads_the_kernels_that_it_names(stage: str) -> None:
-    banks.COMPILE[stage]()
-    kernels = list(banks._KERNELS[stage]())
+    banks.load(stage)
+    kernels = list(banks.STAGES[stage]()[1])
     assert len(kernels) == len(banks.kernels_of(stage)) > 0
     assert all(kernel.signatures for kernel in kernels)

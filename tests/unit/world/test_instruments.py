@@ -48,12 +48,11 @@ def test_rows_are_used_again() -> None:
 def test_what_was_read_at_another_time_is_forgotten() -> None:
     rig = Rig(slot_of(latency_ns=-3))
     rig.tick(1)
-    (k,) = rig.slots["rov/x"].stream_numbers
-    newest = rig.instruments.newest(k)
+    newest = rig.sensing.newest("rov/x")
     assert newest is not None
-    assert (newest.seq, newest.t_ns, newest.valid, newest.values.tolist()) == (0, 10, True, [1.0])
+    assert (newest.seq, newest.t_ns, newest.valid, newest.value) == (0, 10, True, (1.0,))
     rig.instruments.forget_newest()
-    assert rig.instruments.newest(k) is None
+    assert rig.sensing.newest("rov/x") is None
 
 
 def test_samples_on_their_way_can_be_put_back() -> None:

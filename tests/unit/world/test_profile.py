@@ -191,7 +191,7 @@ def test_each_stage_and_kind_has_its_line(make_world) -> None:
     assert told["sensors", "imu"].readings == 2 * (24 + 12)
     # A pressure and a depth sensor at 48 Hz.
     assert told["sensors", "pressure"].readings == 2 * 2 * 9
-    assert told["delivery", "errors, delays"].calls >= told["samples", "for who reads"].calls > 0
+    assert told["delivery", "errors, delays"].calls >= told["samples", "for readers"].calls > 0
     assert [line.stage for line in report.lines] == sorted((line.stage for line in report.lines), key=STAGES.index)
     assert sum(line.mean_us for line in report.lines) == pytest.approx(report.mean_us)
 

@@ -167,9 +167,9 @@ TWO_STREAMS = struct.pack("=6q", 1, 1, 10, 1, 1, 10)
     [
         ({"modifiers": ()}, "other modifiers"),
         ({"held": bytes(24)}, "streams"),
-        ({"held": struct.pack("=6q", 1, 1, 10, 2, 1, 10)}, "cannot be"),
-        ({"held": struct.pack("=6q", 1, 1, 10, 1, -1, 10)}, "cannot be"),
-        ({"held": struct.pack("=6q", 1, 1, 10, 1, 1, -10)}, "cannot be"),
+        ({"held": struct.pack("=6q", 1, 1, 10, 2, 1, 10)}, "not possible"),
+        ({"held": struct.pack("=6q", 1, 1, 10, 1, -1, 10)}, "not possible"),
+        ({"held": struct.pack("=6q", 1, 1, 10, 1, 1, -10)}, "not possible"),
         ({"numbers": bytes(8)}, "8 bytes of readings"),
         ({"loose": (("x",),)}, "other streams"),
         ({"settings": b"\x81\xa4gain\xcb\xc0\x00\x00\x00\x00\x00\x00\x00"}, ">= 0"),

@@ -50,10 +50,7 @@ def build(resolved: Resolved, seed: int | None = None, like: World | None = None
     world.lambert, world.sediments = lambert(resolved.materials), sediments(resolved.materials)
     if resolved.is_solid:
         build_scene(world, resolved, None if like is None or like.scene is None else like.scene.stocks)
-    faults = Faults(
-        hydro, water, world.vehicles, world.sensors, world.actuators, world.ticks, lambda: world.tick,
-        lambda text: world.say("fault", text),
-    )  # fmt: skip
+    faults = Faults(world)
     world.add(faults)
     add_medium(world, resolved)
     world.population = ScenarioPopulation(world, resolved)

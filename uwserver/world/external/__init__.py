@@ -1,1 +1,1 @@
-"""Bodies that follow somebody else's poses: of a log, of another simulator, of a robot at sea. They have no dynamics here."""
+"""Bodies whose poses come from outside: from a log, another simulator or a robot at sea. They have no dynamics here."""

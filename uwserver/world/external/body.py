@@ -1,9 +1,9 @@
-"""A body that follows poses: where it is comes from outside, and nothing here moves it."""
+"""A body that follows poses from outside."""
 
 from __future__ import annotations
 
 from functools import cache
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -13,52 +13,51 @@ from uwserver.physics.kernel.layout import NU, P, Q
 from uwserver.ports import NOWHERE_M, Sample
 from uwserver.world.external.motion import Bytes, Moving
 from uwserver.world.external.source import Source
-from uwserver.world.part import Part, Stage, State
+from uwserver.world.part import Stage, Stateless
 
 NOTHING_MOVES: Bytes = np.zeros(0, np.int8)
 UNYIELDING_KG = 1e9
-"""Mass, and moments of inertia in kg m2, of a body that others cannot push: a hit of a ton at 10 m/s changes it by 10 um/s until the end of
-the tick, when its source is asked again."""
+"""Mass, and moments of inertia in kg m2, of a body that others cannot push. A hit by a body of one ton at 10 m/s changes its speed by 10
+um/s until the end of the tick, when its source is asked again."""
 _APART_M = 1e3
-"""Bodies that are nowhere are so far from each other."""
+"""Distance between bodies that are nowhere."""
 
 
-class External(Part):
-    """Puts a body where its source says, after each step of the kernel.
+class External(Stateless):
+    """Moves a body to the pose that its source gives, after each step of the kernel.
 
-    What is not known is nowhere: high above the water, where no ray and no contact finds it (`NOWHERE_M`). What it remembers are the arrays
-    of the bodies, and a live source the pose that came last (`source.Heard`); so it has nothing of its own to save.
+    If the pose is not known, the body is nowhere: high above the water, where no ray and no contact finds it (`NOWHERE_M`). The part has no
+    state of its own: the pose stands in the arrays of the bodies, and a live source keeps its newest pose (`source.Heard`).
     """
 
-    state_type = State
     stage: ClassVar[Stage] = Stage.FORCES
 
     def __init__(
         self, name: str, hydro: Hydrodynamics, row: int, source: Source, ghost: bool, moving: Moving | None = None
     ) -> None:
-        """Of a body that was added with `led_params`.
+        """Take over a body that was added with `led_params`.
 
         Args:
             name: of the vehicle.
-            hydro, row: its arrays.
-            source: of its poses, in simulation time.
-            moving: what its actuators give, for who looks; None where it has none.
-            ghost: nothing touches it, so that the kernel need not move it within a tick either.
+            hydro, row: the arrays, and the row of the body in them.
+            source: gives the poses, in simulation time.
+            ghost: nothing touches the body, so the kernel need not move it within a tick either.
+            moving: gives the outputs of its actuators, for viewers; None if it has none.
         """
         self._path, self._hydro, self._row = f"{name}/external", hydro, row
         self.source, self._ghost, self._moving = source, ghost, moving
 
     @property
     def path(self) -> str:
-        """See `Part`."""
+        """``<vehicle>/external``."""
         return self._path
 
     def achieved(self, t_ns: int) -> Bytes:
-        """What its actuators give, each of -127..127, as in `SceneState.achieved`."""
+        """Return the outputs of its actuators at a simulation time, each -127..127, as in `SceneState.achieved`."""
         return NOTHING_MOVES if self._moving is None else self._moving.achieved(t_ns)
 
     def settle(self, t_ns: int) -> None:
-        """Stand where the source says at this time. The velocity is that at which it strikes others in the coming tick."""
+        """Move the body to the pose of its source at this time. The velocity is the one with which it hits others in the coming tick."""
         pose, hydro, row = self.source.at(t_ns), self._hydro, self._row
         state = hydro.state[row]
         if pose is None:
@@ -71,25 +70,18 @@ class External(Part):
         hydro.bodies["retired"][row] = 1 if self._ghost else 0
 
     def after(self, tick: int, t_ns: int, samples: list[Sample]) -> None:
-        """The kernel has moved it: it is put where it belongs, before any sensor looks."""
+        """Move the body to its pose again after the kernel has moved it, and before sensors read."""
         self.settle(t_ns)
-
-    def save(self) -> State:
-        """Nothing."""
-        return State()
-
-    def load(self, state: Any) -> None:
-        """The arrays of the bodies have been put back already."""
 
 
 @cache
 def led_params() -> BodyParams:
-    """A body without water, weight or damping, that yields to nothing."""
+    """Return the parameters of a body without water, weight or damping, which others cannot push."""
     nothing = np.zeros((6, 6))
     none = (0.0, 0.0, 0.0)
     return BodyParams(UNYIELDING_KG * np.eye(6), nothing, nothing, nothing, nothing, 0.0, 0.0, none, none, length=0.0)
 
 
 def is_nowhere(p_NB: tuple[float, ...]) -> bool:
-    """Whether a position (m, N) is that of a body of which nobody knows where it is."""
+    """Return whether a position (m, N) is that of a body whose pose is not known."""
     return p_NB[2] <= -NOWHERE_M

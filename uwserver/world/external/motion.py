@@ -1,4 +1,4 @@
-"""What the actuators of an external body give, as its log or its peer says: they turn in the view, and push nothing."""
+"""The outputs of the actuators of an external body, as its log or its peer gives them. Viewers show them; they exert no force."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from uwserver.ports import ACHIEVED_FULL, Field, Items
 from uwserver.units import NANOSECONDS
 
 HELD_S = 2.0
-"""For so long a value holds when no newer one comes: MAVLink tells outputs at 0.5 Hz and faster."""
+"""A value holds for so long if no newer one comes. MAVLink sends outputs at 0.5 Hz and faster."""
 PULSE_MIDDLE_S, PULSE_HALF_S = 1500e-6, 400e-6
-"""Length of a servo's pulse at rest, and from there to full: 1100 to 1900 us, as ArduPilot's `SERVOn_MIN` and `_MAX` have it."""
+"""Length of a servo's pulse at rest, and the difference to full: 1100 to 1900 us, as in ArduPilot's `SERVOn_MIN` and `SERVOn_MAX`."""
 Kind = Literal["part", "angle", "pulse"]
-"""A value is a part of all that the actuator can give (-1..1), an angle (rad), or the length of a servo's pulse (s)."""
+"""A value is a fraction of the full output (-1..1), an angle (rad), or the length of a servo's pulse (s)."""
 Bytes = np.ndarray[tuple[int, ...], np.dtype[np.int8]]
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What actuators give at instants of a track's clock.
+    """The outputs of actuators at instants of a track's clock.
 
     Attributes:
         t_ns: (n,) int64, strictly rising.
-        names: (k) of actuators in the vehicle's file, or numbers from 1 in its order.
-        kinds: (k) of the values.
-        values: (n, k); NaN where nothing is said.
+        names: (k) names of actuators in the vehicle's file, or numbers from 1 in the order of that file.
+        kinds: (k) kinds of the values.
+        values: (n, k); NaN where the log says nothing.
     """
 
     t_ns: IntArray
@@ -40,25 +40,25 @@ class Motion:
 
 
 class Shown(NamedTuple):
-    """An actuator of the vehicle's file that is drawn: its name, and the angle at full (rad) of a fin, else 0."""
+    """An actuator of the vehicle's file that viewers show: its name, and for a fin the angle at full output (rad), else 0."""
 
     name: str
     limit: float = 0.0
 
 
 class Moving(Protocol):
-    """Tells what the actuators of a body give."""
+    """Gives the outputs of a body's actuators."""
 
     def achieved(self, t_ns: int) -> Bytes:
-        """At a simulation time, each of -127..127, as in `SceneState.achieved`."""
+        """Return the outputs at a simulation time, each -127..127, as in `SceneState.achieved`."""
 
 
 class RecordedMotion:
-    """Of a log that was read before the run.
+    """Outputs from a log that was read before the run.
 
     Args:
         shown: actuators in the order of the view.
-        motion: what the log says, in simulation time; None for nothing.
+        motion: outputs in the log, in simulation time; None if it has none.
     """
 
     def __init__(self, shown: Sequence[Shown], motion: Motion | None) -> None:
@@ -78,37 +78,37 @@ class RecordedMotion:
 
 
 class HeardMotion(Struct, frozen=True):
-    """What came last: when (simulation time, ns; -1 before the first), and of each actuator -1..1."""
+    """The newest outputs: simulation time at which they came (ns; -1 before the first), and the value of each actuator, -1..1."""
 
     t_ns: Annotated[int, Meta(ge=-1, le=2**62)] = -1
     u: tuple[Annotated[float, Meta(ge=-1.0, le=1.0)], ...] = ()
 
 
 class LiveMotion:
-    """As commands of an actuator's port.
+    """Outputs that come as commands to an actuator's port.
 
     Attributes:
-        memory: see `HeardMotion`.
+        memory: the newest outputs.
     """
 
-    doc = "Says what its thrusters, fins and propellers give now, for who looks: they turn, and push nothing. It holds for 2 s."
+    doc = "Sets the outputs of its thrusters, fins and propellers that viewers show; they exert no force. A value holds for 2 s."
 
     def __init__(self, shown: Sequence[Shown], now_ns: Callable[[], int]) -> None:
-        """Of a body that has at least one of them."""
+        """Take the actuators that are shown, at least one, and a function that gives the simulation time, ns."""
         names = ", ".join(each.name for each in shown)
-        doc = f"of all that each can give, -1 to 1: {names}"
+        doc = f"fraction of the full output of each, -1 to 1: {names}"
         self.fields = (Field("u", "1", doc, shape=(len(shown),), minimum=-1.0, maximum=1.0),)
         self._still, self._now_ns = np.zeros(len(shown), np.int8), now_ns
         self.memory = HeardMotion()
 
     def apply(self, value: Items) -> None:
-        """Take over what a checked command says."""
+        """Take over a checked command."""
         if value[0] is not None:
             u: Any = value[0]
             self.memory = HeardMotion(self._now_ns(), tuple(float(part) for part in u))
 
     def neutral(self) -> None:
-        """Nothing to undo."""
+        """Do nothing: the outputs exert no force."""
 
     def achieved(self, t_ns: int) -> Bytes:
         """See `Moving`."""
@@ -118,14 +118,14 @@ class LiveMotion:
 
 
 def _rows(shown: Sequence[Shown], motion: Motion) -> Bytes:
-    """(n, m) what each actuator of the view gives; 0 where the log has nothing of it."""
+    """Return the outputs (n, m) of the actuators of the view; 0 for an actuator that the log does not have."""
     parts = np.zeros((len(motion.t_ns), len(shown)))
     names = {each.name: k for k, each in enumerate(shown)} | {str(k + 1): k for k in range(len(shown))}
     for name, kind, column in zip(motion.names, motion.kinds, motion.values.T, strict=True):
         place = names.get(name)
         if place is None:
-            continue  # an output without an actuator, as that of a lamp
-        if kind == "pulse":  # none at all is a servo that is switched off
+            continue  # an output without an actuator, such as that of a lamp
+        if kind == "pulse":  # A servo that is switched off gets no pulse.
             column = np.where(column > 0.0, (column - PULSE_MIDDLE_S) / PULSE_HALF_S, 0.0)
         elif kind == "angle" and shown[place].limit > 0.0:
             column = column / shown[place].limit

@@ -1,4 +1,4 @@
-"""What an external body shows: its pose with its age, and how far it is from another one."""
+"""The ports of an external body: its pose with its age, and its distance from another body."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from uwserver.world.external.source import Source
 
 
 class ExternalState(IdealSensor):
-    """Where an external body is, and how old that is."""
+    """Measures the pose of an external body, and the age of that pose."""
 
-    doc = "Where the body is as its source tells, and how old that is. Not valid while it is nowhere: age and count are still told."
+    doc = "Pose of the body as its source gives it, and the age of that pose. Not valid while it is nowhere; age and count are given nevertheless."
     fields = (
         Field("p_NB", "m", "position of the body origin", "N", (3,)),
         Field("q_NB", "1", "attitude, w x y z", "NB", (4,)),
         Field("v_NB_B", "m/s", "velocity", "B", (3,)),
         Field("w_NB_B", "rad/s", "angular velocity", "B", (3,)),
-        Field("age", "s", "since the newest pose of the source; missing before the first"),
-        Field("count", "1", "poses of the source until now", type="int"),
+        Field("age", "s", "time since the newest pose of the source; missing before the first"),
+        Field("count", "1", "number of poses from the source so far", type="int"),
     )
 
     def __init__(self, source: Source) -> None:
@@ -29,7 +29,7 @@ class ExternalState(IdealSensor):
         self._source = source
 
     def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
-        """Valid where the body is somewhere."""
+        """Return the pose, its age and the count; valid if the body is somewhere."""
         age, count = self._source.age_s(scope.t_ns), self._source.count(scope.t_ns)
         if is_nowhere(scope.p_NB):
             return False, [*blank(self.fields[:4]), age, count]
@@ -37,24 +37,24 @@ class ExternalState(IdealSensor):
 
 
 class Difference(IdealSensor):
-    """How far a body is from another one, at the same instant."""
+    """Measures how far a body is from another one at the same instant."""
 
-    doc = "Its pose less that of another body at the same instant. Not valid while one of the two is nowhere."
+    doc = "Difference between its pose and that of another body at the same instant. Not valid while one of the two is nowhere."
     fields = (
-        Field("difference_p_NB", "m", "its position less the other's", "N", (3,)),
-        Field("distance", "m", "length of this"),
-        Field("horizontal", "m", "length of its horizontal part"),
-        Field("heading", "rad", "its heading less the other's, -pi..pi"),
-        Field("angle", "rad", "of the turn from the other's attitude to its own"),
+        Field("difference_p_NB", "m", "its position minus that of the other body", "N", (3,)),
+        Field("distance", "m", "length of this difference"),
+        Field("horizontal", "m", "length of the horizontal part"),
+        Field("heading", "rad", "its heading minus that of the other body, -pi..pi"),
+        Field("angle", "rad", "angle of the turn from the other body's attitude to its own"),
     )
 
     def __init__(self, other: str) -> None:
-        """other: name of the body to compare with; not valid while there is none of this name."""
+        """Compare with the body `other`. Samples are invalid while there is no body of this name."""
         super().__init__()
         self._other = other
 
     def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
-        """Valid where both are somewhere."""
+        """Return the difference; valid if both bodies are somewhere."""
         other = scope.vehicles.get(self._other)
         if other is None or is_nowhere(other.p_NB) or is_nowhere(scope.p_NB):
             return False, blank(self.fields)

@@ -1,4 +1,4 @@
-"""Where an external body gets its poses from: a track that was read before the run, or commands that come in while it runs."""
+"""The sources of an external body's poses: a track that was read before the run, or commands that come in during the run."""
 
 from __future__ import annotations
 
@@ -28,27 +28,27 @@ from uwserver.world.external.track import (
 )
 
 PREDICT_S = 0.2
-"""For so long a body goes on as it went when nothing newer comes: the time between two poses of a source of 5 Hz."""
+"""If nothing newer comes, a body keeps its velocity for so long: the time between two poses of a source of 5 Hz."""
 
 
 class Source(Protocol):
-    """Tells where a body is."""
+    """Gives the pose of a body."""
 
     def at(self, t_ns: int) -> TrackPose | None:
-        """Where it is at a simulation time; None when nobody knows."""
+        """Return the pose at a simulation time; None if it is not known."""
 
     def age_s(self, t_ns: int) -> float | None:
-        """Since the newest pose that is known at this time; None before the first."""
+        """Return the age (s) of the newest pose that is known at this time; None before the first."""
 
     def count(self, t_ns: int) -> int:
-        """Poses until this time."""
+        """Return the number of poses up to this time."""
 
 
 class Recorded:
-    """A track in simulation time.
+    """A track that was read before the run.
 
     Args:
-        track: whose times are simulation times, ns.
+        track: its times are simulation times, ns.
         outside, max_gap_s: as in `PoseTrack.at`.
     """
 
@@ -80,14 +80,14 @@ _Speed = Annotated[float, Meta(ge=-2 * FASTEST_MPS, le=2 * FASTEST_MPS)]
 
 
 class Heard(Struct, frozen=True):
-    """The newest pose that came.
+    """The newest pose that has come.
 
     Attributes:
-        t_ns: when it came, simulation time; negative before the first.
-        stamp: when it was true, on the clock of its sender, s; None where that does not say.
-        p_NB, q_NB: m, w x y z.
-        nu: v_NB_B (m/s) and w_NB_B (rad/s): as it was given, else from the pose before.
-        count: poses so far.
+        t_ns: simulation time at which it came; negative before the first.
+        stamp: time of the pose on the clock of the sender, s; None if the sender gave none.
+        p_NB, q_NB: position (m) and attitude (w x y z).
+        nu: v_NB_B (m/s) and w_NB_B (rad/s): as the sender gave them, else derived from the pose before.
+        count: number of poses so far.
     """
 
     t_ns: Annotated[int, Meta(ge=-1, le=2**62)] = -1
@@ -103,22 +103,22 @@ def _limited(name: str, unit: str, doc: str, frame: str, limit: float, size: int
 
 
 class Live:
-    """Poses as commands of an actuator's port.
+    """Poses that come as commands to an actuator's port.
 
-    Between two of them the body goes on at the velocity that came with the newer one, or that follows from the two, but for no longer than
-    `predict_s`; then it stands.
+    Between two poses the body keeps the velocity that came with the newer one, or that follows from both, but for no longer than
+    `predict_s`. Then it stands.
 
     Attributes:
-        memory: see `Heard`.
+        memory: the newest pose.
     """
 
-    doc = "Says where the body is now. It follows, and does not resist."
+    doc = "Sets the pose of the body, which follows and cannot be pushed."
     fields = (
         _limited("p_NB", "m", "position of the body origin; needed", "N", FARTHEST_M),
-        _limited("q_NB", "1", "attitude, w x y z; normalised; left out: as it was", "NB", 1e6, size=4),
-        _limited("v_NB_B", "m/s", "velocity; left out: from the pose before", "B", FASTEST_MPS),
-        _limited("w_NB_B", "rad/s", "angular velocity; left out: from the pose before", "B", FASTEST_RADPS),
-        Field("stamp", "s", "when this was true, on the sender's own clock; an older one than before is refused"),
+        _limited("q_NB", "1", "attitude, w x y z; is normalised; default: unchanged", "NB", 1e6, size=4),
+        _limited("v_NB_B", "m/s", "velocity; default: derived from the pose before", "B", FASTEST_MPS),
+        _limited("w_NB_B", "rad/s", "angular velocity; default: derived from the pose before", "B", FASTEST_RADPS),
+        Field("stamp", "s", "time of the pose on the sender's own clock; an older one than before is refused"),
     )
 
     def __init__(
@@ -129,33 +129,35 @@ class Live:
         max_gap_s: float = MAX_GAP_S,
         predict_s: float = PREDICT_S,
     ) -> None:
-        """Of a body of which nothing is known yet.
+        """Begin without any pose.
 
         Args:
-            now_ns: simulation time.
-            start: where it stands before the first pose comes, if `outside` is "hold".
-            outside: whether it is nowhere when nothing came for `max_gap_s`, or stays.
+            now_ns: gives the simulation time.
+            start: pose before the first one comes, if `outside` is "hold".
+            outside: "hide": the body is nowhere if no pose came for `max_gap_s`; "hold": it stays.
+            max_gap_s: s.
+            predict_s: how long the body keeps its velocity, s.
         """
         self._now_ns, self._start, self._outside = now_ns, start, outside
         self._max_gap_s, self._predict_s = max_gap_s, predict_s
         self.memory = Heard()
 
     def objection(self, value: Items) -> Fault | None:
-        """Why it does not take a pose, for the sender."""
+        """Return why a pose is refused, as a text for the sender; None if it is accepted."""
         p, *_, stamp = value
         if p is None:
-            return Fault("bad_argument", "needs p_NB: a pose without a place is none")
+            return Fault("bad_argument", "needs p_NB: a pose must have a position")
         before = self.memory.stamp
         if stamp is not None and before is not None and _numbers(stamp)[0] < before:
             return Fault(
                 "bad_argument",
-                f"was told of {before:g} s already, and now of {_numbers(stamp)[0]:g} s: poses must come in the order of their stamps. "
-                "Leave the stamp out once when your clock begins anew",
+                f"has a pose of {before:g} s already, and this one is of {_numbers(stamp)[0]:g} s: poses must come in the order of their stamps. "
+                "Leave the stamp out once if your clock was set back",
             )
         return None
 
     def apply(self, value: Items) -> None:
-        """Take over a pose; what `objection` refuses did not come here."""
+        """Take over a pose. `objection` has been asked before."""
         before, now = self.memory, self._now_ns()
         p_given, q_given, v, w, stamp_given = value
         if p_given is None:
@@ -175,7 +177,7 @@ class Live:
         self.memory = Heard(now, stamp, p, q, (*linear, *angular), before.count + 1)  # type: ignore[arg-type]  # six
 
     def neutral(self) -> None:
-        """Nothing to undo."""
+        """Do nothing: the body stays at its pose."""
 
     def at(self, t_ns: int) -> TrackPose | None:
         """See `Source`."""
@@ -202,12 +204,12 @@ class Live:
 
 
 def _numbers(item: Any) -> tuple[float, ...]:
-    """Of a checked command's field of numbers."""
+    """Return the numbers of a field of a checked command."""
     return tuple(item)
 
 
 def _between(before: Heard, p: Vec3, q: Quat, seconds: float) -> tuple[float, ...]:
-    """nu that leads from one pose to another."""
+    """Return the nu that leads from one pose to another in `seconds`."""
     v = [(new - old) / seconds for new, old in zip(p, before.p_NB, strict=True)]
     turn = rotation_vector(before.q_NB, q)
     return body_velocity(q, (v[0], v[1], v[2]), (turn[0] / seconds, turn[1] / seconds, turn[2] / seconds))

@@ -1,4 +1,4 @@
-"""A track: poses of one body at instants, and where it was between them."""
+"""A track: poses of one body at instants, and the interpolation between them."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.world.external.motion import Motion
 
 Outside = Literal["hide", "hold"]
-"""Before the first pose and after the last: the body is nowhere, or stands where the nearest pose says."""
+"""Before the first pose and after the last one the body is nowhere ("hide"), or stands at the nearest pose ("hold")."""
 MAX_GAP_S = 1.0
-"""A longer gap between two poses is not bridged."""
+"""Poses are not interpolated across a longer gap."""
 FARTHEST_M = 1e6
-"""From the origin of N. What is farther is a fault of the source, and single precision would no longer show it."""
+"""Largest distance from the origin of N. A larger one is a fault of the source, and single precision could not show it."""
 FASTEST_MPS, FASTEST_RADPS = 100.0, 100.0
-"""A body that seems to be faster has jumped: it is moved, but has no velocity at which it could strike anything."""
+"""A body that seems to be faster has jumped. It is moved, but has no velocity with which it could hit anything."""
 _SECOND, _NANOSECOND = 1e9, 1e-9
 
 
 class TrackPose(NamedTuple):
-    """Where a track is at an instant.
+    """The pose of a track at an instant.
 
     Attributes:
         p_NB: m.
         q_NB: w x y z, unit.
-        nu: v_NB_B (m/s) and w_NB_B (rad/s), in B; zero where the body is held, and where it has jumped.
-        age_s: since the newest pose at or before the instant; negative before the first pose of a track that is held.
+        nu: v_NB_B (m/s) and w_NB_B (rad/s), in B; zero while the body is held, and after a jump.
+        age_s: time since the newest pose at or before the instant; negative before the first pose of a track that is held.
     """
 
     p_NB: Vec3
@@ -51,12 +51,12 @@ class PoseTrack:
         t_ns: (n,) int64, strictly rising, ns of that clock.
         p_NB: (n, 3) m.
         q_NB: (n, 4) unit quaternions, w x y z; either sign.
-        v_N: (n, 3) velocity of the origin of B in N, m/s; None where it is not known.
-        motion: what its actuators give, on the same clock; None where nobody says.
+        v_N: (n, 3) velocity of the origin of B in N, m/s; None if it is not known.
+        motion: outputs of the actuators on the same clock; None if they are not known.
 
     Raises:
-        ValueError: no pose at all, other shapes, numbers that are not finite, times that do not rise, no unit quaternion, or farther than
-            `FARTHEST_M`. `cleaned` makes a track of such poses and says what it left out.
+        ValueError: no pose, other shapes, a number that is not finite, times that do not rise, a quaternion that is not a unit one, or a
+            position farther than `FARTHEST_M`. `cleaned` makes a track of such poses and says what it left out.
     """
 
     t_ns: IntArray
@@ -68,34 +68,34 @@ class PoseTrack:
     def __post_init__(self) -> None:
         n = len(self.t_ns)
         if n == 0:
-            raise ValueError("a track needs a pose")
+            raise ValueError("a track needs at least one pose")
         arrays = [(self.t_ns, (n,), np.int64), (self.p_NB, (n, 3), np.float64), (self.q_NB, (n, 4), np.float64)]
         arrays += [] if self.v_N is None else [(self.v_N, (n, 3), np.float64)]
         for array, shape, kind in arrays:
             if array.shape != shape or array.dtype != kind:
-                raise ValueError(f"an array of {array.dtype} {array.shape} in a track, not {np.dtype(kind)} {shape}")
+                raise ValueError(f"a track has an array of {array.dtype} {array.shape}, not {np.dtype(kind)} {shape}")
             if not np.isfinite(array).all():
-                raise ValueError("a number in a track that is not finite")
+                raise ValueError("a track has a number that is not finite")
         if (np.diff(self.t_ns) <= 0).any():
             raise ValueError("the times of a track must rise")
         if (np.abs(np.linalg.norm(self.q_NB, axis=1) - 1.0) > 1e-6).any():
-            raise ValueError("a quaternion in a track that is no rotation")
+            raise ValueError("a track has a quaternion that is no unit quaternion")
         if (np.abs(self.p_NB) > FARTHEST_M).any():
-            raise ValueError(f"a position in a track farther than {FARTHEST_M:g} m from the origin")
+            raise ValueError(f"a track has a position farther than {FARTHEST_M:g} m from the origin")
 
     def __len__(self) -> int:
         return len(self.t_ns)
 
     def at(self, t_ns: int, outside: Outside = "hide", max_gap_s: float = MAX_GAP_S) -> TrackPose | None:
-        """Where the body is at an instant; None where the track does not say.
+        """Return the pose at an instant; None if the track does not say.
 
-        Between two poses the position is a cubic Hermite curve where velocities are known, else a straight line; the attitude turns evenly
-        on the shorter way.
+        Between two poses the position follows a cubic Hermite curve if velocities are known, else a straight line. The attitude turns
+        evenly, the shorter way.
 
         Args:
-            t_ns: of the track's clock.
+            t_ns: time on the track's clock.
             outside: what holds before the first pose and after the last one.
-            max_gap_s: between poses that are farther apart in time the body is nowhere, or held at the earlier one.
+            max_gap_s: between poses that are farther apart in time, the body is nowhere, or held at the earlier one.
         """
         stretch = self.stretch(t_ns, max_gap_s)
         if stretch is not None:
@@ -106,7 +106,8 @@ class PoseTrack:
         return None if outside == "hide" else self._still(max(k, 0), t_ns)
 
     def stretch(self, t_ns: int, max_gap_s: float = MAX_GAP_S) -> Stretch | None:
-        """The way between the two poses around an instant; None outside, and in a gap. Who asks from tick to tick keeps it."""
+        """Return the segment between the two poses around an instant; None outside the track and in a gap. A caller that asks tick after
+        tick keeps the segment."""
         k = int(np.searchsorted(self.t_ns, t_ns, side="right")) - 1
         if not 0 <= k < len(self.t_ns) - 1:
             return None
@@ -114,7 +115,9 @@ class PoseTrack:
         return self._between(k, span) if span <= round(max_gap_s * _SECOND) else None
 
     def _still(self, k: int, t_ns: int) -> TrackPose:
-        return TrackPose(_vec3(self.p_NB[k]), _quat(self.q_NB[k]), AT_REST, (t_ns - int(self.t_ns[k])) * _NANOSECOND)
+        return TrackPose(
+            _numbers(self.p_NB[k]), _numbers(self.q_NB[k]), AT_REST, (t_ns - int(self.t_ns[k])) * _NANOSECOND
+        )
 
     def _between(self, k: int, span_ns: int) -> Stretch:
         dt = span_ns * _NANOSECOND
@@ -124,19 +127,19 @@ class PoseTrack:
         else:
             slope, end = self.v_N[k] * dt, self.v_N[k + 1] * dt
             bend, twist = 3.0 * d - 2.0 * slope - end, slope + end - 2.0 * d
-        cubic = _vec3(p0), _vec3(slope), _vec3(bend), _vec3(twist)
+        cubic = _numbers(p0), _numbers(slope), _numbers(bend), _numbers(twist)
         turn = rotation_vector(self.q_NB[k].tolist(), self.q_NB[k + 1].tolist())
-        return Stretch(int(self.t_ns[k]), span_ns, cubic, _quat(self.q_NB[k]), turn)
+        return Stretch(int(self.t_ns[k]), span_ns, cubic, _numbers(self.q_NB[k]), turn)
 
 
 class Stretch(NamedTuple):
-    """The way from one pose to the next.
+    """The segment from one pose to the next.
 
     Attributes:
-        first_ns, span_ns: time of the first, and from there to the second.
-        cubic: coefficients of the position's powers of s, 0..1 on the way, m.
+        first_ns, span_ns: time of the first pose, and from there to the second.
+        cubic: coefficients of the powers of s for the position, m; s runs from 0 to 1 along the segment.
         q_NB: first attitude.
-        turn: of the whole way, axis times angle (rad), in B.
+        turn: turn along the whole segment: axis times angle (rad), in B.
     """
 
     first_ns: int
@@ -146,11 +149,11 @@ class Stretch(NamedTuple):
     turn: Vec3
 
     def holds(self, t_ns: int) -> bool:
-        """Whether an instant lies on it; its end belongs to the next."""
+        """Return whether an instant lies on the segment. Its end belongs to the next segment."""
         return 0 <= t_ns - self.first_ns < self.span_ns
 
     def at(self, t_ns: int) -> TrackPose:
-        """Where the body is at an instant on it."""
+        """Return the pose at an instant on the segment."""
         s, dt = (t_ns - self.first_ns) / self.span_ns, self.span_ns * _NANOSECOND
         (ax, ay, az), (bx, by, bz), (cx, cy, cz), (dx, dy, dz) = self.cubic
         p = (ax + s * (bx + s * (cx + s * dx)), ay + s * (by + s * (cy + s * dy)), az + s * (bz + s * (cz + s * dz)))
@@ -166,14 +169,15 @@ class Stretch(NamedTuple):
 
 
 def body_velocity(q_NB: Quat, v_N: Vec3, w_B: Vec3) -> tuple[float, float, float, float, float, float]:
-    """nu of a velocity in N (m/s) and an angular velocity in B (rad/s); zero where these are no motion but a jump."""
+    """Return nu for a velocity in N (m/s) and an angular velocity in B (rad/s); zero if they are too large for a motion, so that the body
+    has jumped."""
     if not (math.hypot(*v_N) <= FASTEST_MPS and math.hypot(*w_B) <= FASTEST_RADPS):
         return AT_REST
     return (*rotate(conjugate(q_NB), v_N), *w_B)
 
 
 def rotation_vector(q_NA: Sequence[float], q_NB: Sequence[float]) -> Vec3:
-    """The turn from attitude A to B on the shorter way: axis times angle (rad), in A, which is also in B."""
+    """Return the turn from attitude A to B, the shorter way: axis times angle (rad), in A. The vector is the same in B."""
     w, x, y, z = multiply(conjugate(q_NA), q_NB)
     if w < 0.0:
         w, x, y, z = -w, -x, -y, -z
@@ -184,7 +188,7 @@ def rotation_vector(q_NA: Sequence[float], q_NB: Sequence[float]) -> Vec3:
 
 
 def turned(q_NB: Quat, turn_B: Vec3) -> Quat:
-    """An attitude after a turn by axis times angle (rad) in B; a unit quaternion again."""
+    """Return an attitude after a turn by axis times angle (rad) in B, as a unit quaternion."""
     angle = math.hypot(*turn_B)
     factor = 0.5 if angle < 1e-9 else math.sin(0.5 * angle) / angle
     q = multiply(q_NB, (math.cos(0.5 * angle), *(factor * c for c in turn_B)))
@@ -192,26 +196,23 @@ def turned(q_NB: Quat, turn_B: Vec3) -> Quat:
     return q[0] / norm, q[1] / norm, q[2] / norm, q[3] / norm
 
 
-def _vec3(row: Any) -> Vec3:
-    x, y, z = row.tolist()
-    return x, y, z
-
-
-def _quat(row: Any) -> Quat:
-    w, x, y, z = row.tolist()
-    return w, x, y, z
+def _numbers(row: FloatArray) -> Any:
+    return tuple(row.tolist())
 
 
 def cleaned(
     t_ns: IntArray, p_NB: FloatArray, q_NB: FloatArray, v_N: FloatArray | None = None
 ) -> tuple[PoseTrack, tuple[str, ...]]:
-    """A track of poses as a foreign source gives them, and sentences that tell what was left out of it.
+    """Make a track of poses from a foreign source. Returns it with sentences that say what was left out.
 
-    Poses with numbers that are not finite, with a quaternion of no length, or from farther than `FARTHEST_M` are left out; so is whatever
-    comes late, when a newer pose was there already; of two at one instant the later counts. Quaternions are normalised.
+    Poses are left out if they have numbers that are not finite, a quaternion of zero length, or a position farther than `FARTHEST_M`. A
+    pose that comes after a newer one is left out too. Of two poses at one instant the later one counts. Quaternions are normalised.
 
     Args:
-        t_ns: (n,) ns; p_NB: (n, 3) m; q_NB: (n, 4) of any length but 0; v_N: (n, 3) m/s or None.
+        t_ns: (n,) ns.
+        p_NB: (n, 3) m.
+        q_NB: (n, 4) of any length but 0.
+        v_N: (n, 3) m/s, or None.
 
     Raises:
         ValueError: other shapes, or no pose is left.
@@ -219,7 +220,7 @@ def cleaned(
     t, p, q = np.asarray(t_ns, np.int64), np.asarray(p_NB, np.float64), np.asarray(q_NB, np.float64)
     v = None if v_N is None else np.asarray(v_N, np.float64)
     if t.ndim != 1 or p.shape != (len(t), 3) or q.shape != (len(t), 4) or (v is not None and v.shape != p.shape):
-        raise ValueError(f"times {t.shape}, positions {p.shape} and quaternions {q.shape} are no poses")
+        raise ValueError(f"times {t.shape}, positions {p.shape} and quaternions {q.shape} do not make poses")
     numbers = (p, q) if v is None else (p, q, v)
     finite = np.all([np.isfinite(array).all(axis=1) for array in numbers], axis=0)
     norms = np.linalg.norm(np.where(np.isfinite(q), q, 0.0), axis=1)
@@ -234,7 +235,7 @@ def cleaned(
     replaced = np.append(t[rows][1:] == t[rows][:-1], np.zeros(min(len(rows), 1), np.bool_))
     remarks = [f"{int(mask.sum())} poses {why} were left out" for mask, why in told if mask.any()]
     if late.any():
-        remarks.append(f"{int(late.sum())} poses were left out whose time lies before that of an earlier one")
+        remarks.append(f"{int(late.sum())} poses were left out because they came after a newer one")
     if replaced.any():
         remarks.append(f"{int(replaced.sum())} poses were replaced by a later one of the same instant")
     keep = rows[~replaced]

@@ -1,4 +1,4 @@
-"""Faults of thrusters, sensors and hulls: declared in `table`, checked in `targets`, carried out by `timeline`."""
+"""Faults of thrusters, sensors and hulls: `table` declares them, `targets` checks them, and `timeline` carries them out."""
 
 from __future__ import annotations
 

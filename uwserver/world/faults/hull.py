@@ -1,4 +1,4 @@
-"""What faults make of a hull: mass that drops off, volume that floods or fills. All changes add up, whatever their order."""
+"""Faults of a hull: mass that drops off, and volume that floods or fills. All changes add up, in any order."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Hull(NamedTuple):
     Attributes:
         M_RB: (6, 6) about the origin.
         r_g: centre of mass in B, m.
-        volume: displaced fully submerged, m3.
+        volume: displaced volume when fully submerged, m3.
         water: weight of the water, N/m3.
     """
 
@@ -34,7 +34,7 @@ class Hull(NamedTuple):
 
 
 def left_inertia(hull: Hull, faults: Iterable[HullFault]) -> FloatArray:
-    """M_RB (6, 6) of what is left; it may be no longer positive definite."""
+    """Return M_RB (6, 6) of the mass that is left. It may not be positive definite."""
     M_RB = hull.M_RB.copy()
     for fault in faults:
         if isinstance(fault, MassLoss):
@@ -43,7 +43,7 @@ def left_inertia(hull: Hull, faults: Iterable[HullFault]) -> FloatArray:
 
 
 def left_volume(hull: Hull, faults: Iterable[HullFault]) -> float:
-    """Volume (m3) with all changes; it may be negative."""
+    """Return the volume (m3) with all changes. It may be negative."""
     volume = hull.volume
     for fault in faults:
         if not isinstance(fault, BuoyancyChange):
@@ -58,12 +58,13 @@ def left_volume(hull: Hull, faults: Iterable[HullFault]) -> float:
 
 
 def damaged(body: BodyParams, hull: Hull, faults: Iterable[HullFault], density: float, gravity: float) -> BodyParams:
-    """The body with faults; a volume below nothing is nothing (when the fault that made room for it has ended).
+    """Return the body with its faults. A negative volume counts as zero; it can occur after a fault has ended that had made room for
+    another one.
 
     Args:
         body, hull: without faults.
-        faults: that act.
-        density, gravity: of the water, kg/m3, and m/s2.
+        faults: the active ones.
+        density, gravity: of the water (kg/m3), and m/s2.
     """
     faults = list(faults)
     lost = [fault for fault in faults if isinstance(fault, MassLoss)]

@@ -1,4 +1,4 @@
-"""Faults as a scenario or ``world/set_fault`` declares them."""
+"""The tables by which a scenario or ``world/set_fault`` declares faults."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ Part = Annotated[float, Meta(ge=0, le=1)]
 
 
 class FaultTable(Table, tag_field="kind", kw_only=True, frozen=True):
-    """What all faults share.
+    """The keys that all faults share.
 
-    A kind of an extension has ``build(targets, rng)``, which says what the fault comes to: several faults of the kinds here, each with its own
-    target and times. `targets` is what there is to fail (`Targets`), `rng` a stream of random numbers of the fault's own, and nothing else
-    counts. It raises ValueError for a target or keys that cannot be. Each of them begins and ends, and is saved, like one of the scenario.
+    A kind of an extension has ``build(targets, rng)``, which returns one or more faults of the kinds in this module, each with its own
+    target and times. `targets` is what can fail (`Targets`), and `rng` is a random stream of the fault's own; the result depends on nothing
+    else. It raises ValueError for a target or keys that are not possible. Each of the returned faults begins, ends and is saved like one of
+    the scenario.
 
     Attributes:
         target: ``<vehicle>/<component>``, or the vehicle for faults of its hull.
@@ -35,42 +36,42 @@ class ThrusterTable(FaultTable, kw_only=True, frozen=True):
     """A fault of the thrusters of an actuator.
 
     Attributes:
-        members: which of them; default: all.
+        members: names of the thrusters; default: all.
     """
 
     members: Annotated[tuple[Name, ...], Meta(min_length=1, max_length=64)] | UnsetType = UNSET
 
 
 class ThrusterDead(ThrusterTable, tag="thruster_dead", kw_only=True, frozen=True):
-    """No thrust at all."""
+    """The thrusters give no thrust at all."""
 
 
 class ThrusterWeak(ThrusterTable, tag="thruster_weak", kw_only=True, frozen=True):
-    """Only the part `factor` of the thrust; several faults multiply."""
+    """The thrusters give only the part `factor` of their thrust; several faults multiply."""
 
     factor: Part
 
 
 class ThrusterStuck(ThrusterTable, tag="thruster_stuck", kw_only=True, frozen=True):
-    """Deaf to commands; at the end the newest command holds again.
+    """The thrusters ignore commands. When the fault ends, the newest command holds again.
 
     Attributes:
-        u: part of full command at which it is stuck; default: what it is asked for when the fault begins.
+        u: fraction of full command at which they are stuck; default: the command when the fault begins.
     """
 
     u: Annotated[float, Meta(ge=-1, le=1)] | UnsetType = UNSET
 
 
 class SensorFrozen(FaultTable, tag="sensor_frozen", kw_only=True, frozen=True):
-    """Repeats its last value; its samples go on in time and number."""
+    """The sensor repeats its last value; its samples go on in time and number."""
 
 
 class SensorSilent(FaultTable, tag="sensor_silent", kw_only=True, frozen=True):
-    """Gives no samples and counts none."""
+    """The sensor gives no samples and counts none."""
 
 
 class BuoyancyChange(FaultTable, tag="buoyancy_change", kw_only=True, frozen=True):
-    """More or less buoyancy, about the same centre; exactly one key is given, negative for a loss.
+    """More or less buoyancy, about the same centre. Exactly one key is given, negative for a loss.
 
     Attributes:
         force_N: added to the buoyancy.
@@ -89,10 +90,10 @@ class BuoyancyChange(FaultTable, tag="buoyancy_change", kw_only=True, frozen=Tru
 
 
 class MassLoss(FaultTable, tag="mass_loss", kw_only=True, frozen=True):
-    """Ballast or payload that drops off; what it was leaves with its own velocity.
+    """Ballast or payload drops off. It leaves with its own velocity.
 
     Attributes:
-        mass_kg: of it.
+        mass_kg: the mass that drops off.
         position_frd_m: where it sat, as a point; default: the centre of mass.
     """
 

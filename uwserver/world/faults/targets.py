@@ -1,4 +1,4 @@
-"""What there is to fail, and why a fault cannot be."""
+"""What can fail in a world, and why a fault is not possible."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from uwserver.world.faults.table import (
 )
 
 MAX_VOLUME = 10
-"""Times its own volume to which a hull may swell: more would shoot it out of the sea and end the run for everybody."""
+"""Largest volume of a hull as a multiple of its own. A larger one would shoot out of the sea and end the run for all clients."""
 
 
 class Targets(NamedTuple):
-    """What there is to fail.
+    """What can fail.
 
     Attributes:
         hulls: by vehicle.
-        thrusters: names of the members by path of the actuator.
+        thrusters: names of the thrusters by path of their actuator.
         sensors: paths.
     """
 
@@ -38,22 +38,22 @@ class Targets(NamedTuple):
 
 
 def effects(name: str, fault: FaultTable, targets: Targets, rng: np.random.Generator) -> dict[str, FaultConfig]:
-    """The faults that a fault comes to, by their names: itself, or those of an extension's kind, `name/1` and so on.
+    """Return the faults to carry out, by name: the fault itself, or those that a kind of an extension builds, named `name/1` and so on.
 
     Raises:
-        ValueError: its kind gives something else; and whatever the `build` of an extension's kind raises.
+        ValueError: `build` of the kind returns something else. Other errors of `build` pass through.
     """
     kinds: tuple[type[FaultConfig], ...] = get_args(FaultConfig)
     if isinstance(fault, kinds):
         return {name: fault}
-    built: object = fault.build(targets, rng)  # type: ignore[attr-defined]  # any other kind has it
+    built: object = fault.build(targets, rng)  # every kind of an extension has it
     if not isinstance(built, tuple | list) or not built or not all(isinstance(each, kinds) for each in built):
         raise ValueError(f"build() must give a tuple of faults of shipped kinds, not {built!r}")
     return {f"{name}/{k}": each for k, each in enumerate(built, 1)}
 
 
 def refusals(fault: FaultConfig, targets: Targets, others: Iterable[FaultConfig] = ()) -> Iterator[tuple[str, str]]:
-    """Key at fault and text, for each reason why there cannot be such a fault beside the others."""
+    """Yield the key and a text for each reason why this fault is not possible beside the others."""
     if not isinstance(fault.until_s, UnsetType) and fault.until_s <= fault.at_s:
         yield "until_s", f"{fault.until_s:g} s is not after its begin at {fault.at_s:g} s"
     noun, there = "vehicle", tuple(targets.hulls)

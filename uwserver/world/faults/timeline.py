@@ -1,21 +1,18 @@
-"""Carries faults out: which begin and end in a tick, and what that does to the rows and slots of a world."""
+"""Carries faults out: which of them begin and end in a tick, and what that changes in the rows and slots of a world."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
 import msgspec
 from msgspec import Meta, Struct, UnsetType, structs
 
 from uwserver.actuators import Thrusters
-from uwserver.environment.water import Water
-from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.kernel.layout import FREE, STUCK, STUCK_AT
 from uwserver.ports import Argument, Json, Refused, Service
 from uwserver.ports.checks import shown
 from uwserver.table import settled
-from uwserver.world.components import ActuatorSlot
 from uwserver.world.faults.hull import Hull, HullFault, damaged
 from uwserver.world.faults.table import (
     FaultConfig,
@@ -28,17 +25,16 @@ from uwserver.world.faults.table import (
 )  # fmt: skip
 from uwserver.world.faults.targets import Targets, refusals
 from uwserver.world.part import Carry, Part, Stage, State
-from uwserver.world.sensor_slot import SensorSlot
-from uwserver.world.ticks import Ticks
 from uwserver.world.vehicle import Vehicle
+from uwserver.world.world import World
 
 MAX_FAULTS = 256
 MAX_NAME = 64
-"""Characters of a fault's name, where a client gives it."""
+"""Most characters of a fault's name that a client gives."""
 
 
 class Entry(Struct, frozen=True):
-    """One fault: acts from the start of tick `begin` to that of tick `end` (None: for ever)."""
+    """One fault. It acts from the start of tick `begin` to that of tick `end` (None: for ever)."""
 
     name: str
     fault: FaultConfig
@@ -48,13 +44,14 @@ class Entry(Struct, frozen=True):
 
 
 class FaultsState(State, frozen=True):
-    """Every fault with its state; what it has done to the bodies stands in their rows."""
+    """Every fault with its state. Their effects on the bodies stand in the rows of the bodies."""
 
     entries: Annotated[tuple[Entry, ...], Meta(max_length=MAX_FAULTS)]
 
 
 class Faults(Part):
-    """All faults of a world, by name. Thruster and sensor faults are marks in rows and slots, hull faults other parameters of the body.
+    """All faults of a world, by name. Faults of thrusters and sensors are marks in rows and slots; faults of a hull change the parameters
+    of the body.
 
     Attributes:
         entries: in the order in which they were set.
@@ -64,54 +61,32 @@ class Faults(Part):
     state_type = FaultsState
     stage: ClassVar[Stage] = Stage.FAULTS
 
-    def __init__(
-        self,
-        hydro: Hydrodynamics,
-        water: Water,
-        vehicles: Mapping[str, Vehicle],
-        sensors: Mapping[str, SensorSlot],
-        actuators: Mapping[str, ActuatorSlot],
-        ticks: Ticks,
-        now: Callable[[], int],
-        say: Callable[[str], None],
-    ) -> None:
-        """Of a world that is still being built: the mappings may grow.
-
-        Args:
-            hydro, water, vehicles, sensors, actuators, ticks: of the world.
-            now: the tick.
-            say: tells all clients.
-        """
-        self._hydro = hydro
-        self._water = water
-        self._vehicles = vehicles
-        self._sensors = sensors
-        self._actuators = actuators
-        self._ticks = ticks
-        self._now = now
-        self._say = say
+    def __init__(self, world: World) -> None:
+        """Begin without faults, in a world that is still being built."""
+        self._world = world
         self.entries: dict[str, Entry] = {}
         self.services = tuple(_services(self))
 
     def targets(self) -> Targets:
-        """What there is to fail."""
+        """Return what can fail in the world now."""
         return Targets(
-            {name: self._hull(vehicle) for name, vehicle in self._vehicles.items()},
-            {path: tuple(rows) for path in self._actuators if (rows := self._thrusters(path))},
-            tuple(self._sensors),
+            {name: self._hull(vehicle) for name, vehicle in self._world.vehicles.items()},
+            {path: tuple(rows) for path in self._world.actuators if (rows := self._thrusters(path))},
+            tuple(self._world.sensors),
         )
 
     def set(self, name: str, fault: FaultConfig) -> None:
-        """Add a fault, or replace the one of that name; one whose time has come acts at once.
+        """Add a fault, or replace the one of that name. A fault whose time has come acts at once.
 
         Raises:
-            Refused: no such target or member, over already, too many faults, or a body without mass or buoyancy would be left.
+            Refused: no such target or member, the fault is over already, there are too many, or a body without mass or buoyancy would be
+                left.
         """
-        tick, others = self._now(), [entry.fault for entry in self.entries.values() if entry.name != name]
+        tick, others = self._world.tick, [entry.fault for entry in self.entries.values() if entry.name != name]
         for key, text in refusals(fault, self.targets(), others):
             raise Refused("bad_argument", text, key)
-        begin = max(tick, self._ticks.at(fault.at_s))
-        end = None if isinstance(fault.until_s, UnsetType) else self._ticks.at(fault.until_s)
+        begin = max(tick, self._world.ticks.at(fault.at_s))
+        end = None if isinstance(fault.until_s, UnsetType) else self._world.ticks.at(fault.until_s)
         if end is not None and end <= tick:
             raise Refused("bad_argument", f"{fault.until_s:g} s is over already", "until_s")
         if name not in self.entries and len(self.entries) >= MAX_FAULTS:
@@ -121,13 +96,13 @@ class Faults(Part):
         self.before(tick, 0)
 
     def clear(self, name: str) -> bool:
-        """Take a fault out, and its effect with it; False if there is none of that name."""
+        """Remove a fault and its effect. Returns False if there is none of that name."""
         entry = self.entries.pop(name, None)
         if entry is None:
             return False
         if entry.state == "active":
             self._carry_out(entry.fault)
-            self._say(f'fault "{name}" of "{entry.fault.target}" was cleared')
+            self._world.say("fault", f'fault "{name}" of "{entry.fault.target}" was cleared')
         self._plan()
         return True
 
@@ -138,7 +113,7 @@ class Faults(Part):
                 self.clear(entry.name)
 
     def before(self, tick: int, t_ns: int) -> None:
-        """Begin and end what is due at the start of a tick."""
+        """Begin and end the faults that are due at the start of a tick."""
         for entry in list(self.entries.values()):
             if entry.state != "over" and entry.end is not None and tick >= entry.end:
                 self._change(entry, "over", "ended")
@@ -147,24 +122,25 @@ class Faults(Part):
         self._plan()
 
     def save(self) -> FaultsState:
-        """All entries."""
+        """Return all entries."""
         return FaultsState(tuple(self.entries.values()))
 
     def check(self, state: Any) -> None:
-        """Not too many, each with a name and a target of its own kind, in time."""
+        """Raise ValueError for two faults of one name, and for a fault that is not possible in this world."""
         faults = [entry.fault for entry in state.entries]
         if len({entry.name for entry in state.entries}) < len(faults):
             raise ValueError("two faults of one name")
         targets = self.targets()
         for entry in state.entries:
-            # Whether all together leave a body mass is seen where they act: the order in which they were set and cleared is not known.
+            # Whether the faults together leave a body any mass shows only while they act: the order in which they were set and cleared is
+            # not known here.
             for _, text in refusals(entry.fault, targets, ()):
                 raise ValueError(text)
 
     def load(self, state: FaultsState) -> None:
-        """Take over the entries; nothing is told."""
+        """Take over the entries. No event is sent."""
         self.entries = {entry.name: entry for entry in state.entries}
-        for slot in self._sensors.values():
+        for slot in self._world.sensors.values():
             slot.fault = ""
         for target in {fault.target for fault in self._active() if isinstance(fault, SensorFrozen | SensorSilent)}:
             self._mark_sensor(target)
@@ -175,7 +151,7 @@ class Faults(Part):
         self.entries[entry.name] = structs.replace(entry, state=state)
         if began_before:
             self._carry_out(entry.fault)
-            self._say(f'fault "{entry.name}" {verb}: {_kind(entry.fault)} of "{entry.fault.target}"')
+            self._world.say("fault", f'fault "{entry.name}" {verb}: {_kind(entry.fault)} of "{entry.fault.target}"')
 
     def _plan(self) -> None:
         ticks = [entry.begin for entry in self.entries.values() if entry.state == "waiting"]
@@ -186,30 +162,30 @@ class Faults(Part):
         return [entry.fault for entry in self.entries.values() if entry.state == "active"]
 
     def _carry_out(self, changed: FaultConfig) -> None:
-        """Set what `changed` touches to what all active faults together make of it."""
+        """Set the target of `changed` to the combined effect of all active faults."""
         if isinstance(changed, ThrusterTable):
             touching = [(fault, self._rows(fault)) for fault in self._active() if isinstance(fault, ThrusterTable)]
             for row in self._rows(changed):
                 self._set_thruster(row, [fault for fault, rows in touching if row in rows])
         elif isinstance(changed, HullFault):
-            vehicle, water = self._vehicles[changed.target], self._water
+            vehicle, water = self._world.vehicles[changed.target], self._world.water
             faults = [f for f in self._active() if isinstance(f, HullFault) and f.target == changed.target]
-            body = damaged(self._hydro.params[vehicle.row], self._hull(vehicle), faults, water.density, water.gravity)
-            self._hydro.change(vehicle.row, body)
+            body = damaged(
+                self._world.hydro.params[vehicle.row], self._hull(vehicle), faults, water.density, water.gravity
+            )
+            self._world.hydro.change(vehicle.row, body)
         else:
             self._mark_sensor(changed.target)
 
     def _thrusters(self, path: str) -> Mapping[str, int]:
-        actuator = self._actuators[path].actuator
+        actuator = self._world.actuators[path].actuator
         return actuator.rows if isinstance(actuator, Thrusters) else {}
 
-    def _rows(self, fault: FaultConfig) -> list[int]:
-        if not isinstance(fault, ThrusterTable):
-            return []
+    def _rows(self, fault: ThrusterTable) -> list[int]:
         rows = self._thrusters(fault.target)
         return [rows[name] for name in (rows if isinstance(fault.members, UnsetType) else fault.members)]
 
-    def _set_thruster(self, row: int, faults: Iterable[FaultConfig]) -> None:
+    def _set_thruster(self, row: int, faults: Iterable[ThrusterTable]) -> None:
         efficiency, stuck, u = 1.0, FREE, 0.0
         for fault in faults:
             if isinstance(fault, ThrusterDead):
@@ -218,20 +194,20 @@ class Faults(Part):
                 efficiency *= fault.factor
             elif isinstance(fault, ThrusterStuck):
                 stuck, u = (STUCK, 0.0) if isinstance(fault.u, UnsetType) else (STUCK_AT, fault.u)
-        thruster = self._hydro.thrusters[row : row + 1]
+        thruster = self._world.hydro.thrusters[row : row + 1]
         thruster["efficiency"] = efficiency
         if stuck == FREE and thruster["stuck"][0] != FREE:
-            thruster["fresh"] = 1  # the newest command holds again
+            thruster["fresh"] = 1  # The newest command holds again.
         thruster["stuck"], thruster["stuck_u"] = stuck, u
 
     def _mark_sensor(self, path: str) -> None:
         kinds = {type(fault) for fault in self._active() if fault.target == path}
-        slot = self._sensors[path]
+        slot = self._world.sensors[path]
         slot.fault = "silent" if SensorSilent in kinds else "frozen" if SensorFrozen in kinds else ""
 
     def _hull(self, vehicle: Vehicle) -> Hull:
-        body, density = self._hydro.params[vehicle.row], self._water.density
-        return Hull(body.M_RB, body.r_g, (body.displaced or 0.0) / density, density * self._water.gravity)
+        body, density = self._world.hydro.params[vehicle.row], self._world.water.density
+        return Hull(body.M_RB, body.r_g, (body.displaced or 0.0) / density, density * self._world.water.gravity)
 
 
 def _kind(fault: FaultConfig) -> str:
@@ -239,7 +215,7 @@ def _kind(fault: FaultConfig) -> str:
 
 
 def _services(faults: Faults) -> Iterator[tuple[Service, Carry]]:
-    """To set, clear and list faults."""
+    """Yield the services that set, clear and list faults."""
     kinds = tuple(str(kind.__struct_config__.tag) for kind in get_args(FaultConfig))
     name = Argument("name", "str", "name of the fault")
     kind = Argument("kind", "str", "what fails, and how", choices=kinds)
@@ -250,7 +226,7 @@ def _services(faults: Faults) -> Iterator[tuple[Service, Carry]]:
 
     def set_fault(args: Mapping[str, Json]) -> Json:
         given = args["parameters"]
-        if len(str(args["name"])) > MAX_NAME:  # all clients hear it
+        if len(str(args["name"])) > MAX_NAME:  # Events bring the name to all clients.
             text = f"the name of a fault has at most {MAX_NAME} characters, not {len(str(args['name']))}"
             raise Refused("out_of_range", text, "name")
         if not isinstance(given, dict):
@@ -258,7 +234,8 @@ def _services(faults: Faults) -> Iterator[tuple[Service, Carry]]:
         try:
             table = {**given, "kind": args["kind"], "target": args["target"]}
             given_fault: FaultConfig = msgspec.convert(table, FaultConfig)
-            # By way of JSON, which has no half a surrogate pair; of the finished table alone, as what else was given may be long.
+            # Encoded as JSON once, which refuses half a surrogate pair. Only the finished table is encoded, as the other given values may
+            # be long.
             fault = msgspec.json.decode(msgspec.json.encode(given_fault), type=FaultConfig)
         except (msgspec.MsgspecError, TypeError, ValueError, RecursionError) as error:
             raise Refused("bad_argument", str(error), "parameters") from None

@@ -1,4 +1,4 @@
-"""What becomes of a packet that has arrived: whether it is understood, and what the modem tells of it."""
+"""Decides whether a packet that has arrived is understood, and makes the message by which the modem reports it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from uwserver.world.modems.packets import Leg, Packet
 
 
 def drawn(modem: Modem, number: int) -> tuple[float, float, float, float, float]:
-    """Random numbers of a modem about a packet: one of 0 to 1 that decides whether it is understood; normal ones for time, direction, speed."""
+    """Return the random numbers of a modem for a packet: a uniform one (0 to 1) that decides whether it is understood, and normal ones for
+    time, direction (two) and speed."""
     draws = modem.draws
     draws.seek(number, EVENT)
     luck = float(draws.rng.random())
@@ -21,13 +22,13 @@ def drawn(modem: Modem, number: int) -> tuple[float, float, float, float, float]
 
 
 def why_lost(leg: Leg, modem: Modem, packet: Packet, there: Sequence[Leg], own: Iterable[Packet]) -> str:
-    """Why a packet is not understood, as `Counts` has it; "" where it is.
+    """Return why a packet is not understood, as a name of `Counts`; "" if it is understood.
 
     Args:
         leg: of the packet, which has ended.
-        modem: that hears it.
-        packet: itself.
-        there: all that is or was heard there lately, also this one.
+        modem: the receiver.
+        packet: the packet.
+        there: all legs that are or were heard at the receiver lately, this one included.
         own: packets that the modem has sent itself.
     """
     if not modem.notices(leg.signal / leg.noise):
@@ -50,7 +51,7 @@ def why_lost(leg: Leg, modem: Modem, packet: Packet, there: Sequence[Leg], own: 
 
 
 def message_of(event: Event, leg: Leg, modem: Modem, packet: Packet) -> Message:
-    """What a modem tells of a packet."""
+    """Return the message by which a modem reports a packet."""
     snr, sigma = leg.signal / leg.noise, modem.speed_sigma
     speed = None
     if sigma is not None:

@@ -1,8 +1,9 @@
-"""The water between modems: which packets are in it, when they reach whom, and which are understood.
+"""The water between modems: the packets in it, when they reach each modem, and which of them are understood.
 
-A packet begins to arrive at each modem when its sound has come to where that is by then. While it arrives it is disturbed by noise, by its own late
-arrivals, and by all other packets that are there meanwhile; a modem that sends is deaf. When its end has come it is understood or lost, by
-a random number of the receiver and the packet alone. Nothing is done in ticks in which nothing begins or ends.
+A packet begins to arrive at a modem when its sound has travelled to where that modem is by then. While it arrives, it is disturbed by
+noise, by its own late arrivals, and by all other packets that arrive at the same time. A modem that sends hears nothing. When the end of
+the packet has arrived, it is understood or lost. A random number that depends on the receiver and the packet alone decides that. In ticks
+in which nothing begins or ends, nothing is done.
 """
 
 from __future__ import annotations
@@ -28,14 +29,15 @@ from uwserver.world.part import Part, Stage
 from uwserver.world.world import World
 
 _CLOSING = 0.02
-"""Sender and receiver come nearer to each other at most with this part of the speed of the signal, or an arrival is noticed a little late."""
+"""Sender and receiver approach each other with at most this fraction of the speed of the signal. If they are faster, an arrival is noticed
+a little late."""
 _FAINTEST = 1e-3
-"""What is weaker than this part of the noise neither is heard nor disturbs."""
+"""A signal weaker than this fraction of the noise is not heard and disturbs nothing."""
 _MOST_MET = 8
-"""Packets whose way is traced in one tick, as each takes a fifth of a millisecond; the others are met in the next ones, as of the time at which
-they came."""
+"""Packets whose path is traced in one tick, as each takes a fifth of a millisecond. The others follow in the next ticks, with the times at
+which they arrived."""
 _PATIENCE_S = 0.5
-"""For so long an answer is waited for beyond the time in which it must have come."""
+"""An answer is awaited for so long after the time at which it must have come."""
 
 
 class Medium(Part):
@@ -56,11 +58,12 @@ class Medium(Part):
         self._fading = Fading(world.seed, self.path)
         self._ranging = Ranging(world.answers, lambda: (world.tick, world.t_ns))
 
-    # -- who is there ---------------------------------------------------------------------------------------------------------------------
+    # -- modems
+    # -----------------------------------------------------------------------------------------------------------------------------
 
     @property
     def _nodes(self) -> dict[str, Node]:
-        ports = self._world.ports  # replaced when anybody comes or goes
+        ports = self._world.ports  # a new object whenever a component is added or removed
         if self._known[0] is not ports:
             self._known = ports, nodes_of(self._world.sensors, self._world.vehicles)
         return self._known[1]
@@ -80,7 +83,7 @@ class Medium(Part):
     # -- sending --------------------------------------------------------------------------------------------------------------------------
 
     def submitter(self, path: str) -> Callable[[int, bytes, bool], None]:
-        """What has messages sent by the modem with this port."""
+        """Return a function that sends a message by the modem with this port: address, payload, and whether an answer is wanted."""
 
         def submit(destination: int, data: bytes, wanted: bool) -> None:
             node = self._nodes.get(path)
@@ -94,15 +97,15 @@ class Medium(Part):
         self._count += 1
         node.modem.memory.queue = (*node.modem.memory.queue, message)
         self._send_next(node)
-        self.after_ns = 0  # to find out when is as much work for one message as for many
+        self.after_ns = 0  # Finding out when something is due takes as long for one message as for many, so it is done once, in `after`.
 
     def ask(self, path: str, destination: int, patience: float) -> Later:
-        """Have the modem with this port ask another for its distance, which is told by the call too.
+        """Let the modem with this port ask another one for its distance. The call that is returned gets the distance too.
 
         Args:
-            path: of a modem that is switched on.
+            path: port of a modem that is switched on.
             destination: address.
-            patience: how long to wait for the answer, s; 0 for as long as one can take.
+            patience: how long to wait for the answer, s; 0 for the longest time that one can take.
         """
         number, node = self._count + 1, self._nodes[path]
         later = self._ranging.wait(number, path)
@@ -112,7 +115,7 @@ class Medium(Part):
         return later
 
     def cancel(self, path: str) -> None:
-        """No more wait for a distance that the modem with this port has asked for."""
+        """Stop waiting for a distance that the modem with this port has asked for."""
         if path in self._nodes:
             memory = self._nodes[path].modem.memory
             memory.queue = tuple([each for each in memory.queue if not each.ranging])
@@ -120,7 +123,7 @@ class Medium(Part):
         self._ranging.end("cancelled by the caller", path)
 
     def _send_next(self, node: Node) -> None:
-        """Send what waits and may be sent now: answers first, as they are due at a time."""
+        """Send the messages that wait and may be sent now. Answers come first, as they are due at a time."""
         memory, now = node.modem.memory, self._now
         while memory.busy <= now:
             ready = [each for each in memory.queue if each.after <= now]
@@ -157,7 +160,7 @@ class Medium(Part):
         if len(self._packets) > MOST_PACKETS or len(self._legs) > MOST_LEGS:
             for number in list(self._packets)[
                 : len(self._packets) // 8 + 1
-            ]:  # some at once, as the rest is looked through
+            ]:  # several at once, as each removal searches the legs
                 del self._packets[number]
             self._legs = [leg for leg in self._legs if leg.packet in self._packets][-MOST_LEGS:]
 
@@ -184,8 +187,8 @@ class Medium(Part):
         self._schedule()
 
     def _meet_all(self, now: float) -> set[str]:
-        """Look where packets are that may have come. Returns the receivers that have more of them than can be looked at now: what has ended there
-        cannot be judged before all that meets it is known."""
+        """Find the positions of packets that may have arrived. Returns the receivers that have more such packets than fit into this tick.
+        What has ended at these receivers cannot be decided yet, as the packets that disturb it are not all known."""
         due = sorted((leg.wake, k) for k, leg in enumerate(self._legs) if leg.stage == COMING and leg.wake <= now)
         met = {k: self._meet(self._legs[k], self._nodes[self._legs[k].receiver], now) for _, k in due[:_MOST_MET]}
         behind = {self._legs[k].receiver for _, k in due[_MOST_MET:]}
@@ -195,7 +198,7 @@ class Medium(Part):
         return behind
 
     def _meet(self, leg: Leg, node: Node, now: float) -> Leg | None:
-        """A leg under way, a little later: still under way, or there; None where it leads nowhere."""
+        """Return a leg in flight as it is a little later: still in flight, or arriving; None if it never arrives."""
         packet, scope = self._packets[leg.packet], self._scope(node)
         p, q = node.pose()
         fading = self._fading.between(packet.sender, node.path, node.modem, packet.left)
@@ -205,7 +208,8 @@ class Medium(Part):
         late = now - packet.left - crossing.time
         if late < 0.0:
             return structs.replace(leg, wake=now - late * (1.0 - _CLOSING))
-        # It has met the signal since the last tick: the time of travel changes with the end of a ray by the slowness along it (Fermat).
+        # The receiver has met the signal since the last tick. The time of travel changes with the end of the ray by the slowness along it
+        # (Fermat).
         approach = _along(crossing.towards, node.velocity())
         ago = late / (1.0 + approach / node.modem.speed_at(scope, p))
         p, q = node.pose(ago)
@@ -236,7 +240,7 @@ class Medium(Part):
     # -- receiving ------------------------------------------------------------------------------------------------------------------------
 
     def _decide(self, leg: Leg, node: Node, there: Sequence[Leg]) -> None:
-        """The end of a packet has come: it is understood or lost. `there`: all that is or was heard there lately."""
+        """Decide whether a packet whose end has arrived is understood. `there` has all legs that are or were heard there lately."""
         packet, modem = self._packets[leg.packet], node.modem
         if packet.signal.protocol != modem.table.protocol or not modem.is_for_me(packet.destination):
             return
@@ -262,7 +266,7 @@ class Medium(Part):
         memory.queue = (*known, Outgoing(packet.message, packet.source, b"", True, False, after, 0, leg.over))
 
     def _take_answer(self, leg: Leg, node: Node, packet: Packet) -> None:
-        """Somebody answered: it is told once, with the range."""
+        """Report the answer to a message, once, with the range."""
         modem = node.modem
         asked = next((each for each in modem.memory.waiting if each.message.id == packet.message), None)
         if asked is None:
@@ -283,7 +287,7 @@ class Medium(Part):
         self._ranging.answered(packet.message, told, travel)
 
     def _look_after(self, node: Node, now: float) -> None:
-        """Messages that nobody answered, and those that wait to be sent."""
+        """Repeat or give up messages without an answer, and send those that wait."""
         modem, memory = node.modem, node.modem.memory
         if not node.slot.active:
             memory.queue, memory.waiting = (), ()
@@ -299,11 +303,11 @@ class Medium(Part):
             address = modem.settings.address
             modem.tell(Message("failed", address, message.destination, message.data, asked.until, asked.until))
             waited = asked.until - asked.over
-            self._ranging.lost(message.id, f"no answer of {message.destination} came within {waited:.3g} s")
+            self._ranging.lost(message.id, f"no answer from {message.destination} came within {waited:.3g} s")
         self._send_next(node)
 
     def _forget_past(self, now: float) -> None:
-        """Drop what can disturb nothing any more."""
+        """Drop packets and legs that can no longer disturb anything."""
         hears: dict[str, float] = {}
         for leg in self._legs:
             if leg.stage == THERE:
@@ -317,7 +321,7 @@ class Medium(Part):
         }
 
     def _schedule(self) -> None:
-        """When there is something to do next."""
+        """Find the time at which something is due next."""
         wakes = [leg.wake for leg in self._legs if leg.stage != PAST]
         for node in self._nodes.values():
             memory = node.modem.memory
@@ -330,34 +334,35 @@ class Medium(Part):
     # -- state ----------------------------------------------------------------------------------------------------------------------------
 
     def forget(self, body: str) -> None:
-        """A vehicle goes: nothing comes to it any more. What it has sent goes on."""
+        """Remove the legs to a vehicle that is about to go. Packets that it has sent stay."""
         self._legs = [leg for leg in self._legs if leg.receiver.partition("/")[0] != body]
         for path in self._nodes:
             if path.partition("/")[0] == body:
                 self._ranging.end("the vehicle was taken out of the world", path)
 
     def leave(self, why: str) -> None:
-        """The run ends: whoever waits is told."""
+        """Answer all callers that wait, as the run ends."""
         self._ranging.end(why)
 
     def save(self) -> MediumState:
-        """All that is in the water."""
+        """Return all packets and legs."""
         return MediumState(self._count, tuple(self._packets.values()), tuple(self._legs))
 
     def check(self, state: Any) -> None:
-        """Each leg is that of a packet."""
+        """Raise ValueError if a leg has no packet, or two packets have one number."""
         numbers = {packet.number for packet in state.packets}
         if len(numbers) < len(state.packets):
             raise ValueError("two packets have one number")
         if any(leg.packet not in numbers for leg in state.legs):
-            raise ValueError("a packet arrives that nobody sent")
+            raise ValueError("a packet that arrives is missing")
 
     def load(self, state: MediumState) -> None:
-        """Put it back. Who waited for a range waits in another time: the answer is told at the port alone."""
-        self._ranging.end("the world was put back to another time")
+        """Take over packets and legs. Calls that wait for a range are ended, as they were made at another time; the answer is then only
+        reported at the port."""
+        self._ranging.end("the world was put to another time")
         self._count, self._legs = state.count, list(state.legs)
         self._packets = {packet.number: packet for packet in state.packets}
-        self.after_ns = 0  # modems may have something to do
+        self.after_ns = 0  # Modems may have something to do.
 
 
 def _along(way: tuple[float, float, float], v: tuple[float, float, float]) -> float:

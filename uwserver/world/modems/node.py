@@ -1,4 +1,4 @@
-"""A modem in the world as the medium sees it: its sensor, the vehicle that carries it, and where it is or was a little while ago."""
+"""A modem as the medium sees it: its sensor, its vehicle, and its pose now or shortly before."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ class Node(NamedTuple):
     """One modem.
 
     Attributes:
-        path: of the port where it tells what it hears.
+        path: of the port at which it reports what it hears.
         slot: of that port.
         modem: its sensor.
-        vehicle: that carries it.
+        vehicle: carries it.
     """
 
     path: str
@@ -28,7 +28,7 @@ class Node(NamedTuple):
     vehicle: Vehicle
 
     def pose(self, ago: float = 0.0) -> tuple[Vec3, Quat]:
-        """p_NS (m) and q_NS, a little while ago (s)."""
+        """Return p_NS (m) and q_NS, now or `ago` seconds before."""
         p, q = self.vehicle.p_NB, self.vehicle.q_NB
         if ago:
             p, q = earlier(p, q, self.vehicle.nu, ago)
@@ -37,16 +37,16 @@ class Node(NamedTuple):
         return (p[0] + dx, p[1] + dy, p[2] + dz), multiply(q, mount.q)
 
     def velocity(self) -> Vec3:
-        """v_NS, m/s."""
+        """Return v_NS, m/s."""
         vehicle, (rx, ry, rz) = self.vehicle, self.modem.mount.p
         vx, vy, vz, wx, wy, wz = vehicle.nu
         return rotate(vehicle.q_NB, (vx + wy * rz - wz * ry, vy + wz * rx - wx * rz, vz + wx * ry - wy * rx))
 
 
 def nodes_of(sensors: Mapping[str, SensorSlot], vehicles: Mapping[str, Vehicle]) -> dict[str, Node]:
-    """All modems of a world, by path."""
-    found = {}
-    for path, slot in sensors.items():
-        if isinstance(slot.sensor, Modem):
-            found[path] = Node(path, slot, slot.sensor, vehicles[path.partition("/")[0]])
-    return found
+    """Return all modems of a world, by path."""
+    return {
+        path: Node(path, slot, slot.sensor, vehicles[path.partition("/")[0]])
+        for path, slot in sensors.items()
+        if isinstance(slot.sensor, Modem)
+    }

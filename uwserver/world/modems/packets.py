@@ -1,4 +1,4 @@
-"""Packets in the water, and what of them is on its way to each modem: plain records, as a state keeps them."""
+"""Packets in the water, and their ways to each modem, as plain records that a state can keep."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from uwserver.sensors.modem import Signal
 from uwserver.world.part import State
 
 MOST_PACKETS = 1024
-"""In the water at a time; of more the oldest are forgotten."""
+"""Most packets in the water at a time. If there are more, the oldest are dropped."""
 MOST_LEGS = 16_384
 _Number = Annotated[int, Meta(ge=0, le=2**53)]
 _Address = Annotated[int, Meta(ge=0, le=65_535)]
@@ -25,18 +25,18 @@ class Packet(Struct, frozen=True):
     """A packet that was sent.
 
     Attributes:
-        number: counts them.
-        message: id of the message; of an answer that of the message it answers.
-        sender: port of the modem that tells what it hears.
+        number: counts the packets.
+        message: id of the message; for an answer the id of the message that it answers.
+        sender: port at which the sending modem reports what it hears.
         source, destination: addresses.
         data: payload.
-        answer, wanted: it answers; it asks for an answer.
-        held: of an answer: from the end of the message to its own beginning, s.
-        left: when, s.
-        lasts: s.
-        p: where, in N, m.
-        signal: what it sounds like.
-        v: how its sender moved, in N, m/s.
+        answer, wanted: whether it is an answer; whether it asks for one.
+        held: for an answer, time from the end of the message to the beginning of the answer, s.
+        left: time at which it was sent, s.
+        lasts: duration, s.
+        p: position of the sender in N, m.
+        signal: the sound.
+        v: velocity of the sender in N, m/s.
     """
 
     number: _Number
@@ -56,31 +56,31 @@ class Packet(Struct, frozen=True):
 
     @property
     def over(self) -> float:
-        """When its end had left, s."""
+        """Time at which its end was sent, s."""
         return self.left + self.lasts
 
 
 _AT_ONCE_S = 1e-6
-"""Less than a symbol of any modem, and more than times are uncertain by."""
+"""Shorter than a symbol of any modem, and longer than the rounding errors of times."""
 COMING: Final = 0
 THERE: Final = 1
 PAST: Final = 2
-"""It is still under way, it is being heard, or it has been."""
+"""The stages of a leg: still in flight, being heard, or heard before."""
 
 
 class Leg(Struct, frozen=True):
-    """A packet's way to one modem.
+    """The way of a packet to one modem.
 
     Attributes:
-        packet: number.
+        packet: number of the packet.
         receiver: port of the modem.
-        wake: when there is something to do about it, s.
-        stage: `COMING`, `THERE` or `PAST`; what follows holds from `THERE` on.
-        begin, over: when it began and ended to arrive, s.
-        signal, noise, late: powers, as of `uwserver.sensors.modem.Crossing`.
+        wake: time at which something is due, s.
+        stage: `COMING`, `THERE` or `PAST`; the following values hold from `THERE` on.
+        begin, over: times at which its beginning and its end arrived, s.
+        signal, noise, late: powers, as in `uwserver.sensors.modem.Crossing`.
         level: dB.
-        bearing, elevation: rad in the frame of the modem; None where it cannot tell.
-        speed: with which its way grew longer, m/s.
+        bearing, elevation: rad in the frame of the modem; None if the modem cannot measure them.
+        speed: rate at which the way grew longer, m/s.
     """
 
     packet: _Number
@@ -98,15 +98,15 @@ class Leg(Struct, frozen=True):
     speed: Number = 0.0
 
     def meets(self, begin: float, over: float) -> bool:
-        """Whether it was heard at a time between these, s; what follows at once does not meet it."""
+        """Return whether it was heard at a time between these, s. A packet that follows without a gap does not meet it."""
         return self.begin + _AT_ONCE_S < over and begin + _AT_ONCE_S < self.over
 
 
 class MediumState(State, frozen=True):
-    """What is in the water.
+    """Everything in the water.
 
     Attributes:
-        count: packets and messages so far, which numbers them.
+        count: packets and messages so far; it numbers them.
         packets, legs: in the order in which they began.
     """
 

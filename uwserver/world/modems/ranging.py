@@ -1,4 +1,4 @@
-"""Who waits for the distance of another modem. What is sent for it is in the state of the modem; the callers, who are not, are here."""
+"""Calls that wait for the distance of another modem. The state of the modem has the messages; the calls, which no state keeps, are here."""
 
 from __future__ import annotations
 
@@ -10,31 +10,31 @@ from uwserver.sensors.messages import Message
 
 
 class Ranging:
-    """Calls that are answered when the answer of another modem has come, or can come no more."""
+    """Answers a call when the answer of the other modem has come, or can no longer come."""
 
     def __init__(self, answers: Answers, now: Callable[[], tuple[int, int]]) -> None:
-        """Of a world.
+        """Begin without calls.
 
         Args:
-            answers: where replies go.
-            now: tick and simulation time (ns).
+            answers: takes the replies.
+            now: gives the tick and the simulation time (ns).
         """
         self._answers, self._now = answers, now
         self._asked: dict[int, tuple[str, Later]] = {}
 
     def wait(self, message: int, path: str) -> Later:
-        """For the answer to a message that the modem with this port sends."""
+        """Return a call that waits for the answer to a message of the modem with this port."""
         later = Later(self._answers)
         self._asked[message] = path, later
         return later
 
     def answered(self, message: int, told: Message, travel: float) -> None:
-        """An answer has come.
+        """Answer the call that waits for a message; do nothing if no call does.
 
         Args:
-            message: that it answers; of one that nobody waits for nothing happens.
-            told: what the modem tells of it.
-            travel: there and back, s.
+            message: id of the message.
+            told: what the modem reports about the answer.
+            travel: travel time there and back, s.
         """
         result: Json = {
             "destination": told.destination,
@@ -49,11 +49,11 @@ class Ranging:
         self._finish(message, result, None)
 
     def lost(self, message: int, text: str) -> None:
-        """No answer came in time."""
+        """End the call that waits for a message, as no answer came in time."""
         self._finish(message, None, ("timeout", text))
 
     def end(self, why: str, path: str | None = None) -> None:
-        """Nobody waits any more for what the modem with this port, or any, has sent."""
+        """End all calls that wait for messages of the modem with this port, or of any modem."""
         for message in [message for message, (of, _) in self._asked.items() if path in (None, of)]:
             self._finish(message, None, ("preempted", why))
 

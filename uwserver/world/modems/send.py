@@ -9,43 +9,43 @@ from uwserver.sensors.messages import MOST_QUEUE
 from uwserver.sensors.modem import Modem, ModemTable
 
 Submit = Callable[[int, bytes, bool], None]
-"""Has a message sent: to an address, its payload, and whether it asks for an answer."""
+"""Sends a message: address, payload, and whether an answer is wanted."""
 
 
 class Send:
-    """Takes messages, of which each counts: several in one tick are sent one after the other.
+    """Takes messages. Every message counts: several in one tick are sent one after the other.
 
     Attributes:
         takes_each: no command replaces another.
-        modem: that sends.
+        modem: sends the messages.
     """
 
     doc = (
-        "Messages that a modem is to send. While it sends, a few wait; then it is busy and says so. A message to an address that nobody has is "
-        "sent like any other: what becomes of it is told where an answer was asked for."
+        "Messages for a modem to send. While it sends, a few messages may wait; a further one is refused as busy. A message to an address without "
+        "a modem is sent like any other; if an answer was requested, its absence is reported."
     )
     takes_each = True
 
     def __init__(self, modem: Modem, submit: Submit, now: Callable[[], float]) -> None:
-        """Of a modem.
+        """Take the modem.
 
         Args:
-            modem: that sends.
-            submit: has a message sent.
-            now: simulation time, s.
+            modem: sends the messages.
+            submit: sends one message.
+            now: gives the simulation time, s.
         """
         self.modem, self._submit, self._now = modem, submit, now
         table = modem.table
         everyone = f"{table.broadcast_address} for all"
         highest = float(max(table.highest_address, table.broadcast_address))
         self.fields = (
-            Field("destination", "1", f"address; {everyone}, as where it is left out", minimum=0.0, maximum=highest),
-            Field("data", "1", "payload; left out: none", type="bytes", max_bytes=table.max_bytes),
-            Field("acknowledge", "1", "1: the receiver is to answer, which tells its range; default: 0", minimum=0.0, maximum=1.0),
+            Field("destination", "1", f"address; default: {everyone}", minimum=0.0, maximum=highest),
+            Field("data", "1", "payload; default: empty", type="bytes", max_bytes=table.max_bytes),
+            Field("acknowledge", "1", "1: request an answer, which gives the range of the receiver; default: 0", minimum=0.0, maximum=1.0),
         )  # fmt: skip
 
     def objection(self, value: Items) -> Fault | None:
-        """Why it takes no such message now, for the sender: "busy" is the code of what may be sent later."""
+        """Return why a message is refused now, as a text for the sender. The code "busy" means that it may be sent later."""
         destination, data, wanted = self._message(value)
         table = self.modem.table
         if destination is None:
@@ -53,16 +53,16 @@ class Send:
         if destination != table.broadcast_address and (not table.addressed or destination > table.highest_address):
             return Fault("bad_argument", _nobody(table, destination))
         if wanted and not table.acknowledges:
-            return Fault("bad_argument", "is of a make that answers nothing: leave acknowledge out")
+            return Fault("bad_argument", "is a model that never answers: leave acknowledge out")
         if wanted and destination == table.broadcast_address:
-            text = "cannot ask all for an answer, as they would answer at once: ask one address"
+            text = "cannot request an answer from all, as the answers would collide: ask one address"
             return Fault("bad_argument", text)
         if not data and not wanted:
             return Fault("bad_argument", "needs data, or acknowledge = 1 to ask for a range alone")
         return self._why_busy(wanted)
 
     def objection_to_range(self, destination: int) -> Fault | None:
-        """Why it does not ask an address for its distance now."""
+        """Return why the modem does not ask an address for its distance now."""
         memory = self.modem.memory
         if destination == self.modem.settings.address:
             return Fault("bad_argument", f"has address {destination} itself: ask another one")
@@ -83,16 +83,16 @@ class Send:
         return None
 
     def apply(self, value: Items) -> None:
-        """Send a message, or let it wait."""
+        """Send a message, or queue it."""
         destination, data, wanted = self._message(value)
         if destination is not None:
             self._submit(destination, data, wanted)
 
     def neutral(self) -> None:
-        """Nothing to undo: what was sent was sent."""
+        """Do nothing: a message that was sent cannot be taken back."""
 
     def _message(self, value: Items) -> tuple[int | None, bytes, bool]:
-        """Destination (None: no whole number), payload, and whether it asks for an answer."""
+        """Return the destination (None if it is no whole number), the payload, and whether an answer is wanted."""
         to, data, wanted = value
         number = float(to[0]) if isinstance(to, tuple) else float(self.modem.table.broadcast_address)
         payload = data.data if isinstance(data, Buffer) else b""
@@ -101,5 +101,5 @@ class Send:
 
 def _nobody(table: ModemTable, destination: int) -> str:
     if not table.addressed:
-        return "is of a make without addresses, and sends to all: leave destination out"
-    return f"has addresses up to {table.highest_address}, and {table.broadcast_address} for all: nobody can be at {destination}"
+        return "is a model without addresses, which sends to all: leave destination out"
+    return f"has addresses up to {table.highest_address}, and {table.broadcast_address} for all: no modem can have the address {destination}"

@@ -1,4 +1,4 @@
-"""What happens to a signal between two modems besides what its rays do: something solid hides it, and its level fades."""
+"""Effects on a signal between two modems besides those on its rays: a solid hides it, and its level fades."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from uwserver.sensors.modem import Modem
 
 
 def is_hidden(geometry: Geometry, modem: Modem, a: Vec3, b: Vec3) -> bool:
-    """Whether something solid, not near their ends, stands between two points (N, m) that is too wide for the signal to get round it."""
+    """Return whether a solid between two points (N, m), not near their ends, is so wide that the signal does not get round it."""
     clear, distance = modem.table.clearance_m, math.dist(a, b)
     free = distance - 2.0 * clear
     if free <= 0.0:
@@ -30,21 +30,21 @@ def is_hidden(geometry: Geometry, modem: Modem, a: Vec3, b: Vec3) -> bool:
 
 
 class Fading:
-    """Of the levels between modems; it remembers nothing that a run depends on."""
+    """The fading of levels between modems. A state need not keep it."""
 
     def __init__(self, seed: int, path: str) -> None:
-        """seed, path: of the world and of the medium, for its random numbers."""
+        """Take the seed of the world and the path of the medium, for the random numbers."""
         self._seed, self._path = seed, path
         self._pairs: dict[tuple[str, str], Draws] = {}
 
     def between(self, sender: str, receiver: str, modem: Modem, t: float) -> float:
-        """Of the level between two modems at a time (s), dB, the same both ways: random numbers at the beats of its time, and straight lines
-        between, so weighted that their deviation is the same everywhere.
+        """Return the fading of the level between two modems at a time, dB. It is the same in both directions. Random numbers are drawn at
+        fixed instants, and interpolated by straight lines whose weights keep the deviation the same everywhere.
 
         Args:
-            sender, receiver: ports where they tell what they hear.
-            modem: that receives.
-            t: when the signal left, s.
+            sender, receiver: ports at which the modems report what they hear.
+            modem: the receiver.
+            t: time at which the signal was sent, s.
         """
         sigma, time = modem.fading
         if not sigma or modem.table.ideal:

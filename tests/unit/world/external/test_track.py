@@ -102,10 +102,10 @@ def test_a_jump_moves_but_strikes_nothing():
     [
         ({"t_ns": np.array([0, 0])}, "must rise"),
         ({"t_ns": np.array([0.0, 1.0])}, "float64"),
-        ({"t_ns": np.array([], np.int64)}, "needs a pose"),
+        ({"t_ns": np.array([], np.int64)}, "needs at least one pose"),
         ({"p_NB": np.array([[0, 0, np.nan], [0, 0, 0]])}, "not finite"),
         ({"p_NB": np.array([[0, 0, 2 * FARTHEST_M], [0, 0, 0]])}, "farther"),
-        ({"q_NB": np.array([[0.0, 0, 0, 0], [1, 0, 0, 0]])}, "no rotation"),
+        ({"q_NB": np.array([[0.0, 0, 0, 0], [1, 0, 0, 0]])}, "no unit quaternion"),
         ({"q_NB": np.zeros((2, 3))}, "an array of"),
         ({"v_N": np.zeros((3, 3))}, "an array of"),
     ],
@@ -128,7 +128,7 @@ def test_what_a_foreign_source_gives_is_cleaned_and_told():
     assert clean.t_ns.tolist() == [0, 3 * S, 6 * S, 7 * S]
     assert (clean.q_NB == [1.0, 0, 0, 0]).all()
     assert [remark.split(" ", 1)[0] for remark in remarks] == ["1"] * 5
-    for what in ("not finite", "no length", "farther", "before that of an earlier", "same instant"):
+    for what in ("not finite", "no length", "farther", "after a newer one", "same instant"):
         assert sum(what in remark for remark in remarks) == 1
 
 

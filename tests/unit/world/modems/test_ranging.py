@@ -70,7 +70,7 @@ def test_nobody_answers_in_time():
     told = listen(world, 1.2)
     assert nobody == told == []
     told = listen(world, 0.1)
-    assert fault(nobody) == ("timeout", "no answer of 9 came within 1.25 s")
+    assert fault(nobody) == ("timeout", "no answer from 9 came within 1.25 s")
     assert nobody[0].fault.where == "a/modem/range"
     assert [(m.event, m.destination) for m in told] == [("failed", 9)]
     # One that is there but too far for the patience: its answer, of 2.1 s, finds nobody who waits.
@@ -120,8 +120,8 @@ def test_cancelled():
 @pytest.mark.parametrize(
     ("how", "text"),
     [
-        (snapshot.restore, "put back"),
-        (lambda world, kept: world.call("world/reset"), "put back"),
+        (snapshot.restore, "put to another time"),
+        (lambda world, kept: world.call("world/reset"), "put to another time"),
         (lambda world, kept: world.call("world/remove", name="a"), "taken out"),
         (lambda world, kept: world.call("a/modem/received/deactivate"), "switched off"),
         (lambda world, kept: [on(answer) for on, answer in world.end("the end")], "the end"),
@@ -163,7 +163,7 @@ def fault_of(world, **args):
         ({"destination": 1}, "bad_argument", "has address 1 itself"),
         ({"destination": 300}, "out_of_range", ""),
         ({"destination": 2, "timeout_s": 0.0}, "out_of_range", ""),
-        ({"destination": 50}, "bad_argument", "cannot ask all"),
+        ({"destination": 50}, "bad_argument", "cannot request an answer from all"),
         ({}, "bad_argument", "destination"),
     ],
 )

@@ -31,7 +31,10 @@ def told(world, **value):
         ({"destination": 255, "data": b"x"}, ""),
         ({"destination": 2, "acknowledge": 1}, ""),
         ({"destination": 1.5, "data": b"x"}, "needs a whole number as destination"),
-        ({"destination": 101, "data": b"x"}, "has addresses up to 100, and 255 for all: nobody can be at 101"),
+        (
+            {"destination": 101, "data": b"x"},
+            "has addresses up to 100, and 255 for all: no modem can have the address 101",
+        ),
         ({"data": b"x", "acknowledge": 1}, "ask one address"),
         ({"destination": 2}, "needs data, or acknowledge = 1"),
     ],
@@ -51,7 +54,7 @@ def test_a_payload_that_is_too_long_is_refused_before_it_is_sent():
 
 
 def test_a_make_that_answers_nothing_says_so():
-    assert "answers nothing" in told(world_of(PLACES, acknowledges=False), destination=2, data=b"x", acknowledge=1)
+    assert "never answers" in told(world_of(PLACES, acknowledges=False), destination=2, data=b"x", acknowledge=1)
 
 
 def test_two_senders_are_no_conflict():
@@ -105,7 +108,7 @@ def test_a_make_without_addresses_sends_to_all_and_tells_no_sender():
     places = PLACES | {"c": (0.0, 100.0, 20.0)}
     keys = {"addressed": False, "acknowledges": False, "broadcast_address": 255}
     world = world_of(places, **keys)
-    assert "without addresses, and sends to all: leave destination out" in told(world, destination=2, data=b"x")
+    assert "without addresses, which sends to all: leave destination out" in told(world, destination=2, data=b"x")
     assert told(world, data=b"x") == ""
     heard = listen(world, 1.0)
     assert [(m.by, m.source, m.destination, m.data) for m in heard] == [("b", 255, 255, b"x"), ("c", 255, 255, b"x")]
