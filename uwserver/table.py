@@ -12,6 +12,9 @@ Probability = Annotated[float, Meta(ge=0, le=1)]
 Latitude = Annotated[float, Meta(ge=-89.9, le=89.9)]
 Vector3 = tuple[float, float, float]
 Name = Annotated[str, Meta(min_length=1)]
+Count = Annotated[int, Meta(ge=1)]
+PortNumber = Annotated[int, Meta(ge=0, le=65535)]
+"""A TCP or UDP port. Where a table gives the port at which to listen, 0 takes a free one."""
 
 
 class Table(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):

@@ -36,8 +36,8 @@ from uwserver_adapters.mavlink.wire.json_form import BadJson, frame_of
 from uwserver_adapters.moos import wire as moos
 from uwserver_adapters.moos.text import lines as moos_text
 from uwserver_adapters.morse import grammar as morse
-from uwserver_adapters.native.codec import NEED_DATA, Control, JsonCodec, MsgpackCodec
-from uwserver_adapters.native.requests import Malformed, Request
+from uwserver_adapters.native.codec import Control, JsonCodec, MsgpackCodec
+from uwserver_adapters.native.messages import Malformed, Request
 from uwserver_adapters.native.websocket import Handshake, WebSocketCodec
 from uwserver_adapters.player import devices as player_devices
 from uwserver_adapters.player import wire as player
@@ -164,13 +164,13 @@ class Json(Target):
         message = dice.tree(dice.one(MESSAGES))
         data = json.dumps(message, ensure_ascii=bool(dice.below(2))).encode() + b"\n"
         if dice.below(2):
-            events = read_all(JsonCodec(), dice.pieces(data + self._follower), NEED_DATA)
+            events = read_all(JsonCodec(), dice.pieces(data + self._follower), None)
             assert len(events) == 2, data
             assert events[0].id == id_of(message), (data, events[0])
         else:
             data = dice.damaged(data)
-            events = read_all(JsonCodec(), [data, b"\n", self._follower], NEED_DATA)
-            in_pieces = read_all(JsonCodec(), [*dice.pieces(data), b"\n" + self._follower], NEED_DATA)
+            events = read_all(JsonCodec(), [data, b"\n", self._follower], None)
+            in_pieces = read_all(JsonCodec(), [*dice.pieces(data), b"\n" + self._follower], None)
             assert texts(in_pieces) == texts(events), data
             assert len(events) <= data.count(b"\n") + 2, data
             assert all(isinstance(event, Request | Malformed) for event in events)
@@ -199,14 +199,14 @@ class Msgpack(Target):
             body = dice.damaged(data[4:])
             data = struct.pack(">I", len(body)) + body
         if kind < 2:
-            events = read_all(MsgpackCodec(), dice.pieces(data + self._follower), NEED_DATA)
+            events = read_all(MsgpackCodec(), dice.pieces(data + self._follower), None)
             assert len(events) == 2, data
             assert events[1] == FOLLOWED
             assert kind == 0 or events[0].id == id_of(message), (data, events[0])
         else:
             data = dice.damaged(data)
-            events = read_all(MsgpackCodec(), [data], NEED_DATA)
-            assert texts(read_all(MsgpackCodec(), dice.pieces(data), NEED_DATA)) == texts(events), data
+            events = read_all(MsgpackCodec(), [data], None)
+            assert texts(read_all(MsgpackCodec(), dice.pieces(data), None)) == texts(events), data
             assert all(isinstance(event, Request | Malformed) for event in events)
 
 
@@ -251,7 +251,7 @@ class WebSocket(Target):
             data = self.frame(dice.damaged(body)[:60000], opcode)
         else:
             data = dice.damaged(self.frame(body, opcode))
-        events = read_all(self._codec, dice.pieces(data), NEED_DATA)
+        events = read_all(self._codec, dice.pieces(data), None)
         assert all(isinstance(event, Request | Malformed | Control) for event in events)
         if kind < 2:
             requests = [event for event in events if not isinstance(event, Control)]

@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 from dice import SECONDS, for_seconds, seed_of_the_day
 from targets import texts
-from uwserver_adapters.native.codec import NEED_DATA, Codec, JsonCodec, MsgpackCodec
-from uwserver_adapters.native.requests import Malformed, Request
+from uwserver_adapters.native.codec import Codec, JsonCodec, MsgpackCodec
+from uwserver_adapters.native.messages import Malformed, Request
 from uwserver_adapters.sockets import SocketsAdapter
 from uwserver_adapters.sockets.connection import Connection
 
@@ -108,14 +108,12 @@ class Inputs:
 
 def check_codec_input(make: Callable[[], Codec], inputs: Inputs, follower: bytes) -> None:
     data = inputs.next()
-    events = read_all(make(), [data], NEED_DATA)
+    events = read_all(make(), [data], None)
     assert all(isinstance(event, Request | Malformed) for event in events)
-    in_pieces = read_all(make(), list(inputs.pieces(data)), NEED_DATA)
+    in_pieces = read_all(make(), list(inputs.pieces(data)), None)
     assert texts(in_pieces) == texts(events), f"pieces matter for {data!r}"
     if make is JsonCodec:
-        assert read_all(make(), [data, b"\n", follower], NEED_DATA)[-1] == Request(
-            2, "describe", {"pattern": "rov/*"}
-        ), data
+        assert read_all(make(), [data, b"\n", follower], None)[-1] == Request(2, "describe", {"pattern": "rov/*"}), data
 
 
 def run_codecs(encoding: str, seed: int, go_on: Callable[[int], bool]) -> int:

@@ -22,7 +22,7 @@ from test_replay import Rig, rewritten
 from uwserver_adapters.moos.bridge.bridge import ERROR, Bridge
 from uwserver_adapters.moos.config import BridgeTable
 from uwserver_adapters.native.codec import JsonCodec, MsgpackCodec
-from uwserver_adapters.native.requests import Request as SocketRequest
+from uwserver_adapters.native.messages import Request as SocketRequest
 from uwserver_adapters.sockets import SocketsAdapter
 from websockets.asyncio.client import connect as connect_websocket
 

@@ -3,6 +3,21 @@
 from __future__ import annotations
 
 from uwserver.adapter.accepting import NO_DESCRIPTORS, Listener, note_no_descriptors, serve_tcp
+from uwserver.adapter.access import (
+    LOCKOUT_S,
+    TOKEN_VARIABLE,
+    WRONG_TOKENS,
+    Lockout,
+    NodeTable,
+    OpenTable,
+    Token,
+    TokenTable,
+    known_token,
+    new_token,
+    tls_context,
+    token_for,
+)
+from uwserver.adapter.base import AdapterBase
 from uwserver.adapter.bounds import MESSAGE_LIMIT, STRANGER_LIMIT
 from uwserver.adapter.chores import Chores
 from uwserver.adapter.connection import HIGH_WATER, LINGER_S, TURN_S, Connection
@@ -24,13 +39,14 @@ from uwserver.adapter.conversation import UNANSWERED, Conversation, OnAnswer, Ow
 from uwserver.adapter.datagrams import DatagramTurns
 from uwserver.adapter.foreign import REFUSALS, FirstBytes, http_answer
 from uwserver.adapter.framing import EncodingName, Frames, Lines, TooLong, Undecodable, decode, frame, line
-from uwserver.adapter.in_order import InOrder
-from uwserver.adapter.limits import RateMeter, TurnTimes
+from uwserver.adapter.limits import RateMeter, TurnTimes, within
 from uwserver.adapter.listening import (
     CannotListen,
     address_text,
     bound_socket,
     cannot_listen,
+    host_here,
+    host_name,
     is_host_known,
     is_loopback,
     may_connect,
@@ -38,30 +54,122 @@ from uwserver.adapter.listening import (
 )
 from uwserver.adapter.log_file import LogFile
 from uwserver.adapter.peers import STRANGERS, Peer, Peers, host_of
-from uwserver.adapter.readings import Reading, Readings
+from uwserver.adapter.readings import (
+    Reading,
+    Readings,
+    field_of,
+    port_of,
+    port_of_kind,
+    vehicle_of,
+    vehicles_of,
+)
 from uwserver.adapter.refusals import CannotServe, Refusals, did_you_mean
-from uwserver.adapter.roles import field_of, port_of, port_of_kind, vehicle_of, vehicles_of
 from uwserver.adapter.salvage import json_member, msgpack_member
 from uwserver.adapter.serial_port import SerialPort
-from uwserver.adapter.threads import Inbox, Worker
-from uwserver.adapter.tls import tls_context
-from uwserver.adapter.tokens import TOKEN_VARIABLE, Token, known_token, new_token, token_for
+from uwserver.adapter.threads import Inbox, InOrder, Worker
 from uwserver.adapter.values import SampleForm, in_pieces, raw_field
-from uwserver.adapter.waiting import within
 from uwserver.adapter.world import VehicleFacts, WorldFacts
 from uwserver.modifiers.choosing import NOBODY, NOT_BEGUN, UNKNOWN, NotMet, choose
 from uwserver.ports.thinning import Thinned, Thinning
 from uwserver.ports.told import Origin, Told
 
 __all__ = [
-    "ENTRY_POINT_GROUP", "HIGH_WATER", "LINGER_S", "MESSAGE_LIMIT", "NOBODY", "NOT_BEGUN", "NO_DESCRIPTORS", "REFUSALS", "STRANGERS",
-    "STRANGER_LIMIT", "TOKEN_VARIABLE", "TURN_S", "UNANSWERED", "UNKNOWN", "Adapter", "AdapterContext",
-    "AdapterNotFound", "AdapterStats", "AdapterTable", "CannotListen", "CannotServe", "Chores", "Connection", "Conversation", "DatagramTurns",
-    "Driver", "EncodingName", "FirstBytes", "Frames", "InOrder", "Inbox", "Lines", "Listener", "LogFile", "NotMet", "OnAnswer",
-    "Order", "Origin", "Owed", "Peer", "Peers", "RateMeter", "Reading", "Readings", "Refusals", "SampleForm", "SerialPort", "Subscriber",
-    "Thinned", "Thinning", "Token", "Told", "TooLong", "TurnTimes", "Undecodable", "VehicleFacts", "Worker", "WorldFacts", "adapter_entries",
-    "address_text", "bound_socket", "cannot_listen", "choose", "decode", "did_you_mean", "field_of", "frame", "host_of", "http_answer",
-    "in_pieces", "installed_adapters", "is_host_known", "is_loopback", "json_member", "known_token", "line", "load_adapter", "may_connect",
-    "msgpack_member", "new_token", "note_no_descriptors", "port_of", "port_of_kind", "raw_field", "serve_tcp", "serving",
-    "tls_context", "token_for", "vehicle_of", "vehicles_of", "within",
+    "ENTRY_POINT_GROUP",
+    "HIGH_WATER",
+    "LINGER_S",
+    "LOCKOUT_S",
+    "MESSAGE_LIMIT",
+    "NOBODY",
+    "NOT_BEGUN",
+    "NO_DESCRIPTORS",
+    "REFUSALS",
+    "STRANGERS",
+    "STRANGER_LIMIT",
+    "TOKEN_VARIABLE",
+    "TURN_S",
+    "UNANSWERED",
+    "UNKNOWN",
+    "WRONG_TOKENS",
+    "Adapter",
+    "AdapterBase",
+    "AdapterContext",
+    "AdapterNotFound",
+    "AdapterStats",
+    "AdapterTable",
+    "CannotListen",
+    "CannotServe",
+    "Chores",
+    "Connection",
+    "Conversation",
+    "DatagramTurns",
+    "Driver",
+    "EncodingName",
+    "FirstBytes",
+    "Frames",
+    "InOrder",
+    "Inbox",
+    "Lines",
+    "Listener",
+    "Lockout",
+    "LogFile",
+    "NodeTable",
+    "NotMet",
+    "OnAnswer",
+    "OpenTable",
+    "Order",
+    "Origin",
+    "Owed",
+    "Peer",
+    "Peers",
+    "RateMeter",
+    "Reading",
+    "Readings",
+    "Refusals",
+    "SampleForm",
+    "SerialPort",
+    "Subscriber",
+    "Thinned",
+    "Thinning",
+    "Token",
+    "TokenTable",
+    "Told",
+    "TooLong",
+    "TurnTimes",
+    "Undecodable",
+    "VehicleFacts",
+    "Worker",
+    "WorldFacts",
+    "adapter_entries",
+    "address_text",
+    "bound_socket",
+    "cannot_listen",
+    "choose",
+    "decode",
+    "did_you_mean",
+    "field_of",
+    "frame",
+    "host_here", "host_name", "host_of",
+    "http_answer",
+    "in_pieces",
+    "installed_adapters",
+    "is_host_known",
+    "is_loopback",
+    "json_member",
+    "known_token",
+    "line",
+    "load_adapter",
+    "may_connect",
+    "msgpack_member",
+    "new_token",
+    "note_no_descriptors",
+    "port_of",
+    "port_of_kind",
+    "raw_field",
+    "serve_tcp",
+    "serving",
+    "tls_context",
+    "token_for",
+    "vehicle_of",
+    "vehicles_of",
+    "within",
 ]  # fmt: skip

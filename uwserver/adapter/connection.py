@@ -10,7 +10,10 @@ import logging
 import math
 from typing import Any, cast
 
+from uwserver.adapter.contract import AdapterStats
+from uwserver.adapter.conversation import Conversation
 from uwserver.adapter.foreign import REFUSALS, FirstBytes
+from uwserver.adapter.limits import RateMeter
 from uwserver.adapter.peers import Peers, host_of
 from uwserver.ports import Fault
 
@@ -33,6 +36,12 @@ class Connection(asyncio.Protocol):
         peers: the peers of the adapter.
         first_message_s: wall time in which the derived class must admit the peer (`admit`). With `math.inf` the peer may wait among the
             strangers until another peer needs the place. By default every peer is admitted when it connects.
+        stats: counters of the adapter, for `send_sample` and `send_answer`.
+        requests_per_s: requests of the peer in a second that the derived class counts with ``self._rate.take``. If more come, nothing more is
+            read from the peer until the second is over. By default requests are not counted.
+        queue_bytes: bytes that may wait for the peer. Above that, samples are dropped, and a peer that does not read its answers is disconnected.
+        conversation: the commands and calls of the peer. It ends with the connection, and its long-running calls end when the peer sends nothing
+            more: on TCP a peer that has gone looks like one that only listens.
 
     Attributes:
         host: host of the peer, see `host_of`.
@@ -43,7 +52,16 @@ class Connection(asyncio.Protocol):
         is_working: whether a turn of this peer is being taken.
     """
 
-    def __init__(self, peers: Peers[Any], first_message_s: float | None = None) -> None:
+    def __init__(
+        self,
+        peers: Peers[Any],
+        first_message_s: float | None = None,
+        *,
+        stats: AdapterStats | None = None,
+        requests_per_s: int = 0,
+        queue_bytes: int = HIGH_WATER,
+        conversation: Conversation | None = None,
+    ) -> None:
         self.host = ""
         self.is_stranger = True
         self.is_half_open = False
@@ -54,6 +72,10 @@ class Connection(asyncio.Protocol):
         self.transport: asyncio.Transport
         self._first: FirstBytes | None = FirstBytes()
         self._first_message_s = first_message_s
+        self._stats = stats or AdapterStats()
+        self._rate = RateMeter(requests_per_s)
+        self._queue_bytes = queue_bytes
+        self._asked = conversation
         self._deadline: asyncio.TimerHandle | None = None
         self._turn: asyncio.Handle | None = None
         self._linger: asyncio.TimerHandle | None = None
@@ -77,18 +99,20 @@ class Connection(asyncio.Protocol):
 
     def quiet_until(self) -> float:
         """Return the loop time until which nothing more is read from a peer that floods, or 0.0 to read on. Called when all messages are handled."""
-        return 0.0
+        return self._rate.end if self._rate.is_flooded(self.loop.time()) else 0.0
 
     def after_turn(self) -> None:
         """Called after each turn, so that everything that was written in it can be sent together."""
 
     def half_closed(self) -> None:
-        """Called when the peer has ended its side of the connection."""
+        """Called when the peer has ended its side of the connection. By default it ends the long-running calls of the peer's conversation."""
+        if self._asked is not None:
+            self._asked.half_close()
 
     @property
     def is_owed(self) -> bool:
-        """Whether the peer may still get something although it asks for nothing more."""
-        return False
+        """Whether the peer may still get something although it asks for nothing more. By default: an answer of its conversation."""
+        return self._asked is not None and self._asked.owed.count > 0
 
     def missed(self) -> None:
         """Refuse a peer that was not admitted in time."""
@@ -129,6 +153,28 @@ class Connection(asyncio.Protocol):
         """Send, unless it ends already: also by the peer, which is told to us a turn later."""
         if not self.is_closing and not self.transport.is_closing():
             self.transport.write(data)
+
+    def send_sample(self, data: bytes) -> None:
+        """Send a sample, and count it. It is dropped if too much waits for the peer."""
+        if self.is_closing:
+            return
+        if self.waiting > self._queue_bytes:
+            self._stats.dropped += 1
+            return
+        self._stats.samples_sent += 1
+        self._stats.bytes_sent += len(data)
+        self.write(data)
+
+    def send_answer(self, data: bytes, who: str) -> None:
+        """Send an answer. A peer that does not read its answers is disconnected; `who` names it in the status."""
+        if self.is_closing:
+            return
+        if self.waiting > self._queue_bytes:
+            self._stats.last_error = f"{who} did not read its answers and was disconnected"
+            self.abort()
+            return
+        self._stats.bytes_sent += len(data)
+        self.write(data)
 
     def close(self) -> None:
         """Close the connection once the peer has taken what waits for it."""
@@ -211,6 +257,8 @@ class Connection(asyncio.Protocol):
         if self._linger is not None:
             self._linger.cancel()
         try:
+            if self._asked is not None:
+                self._asked.close()
             self.closed()
         finally:
             self.peers.leave(self)

@@ -21,6 +21,8 @@ from uwserver.table import Table
 log = logging.getLogger(__name__)
 
 ENTRY_POINT_GROUP = "uwserver.adapters"
+ERROR_LIMIT = 500
+"""Longest `AdapterStats.last_error`, characters: it may quote a peer."""
 
 
 class AdapterTable(Table, tag_field="kind", kw_only=True, frozen=True):
@@ -88,6 +90,11 @@ class AdapterStats:
     restarts: int = 0
     last_error: str = ""
     details: dict[str, Json] = field(default_factory=dict)
+
+    def count_error(self, text: str) -> None:
+        """Count an error, and keep its text as `last_error`."""
+        self.errors += 1
+        self.last_error = text[:ERROR_LIMIT]
 
 
 class Subscriber(Protocol):

@@ -8,7 +8,8 @@ than a limit.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 from uwserver.adapter.contract import AdapterContext
 from uwserver.ports import Fault, Progress, Refused, Reply
@@ -70,6 +71,7 @@ class Conversation:
         self.is_closed = False
         self._context = context
         self._queue = queue
+        self._is_half_closed = False
         self._leave: Callable[[], None] | None = None
         self._running: dict[object, list[_Running]] = {}
 
@@ -141,9 +143,35 @@ class Conversation:
             raise
         if not running.is_done:
             running.is_long = context.services[service].long_running
-            if timeout_s is not None:
+            if running.is_long and self._is_half_closed:
+                running.cancel()
+            elif timeout_s is not None:
                 text = f"not done within {timeout_s:g} s and therefore cancelled: {advice}"
                 running.limit(timeout_s, Fault("timeout", text, service))
+
+    def call_all(
+        self, calls: Sequence[tuple[str, Mapping[str, object]]], answer: Callable[[Sequence[Reply]], None]
+    ) -> None:
+        """Call several services, and pass on their Replies in the order of the calls once all are here.
+
+        Args:
+            calls: path and arguments of each service.
+            answer: gets the Replies. A call that is refused at once counts as a Reply with that fault.
+        """
+        replies: dict[int, Reply] = {}
+
+        def take(k: int, reply: Reply) -> None:
+            replies[k] = reply
+            if len(replies) == len(calls):
+                answer([replies[k] for k in range(len(calls))])
+
+        if not calls:
+            answer(())
+        for k, (service, args) in enumerate(calls):
+            try:
+                self.call(service, args, partial(take, k))
+            except Refused as refused:
+                take(k, Reply(0, 0, fault=refused.fault))
 
     def ended(self, running: _Running) -> None:
         """Forget a call that has ended."""
@@ -185,6 +213,11 @@ class Conversation:
             running.unlimit()
             if running.is_long:
                 running.cancel()
+
+    def half_close(self) -> None:
+        """End long-running calls, also later ones: the peer sends nothing more, and on TCP a peer that has gone looks just like that."""
+        self._is_half_closed = True
+        self.end_calls()
 
     def close(self) -> None:
         """End the conversation when the peer has left."""

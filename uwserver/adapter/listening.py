@@ -38,14 +38,23 @@ def may_connect(host: str, allowed: Sequence[str]) -> bool:
     return host in allowed or host == socket.gethostname() or is_loopback(host)
 
 
+def host_here(bind: str) -> str:
+    """Return an address at which this machine reaches a server that listens at `bind`, which may mean all addresses."""
+    return {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(bind, bind)
+
+
+def host_name(host: str) -> str:
+    """Return the name or address in an HTTP ``Host``, without the port."""
+    return host[1:].partition("]")[0] if host.startswith("[") else host.partition(":")[0]
+
+
 def is_host_known(host: str, names: Sequence[str] = ()) -> bool:
     """Tell whether an HTTP ``Host`` names this server: by an address, as localhost, or by one of the names; "*" stands for every name.
 
     This check stops DNS rebinding. A page whose name was made to point at this machine has the origin of this server for its browser, but its
     requests carry its own name.
     """
-    name = host.strip().lower()
-    name = name[1:].partition("]")[0] if name.startswith("[") else name.partition(":")[0]
+    name = host_name(host.strip().lower())
     if name == "localhost" or "*" in names or name in (known.lower() for known in names):
         return True
     try:

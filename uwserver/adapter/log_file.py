@@ -59,8 +59,7 @@ class LogFile:
 
     def _fail(self, error: OSError) -> None:
         text = f"the log {self._path} ends: {error}"
-        self._context.stats.errors += 1
-        self._context.stats.last_error = text
+        self._context.stats.count_error(text)
         log.warning("%s: %s", self._context.name, text)
         file, self._file = self._file, None
         if file is not None:

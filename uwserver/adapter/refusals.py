@@ -60,3 +60,8 @@ class Refusals:
             "%s refused (%s): %s. It is logged once a minute and counted in world/status", self._name, cause, text
         )
         return True
+
+    def note_error(self, cause: str, text: str) -> bool:
+        """Count a refusal that is an error of the adapter too; otherwise like `note`."""
+        self._stats.count_error(text)
+        return self.note(cause, text)

@@ -1,13 +1,14 @@
-"""Two bounded ways between the loop and the threads of a library, such as zenoh or a ROS 2 executor."""
+"""Work on threads: calls of a library that may block, what its threads hand to the loop, and work that takes too long for the loop."""
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import threading
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from typing import Generic, TypeVar
 
 from uwserver.adapter.connection import REST_S, TURN_S
@@ -18,7 +19,9 @@ log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 WAITING = 4096
-"""Pieces of work that may wait for the thread."""
+"""Pieces of work that may wait for a `Worker`."""
+MOST = 4
+"""Pieces of work that may be unfinished. The caller who brings one more waits for the oldest, so nothing is lost and little is kept."""
 
 
 class Worker:
@@ -137,3 +140,61 @@ class Inbox(Generic[T]):
             # After a rest, as for peers on sockets, so that the simulation has the interpreter most of the time, however much comes.
             if self._is_awake:
                 self._loop.call_later(REST_S, self._drain)
+
+
+class InOrder(Generic[T]):
+    """A thread that is started for the first piece of work. Everything but the work itself belongs to the loop thread.
+
+    Args:
+        name: name of the thread.
+        stats: counters of the adapter, of which `errors` counts failures.
+    """
+
+    def __init__(self, name: str, stats: AdapterStats) -> None:
+        self._name, self._stats = name, stats
+        self._loop = asyncio.get_running_loop()
+        self._pool: ThreadPoolExecutor | None = None
+        self._under_way: deque[tuple[Future[T], Callable[[T | None], None]]] = deque()
+
+    def put(self, work: Callable[[], T], done: Callable[[T | None], None]) -> None:
+        """Do a piece of work on the thread. `done` gets its result on the loop, or None if it failed."""
+        if self._pool is None:
+            self._pool = ThreadPoolExecutor(1, self._name)
+        while len(self._under_way) >= MOST:
+            self.hurry()
+        future = self._pool.submit(work)
+        self._under_way.append((future, done))
+        future.add_done_callback(self._wake)
+
+    def _wake(self, _: Future[T]) -> None:
+        # RuntimeError: the loop is closed.
+        with contextlib.suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(self._drain)
+
+    def _drain(self) -> None:
+        while self._under_way and self._under_way[0][0].done():
+            self.hurry()
+
+    def hurry(self) -> bool:
+        """Wait for the oldest unfinished piece of work and deliver its result; return whether there was one."""
+        if not self._under_way:
+            return False
+        future, done = self._under_way.popleft()
+        result: T | None = None
+        try:
+            result = future.result()
+        except (Exception, CancelledError) as error:  # noqa: BLE001  # a fault in the work must not end the adapter
+            self._stats.errors += 1
+            log.warning("%s: not done: %s", self._name, error)
+        done(result)
+        return True
+
+    async def close(self) -> None:
+        """End the thread. Results of unfinished work are not delivered any more."""
+        under_way, self._under_way = self._under_way, deque()
+        pool, self._pool = self._pool, None
+        for future, _ in under_way:
+            if not future.cancel():
+                await asyncio.wait([asyncio.wrap_future(future)])
+        if pool is not None:
+            pool.shutdown()

@@ -11,9 +11,9 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from uwserver.adapter import AdapterContext, CannotServe, bound_socket
+from uwserver.adapter import AdapterBase, CannotServe, bound_socket
 from uwserver.ports import Sample
-from uwserver.table import Name, Positive
+from uwserver.table import Name, PortNumber, Positive
 from uwserver_adapters.ardupilot import wire
 from uwserver_adapters.ardupilot.driver import COUNTS, ArduPilotDriver, State
 from uwserver_adapters.ardupilot.dvl import DvlTable, MavlinkOut, Movement
@@ -39,7 +39,7 @@ class ArduPilotConfig(SilTable, tag="ardupilot_json", kw_only=True, frozen=True)
     dvl: send a DVL as MAVLink messages; default: none is sent.
     """
 
-    port: Annotated[int, Meta(ge=0, le=65535)] = 9002
+    port: PortNumber = 9002
     rangefinders: Annotated[tuple[Name, ...], Meta(max_length=wire.RANGEFINDERS)] = ()
     battery: Name | None = None
     low_us: PulseWidth = 1100
@@ -54,14 +54,10 @@ class ArduPilotConfig(SilTable, tag="ardupilot_json", kw_only=True, frozen=True)
         return {} if self.dvl is None else {"pymavlink.dialects.v20.ardupilotmega": "uwserver"}
 
 
-class ArduPilotAdapter:
+class ArduPilotAdapter(AdapterBase[ArduPilotConfig]):
     """Waits for an autopilot, and steps the world together with it (docs/how-to/ardusub.md)."""
 
     Config = ArduPilotConfig
-
-    def __init__(self, config: ArduPilotConfig, context: AdapterContext) -> None:
-        self.config = config
-        self.context = context
 
     async def run(self, ready: asyncio.Event) -> None:
         """Serve until cancelled. Autopilots may come and go.
@@ -89,8 +85,6 @@ class ArduPilotAdapter:
 
     def _driver(self, endpoint: socket.socket, link: MavlinkOut | None) -> ArduPilotDriver:
         config, context = self.config, self.context
-        if not config.low_us < config.neutral_us < config.high_us:
-            raise CannotServe("the pulse widths must be low_us < neutral_us < high_us")
         ports = context.ports
         vehicle, readings, (pose, velocity, imu) = named_readings(config, ports)
         distances = [

@@ -166,8 +166,7 @@ class ArduPilotDriver:
 
     def refuse(self, fault: Fault) -> None:
         """Note a refused command. Channels are within the actuators' limits, so the actuator has been removed or switched off."""
-        self._stats.errors += 1
-        self._stats.last_error = fault.text
+        self._stats.count_error(fault.text)
 
     # -- datagrams ------------------------------------------------------------------------------------------------------------------
 
@@ -208,8 +207,7 @@ class ArduPilotDriver:
         try:
             self._stats.bytes_sent += self._endpoint.sendto(self._reply, self._peer)
         except OSError as error:
-            self._stats.errors += 1
-            self._stats.last_error = f"cannot answer {self._peer}: {error}"
+            self._stats.count_error(f"cannot answer {self._peer}: {error}")
 
     # -- frames ---------------------------------------------------------------------------------------------------------------------
 
@@ -237,13 +235,12 @@ class ArduPilotDriver:
         quiet_s = min(GONE_S, self._silence_s) if frame.number == 0 else self._silence_s
         if self._peer is not None and now - self._heard_at < quiet_s:
             self._counts["strangers"] += 1
-            self._stats.errors += 1
-            self._stats.last_error = (
+            text = (
                 f"two autopilots send here: {_text(address)} is not answered while {_text(self._peer)} flies the vehicle; "
                 "give each an adapter with a port of its own"
             )
-            if self._refusals.note("second autopilot", self._stats.last_error):
-                self._tell_conflict(self._stats.last_error)
+            if self._refusals.note_error("second autopilot", text):
+                self._tell_conflict(text)
             return False
         if self._peer is not None:
             log.warning(

@@ -7,7 +7,7 @@ import contextlib
 from collections.abc import Collection, Sequence
 from typing import cast
 
-from uwserver.adapter import AdapterContext, CannotServe, Refusals, serving
+from uwserver.adapter import AdapterBase, AdapterContext, CannotServe, serving
 from uwserver.ports import Event, Json, Sample
 from uwserver_adapters.devices.config import DevicesConfig
 from uwserver_adapters.devices.device_server import DeviceServer
@@ -16,15 +16,13 @@ ATTEND_S = 0.5
 """Wall time between two attempts to open serial lines, and between two counts of peers."""
 
 
-class DevicesAdapter:
+class DevicesAdapter(AdapterBase[DevicesConfig]):
     """Serves sensors as devices of the market."""
 
     Config = DevicesConfig
 
     def __init__(self, config: DevicesConfig, context: AdapterContext) -> None:
-        self.config = config
-        self.context = context
-        self._refusals = Refusals(context.name, context.stats, asyncio.get_running_loop().time)
+        super().__init__(config, context)
         self._servers: dict[str, DeviceServer] = {}
         self._readers: dict[str, list[DeviceServer]] = {}
 
@@ -61,7 +59,7 @@ class DevicesAdapter:
                 device = table.build(self.context)
             except CannotServe as error:
                 raise CannotServe(f"device.{name}.{error}") from None
-            server = self._servers[name] = DeviceServer(name, table, device, self.context, self._refusals)
+            server = self._servers[name] = DeviceServer(name, table, device, self.context, self.refusals)
             for path in device.wanted:
                 self._readers.setdefault(path, []).append(server)
 

@@ -11,9 +11,8 @@ from msgspec import Meta
 from uwserver.adapter import AdapterContext, CannotServe, Lines, TooLong, address_text, port_of
 from uwserver.ports import Port, Progress, Refused, Sample, Value
 from uwserver.ports import Reply as Answer
-from uwserver.table import Name, Table
+from uwserver.table import Count, Name, PortNumber, Table
 
-PortNumber = Annotated[int, Meta(ge=0, le=65535)]
 Reply = Callable[[bytes], None]
 """Sends bytes to the peer that asked, if it is still connected. May be called later."""
 REQUESTS_PER_S = 200
@@ -100,7 +99,7 @@ class DeviceTable(Table, tag_field="kind", kw_only=True, frozen=True):
     udp_to: tuple[Name, ...] = ()
     udp_lease_s: Annotated[float, Meta(gt=0)] = 10.0
     serial: Name | None = None
-    max_clients: Annotated[int, Meta(ge=1)] = 8
+    max_clients: Count = 8
     queue_bytes: Annotated[int, Meta(ge=1024)] = 1 << 18
 
     def __post_init__(self) -> None:

@@ -114,8 +114,7 @@ class Oculus:
 
     def _answered(self, answer: Answer | Progress) -> None:
         if isinstance(answer, Answer) and answer.fault is not None:
-            self._context.stats.errors += 1
-            self._context.stats.last_error = f"{self._table.sonar}: {answer.fault.text}"[:300]
+            self._context.stats.count_error(f"{self._table.sonar}: {answer.fault.text}")
 
     def _asked(self, fire: Fire) -> dict[str, object]:
         """Return the settings of the sensor for a fire message, limited to what the sensor takes: so does the real device."""

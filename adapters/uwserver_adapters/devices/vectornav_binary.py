@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from msgspec import Struct
 
+from uwserver.adapter.earth import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS
 from uwserver.frames import Vec3, conjugate, matrix, rotate
 from uwserver_adapters.devices.codec import deg
 from uwserver_adapters.devices.inertial import Readings
@@ -20,17 +21,15 @@ from uwserver_adapters.devices.vectornav_text import TIME_ERROR_S, crc16, gauss,
 SYNC = 0xFA
 IMU_RATE_HZ = 800
 """Rate of the device's IMU; an output has this rate over its divisor."""
-SEMI_MAJOR_M, ECCENTRICITY_2 = 6_378_137.0, 6.69437999014e-3
-"""Semi-major axis and squared eccentricity of the ellipsoid WGS 84."""
 Field = Callable[[Readings], bytes]
 
 
 def ecef(latitude: float, longitude: float, height: float) -> Vec3:
     """Return the Earth-centred position, m, of a geodetic one of WGS 84 (rad, rad, m)."""
     s, c = math.sin(latitude), math.cos(latitude)
-    n = SEMI_MAJOR_M / math.sqrt(1.0 - ECCENTRICITY_2 * s * s)
+    n = SEMI_MAJOR_AXIS / math.sqrt(1.0 - ECCENTRICITY_SQUARED * s * s)
     across = (n + height) * c
-    return across * math.cos(longitude), across * math.sin(longitude), (n * (1.0 - ECCENTRICITY_2) + height) * s
+    return across * math.cos(longitude), across * math.sin(longitude), (n * (1.0 - ECCENTRICITY_SQUARED) + height) * s
 
 
 def _place_ecef(r: Readings) -> Vec3:

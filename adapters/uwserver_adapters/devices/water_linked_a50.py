@@ -12,10 +12,10 @@ from msgspec import Meta, Struct
 from uwserver.adapter import AdapterContext, Undecodable, decode
 from uwserver.frames import Quat, Vec3
 from uwserver.ports import Sample
-from uwserver.table import Name, Positive
+from uwserver.table import Name, PortNumber, Positive
 from uwserver_adapters.devices.codec import FULL_TURN_DEG, NANOSECONDS, deg, rad
 from uwserver_adapters.devices.dead_reckoning import DeadReckoning
-from uwserver_adapters.devices.device import DeviceTable, LineReader, PortNumber, Reply, Source, set_at_sensor
+from uwserver_adapters.devices.device import DeviceTable, LineReader, Reply, Source, set_at_sensor
 
 PORT = 16171
 FORMAT = "json_v3.3"

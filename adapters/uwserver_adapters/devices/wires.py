@@ -59,19 +59,16 @@ class ServedDevice:
 
     def refuse(self, cause: str, text: str) -> None:
         """Count a refusal, and log it once a minute."""
-        self.stats.errors += 1
-        self.stats.last_error = f"{self._name}: {text}"[:300]
-        self._refusals.note(cause, f"{self._name}: {text}")
+        self._refusals.note_error(cause, f"{self._name}: {text}")
 
 
 class TcpPeer(Connection):
     """A peer on TCP. It is admitted at once, because many peers only listen."""
 
     def __init__(self, served: ServedDevice, peers: Peers[TcpPeer]) -> None:
-        super().__init__(peers)
+        super().__init__(peers, stats=served.stats, requests_per_s=REQUESTS_PER_S, queue_bytes=served.table.queue_bytes)
         self._served = served
         self._reader: Reader = served.device.reader()
-        self._rate = RateMeter(REQUESTS_PER_S)
 
     def receive(self, data: bytes) -> None:
         """Store bytes."""
@@ -106,15 +103,8 @@ class TcpPeer(Connection):
 
     def report(self, data: bytes) -> None:
         """Send a message for all peers; a slow peer does not get it."""
-        stats = self._served.stats
-        if self.is_stranger or self.is_closing:
-            return
-        if self.waiting > self._served.table.queue_bytes:
-            stats.dropped += 1
-            return
-        stats.samples_sent += 1
-        stats.bytes_sent += len(data)
-        self.write(data)
+        if not self.is_stranger:
+            self.send_sample(data)
 
 
 class _UdpSender:

@@ -17,19 +17,19 @@ from websockets.typing import Subprotocol
 
 from uwserver.adapter import (
     MESSAGE_LIMIT,
-    TOKEN_VARIABLE,
+    AdapterBase,
     AdapterContext,
     InOrder,
-    Refusals,
+    Lockout,
     SampleForm,
     address_text,
     cannot_listen,
+    host_here,
     host_of,
     is_host_known,
     is_loopback,
     known_token,
     serving,
-    tls_context,
     token_for,
 )
 from uwserver.adapter.foxglove import PICTURE, Foreign, SceneChannels, shown_as
@@ -41,9 +41,6 @@ from uwserver_adapters.foxglove.config import FoxgloveConfig
 from uwserver_adapters.foxglove.door import Door
 from uwserver_adapters.foxglove.outbox import Outbox
 from uwserver_adapters.foxglove.playback import Playback
-from uwserver_adapters.native.limits import Lockout
-
-log = logging.getLogger(__name__)
 
 _CLOSE_S = 1.0
 _PING_S = 20.0
@@ -52,12 +49,10 @@ _quiet = logging.getLogger(f"{__name__}.frames")
 _quiet.setLevel(logging.CRITICAL)
 
 
-class FoxgloveAdapter:
+class FoxgloveAdapter(AdapterBase[FoxgloveConfig]):
     """Serves foxglove.sdk.v1 on one TCP port. It is its own `Subscriber`, and the `Server` of its clients. Loop thread.
 
     Attributes:
-        config, context: as given.
-        refusals: counts what is refused.
         catalogue: what is offered.
         playback: of a recording.
         clients: all clients -> their connections.
@@ -67,12 +62,11 @@ class FoxgloveAdapter:
     Config = FoxgloveConfig
 
     def __init__(self, config: FoxgloveConfig, context: AdapterContext) -> None:
-        self.config, self.context = config, context
+        super().__init__(config, context)
         is_open = not is_loopback(config.bind)
         # Foxglove shows no token by itself: on loopback the token of the environment is not required.
         self._token = token_for(known_token(config.token) if is_open else config.token, is_open)
         self._loop = asyncio.get_running_loop()
-        self.refusals = Refusals(context.name, context.stats, self._loop.time)
         self.catalogue = Catalogue(context, config.shows_poses)
         self.playback = Playback(context)
         self.clients: dict[Client, ServerConnection] = {}
@@ -99,7 +93,7 @@ class FoxgloveAdapter:
         config = self.config
         try:
             server = await serve(
-                self._converse, config.bind, config.port, ssl=tls_context(config.tls_cert, config.tls_key, config.tls_client_ca),
+                self._converse, config.bind, config.port, ssl=config.tls(),
                 subprotocols=[Subprotocol(name) for name in codec.SUBPROTOCOLS], process_request=self._objection,
                 open_timeout=config.hello_timeout_s, close_timeout=_CLOSE_S, ping_interval=_PING_S, ping_timeout=_PING_S,
                 max_size=MESSAGE_LIMIT, max_queue=4, compression=None, create_connection=self._door.connections(), logger=_quiet, server_header=None,
@@ -108,9 +102,8 @@ class FoxgloveAdapter:
             raise cannot_listen(error, config.bind, config.port) from error
         try:
             with serving(self.context, self, self._address(server), ready):
-                if self._token.is_new:
-                    text = "%s can be reached from other machines, and no token is set (token, or %s): one was made for this run. Open\n    %s/%s"
-                    log.warning(text, self.context.name, TOKEN_VARIABLE, self._address(server), self._token.text)
+                reason = f"listens at {config.bind}, which other machines can reach"
+                self._token.announce(self.context, reason, f"Open\n    {self._address(server)}/{self._token.text}")
                 await self._loop.create_future()  # until cancelled
         finally:
             if self._timer is not None:
@@ -125,8 +118,7 @@ class FoxgloveAdapter:
     def _address(self, server: Server) -> str:
         scheme = "ws" if self.config.tls_cert is None else "wss"
         port = next(iter(server.sockets)).getsockname()[1]
-        host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(self.config.bind, self.config.bind)
-        return f"{scheme}://{address_text(host, port)}"
+        return f"{scheme}://{address_text(host_here(self.config.bind), port)}"
 
     # -- connections ------------------------------------------------------------------------------------------------------------------
 

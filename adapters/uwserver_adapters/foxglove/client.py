@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
-from functools import partial
 from typing import Any, Protocol
 
 from uwserver.adapter import AdapterContext, Conversation, Owed, RateMeter, Refusals, did_you_mean
@@ -293,24 +292,7 @@ class Client:
                 self._report(reply)
             self._server.playback.tell(message.seek_ns is not None, message.request, self.outbox.put)
 
-        self._call_all(wanted, finish)
-
-    def _call_all(self, calls: Sequence[Call], finish: Callable[[Sequence[Reply]], None]) -> None:
-        """Call services, and call `finish` with the replies in the order of the calls once all are here. A refusal counts as a reply."""
-        replies: dict[int, Reply] = {}
-
-        def take(k: int, reply: Reply) -> None:
-            replies[k] = reply
-            if len(replies) == len(calls):
-                finish([replies[k] for k in range(len(calls))])
-
-        if not calls:
-            finish(())
-        for k, (path, arguments) in enumerate(calls):
-            try:
-                self._asked.call(path, arguments, partial(take, k))
-            except Refused as refused:
-                take(k, Reply(0, 0, fault=refused.fault))
+        self._asked.call_all(wanted, finish)
 
     # -- parameters -------------------------------------------------------------------------------------------------------------------
 
@@ -332,7 +314,7 @@ class Client:
             ]
             self.tell(op="parameterValues", parameters=told, **({} if request is None else {"id": request}))
 
-        self._call_all([(f"{component}/get", {}) for component in components], finish)
+        self._asked.call_all([(f"{component}/get", {}) for component in components], finish)
 
     def _set_parameters(self, message: dict[str, Any]) -> None:
         self._may_change()
@@ -354,7 +336,7 @@ class Client:
             self.complain(*faults, *(reply.fault.text for reply in replies if reply.fault is not None))
             self._answer_parameters(names or frozenset("-"), message.get("id"))
 
-        self._call_all(calls, finish)
+        self._asked.call_all(calls, finish)
 
     def _watch(self, message: dict[str, Any]) -> None:
         """Accept a subscription to parameters, which viewers send. Changes of settings are not sent by themselves."""

@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 from datetime import datetime, timezone
 
-from uwserver.adapter import AdapterContext, CannotServe, serving, vehicle_of
+from uwserver.adapter import AdapterBase, CannotServe, serving, vehicle_of
 from uwserver_adapters.mavlink.links.endpoint import RETRY_S, Link
 from uwserver_adapters.mavlink.links.entries import make
 from uwserver_adapters.mavlink.links.router import Router
@@ -17,14 +17,10 @@ TICK_S = 0.05
 """Wall time between two checks of time-outs and downloads."""
 
 
-class MavlinkAdapter:
+class MavlinkAdapter(AdapterBase[MavlinkConfig]):
     """Speaks MAVLink on all its links (README.md in this folder)."""
 
     Config = MavlinkConfig
-
-    def __init__(self, config: MavlinkConfig, context: AdapterContext) -> None:
-        self.config = config
-        self.context = context
 
     async def run(self, ready: asyncio.Event) -> None:
         """Serve until cancelled.

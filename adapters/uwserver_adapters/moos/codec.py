@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 from msgspec import Struct
 
+from uwserver.adapter.earth import latitude_longitude
 from uwserver.frames import Quat, Vec3, quat_from_rpy, rotate, rpy_from_quat
 from uwserver.units import NANOSECONDS
 from uwserver.units import deg as deg  # for the modules beside this one: only a codec converts units
@@ -15,9 +16,6 @@ from uwserver.units import rad as rad
 Pairs = list[tuple[str, float | str]]
 
 _TURN = 2 * math.pi
-_SEMI_MAJOR_M = 6_378_137.0
-_ECCENTRICITY_2 = 6.694_379_990_14e-3
-"""Semi-major axis and squared eccentricity of the ellipsoid WGS 84."""
 
 
 class Fix(Struct, kw_only=True):
@@ -102,13 +100,9 @@ def compass(yaw: float) -> float:
 
 
 def geodetic(north: float, east: float, origin_deg: tuple[float, float]) -> tuple[float, float]:
-    """Return latitude and longitude (degrees) of a place near the origin, from the ellipsoid's radii at the origin: good to 1 m within 3 km."""
-    lat, lon = origin_deg
-    sine = math.sin(rad(lat))
-    root = 1.0 - _ECCENTRICITY_2 * sine * sine
-    east_radius = _SEMI_MAJOR_M / math.sqrt(root)
-    north_radius = east_radius * (1.0 - _ECCENTRICITY_2) / root
-    return lat + deg(north / north_radius), lon + deg(east / (east_radius * math.cos(rad(lat))))
+    """Return latitude and longitude (degrees) of a place in the tangent plane of an origin, on the ellipsoid WGS 84."""
+    latitude, longitude = latitude_longitude(north, east, rad(origin_deg[0]), rad(origin_deg[1]))
+    return deg(latitude), deg(longitude)
 
 
 def turned(heading: float) -> float:

@@ -7,11 +7,8 @@ from typing import Annotated, Literal
 from msgspec import Meta, field
 
 from uwserver.adapter import AdapterTable
-from uwserver.table import Name, NonNegative, Positive, Table
+from uwserver.table import Count, Name, NonNegative, PortNumber, Positive, Table
 from uwserver_adapters.moos.wire import PACKET_LIMIT
-
-Count = Annotated[int, Meta(ge=1)]
-PortNumber = Annotated[int, Meta(ge=0, le=65535)]
 
 
 class Target(Table, kw_only=True, frozen=True):

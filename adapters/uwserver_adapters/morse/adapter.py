@@ -8,13 +8,12 @@ from collections.abc import Collection, Sequence
 from functools import partial
 
 from uwserver.adapter import (
+    AdapterBase,
     AdapterContext,
     CannotListen,
     Listener,
     Peers,
-    Refusals,
     address_text,
-    is_loopback,
     serve_tcp,
     serving,
 )
@@ -31,7 +30,7 @@ WATCH_S = 0.2
 """Wall time between two looks for new components, which need streams."""
 
 
-class MorseAdapter:
+class MorseAdapter(AdapterBase[MorseConfig]):
     """Serves requests on one port, and a stream for each component.
 
     Attributes:
@@ -41,11 +40,9 @@ class MorseAdapter:
     Config = MorseConfig
 
     def __init__(self, config: MorseConfig, context: AdapterContext) -> None:
-        self.config = config
-        self.context = context
+        super().__init__(config, context)
         self.stage = Stage(context, config.component_of)
-        refusals = Refusals(context.name, context.stats, asyncio.get_running_loop().time)
-        self._peers: Peers[Requests | Stream] = Peers(config.max_clients, refusals, context.stats)
+        self._peers: Peers[Requests | Stream] = Peers(config.max_clients, self.refusals, context.stats)
         self._autopilot: Autopilot | None = None
         self._count = 0
         self._next_port = config.stream_port
@@ -58,9 +55,7 @@ class MorseAdapter:
             CannotServe: the table names what is not there.
         """
         config, context = self.config, self.context
-        if not (is_loopback(config.bind) or config.allow_network):
-            text = f"MORSE's protocol knows no token: whoever reaches {config.bind} could read and command all"
-            raise CannotListen(f"{text}. Say allow_network = true if that is wanted")
+        config.check_bind("MORSE's protocol")
         check_names(config.component_of, context.ports)
         async with contextlib.AsyncExitStack() as stack:
             server = await stack.enter_async_context(

@@ -111,8 +111,6 @@ class Autopilot:
             raise CannotServe(
                 "position, velocity and attitude of this protocol are ground truth, by its nature: say truth = true"
             )
-        if not table.low_us < table.neutral_us < table.high_us:
-            raise CannotServe("ardupilot: low_us < neutral_us < high_us is needed")
         self._table, self._config, self._context = table, config, context
         ports = context.ports
         self._vehicle = vehicle_of(table.vehicle, ports)
@@ -190,9 +188,8 @@ class _Control(Connection):
     def __init__(
         self, peers: Peers[Any], control: Callable[[Conversation, bytes], None], context: AdapterContext
     ) -> None:
-        super().__init__(peers)
+        super().__init__(peers, stats=context.stats)
         self._control = control
-        self._stats = context.stats
         self._lines = Lines(LINE_LIMIT)
         self._conversation = Conversation(context, "ardupilot")
 
@@ -209,6 +206,5 @@ class _Control(Connection):
                 return False
             self._control(self._conversation, line)
         except Refused as refused:  # only counted: the autopilot reads no answers
-            self._stats.errors += 1
-            self._stats.last_error = refused.fault.text
+            self._stats.count_error(refused.fault.text)
         return True

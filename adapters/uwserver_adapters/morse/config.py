@@ -6,15 +6,13 @@ from typing import Annotated
 
 from msgspec import Meta, field
 
-from uwserver.adapter import UNANSWERED, AdapterTable
-from uwserver.table import Name, Table
+from uwserver.adapter import UNANSWERED, OpenTable
+from uwserver.table import Count, Name, PortNumber, Table
 from uwserver_adapters.sil.channels import OutputTable
 
 FIRST_STREAM = 60000
 """TCP port of the first stream, as MORSE has it."""
 
-_Port = Annotated[int, Meta(ge=0, le=65535)]
-_Count = Annotated[int, Meta(ge=1)]
 _PulseWidth = Annotated[int, Meta(ge=1, le=65535)]
 
 
@@ -32,8 +30,8 @@ class AutopilotTable(Table, kw_only=True, frozen=True):
     """
 
     vehicle: Name | None = None
-    sensors_port: _Port = 60900
-    control_port: _Port = 60901
+    sensors_port: PortNumber = 60900
+    control_port: PortNumber = 60901
     imu: Name = "imu"
     pose: Name = "truth/pose"
     velocity: Name = "truth/velocity"
@@ -43,10 +41,8 @@ class AutopilotTable(Table, kw_only=True, frozen=True):
     high_us: _PulseWidth = 1900
 
 
-class MorseConfig(AdapterTable, tag="morse", kw_only=True, frozen=True):
+class MorseConfig(OpenTable, tag="morse", kw_only=True, frozen=True):
     """Attributes:
-    bind: address to listen at. MORSE's protocol knows no token: anything but loopback needs allow_network.
-    allow_network: allow another address: whoever reaches it may read all and command all.
     port: TCP port for requests; 0 takes a free one.
     stream_port: TCP port of the first stream. Each component has a stream of its own, and clients ask for its number. A port that is in use is
         passed over; 0 takes free ones.
@@ -59,16 +55,14 @@ class MorseConfig(AdapterTable, tag="morse", kw_only=True, frozen=True):
     max_clients: connections for requests and to all streams; a client of pymorse has one for each component that it uses.
     """
 
-    bind: Name = "127.0.0.1"
-    allow_network: bool = False
-    port: _Port = 4000
-    stream_port: _Port = FIRST_STREAM
+    port: PortNumber = 4000
+    stream_port: PortNumber = FIRST_STREAM
     names: dict[Name, dict[Name, Name]] = field(default_factory=dict)
     ardupilot: AutopilotTable | None = None
-    queue_bytes: _Count = 1 << 20
-    max_requests_per_s: _Count = 2000
-    max_unanswered: _Count = UNANSWERED
-    max_clients: _Count = 1024
+    queue_bytes: Count = 1 << 20
+    max_requests_per_s: Count = 2000
+    max_unanswered: Count = UNANSWERED
+    max_clients: Count = 1024
 
     @property
     def component_of(self) -> dict[str, str]:

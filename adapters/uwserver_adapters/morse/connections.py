@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from uwserver.adapter import Connection, Conversation, Lines, Peers, RateMeter, Undecodable, decode
+from uwserver.adapter import Connection, Conversation, Lines, Peers, Undecodable, decode
 from uwserver.ports import Fault, Refused, Reply
 from uwserver_adapters.morse.components import Component
 from uwserver_adapters.morse.config import MorseConfig
@@ -20,21 +20,7 @@ TELL_S = 1.0
 """Wall time between two faults that a stream is told, as each command of each tick may have one."""
 
 
-class _Client(Connection):
-    """A client of either kind, with its limits and counters."""
-
-    def __init__(self, stage: Stage, config: MorseConfig, peers: Peers[Any]) -> None:
-        super().__init__(peers)
-        self._config = config
-        self._stats = stage.context.stats
-        self._rate = RateMeter(config.max_requests_per_s)
-
-    def quiet_until(self) -> float:
-        """Nothing more is read of a client that floods until its second is over."""
-        return self._rate.end if self._rate.is_flooded(self.loop.time()) else 0.0
-
-
-class Requests(_Client):
+class Requests(Connection):
     """A client of the request channel.
 
     Args:
@@ -45,9 +31,15 @@ class Requests(_Client):
     """
 
     def __init__(self, stage: Stage, config: MorseConfig, peers: Peers[Any], name: str) -> None:
-        super().__init__(stage, config, peers)
-        self._decoder = RequestDecoder()
         self._session = Session(stage, name, self._send, config.max_unanswered)
+        super().__init__(
+            peers,
+            stats=stage.context.stats,
+            requests_per_s=config.max_requests_per_s,
+            queue_bytes=config.queue_bytes,
+            conversation=self._session.conversation,
+        )
+        self._decoder = RequestDecoder()
 
     def refused(self, fault: Fault) -> bytes:
         """Return the line for a client that finds no place."""
@@ -63,37 +55,17 @@ class Requests(_Client):
         if event is None:
             return False
         if not self._rate.take(self.loop.time()):
-            text = f"more than {self._config.max_requests_per_s} requests a second: max_requests_per_s"
+            text = f"more than {self._rate.most} requests a second: max_requests_per_s"
             event = Malformed(event.id, text)
         self._session.take(event)
         return True
 
-    def half_closed(self) -> None:
-        """End what takes long, and still answer the rest: on TCP a client that has gone looks like one that only listens on."""
-        self._session.conversation.end_calls()
-
-    @property
-    def is_owed(self) -> bool:
-        """Whether answers are still to come."""
-        return self._session.conversation.owed.count > 0
-
-    def closed(self) -> None:
-        """End all calls of the client."""
-        self._session.conversation.close()
-
     def _send(self, line: bytes) -> None:
-        if self.is_closing:
-            return
-        if self.waiting > self._config.queue_bytes:
-            self._stats.last_error = "a client of requests did not read its answers and was disconnected"
-            self.abort()
-            return
-        self._stats.bytes_sent += len(line)
-        self.write(line)
+        self.send_answer(line, "a client of requests")
         self.finish_if_done()
 
 
-class Stream(_Client):
+class Stream(Connection):
     """A client of the stream of a component: it hears samples, or commands.
 
     Args:
@@ -105,7 +77,12 @@ class Stream(_Client):
     """
 
     def __init__(self, stage: Stage, component: Component, config: MorseConfig, peers: Peers[Any], name: str) -> None:
-        super().__init__(stage, config, peers)
+        super().__init__(
+            peers,
+            stats=stage.context.stats,
+            requests_per_s=config.max_requests_per_s,
+            queue_bytes=config.queue_bytes,
+        )
         self._stage = stage
         self._component = component
         self._lines = Lines(STREAM_LINE)
@@ -116,24 +93,13 @@ class Stream(_Client):
     def opened(self) -> None:
         """Begin to listen."""
         self._has_entered = True
-        self._stage.enter(self._component.name, self._tell)
+        self._stage.enter(self._component.name, self.send_sample)
 
     def closed(self) -> None:
         """Stop listening. What the client commanded stands until the actuator's time-out."""
         self._conversation.close()
         if self._has_entered:
-            self._stage.leave(self._component.name, self._tell)
-
-    def _tell(self, line: bytes) -> None:
-        """Send samples; they are dropped while the client does not read."""
-        if self.is_closing:
-            return
-        if self.waiting > self._config.queue_bytes:
-            self._stats.dropped += 1
-            return
-        self._stats.samples_sent += 1
-        self._stats.bytes_sent += len(line)
-        self.write(line)
+            self._stage.leave(self._component.name, self.send_sample)
 
     def receive(self, data: bytes) -> None:
         """Store bytes."""
@@ -146,7 +112,7 @@ class Stream(_Client):
             if line is None:
                 return False
             if not self._rate.take(self.loop.time()):
-                text = f"more than {self._config.max_requests_per_s} lines a second: max_requests_per_s"
+                text = f"more than {self._rate.most} lines a second: max_requests_per_s"
                 raise Refused("overload", text)
             if self._component.direction == "OUT":
                 raise Refused("denied", f"{self._component.name} is a sensor: its stream takes nothing")
@@ -166,8 +132,7 @@ class Stream(_Client):
 
     def _complain(self, fault: Fault) -> None:
         """Tell the client what was not carried out, by a line with the key `error`: a stream has no answers."""
-        self._stats.errors += 1
-        self._stats.last_error = f"{self._component.name}: {fault.text}"
+        self._stats.count_error(f"{self._component.name}: {fault.text}")
         now = self.loop.time()
         if now - self._told >= TELL_S and not self.is_closing:
             self._told = now

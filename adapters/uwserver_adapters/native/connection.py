@@ -4,151 +4,51 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from typing import Protocol
 
 from uwserver import adapter
-from uwserver.adapter import STRANGER_LIMIT, Peer, Peers
+from uwserver.adapter import STRANGER_LIMIT, AdapterStats, Peer, Peers
 from uwserver.ports import Fault
-from uwserver_adapters.native.codec import NEED_DATA, Codec, Control, JsonCodec, choose_codec
-from uwserver_adapters.native.encoding import RequestId
-from uwserver_adapters.native.outbox import Outbox
-from uwserver_adapters.native.requests import Malformed, Request
+from uwserver_adapters.native.codec import Codec, Control, JsonCodec, choose_codec
+from uwserver_adapters.native.messages import Malformed, Request, RequestId, error_message
+from uwserver_adapters.native.outbox import Outbox, OutboxTable
 from uwserver_adapters.native.service import NativeService
 from uwserver_adapters.native.session import Session
 from uwserver_adapters.native.websocket import Handshake
 
 TRIES = 3
-"""Messages before a valid `hello` where a token is set."""
+"""Messages that a peer may send before a valid `hello`, if a token is needed."""
 
 
-class Bounds(Protocol):
-    """What an adapter's table says of each peer: see `uwserver_adapters.sockets.config.SocketsConfig`."""
-
-    @property
-    def hello_timeout_s(self) -> float:
-        """Wall time in which it must have been admitted."""
-
-    @property
-    def queue_samples(self) -> int:
-        """Samples that may wait for it."""
-
-    @property
-    def queue_bytes(self) -> int:
-        """Bytes of samples, and of replies, that may wait for it."""
-
-
-class NativeConnection(adapter.Connection):
-    """Made for each peer; all its methods run on the loop.
+class OutboxConnection(adapter.Connection):
+    """A connection that writes through an outbox, so that the answers of one turn are written together.
 
     Args:
-        service: the native protocol.
-        bounds: of each peer.
-        peers: of the adapter.
-        handshake: begins that of a WebSocket.
+        peers: the peers of the adapter.
+        config: the adapter's table.
+        stats: counters of the adapter.
+        requests_per_s: see `uwserver.adapter.Connection`.
     """
 
-    def __init__(
-        self, service: NativeService, bounds: Bounds, peers: Peers[Peer], handshake: Callable[[], Handshake]
-    ) -> None:
-        super().__init__(peers, bounds.hello_timeout_s)
-        self._service = service
-        self._begin_handshake = handshake
-        self._stats = service.context.stats
-        self._outbox = Outbox(self.write, self._overflow, bounds.queue_samples, self._stats, bounds.queue_bytes)
-        self._session: Session | None = None
+    def __init__(self, peers: Peers[Peer], config: OutboxTable, stats: AdapterStats, requests_per_s: int) -> None:
+        super().__init__(peers, config.hello_timeout_s, stats=stats, requests_per_s=requests_per_s)
+        self._outbox = Outbox(self.write, self.overflow, config.queue_samples, stats, config.queue_bytes)
         self._waking: asyncio.Handle | None = None
-        self._rate = service.rate_meter()
-        self._handshake: Handshake | None = None
-        self._ends_with_peer = False  # neither TLS nor WebSocket knows a peer that only listens on
-        self._tries = 0
-        self._full_limit = 0
 
-    # -- life -----------------------------------------------------------------------------------------------------------------------
+    def overflow(self, text: str) -> None:
+        """End the connection, because too much waits for the peer."""
+        raise NotImplementedError
 
-    def opened(self) -> None:
-        """There is room for it."""
-        self._ends_with_peer = self.transport.get_extra_info("sslcontext") is not None
-        if self._is_locked_out():
-            self._dismiss(self._service.lockout.fault)
-
-    def refused(self, fault: Fault) -> bytes:
-        """One too many: a JSON line where which encoding it speaks is not known yet."""
-        return self._last_text(fault)
-
-    def missed(self) -> None:
-        """It has not shown in time that it is one of ours."""
-        if self._handshake is not None and self._session is None:
-            self.abort()
-        elif self._service.token is None:
-            super().missed()
-        else:
-            text = 'this server wants a token: no valid "hello" came in time'
-            self._service.refusals.note("timeout", text)
-            self._dismiss(Fault("denied", text, "token"))
-
-    def stop(self) -> None:
-        """It begins to end."""
-        self._outbox.close()
-        if self._waking is not None:
-            self._waking.cancel()
-
-    def closed(self) -> None:
-        """The peer died, or we closed."""
-        self.stop()
-        if self._session is not None:
-            self._session.close()
-
-    def eof_received(self) -> bool:
-        """The peer sends nothing more. Returns whether the connection stays open."""
-        if self._ends_with_peer:
-            self.close()
-        return super().eof_received()
-
-    def half_closed(self) -> None:
-        """It grants no further tick."""
-        if self._session is not None:
-            self._session.step_back()
-
-    @property
-    def is_owed(self) -> bool:
-        """Whether anything may still come for the peer though it asks for nothing more."""
-        return not self._outbox.is_empty or (self._session is not None and self._session.is_owed)
-
-    def close(self) -> None:
-        """Send what the peer still takes, then close."""
-        self._outbox.flush()
-        if self._session is not None:
-            self.write(self._session.codec.ending(None))
-        super().close()
-
-    def _last_text(self, fault: Fault, request: RequestId = None) -> bytes:
-        self._stats.errors += 1
-        codec = self._session.codec if self._session is not None else JsonCodec()
-        last = codec.error(request, fault) + codec.ending(fault)
-        self._stats.bytes_sent += len(last)
-        return last
-
-    def _dismiss(self, fault: Fault, request: RequestId = None) -> None:
-        if not self.is_closing:
-            self.farewell(self._last_text(fault, request))
-
-    def _overflow(self, text: str) -> None:
-        self._service.refusals.note("slow reader", text)
-        self._dismiss(Fault("overload", text))
-
-    # -- out ------------------------------------------------------------------------------------------------------------------------
-
-    def pause_writing(self) -> None:
-        """The peer reads too slowly."""
-        self._outbox.paused = True
-
-    def resume_writing(self) -> None:
-        """The peer has read."""
-        self._outbox.resume()
-        self.finish_if_done()
+    def take_control(self, control: Control, is_allowed: bool) -> None:
+        """Send what the framing itself must send, and close the connection if the peer has ended the conversation."""
+        if control.ends:
+            self._outbox.flush()
+            self.write(control.data)
+            super().close()
+        elif is_allowed and control.data:
+            self._outbox.put_reply(control.data)
 
     def wake(self) -> None:
-        """An answer came later than its request; all that come at once are written together."""
+        """Write an answer that came later than its request. All that come in one turn of the loop are written together."""
         if self._waking is None and not self.is_working and not self.is_closing:
             self._waking = self.loop.call_soon(self._flush)
 
@@ -158,20 +58,127 @@ class NativeConnection(adapter.Connection):
         self.finish_if_done()
 
     def after_turn(self) -> None:
-        """Answers of one turn are written together."""
+        """Write the answers of one turn together."""
         self._outbox.flush()
+
+    def pause_writing(self) -> None:
+        """Hold back what is sent: the peer reads too slowly."""
+        self._outbox.paused = True
+
+    def resume_writing(self) -> None:
+        """Go on sending: the peer has read."""
+        self._outbox.resume()
+        self.finish_if_done()
+
+    def stop(self) -> None:
+        """Forget what waits, and send nothing more."""
+        self._outbox.close()
+        if self._waking is not None:
+            self._waking.cancel()
+
+
+class NativeConnection(OutboxConnection):
+    """The connection of one peer. Loop thread.
+
+    Args:
+        service: the native protocol.
+        config: the adapter's table.
+        peers: the peers of the adapter.
+        handshake: begins the handshake of a WebSocket.
+    """
+
+    def __init__(
+        self, service: NativeService, config: OutboxTable, peers: Peers[Peer], handshake: Callable[[], Handshake]
+    ) -> None:
+        super().__init__(peers, config, service.context.stats, service.requests_per_s)
+        self._service = service
+        self._begin_handshake = handshake
+        self._session: Session | None = None
+        self._handshake: Handshake | None = None
+        # With TLS and with WebSocket a peer that ends its side does not listen any more.
+        self._ends_with_peer = False
+        self._tries = 0
+        self._full_limit = 0
+
+    # -- life -----------------------------------------------------------------------------------------------------------------------
+
+    def opened(self) -> None:
+        """Refuse a peer whose host has tried tokens."""
+        self._ends_with_peer = self.transport.get_extra_info("sslcontext") is not None
+        if self._is_locked_out():
+            self._dismiss(self._service.lockout.fault)
+
+    def refused(self, fault: Fault) -> bytes:
+        """Return the last text for a peer: a JSON line if its encoding is not known yet."""
+        return self._last_text(fault)
+
+    def missed(self) -> None:
+        """Refuse a peer that was not admitted in time."""
+        if self._handshake is not None and self._session is None:
+            self.abort()
+        elif self._service.token is None:
+            super().missed()
+        else:
+            text = 'this server wants a token: no valid "hello" came in time'
+            self._service.refusals.note("timeout", text)
+            self._dismiss(Fault("denied", text, "token"))
+
+    def closed(self) -> None:
+        """End the session when the connection has ended, from either side."""
+        self.stop()
+        if self._session is not None:
+            self._session.close()
+
+    def eof_received(self) -> bool:
+        """Note that the peer sends nothing more; return whether the connection stays open."""
+        if self._ends_with_peer:
+            self.close()
+        return super().eof_received()
+
+    def half_closed(self) -> None:
+        """Take the peer out of the lockstep barrier: it cannot grant a tick any more. Its calls go on."""
+        if self._session is not None:
+            self._session.conversation.leave()
+
+    @property
+    def is_owed(self) -> bool:
+        """Whether the peer may still get something although it asks for nothing more."""
+        return not self._outbox.is_empty or (self._session is not None and self._session.is_owed)
+
+    def close(self) -> None:
+        """Send what the peer still takes, then close the connection."""
+        self._outbox.flush()
+        if self._session is not None:
+            self.write(self._session.codec.ending(None))
+        super().close()
+
+    def _last_text(self, fault: Fault, request: RequestId = None) -> bytes:
+        self._stats.errors += 1
+        codec = self._session.codec if self._session is not None else JsonCodec()
+        last = codec.message(error_message(request, fault)) + codec.ending(fault)
+        self._stats.bytes_sent += len(last)
+        return last
+
+    def _dismiss(self, fault: Fault, request: RequestId = None) -> None:
+        if not self.is_closing:
+            self.farewell(self._last_text(fault, request))
+
+    def overflow(self, text: str) -> None:
+        """End the connection, because too much waits for the peer."""
+        self._service.refusals.note("slow reader", text)
+        self._dismiss(Fault("overload", text))
 
     # -- in -------------------------------------------------------------------------------------------------------------------------
 
     def takes_http(self, head: bytes) -> bool:
-        """A GET may open a WebSocket; nothing else of HTTP is answered."""
+        """Begin a handshake with a GET, which may open a WebSocket. No other request of HTTP is answered."""
         if not head.startswith(b"GET "):
             return False
         self._handshake = self._begin_handshake()
         return True
 
     def receive(self, data: bytes) -> None:
-        """Store bytes; the first ones choose the codec."""
+        """Store bytes. The first ones choose the codec."""
         if self._session is None:
             codec: Codec | None
             if self._handshake is None:
@@ -185,16 +192,13 @@ class NativeConnection(adapter.Connection):
         self._session.codec.receive(data)
 
     def _let_in(self, handshake: Handshake) -> Codec | None:
-        """Answer the opening of a WebSocket once it is complete; returns its codec if the peer is let in."""
+        """Answer the handshake once it is complete; return its codec if the peer is let in."""
         if handshake.answer is None:
             return None
-        if handshake.fault is not None:
-            self._stats.errors += 1
-            cause = {"allowed_origins": "origin", "allowed_hosts": "host"}.get(handshake.fault.where, "handshake")
-            self._service.refusals.note(cause, handshake.fault.text)
-        elif handshake.codec is None:
-            self._service.refusals.note("http", "a peer asked for a page, which is not served here")
         if handshake.codec is None:
+            if handshake.fault is not None:
+                self._stats.errors += 1
+            self._service.refusals.note(*handshake.refusal)
             self._stats.bytes_sent += len(handshake.answer)
             self.farewell(handshake.answer)
             return None
@@ -203,7 +207,7 @@ class NativeConnection(adapter.Connection):
         return handshake.codec
 
     def begin(self, codec: Codec) -> Session:
-        """It speaks the native protocol from now on."""
+        """Return the session of the peer, which uses this codec. Without a token it is admitted with its first valid message."""
         session = self._service.session(codec, self._outbox, self.wake)
         if self._service.token is None:
             session.admit()
@@ -214,22 +218,12 @@ class NativeConnection(adapter.Connection):
     def step(self) -> bool:
         """Carry out one message."""
         session = self._session
-        if session is None:
+        event = None if session is None else session.codec.next_event()
+        if session is None or event is None:
             return False
-        event = session.codec.next_event()
-        if event is NEED_DATA:
-            return False
-        self._take(event, session)
-        return True
-
-    def quiet_until(self) -> float:
-        """The end of the window, when the peer floods."""
-        return self._rate.end if self._rate.is_flooded(self.loop.time()) else 0.0
-
-    def _take(self, event: Request | Malformed | Control, session: Session) -> None:
         is_allowed = self._rate.take(self.loop.time())
         if isinstance(event, Control):
-            self._take_control(event, is_allowed)
+            self.take_control(event, is_allowed)
         elif not session.admitted:
             self._take_from_stranger(event, session)
         elif not is_allowed:
@@ -246,17 +240,10 @@ class NativeConnection(adapter.Connection):
                 self._dismiss(event.fault, event.id)
             else:
                 session.refuse(event.id, event.fault)
-
-    def _take_control(self, control: Control, is_allowed: bool) -> None:
-        if control.ends:
-            self._outbox.flush()
-            self.write(control.data)
-            super().close()
-        elif is_allowed and control.data:
-            self._outbox.put_reply(control.data)
+        return True
 
     def _take_from_stranger(self, event: Request | Malformed, session: Session) -> None:
-        """Before a valid `hello` nothing else is answered, and not often."""
+        """Take a message of a peer that has not shown the token. Only a few are answered before a valid `hello`."""
         if self._is_locked_out():
             self._dismiss(self._service.lockout.fault)
             return

@@ -1,16 +1,17 @@
-"""Samples to clients: who gets what, encoded once an encoding and selection of fields, whatever the number of clients."""
+"""Sends samples and events to clients. A message is encoded once for each encoding and selection of fields, however many clients there are."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Collection, Sequence
+from functools import lru_cache
 
 import msgspec
 
 from uwserver.adapter import AdapterContext, Thinned, Told
-from uwserver.ports import Event, Json, Port, Sample, matching
-from uwserver_adapters.native.codec import Codec
+from uwserver.ports import Event, Port, Sample, matching
 from uwserver_adapters.native.jpegs import Jpegs
+from uwserver_adapters.native.messages import Encoding, Notice
 from uwserver_adapters.native.outbox import Outgoing
 from uwserver_adapters.native.routes import Route, Selection, Subscriber, distribute
 from uwserver_adapters.native.shares import Share, Subscription, Taken
@@ -19,36 +20,38 @@ from uwserver_adapters.native.together import Together
 log = logging.getLogger(__name__)
 
 CACHED_PATTERNS = 64
-"""Patterns whose ports or description are remembered; they are the clients' choice, so they are bounded."""
+"""Patterns whose ports or description are remembered. They are bounded because clients choose them."""
 COVERED = 2048
-"""Ports that all subscriptions of a client may cover together, each counted for each subscription, but where there are many ports twice as
-many: each sample is compared with all subscriptions that cover its port."""
+"""Ports that all subscriptions of a client may cover together, each counted for each subscription. If there are many ports, it is twice their
+number. There is a limit because each sample is compared with all subscriptions that cover its port."""
 TOGETHER = 512
-"""Samples that are encoded in one go. Those that compiled code writes keep nobody waiting, others the simulation, for less than a millisecond."""
+"""Samples that are encoded in one go, which takes less than a millisecond."""
 SETTLING = 16
-"""Ticks with samples after which the world is told what is enough, so that it is told of many subscriptions at once."""
+"""Ticks with samples before the world is told what is enough, so that it is told of many new subscriptions at once."""
 
 
 _Key = tuple[str, tuple[str, ...] | None, bool]
 
 
 class Fanout:
-    """The adapter's `Subscriber`: holds the routes of all admitted clients.
+    """The adapter's `Subscriber`: it holds the routes of all admitted clients.
 
     Attributes:
-        context: the server.
-        sessions: admitted clients.
+        context: the context of the adapter.
+        sessions: the admitted clients.
+        covered: returns the paths of the sensors that fit a pattern.
+        described: returns the encoded result of `describe` for a pattern in an encoding; it is large, and the same until ports change.
     """
 
     def __init__(self, context: AdapterContext) -> None:
         self.context = context
         self.sessions: dict[Subscriber, None] = {}
+        self.covered = lru_cache(CACHED_PATTERNS)(self._find_covered)
+        self.described = lru_cache(CACHED_PATTERNS)(self._describe)
         self._ports: dict[str, dict[_Key, Selection]] = {}
         self._taken: dict[str, Taken] = {}
         self._touched: set[Outgoing] = set()
         self._settling = 0
-        self._covered: dict[str, tuple[str, ...]] = {}
-        self._described: dict[tuple[str, str], msgspec.Raw] = {}
         self._together = Together(lambda path: self._ports.get(path, {}), context.stats)
         self._jpegs = Jpegs(context)
 
@@ -59,11 +62,11 @@ class Fanout:
     # -- clients --------------------------------------------------------------------------------------------------------------------
 
     def admit(self, session: Subscriber) -> None:
-        """A client may take part."""
+        """Add a client, which gets events from now on."""
         self.sessions[session] = None
 
     def dismiss(self, session: Subscriber) -> None:
-        """A client is gone."""
+        """Remove a client that has gone."""
         self.sessions.pop(session, None)
         for subscription in session.subscriptions.values():
             self._remove(session, subscription)
@@ -71,28 +74,29 @@ class Fanout:
 
     @property
     def wanted(self) -> Collection[str]:
-        """Ports that anybody subscribes to."""
+        """Paths of the ports to which any client subscribes."""
         return self._ports.keys()
 
     @property
     def thinned(self) -> Thinned:
-        """Those of which nobody takes all samples."""
+        """For each port of which no client takes all samples the thinnings that are enough."""
         self._settling = 0
         thinned = {path: taken.thinnings for path, taken in self._taken.items()}
         return {path: thinnings for path, thinnings in thinned.items() if thinnings}
 
     def _settle(self) -> None:
+        """Tell the world soon that less is enough."""
         self._settling = self._settling or SETTLING
 
     def add(self, session: Subscriber, subscription: Subscription) -> None:
-        """Route the samples of a subscription; sets its paths."""
+        """Route the samples of a subscription to a client, and set the paths of the subscription."""
         self._add(session, subscription)
         self.context.follow_wants()
 
     def _add(self, session: Subscriber, subscription: Subscription) -> None:
         self._together.forget()
         subscription.paths = self._served(subscription)
-        key = (session.codec.encoding.name, subscription.fields, subscription.is_jpeg)
+        key = _key(session, subscription)
         for path in subscription.paths:
             selections = self._ports.setdefault(path, {})
             selection = selections.get(key)
@@ -108,13 +112,13 @@ class Fanout:
             route.add(subscription, Share(subscription, taken))
 
     def remove(self, session: Subscriber, subscription: Subscription) -> None:
-        """End what `add` began."""
+        """End a subscription."""
         self._remove(session, subscription)
         self.context.follow_wants()
 
     def _remove(self, session: Subscriber, subscription: Subscription) -> None:
         self._together.forget()
-        key = (session.codec.encoding.name, subscription.fields, subscription.is_jpeg)
+        key = _key(session, subscription)
         for path in subscription.paths:
             selections = self._ports[path]
             routes = selections[key].routes
@@ -130,16 +134,9 @@ class Fanout:
 
     # -- ports ----------------------------------------------------------------------------------------------------------------------
 
-    def covered(self, pattern: str) -> tuple[str, ...]:
-        """Sensors that fit a pattern."""
-        paths = self._covered.get(pattern)
-        if paths is None:
-            ports = self.context.ports
-            paths = tuple(path for path in matching(pattern, ports) if ports[path].direction == "sensor")
-            if len(self._covered) >= CACHED_PATTERNS:
-                self._covered.clear()
-            self._covered[pattern] = paths
-        return paths
+    def _find_covered(self, pattern: str) -> tuple[str, ...]:
+        ports = self.context.ports
+        return tuple(path for path in matching(pattern, ports) if ports[path].direction == "sensor")
 
     def _served(self, subscription: Subscription) -> tuple[str, ...]:
         paths = self.covered(subscription.pattern)
@@ -148,32 +145,23 @@ class Fanout:
         return tuple(path for path in paths if has_any(self.context.ports[path], subscription.fields))
 
     def most_covered(self) -> int:
-        """See `COVERED`."""
+        """Return how many ports all subscriptions of a client may cover; see `COVERED`."""
         return max(COVERED, 2 * len(self.context.ports))
 
-    def described(self, pattern: str, codec: Codec) -> msgspec.Raw:
-        """The encoded result of `describe`; it is large, and the same until the ports change."""
-        key = (pattern, codec.encoding.name)
-        raw = self._described.get(key)
-        if raw is None:
-            result: dict[str, Json] = self.context.describe(pattern)
-            raw = codec.raw(result)
-            if len(self._described) >= CACHED_PATTERNS:
-                self._described.clear()
-            self._described[key] = raw
-        return raw
+    def _describe(self, pattern: str, encoding: Encoding) -> msgspec.Raw:
+        return msgspec.Raw(encoding.encode(self.context.describe(pattern)))
 
     def _ports_changed(self) -> None:
-        self._covered.clear()
-        self._described.clear()
+        self.covered.cache_clear()
+        self.described.cache_clear()
         held = [(session, subscription) for session in self.sessions for subscription in session.subscriptions.values()]
-        # All are removed before the first is added: a port may have come back with other fields.
+        # All are removed before the first one is added again, because a port may have come back with other fields.
         for session, subscription in held:
             self._remove(session, subscription)
         for session, subscription in held:
             self._add(session, subscription)
 
-    # -- what the world says --------------------------------------------------------------------------------------------------------
+    # -- samples and events -----------------------------------------------------------------------------------------------------------
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """Queue the samples of one tick; `send_samples` follows."""
@@ -183,17 +171,15 @@ class Fanout:
     def _put(self, samples: Sequence[Sample]) -> None:
         touched: set[Outgoing] = set()
         for sample in samples:
-            selections = self._ports.get(sample.port)
-            if selections is None:
-                continue
             pictures: list[Selection] = []
-            for selection in selections.values():
+            for selection in self._ports.get(sample.port, {}).values():
                 if selection.is_jpeg:
                     pictures.append(selection)
                     continue
                 try:
                     self.context.stats.encoded += distribute(sample, selection, touched)
-                except Exception:  # a fault of ours must not end the adapter
+                except Exception:
+                    # A fault of ours must not end the adapter.
                     self.context.stats.errors += 1
                     log.exception("a sample of %s could not be sent", sample.port)
             if pictures:
@@ -203,7 +189,7 @@ class Fanout:
         self._touched |= touched
 
     def put_told(self, told: Told) -> None:
-        """The same of those of some ticks that follow each other; `send_samples` follows."""
+        """Queue the samples of some successive ticks; `send_samples` follows."""
         for part in told.parts(TOGETHER):
             outboxes = self._together.send(part)
             if outboxes is None:
@@ -219,23 +205,23 @@ class Fanout:
                 self.context.follow_wants()
 
     def send_samples(self) -> None:
-        """Write the samples of some ticks, once a client."""
+        """Write the samples of some ticks, once for each client."""
         touched, self._touched = self._touched, set()
         for outbox in touched:
             outbox.flush()
 
     def put_event(self, event: Event) -> None:
-        """Tell every admitted client."""
+        """Send an event to every admitted client."""
         if event.event == "ports_changed":
             self._ports_changed()
         if event.event == "reset":
             self._restart_rates()
-        messages: dict[tuple[str, Callable[[bytes], bytes]], bytes] = {}
+        messages: dict[tuple[Encoding, Callable[[bytes], bytes]], bytes] = {}
         for session in self.sessions:
             codec = session.codec
-            key = (codec.encoding.name, codec.frame)
+            key = (codec.encoding, codec.frame)
             if key not in messages:
-                messages[key] = codec.event(event)
+                messages[key] = codec.message(Notice("event", event))
             session.outbox.put_reply(messages[key])
             session.outbox.flush()
 
@@ -247,6 +233,10 @@ class Fanout:
                         share.restart()
 
 
+def _key(session: Subscriber, subscription: Subscription) -> _Key:
+    return session.codec.encoding.name, subscription.fields, subscription.is_jpeg
+
+
 def has_any(port: Port, fields: Sequence[str]) -> bool:
-    """Whether a port has one of the fields."""
+    """Return whether a port has one of the fields."""
     return any(field.name in fields for field in port.fields)

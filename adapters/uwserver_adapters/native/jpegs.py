@@ -1,6 +1,6 @@
-"""Pictures as JPEG: each is encoded once, whatever the number of clients and of their selections of fields.
+"""Pictures as JPEG. Each is encoded once, however many clients and selections of fields there are.
 
-It is done on a thread, as it takes as long as hundreds of other samples; a datagram does not wait for it.
+A thread encodes them, because it takes as long as hundreds of other samples. For a datagram, which cannot wait, a picture is encoded at once.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ _Fill = Callable[[bytes | None], None]
 
 
 class Jpegs:
-    """The JPEG of a `Fanout`.
+    """Sends the pictures of a `Fanout` as JPEG.
 
     Args:
-        context: of the adapter.
+        context: the context of the adapter.
     """
 
     def __init__(self, context: AdapterContext) -> None:
@@ -38,9 +38,17 @@ class Jpegs:
             await thread.close()
 
     def distribute(self, sample: Sample, selections: Sequence[Selection], touched: set[Outgoing]) -> int:
-        """Queue a sample of one port for those who take its picture, which adds to those that were `touched`. Returns for how many selections
-        it is encoded."""
-        later = [s for s in selections if all(route.outbox.has_places for route in s.routes.values())]
+        """Queue a sample for the clients that take its picture, and add their outboxes to `touched`.
+
+        Args:
+            sample: a sample of one port.
+            selections: selections of this port with the picture.
+            touched: outboxes that have to be flushed.
+
+        Returns:
+            For how many selections it is encoded.
+        """
+        later = [s for s in selections if all(route.outbox.can_put_later for route in s.routes.values())]
         try:
             count = self._distribute_later(sample, later, touched)
             at_once: Sample | None = None
@@ -48,14 +56,15 @@ class Jpegs:
                 if selection not in later:
                     at_once = at_once or with_jpeg(selection.port, sample)
                     count += distribute(at_once, selection, touched)
-        except Exception:  # a fault of ours must not end the adapter
+        except Exception:
+            # A fault of ours must not end the adapter.
             self._stats.errors += 1
             log.exception("a picture of %s could not be sent", sample.port)
             return 0
         return count
 
     def _distribute_later(self, sample: Sample, selections: Sequence[Selection], touched: set[Outgoing]) -> int:
-        """As `routes.distribute`, but each client's place is kept until the picture is encoded."""
+        """Do the same as `routes.distribute`, but only keep a place in each outbox until the picture is encoded."""
         places: list[tuple[Selection, list[tuple[_Frame, _Fill]]]] = []
         for selection in selections:
             due = [(r, d) for r in selection.routes.values() if (d := r.delivery(sample.t_ns)) is not None]
@@ -69,11 +78,13 @@ class Jpegs:
         return len(places)
 
     def _fill(self, places: Sequence[tuple[Selection, Sequence[tuple[_Frame, _Fill]]]], sample: Sample | None) -> None:
+        """Fill all places of a picture; without a sample, which could not be encoded, they stay empty."""
         for selection, kept in places:
             body = None
             try:
                 body = None if sample is None else selection.encoded(sample)
-            except Exception:  # a fault of ours must not end the adapter, nor leave a place empty
+            except Exception:
+                # A fault of ours must not end the adapter, and every place must be filled or given up.
                 self._stats.errors += 1
                 log.exception("a sample of %s could not be sent", selection.port.path)
             messages: dict[_Frame, bytes] = {}

@@ -1,4 +1,4 @@
-"""Typed reading of a request's params. Every fault is a `Refused` that names the parameter, what it takes, and what came."""
+"""Reads the params of a request with their types. Every mistake is a `Refused` that names the parameter, what it must be, and what came."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from uwserver.adapter import did_you_mean
 from uwserver.ports import Refused
-from uwserver_adapters.native.requests import Request
+from uwserver_adapters.native.messages import Request
 
 NAME_LIMIT = 256
 """Longest port, service, pattern, field or client name, characters."""
@@ -15,8 +15,8 @@ NAME_LIMIT = 256
 Params = dict[str, object]
 
 
-def taken(request: Request, names: Sequence[str]) -> Params:
-    """The params as a map of nothing but `names`."""
+def params_of(request: Request, names: Sequence[str]) -> Params:
+    """Return the params as a map, in which only `names` may be keys."""
     params = request.params
     if params is None:
         return {}
@@ -30,7 +30,7 @@ def taken(request: Request, names: Sequence[str]) -> Params:
 
 
 def name(params: Params, key: str, what: str) -> str:
-    """A text that must be there."""
+    """Return a text that must be there."""
     value = params.get(key)
     if isinstance(value, str) and 0 < len(value) <= NAME_LIMIT:
         return value
@@ -38,12 +38,12 @@ def name(params: Params, key: str, what: str) -> str:
 
 
 def optional_name(params: Params, key: str, what: str) -> str | None:
-    """A text that may be absent or null."""
+    """Return a text that may be missing or null."""
     return None if params.get(key) is None else name(params, key, what)
 
 
 def names(params: Params, key: str, what: str) -> tuple[str, ...] | None:
-    """A list of texts that may be absent or null."""
+    """Return a list of texts that may be missing or null."""
     value = params.get(key)
     if value is None:
         return None
@@ -53,7 +53,7 @@ def names(params: Params, key: str, what: str) -> tuple[str, ...] | None:
 
 
 def positive(params: Params, key: str, what: str) -> float | None:
-    """A finite number above zero that may be absent or null."""
+    """Return a finite number above zero that may be missing or null."""
     value = params.get(key)
     if value is None:
         return None

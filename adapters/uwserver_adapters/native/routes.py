@@ -1,4 +1,4 @@
-"""Who takes the samples of a port: each is encoded once an encoding and selection of fields, whatever the number of clients."""
+"""The way of a sample to the clients that take it. It is encoded once for each encoding and selection of fields, however many clients there are."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from uwserver.adapter import SampleForm
 from uwserver.adapter.pictures import picture_place
 from uwserver.ports import Port, Sample
 from uwserver_adapters.native.codec import Codec
-from uwserver_adapters.native.encoding import Encoding
+from uwserver_adapters.native.messages import Encoding, encoded_sample
 from uwserver_adapters.native.outbox import Delivery, Outgoing
 from uwserver_adapters.native.shares import Share, Subscription
 
@@ -17,12 +17,12 @@ _STRENGTH: Mapping[Delivery, int] = {"latest": 0, "ring": 1, "reliable": 2}
 
 
 class Subscriber(Protocol):
-    """A client, as its routes know it.
+    """A client, as far as its routes know it.
 
     Attributes:
-        codec: what it speaks.
+        codec: encodes and frames its messages.
         outbox: where its samples wait.
-        subscriptions: by serial.
+        subscriptions: its subscriptions, by serial number.
     """
 
     codec: Codec
@@ -31,13 +31,13 @@ class Subscriber(Protocol):
 
 
 class Route:
-    """All of one client's subscriptions to the same fields of one port: it gets a sample at most once.
+    """All subscriptions of one client to the same fields of one port. The client gets a sample at most once.
 
     Attributes:
-        outbox, codec: of the client.
-        frame: of the codec.
-        shares: by subscription.
-        only: the one that there is; None where there are more.
+        outbox, codec: those of the client.
+        frame: the frame of the codec.
+        shares: a share for each subscription.
+        only: the only share; None if there are several.
     """
 
     __slots__ = ("codec", "frame", "only", "outbox", "shares")
@@ -48,33 +48,34 @@ class Route:
         self.only: Share | None = None
 
     def add(self, subscription: Subscription, share: Share) -> None:
-        """One subscription more."""
+        """Add a subscription."""
         self.shares[subscription] = share
         self.only = share if len(self.shares) == 1 else None
 
     def remove(self, subscription: Subscription) -> None:
-        """One less."""
+        """Remove a subscription."""
         self.shares.pop(subscription).end()
         self.only = next(iter(self.shares.values())) if len(self.shares) == 1 else None
 
     def delivery(self, t_ns: int) -> Delivery | None:
-        """The strongest delivery that is due; None when none is."""
+        """Return the strongest delivery of the subscriptions that take this sample; None if none takes it."""
         share = self.only
         if share is not None:
             return share.subscription.delivery if share.passes(t_ns) else None
+        # Each share is asked, because it counts its intervals.
         due = [share.subscription.delivery for share in self.shares.values() if share.passes(t_ns)]
         return max(due, key=_STRENGTH.__getitem__, default=None)
 
 
 class Selection:
-    """All clients of one encoding that take the same fields of one port, its pictures in the same form.
+    """All clients with one encoding that take the same fields of one port, and its pictures in the same form.
 
     Attributes:
-        encoding: of them.
-        port: of the samples.
-        fields: that they take; None for all.
-        routes: by client.
-        is_jpeg: they take its pictures, as JPEG.
+        encoding: the encoding.
+        port: the port.
+        fields: names of the fields; None for all.
+        routes: a route for each client.
+        is_jpeg: whether pictures are among the fields, and are sent as JPEG.
     """
 
     __slots__ = ("_form", "encoding", "fields", "is_jpeg", "port", "routes")
@@ -90,38 +91,32 @@ class Selection:
 
     @property
     def form(self) -> SampleForm:
-        """How its samples become a map; made with the first, as who subscribes to everything would wait for hundreds of them."""
+        """Turns a sample into a map. It is made with the first sample: a client that subscribes to all ports would wait for hundreds of them."""
         if self._form is None:
             self._form = SampleForm(self.port, self.fields)
         return self._form
 
     def encoded(self, sample: Sample) -> bytes:
-        """The message of a sample, without its frame."""
-        return self.encoding.sample(self.form, sample)
+        """Return the message of a sample, without its frame."""
+        return encoded_sample(self.encoding, self.form, sample)
 
 
 def distribute(sample: Sample, selection: Selection, touched: set[Outgoing]) -> bool:
-    """Queue a sample for all who take it now, which adds to those that were `touched`. Returns whether anybody did: then it was encoded."""
-    if len(selection.routes) == 1:
-        (route,) = selection.routes.values()
-        delivery = route.delivery(sample.t_ns)
-        if delivery is None:
-            return False
-        message = route.frame(selection.encoded(sample))
-        route.outbox.put_sample(selection, message, delivery)
-        touched.add(route.outbox)
-        return True
+    """Queue a sample for all clients that take it now, and add their outboxes to `touched`.
+
+    Returns:
+        Whether any client takes it, so that it was encoded.
+    """
     body: bytes | None = None
-    messages: dict[Callable[[bytes], bytes], bytes] = {}  # by framing
-    # No route goes away meanwhile: a connection that overflows here is dismissed later, when its transport is gone.
+    messages: dict[Callable[[bytes], bytes], bytes] = {}  # by frame
+    # No route goes away during the loop: a connection that overflows here is dismissed later, when its transport has gone.
     for route in selection.routes.values():
         delivery = route.delivery(sample.t_ns)
         if delivery is None:
             continue
         framed = messages.get(route.frame)
         if framed is None:
-            if body is None:
-                body = selection.encoded(sample)
+            body = body or selection.encoded(sample)
             framed = messages[route.frame] = route.frame(body)
         route.outbox.put_sample(selection, framed, delivery)
         touched.add(route.outbox)

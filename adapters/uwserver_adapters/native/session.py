@@ -1,7 +1,8 @@
-"""What one client said and is owed. Knows neither socket nor encoding: requests in, answers into the outbox."""
+"""One client: its subscriptions, its unanswered requests, and its answers. Knows neither socket nor encoding."""
 
 from __future__ import annotations
 
+import itertools
 import logging
 from collections.abc import Callable
 from typing import NamedTuple
@@ -9,8 +10,8 @@ from typing import NamedTuple
 from uwserver.adapter import UNANSWERED, Conversation, Owed
 from uwserver.ports import Fault, Json, Progress, Reply
 from uwserver_adapters.native.codec import Codec
-from uwserver_adapters.native.encoding import RequestId
 from uwserver_adapters.native.fanout import Fanout
+from uwserver_adapters.native.messages import Notice, RequestId, ResultMessage, error_message
 from uwserver_adapters.native.outbox import Outgoing
 from uwserver_adapters.native.shares import Subscription
 
@@ -20,11 +21,11 @@ SUBSCRIPTIONS = 256
 
 
 class Allowance(NamedTuple):
-    """What one client may hold.
+    """The limits of one client.
 
     Attributes:
-        subscriptions: at a time.
-        unanswered: commands and calls that wait for the world.
+        subscriptions: subscriptions at a time.
+        unanswered: commands and calls that may wait for the world.
     """
 
     subscriptions: int = SUBSCRIPTIONS
@@ -35,15 +36,20 @@ class Session:
     """One client, from its first bytes on.
 
     Args:
-        serial: counts the clients of this adapter.
-        codec, outbox, fanout: what it speaks, where its answers wait, where its samples come from.
-        allowance: what it may hold.
-        wake: said after an answer that came later than its request.
+        serial: number of the client among those of this adapter.
+        codec: encodes its answers.
+        outbox: where its answers wait.
+        fanout: gives it samples and events.
+        wake: called after an answer that comes later than its request.
+        allowance: its limits.
 
     Attributes:
-        conversation: what it asked of the world.
-        admitted: it may ask for more than `hello`.
-        subscriptions: by serial.
+        conversation: its commands and calls.
+        admitted: whether it may ask for more than `hello`.
+        greeted: whether it has said a valid `hello`.
+        subscriptions: its subscriptions, by serial number.
+        serials: the serial numbers of its next subscriptions.
+        closed: whether it has gone.
     """
 
     def __init__(
@@ -65,20 +71,20 @@ class Session:
         self.admitted = False
         self.greeted = False
         self.subscriptions: dict[int, Subscription] = {}
-        self.subscribed = 0
+        self.serials = itertools.count(1)
         self.closed = False
         self._wake = wake
 
     def admit(self) -> None:
-        """Let it take part in what the world says."""
+        """Let the client use all methods, and send it events."""
         self.admitted = True
         self.fanout.admit(self)
 
     def greet(self, name: str | None) -> None:
-        """The client's valid `hello`.
+        """Take the client's valid `hello`.
 
         Raises:
-            Refused: the barrier does not take that name.
+            Refused: the lockstep barrier does not take this name.
         """
         if name is not None:
             self.conversation.join(name)
@@ -89,23 +95,21 @@ class Session:
 
     @property
     def is_owed(self) -> bool:
-        """Whether anything may still come for it without a further request."""
+        """Whether the client may still get something without a further request."""
         return self.conversation.owed.count > 0 or bool(self.subscriptions)
 
     # -- answers --------------------------------------------------------------------------------------------------------------------
 
     def reply(self, request: RequestId, result: object) -> None:
-        """Answer a request; a notification gets none."""
+        """Answer a request. A notification gets no answer."""
         if request is None or self.closed:
             return
         try:
-            message = self.codec.reply(request, result)
+            message = self.codec.message(ResultMessage(request, result))
         except (TypeError, ValueError, OverflowError) as error:
             log.exception("a result has no %s encoding", self.codec.encoding.name)
-            fault = Fault(
-                "internal", f"the result has no {self.codec.encoding.name} encoding ({error}): please report this"
-            )
-            self.refuse(request, fault)
+            text = f"the result has no {self.codec.encoding.name} encoding ({error}): please report this"
+            self.refuse(request, Fault("internal", text))
             return
         largest = self.outbox.largest
         if largest is not None and len(message) > largest:
@@ -115,13 +119,13 @@ class Session:
         self.outbox.put_reply(message)
 
     def refuse(self, request: RequestId, fault: Fault) -> None:
-        """Tell a failure, also that of a notification."""
+        """Send an error, also for a notification."""
         if not self.closed:
             self.context.stats.errors += 1
-            self.outbox.put_reply(self.codec.error(request, fault))
+            self.outbox.put_reply(self.codec.message(error_message(request, fault)))
 
     def answer(self, request: RequestId, reply: Reply, result: dict[str, Json]) -> None:
-        """Tell what the world says to a request, some time after it came."""
+        """Answer a request with what the world replied, some time after the request came."""
         if reply.fault is not None:
             self.refuse(request, reply.fault)
         else:
@@ -129,17 +133,14 @@ class Session:
         self._wake()
 
     def progress(self, request: RequestId, progress: Progress) -> None:
-        """Tell how far a call is."""
+        """Send the progress of a call."""
         if request is not None:
-            self.outbox.put_reply(self.codec.progress(request, progress))
+            params = {"id": request, "fraction": progress.fraction, "t_ns": progress.t_ns}
+            self.outbox.put_reply(self.codec.message(Notice("progress", params)))
         self._wake()
 
     def close(self) -> None:
-        """The client is gone. What it commanded stands; nobody waits for its long-running calls any more, so they end."""
+        """End the session when the client has gone. Its commands stand; its long-running calls end, because nobody waits for them."""
         self.closed = True
         self.fanout.dismiss(self)
         self.conversation.close()
-
-    def step_back(self) -> None:
-        """The client can grant no further tick: others must not wait for it."""
-        self.conversation.leave()

@@ -1,4 +1,4 @@
-"""How much of a port its subscriptions take: each thins the samples out to its rate, and all together need no more than one of them takes."""
+"""How much of a port its subscriptions take: each takes samples at its rate, and the world only makes samples that one of them takes."""
 
 from __future__ import annotations
 
@@ -9,17 +9,18 @@ from uwserver.adapter import NOT_BEGUN, Thinning
 from uwserver_adapters.native.outbox import Delivery
 
 MOST_THINNINGS = 8
-"""Different ones of a port; where there are more, all its samples are made: the world tries each with each sample."""
+"""Different thinnings of a port. With more of them all samples are made, because the world would try each thinning with each sample."""
 
 
 class Subscription:
-    """What one `subscribe` asked for.
+    """The arguments of one `subscribe`.
 
     Attributes:
-        serial: the client's name for it.
-        fields: those to send; None for all.
-        is_jpeg: pictures are sent as JPEG.
-        paths: ports that it covers now.
+        serial: number by which the client names it.
+        pattern, rate_hz, delivery: as the client gave them.
+        fields: names of the fields to send; None for all.
+        is_jpeg: whether pictures are sent as JPEG.
+        paths: paths of the ports that it covers now.
     """
 
     def __init__(
@@ -36,103 +37,95 @@ class Subscription:
 
 
 class Taken:
-    """What all subscriptions of a port take together.
+    """What all subscriptions of a port take together. Each takes the samples of a thinning, or all samples (None).
 
     Args:
-        on_less: said when it has become less than all.
+        on_less: called when a subscription begins to take less than all samples.
     """
 
     def __init__(self, on_less: Callable[[], None]) -> None:
         self._on_less = on_less
-        self._whole = 0
-        self._thinnings: Counter[Thinning] = Counter()
+        self._counts: Counter[Thinning | None] = Counter()
 
-    def enter(self) -> None:
-        """One more, which takes all."""
-        self._whole += 1
-
-    def leave(self, thinning: Thinning | None) -> None:
-        """One less, which took so much; None: all."""
-        self.change(thinning, None)
-        self._whole -= 1
-
-    def change(self, before: Thinning | None, after: Thinning | None) -> None:
-        """One takes more or less than before."""
-        if before is None:
-            self._whole -= 1
-        else:
-            self._thinnings[before] -= 1
-            if not self._thinnings[before]:
-                del self._thinnings[before]
-        if after is None:
-            self._whole += 1
-        else:
-            self._thinnings[after] += 1
+    def add(self, thinning: Thinning | None) -> None:
+        """Count a subscription."""
+        self._counts[thinning] += 1
+        if thinning is not None:
             self._on_less()
+
+    def remove(self, thinning: Thinning | None) -> None:
+        """Forget a subscription."""
+        self._counts[thinning] -= 1
+        if not self._counts[thinning]:
+            del self._counts[thinning]
 
     @property
     def thinnings(self) -> tuple[Thinning, ...]:
-        """Of these one takes each sample that somebody takes; none where that may be any."""
-        return () if self._whole or len(self._thinnings) > MOST_THINNINGS else tuple(self._thinnings)
+        """Thinnings of which one takes each sample that any subscription takes; none if the world must make all samples."""
+        thinnings = tuple(thinning for thinning in self._counts if thinning is not None)
+        return () if None in self._counts or len(thinnings) > MOST_THINNINGS else thinnings
 
 
 class Share:
-    """One subscription at one port: thins the samples out to its rate.
+    """What one subscription takes of one port. A sample passes if it is the first one in its interval of 1/rate_hz.
 
-    A sample passes when it is the first one in its interval of 1/rate_hz, counted from the first sample seen.
+    Intervals count from the first sample.
 
     Attributes:
-        subscription: whose it is.
-        rate_hz: intervals a second; 0 where it takes all.
-        start_ns: when the first begins; NOT_BEGUN before a sample has come; 0 where it takes all.
-        newest: the last of which a sample passed. Whoever lets samples pass instead of `passes` sets it.
+        subscription: the subscription.
+        rate_hz: intervals in a second; 0 if it takes all samples.
+        start_ns: when the first interval begins; NOT_BEGUN before the first sample, and 0 if it takes all samples.
+        newest: number of the newest interval of which a sample has passed. Code that selects samples without `passes` sets it.
     """
 
     def __init__(self, subscription: Subscription, taken: Taken) -> None:
         self.subscription = subscription
         self._taken = taken
-        # Times are whole nanoseconds: no rate above means more, and no product can overflow.
+        # Times are whole nanoseconds, so a higher rate means the same, and no product can overflow.
         self.rate_hz = 0.0 if subscription.rate_hz is None else min(subscription.rate_hz, 1e9)
         self._thinning: Thinning | None = None
         self._told: Thinning | None = None
         self.start_ns, self.newest = NOT_BEGUN if self.rate_hz else 0, 0
-        taken.enter()
+        taken.add(None)
 
     def passes(self, t_ns: int) -> bool:
-        """Whether the sample that was true at `t_ns` is sent."""
+        """Return whether the sample that was true at `t_ns` is sent."""
         if not self.rate_hz:
             return True
         thinning = self._thinning
-        if thinning is not None:
-            interval = thinning.interval(t_ns)
-            if interval > self.newest:
-                self.newest = interval
-                return True
-            if self.newest - self.rate_hz - 1 <= interval:
-                return False
-            # Time was set back by more than a second. Where samples come in such an order it will be again, and none may be missing.
-            self._begin(Thinning(self.rate_hz, t_ns), None)
+        if thinning is None:
+            self.begin(t_ns)
+            self.newest = 0
             return True
-        self.begin(t_ns)
-        self.newest = 0
+        interval = thinning.interval(t_ns)
+        if interval > self.newest:
+            self.newest = interval
+            return True
+        if self.newest - self.rate_hz - 1 <= interval:
+            return False
+        # Time was set back by more than a second. If samples come in such an order, it will be set back again. No sample may be missing then, so
+        # the world is not told of the new intervals.
+        self._begin(Thinning(self.rate_hz, t_ns), None)
         return True
 
     def begin(self, t_ns: int) -> None:
-        """The first sample, true at `t_ns`, comes next."""
+        """Begin the intervals with the first sample, true at `t_ns`, which comes next."""
         first = Thinning(self.rate_hz, t_ns)
         self._begin(first, first)
         self.newest = -1
 
     def _begin(self, thinning: Thinning | None, told: Thinning | None) -> None:
-        self._taken.change(self._told, told)
+        """Begin new intervals, and tell the world that this subscription takes `told`."""
+        self._taken.remove(self._told)
+        self._taken.add(told)
         self._thinning, self._told, self.newest = thinning, told, 0
         if self.rate_hz:
             self.start_ns = NOT_BEGUN if thinning is None else thinning.start_ns
 
     def restart(self) -> None:
-        """Begin a new series of intervals with the next sample."""
+        """Begin new intervals with the next sample."""
         self._begin(None, None)
 
     def end(self) -> None:
-        """The subscription takes this port no more."""
-        self._taken.leave(self._told)
+        """End the share: the subscription does not take this port any more."""
+        self._taken.remove(self._told)

@@ -1,7 +1,7 @@
 """Encodes the samples of a few ticks in one go, from rows of numbers, for clients that keep up with them.
 
-This is the quick way, for ports that have one subscriber each, as nearly always: then no sample has to be kept for a second client, replaced by a
-newer one or dropped.
+This is the quick way for ports with one subscriber each, as nearly all are: no sample has to be kept for a second client, replaced by a newer one or
+dropped.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from uwserver.adapter import (
 )
 from uwserver.ports import Value
 from uwserver_adapters.native.codec import Codec
-from uwserver_adapters.native.encoding import sample_notice
+from uwserver_adapters.native.messages import sample_message
 from uwserver_adapters.native.outbox import Outbox
 from uwserver_adapters.native.routes import Selection
 from uwserver_adapters.native.shares import Share
@@ -37,34 +37,28 @@ log = logging.getLogger(__name__)
 
 
 class _Line(NamedTuple):
-    """The line from a stream to its only taker.
+    """The line from a stream to the only client that takes it.
 
     Attributes:
-        path: of the port.
-        taker: number of the client.
+        path: path of the port.
+        outbox, codec: those of the client.
         share: how much the client takes.
-        record: makes an object for the encoder of the values.
+        record: makes an object of the values that an encoder writes as a map.
     """
 
     path: str
-    taker: int
+    outbox: Outbox
+    codec: Codec
     share: Share
     record: Callable[..., object]
 
 
-class _Taker(NamedTuple):
-    """A client that takes samples."""
-
-    outbox: Outbox
-    codec: Codec
-
-
 class Together:
-    """Sends what it can of a `Fanout`; the rest is not its.
+    """Sends samples of a `Fanout` in this way if possible. The fan-out sends the others.
 
     Args:
-        selections: of a port, by what they are.
-        stats: counts.
+        selections: returns all selections of a port.
+        stats: counts encoded samples and errors.
     """
 
     def __init__(self, selections: Callable[[str], Mapping[Any, Selection]], stats: AdapterStats) -> None:
@@ -74,40 +68,44 @@ class Together:
         self.forget()
 
     def forget(self) -> None:
-        """Somebody takes another port, or more or less of one."""
+        """Forget all lines, because a client takes another port, or more or less of one."""
         self._lines: list[_Line] = []
-        self._takers: list[_Taker] = []
-        self._line_of = _NONE
+        # The number of the line of each stream, or NOBODY or UNKNOWN.
+        self._line_of: IntArray = np.zeros(0, np.int64)
         self._rates: list[float] = []
 
     def send(self, told: Told) -> list[Outbox] | None:
-        """Give all of them to their takers, who have to `flush` then. None where that cannot be, and nothing was done: a port has no taker, or
-        several; one has no time; a sample takes more than its numbers, as a picture; or time was set back."""
+        """Queue all samples for their clients.
+
+        Returns:
+            The outboxes that have to be flushed. None if nothing was done, because a port has no client or several clients, a client is behind, a
+            sample holds more than numbers, such as a picture, or time was set back.
+        """
         if told.origins is not self._origins:
             self.forget()
             self._origins = told.origins
         try:
             chosen = self._choose(told)
         except NotMet:
-            self._meet(told)
+            self._find_new_lines(told)
             chosen = self._choose(told)
         if chosen is None:
             return None
-        messages: dict[int, list[Struct]] = {}
+        messages: dict[Outbox, tuple[Codec, list[Struct]]] = {}
         entries = told.entries()
         for number, entry, values in zip(chosen.tolist(), entries, told.values(entries), strict=True):
             if number != NOBODY:
                 line = self._lines[number]
-                messages.setdefault(line.taker, []).append(_notice(line, entry, values))
-        for taker, some in messages.items():
-            self._give(self._takers[taker], some)
-        return [self._takers[taker].outbox for taker in messages]
+                messages.setdefault(line.outbox, (line.codec, []))[1].append(_message(line, entry, values))
+        for outbox, (codec, some) in messages.items():
+            self._send_to(outbox, codec, some)
+        return list(messages)
 
     def _choose(self, told: Told) -> IntArray | None:
+        """Return the line of each sample, or NOBODY; None if it cannot be decided here. Raises `NotMet` for a new stream."""
         shares = [line.share for line in self._lines]
         newest = [share.newest for share in shares]
-        has_time = [taker.outbox.has_time for taker in self._takers]
-        ready = [has_time[line.taker] for line in self._lines]
+        ready = [line.outbox.is_ready for line in self._lines]
         starts = [share.start_ns for share in shares]
         chosen = choose(told, self._line_of, ready, self._rates, starts, newest)
         if chosen is not None:
@@ -115,8 +113,8 @@ class Together:
                 share.newest = interval
         return chosen
 
-    def _meet(self, told: Told) -> None:
-        """Find the lines of streams that are met for the first time, and let their intervals begin."""
+    def _find_new_lines(self, told: Told) -> None:
+        """Find the lines of new streams, and begin their intervals."""
         first_ns = {stream: t_ns for _, _, stream, _, t_ns, _, _ in reversed(told.entries())}
         known = len(self._line_of)
         line_of = np.full(max(known, 1 + max(first_ns)), UNKNOWN)
@@ -142,40 +140,27 @@ class Together:
         form, share, outbox = selection.form, route.only, route.outbox
         if share is None or form.record is None or form.is_long or not isinstance(outbox, Outbox):
             return None
-        return _Line(path, self._taker(outbox, route.codec), share, form.record)
+        return _Line(path, outbox, route.codec, share, form.record)
 
-    def _taker(self, outbox: Outbox, codec: Codec) -> int:
-        for number, taker in enumerate(self._takers):
-            if taker.outbox is outbox:
-                return number
-        self._takers.append(_Taker(outbox, codec))
-        return len(self._takers) - 1
-
-    def _give(self, taker: _Taker, messages: Sequence[Struct]) -> None:
-        codec = taker.codec
+    def _send_to(self, outbox: Outbox, codec: Codec, messages: Sequence[Struct]) -> None:
         try:
             encoded, number = codec.together(messages), len(messages)
-        except (TypeError, ValueError, OverflowError):  # one of them; the others are sent
+        except (TypeError, ValueError, OverflowError):
+            # One message cannot be encoded. The others are sent.
             parts = [part for message in messages if (part := self._encoded(codec, message))]
             encoded, number = b"".join(parts), len(parts)
-        self._sent(taker.outbox, encoded, number)
-
-    def _sent(self, outbox: Outbox, encoded: bytes, number: int) -> None:
         self._stats.encoded += number
         outbox.put_at_once(encoded, number)
 
     def _encoded(self, codec: Codec, message: Struct) -> bytes:
         try:
-            return codec.together([message])
+            return codec.message(message)
         except Exception:
             self._stats.errors += 1
             log.exception("a sample could not be sent")
             return b""
 
 
-def _notice(line: _Line, entry: Sequence[int], values: Sequence[Value]) -> Struct:
+def _message(line: _Line, entry: Sequence[int], values: Sequence[Value]) -> Struct:
     t_sent_ns, _, _, seq, t_ns, valid, _ = entry
-    return sample_notice(line.path, seq, t_ns, t_sent_ns, valid != 0, line.record(*values))
-
-
-_NONE: IntArray = np.zeros(0, np.int64)
+    return sample_message(line.path, seq, t_ns, t_sent_ns, valid != 0, line.record(*values))

@@ -1,11 +1,10 @@
-"""The methods of docs/reference/protocol.md: each takes a session and a request and returns the result, or `LATER`."""
+"""The methods of docs/reference/protocol.md. Each gets a session and a request, and returns the result, or `LATER`."""
 
 from __future__ import annotations
 
 import hmac
 import logging
 from collections.abc import Callable, Mapping
-from enum import Enum
 from typing import Final
 
 from uwserver.adapter import did_you_mean
@@ -13,7 +12,7 @@ from uwserver.adapter.pictures import EXTRA, can_encode_jpeg
 from uwserver.ports import Fault, Json, Refused, Reply
 from uwserver_adapters.native import params as read
 from uwserver_adapters.native.fanout import has_any
-from uwserver_adapters.native.requests import Request
+from uwserver_adapters.native.messages import Request
 from uwserver_adapters.native.session import Session
 from uwserver_adapters.native.shares import Subscription
 
@@ -22,38 +21,27 @@ log = logging.getLogger(__name__)
 VERSION = 1
 
 
-class Later(Enum):
-    """The one value of `LATER`."""
-
-    LATER = "later"
+LATER: Final = object()
+"""The result of a method whose answer comes later, from the world."""
 
 
-LATER: Final = Later.LATER
-"""The answer comes when the world has it."""
-
-
-class _Rejected(Exception):
-    """The connection ends with this fault: wrong version or token."""
-
-    def __init__(self, fault: Fault) -> None:
-        super().__init__(fault.text)
-        self.fault = fault
+class _Rejected(Refused):
+    """The version or token is wrong, and the connection must end with this fault."""
 
 
 def take(session: Session, request: Request, token: str | None) -> Fault | None:
-    """Carry out a request and queue its answer. Never raises: a fault of ours is told as `internal` and logged.
+    """Carry out a request and queue its answer. It never raises: a fault of ours is logged, and answered with `internal`.
 
     Returns:
-        The fault with which the connection must end; None where it goes on.
+        The fault with which the connection must end; None if it goes on.
     """
     try:
         result = _carry_out(session, request, token)
     except Refused as refused:
         session.refuse(request.id, refused.fault)
-    except _Rejected as rejected:
-        session.refuse(request.id, rejected.fault)
-        return rejected.fault
-    except Exception:  # a fault of ours must not end the adapter
+        return refused.fault if isinstance(refused, _Rejected) else None
+    except Exception:
+        # A fault of ours must not end the adapter.
         log.exception("%s of client %s failed", request.method[: read.NAME_LIMIT], session.conversation.source)
         session.refuse(
             request.id, Fault("internal", "the server failed to carry this out: please report it with the server's log")
@@ -78,18 +66,18 @@ def _carry_out(session: Session, request: Request, token: str | None) -> object:
 
 
 def _hello(session: Session, request: Request, token: str | None) -> object:
-    params = read.taken(request, ("version", "name", "token"))
+    params = read.params_of(request, ("version", "name", "token"))
     version = params.get("version")
     if "version" not in params:
         raise Refused("bad_argument", f'"hello" needs "version": {VERSION}', "version")
     if version != VERSION or isinstance(version, bool):
         text = f"this server speaks version {VERSION} of the protocol, not {str(version)[:20]}: use a client of its release"
-        raise _Rejected(Fault("version", text, "version"))
+        raise _Rejected("version", text, "version")
     if token is not None:
         given = params.get("token")
         if not isinstance(given, str) or not hmac.compare_digest(given.encode("utf-8", "replace"), token.encode()):
             text = "the token is missing or wrong: use the one that the server was given (UWSERVER_TOKEN) or printed when it started"
-            raise _Rejected(Fault("denied", text, "token"))
+            raise _Rejected("denied", text, "token")
     if session.greeted:
         raise Refused("invalid_request", '"hello" was said before: once is enough', "hello")
     session.greet(read.optional_name(params, "name", "the client's name"))
@@ -98,13 +86,13 @@ def _hello(session: Session, request: Request, token: str | None) -> object:
 
 
 def _describe(session: Session, request: Request) -> object:
-    params = read.taken(request, ("pattern",))
+    params = read.params_of(request, ("pattern",))
     pattern = read.optional_name(params, "pattern", "a pattern of paths") or "**"
-    return session.fanout.described(pattern, session.codec)
+    return session.fanout.described(pattern, session.codec.encoding)
 
 
 def _subscribe(session: Session, request: Request) -> object:
-    params = read.taken(request, ("pattern", "rate_hz", "fields", "delivery", "pictures"))
+    params = read.params_of(request, ("pattern", "rate_hz", "fields", "delivery", "pictures"))
     pattern = read.name(params, "pattern", "a path, or a pattern of paths with * and **")
     rate_hz = read.positive(params, "rate_hz", "samples a second of simulation time")
     fields = read.names(params, "fields", "names of fields")
@@ -125,8 +113,7 @@ def _subscribe(session: Session, request: Request) -> object:
             "unsubscribe, or name the ports"
         )
         raise Refused("overload", text, "pattern")
-    session.subscribed += 1
-    subscription = Subscription(session.subscribed, pattern, rate_hz, fields, delivery, is_jpeg)
+    subscription = Subscription(next(session.serials), pattern, rate_hz, fields, delivery, is_jpeg)
     session.fanout.add(session, subscription)
     session.subscriptions[subscription.serial] = subscription
     return {"subscription": subscription.serial, "ports": subscription.paths}
@@ -163,7 +150,7 @@ def _check_coverage(session: Session, pattern: str, fields: tuple[str, ...] | No
 
 
 def _unsubscribe(session: Session, request: Request) -> object:
-    params = read.taken(request, ("subscription", "pattern"))
+    params = read.params_of(request, ("subscription", "pattern"))
     if ("subscription" in params) == ("pattern" in params):
         raise Refused("bad_argument", '"unsubscribe" takes either "subscription" or "pattern"', "subscription")
     wanted = params.get("subscription")
@@ -178,7 +165,7 @@ def _unsubscribe(session: Session, request: Request) -> object:
 
 
 def _command(session: Session, request: Request) -> object:
-    params = read.taken(request, ("port", "value"))
+    params = read.params_of(request, ("port", "value"))
     port = read.name(params, "port", "the path of an actuator")
     value = params.get("value")
     if not isinstance(value, dict):
@@ -193,7 +180,7 @@ def _command(session: Session, request: Request) -> object:
 
 
 def _call(session: Session, request: Request) -> object:
-    params = read.taken(request, ("service", "args"))
+    params = read.params_of(request, ("service", "args"))
     service = read.name(params, "service", "the path of a service")
     args = params.get("args")
     if args is not None and not isinstance(args, dict):
@@ -206,7 +193,7 @@ def _call(session: Session, request: Request) -> object:
 
 
 def _step(session: Session, request: Request) -> object:
-    params = read.taken(request, ("n",))
+    params = read.params_of(request, ("n",))
 
     def answer(reply: Reply) -> None:
         session.answer(request.id, reply, {"tick": reply.tick, "t_ns": reply.t_ns})
@@ -225,7 +212,7 @@ def _start(
 
 
 def _cancel(session: Session, request: Request) -> object:
-    identity = read.taken(request, ("id",)).get("id")
+    identity = read.params_of(request, ("id",)).get("id")
     is_id = isinstance(identity, int | str) and not isinstance(identity, bool)
     if not is_id or not session.conversation.is_running(identity):
         raise Refused("bad_argument", '"id" is not that of an unfinished call or step of this connection', "id")

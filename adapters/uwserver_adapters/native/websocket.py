@@ -1,6 +1,6 @@
 """WebSocket (RFC 6455) as one more framing of the same requests: the handshake, and messages to requests and back, without a socket.
 
-Text messages carry JSON, binary messages carry msgpack; the server speaks in the encoding of the first message.
+Text messages carry JSON, and binary messages carry msgpack. The server answers in the encoding of the first message.
 """
 
 from __future__ import annotations
@@ -16,12 +16,13 @@ from websockets.http11 import Request as HttpRequest
 from websockets.http11 import Response
 from websockets.server import ServerProtocol
 
-from uwserver.adapter import MESSAGE_LIMIT, http_answer, is_host_known, is_loopback
+from uwserver.adapter import MESSAGE_LIMIT, host_name, http_answer, is_host_known, is_loopback
 from uwserver.ports import ErrorCode, Fault
-from uwserver_adapters.native.codec import LINE_LIMIT, NEED_DATA, Codec, Control, Waiting
-from uwserver_adapters.native.encoding import JSON, MSGPACK
-from uwserver_adapters.native.requests import (
+from uwserver_adapters.native.codec import LINE_LIMIT, Codec, Control
+from uwserver_adapters.native.messages import (
     EXAMPLE,
+    JSON,
+    MSGPACK,
     Malformed,
     Request,
     id_of_json,
@@ -38,9 +39,10 @@ HTTP_ANSWER = (
 )
 
 WEB_LIMIT = LINE_LIMIT + 4096
-"""Longest message taken in one or more frames, bytes: of more than `LINE_LIMIT` only the one message is refused, above this the peer."""
+"""Longest message that is read, in one or more frames, bytes. A message that is longer than `LINE_LIMIT` is refused; above this limit the connection
+ends."""
 FRAMES = 64
-"""Frames parsed in one step: those that are no message yet, or none at all, must not take the loop's time from others."""
+"""Frames that are parsed in one step. Frames that complete no message must not take the loop's time from other peers."""
 _OVERHEAD = 1 << 10
 _SHORT_HEAD = 2
 _END_OF_REQUEST = b"\r\n\r\n"
@@ -51,7 +53,7 @@ _CLOSE_CODES: Mapping[ErrorCode, int] = {
 _INTERNAL = 1011
 _GOING_AWAY = 1001
 
-# The library tells of every connection at level info.
+# The library logs every connection at level info.
 _quiet: Final = logging.getLogger(f"{__name__}.frames")
 _quiet.setLevel(logging.WARNING)
 
@@ -60,16 +62,16 @@ class Handshake:
     """The opening of a connection that began with a GET of HTTP.
 
     Args:
-        origins: those of pages that may connect, see `allows`.
-        hosts: names of this server beside its addresses, see `is_host_known`.
-        page: address of the page of this server, which a browser on this machine is sent to; "" for none.
-        speaks: makes the codec of who was let in; default: the native protocol.
-        check: what an adapter objects to besides, of a request for a WebSocket; None for nothing.
+        origins: origins of pages that may connect, see `allows`.
+        hosts: names of this server besides its addresses, see `is_host_known`.
+        page: address of the page of this server, to which a browser on this machine is sent; "" for none.
+        speaks: makes the codec of a peer that is let in; default: the native protocol.
+        check: returns a further objection of the adapter to a request for a WebSocket, or None.
 
     Attributes:
-        answer: what the peer gets once its request was complete; None before.
-        codec: set when the peer was let in.
-        fault: why it was not, unless it only asked for a page.
+        answer: the answer to the request; None until the request is complete.
+        codec: the codec of a peer that was let in.
+        fault: why the peer was not let in; None if it only asked for a page.
     """
 
     def __init__(
@@ -91,8 +93,16 @@ class Handshake:
         self._tail = b""
         self._protocol = ServerProtocol(max_size=WEB_LIMIT, logger=_quiet)
 
+    @property
+    def refusal(self) -> tuple[str, str]:
+        """Cause and text for `Refusals.note`, if the peer was not let in."""
+        if self.fault is None:
+            return "http", "a peer asked for a page, which is not served here"
+        where = self.fault.where
+        return {"allowed_origins": "origin", "allowed_hosts": "host"}.get(where, where), self.fault.text
+
     def receive(self, data: bytes) -> bytes:
-        """Take bytes in pieces of any size, until there is an answer. Returns those after the request, which are the codec's."""
+        """Take bytes, in pieces of any size, until there is an answer; return the bytes after the request, which are for the codec."""
         end = (self._tail + data).find(_END_OF_REQUEST)
         taken = len(data) if end < 0 else end + len(_END_OF_REQUEST) - len(self._tail)
         self._tail = (self._tail + data)[1 - len(_END_OF_REQUEST) :]
@@ -123,13 +133,14 @@ class Handshake:
         return answer
 
     def _elsewhere(self, request: HttpRequest) -> bytes:
-        """Where the page is: a browser of this machine goes there by itself."""
+        """Return an answer that names the page. A browser on this machine goes there by itself."""
         text = (
             f"This is uwserver: it speaks JSON lines, msgpack frames and WebSocket here. Its page is at {self._page}\n"
         )
         accepts = ",".join(request.headers.get_all("Accept"))
         is_asked_for = all(site in ("none", "same-origin") for site in request.headers.get_all("Sec-Fetch-Site"))
-        if is_asked_for and "text/html" in accepts and all(_is_here(host) for host in request.headers.get_all("Host")):
+        is_here = all(is_loopback(host_name(host)) for host in request.headers.get_all("Host"))
+        if is_asked_for and "text/html" in accepts and is_here:
             return http_answer("307 Temporary Redirect", text, f"Location: {self._page}\r\nCache-Control: no-store\r\n")
         return http_answer("426 Upgrade Required", text, "Upgrade: websocket\r\n")
 
@@ -139,7 +150,7 @@ class Handshake:
                 text = f"pages of {origin[:200]} may not connect to this server: name that origin in allowed_origins of the adapter"
                 return Fault("denied", text, "allowed_origins")
         if not set(origins) - {"null"} and not all(is_host_known(host, self._hosts) for host in hosts):
-            # A page whose name was made to point here (DNS rebinding) says its own name.
+            # A page whose name was made to point here (DNS rebinding) sends its own name.
             text = f"{hosts[0][:200]} is no name of this server that it knows: add it to allowed_hosts of the adapter, or use the address"
             return Fault("denied", text, "allowed_hosts")
         return None
@@ -150,19 +161,13 @@ class Handshake:
 
 
 def allows(patterns: Sequence[str], origin: str) -> bool:
-    """Whether a page of an origin may connect. A pattern is an origin, an origin with ``:*`` for any port, or ``*`` for every page."""
+    """Return whether a page of an origin may connect. A pattern is an origin, an origin with ``:*`` for any port, or ``*`` for every page."""
     for pattern in patterns:
         if pattern in ("*", origin):
             return True
         if pattern.endswith(":*") and re.fullmatch(re.escape(pattern[:-1]) + r"\d{1,5}", origin):
             return True
     return False
-
-
-def _is_here(host: str) -> bool:
-    """Whether a browser that names this host is on this machine."""
-    name = host[1:].partition("]")[0] if host.startswith("[") else host.partition(":")[0]
-    return is_loopback(name)
 
 
 def _text_frame(body: bytes) -> bytes:
@@ -174,10 +179,10 @@ def _binary_frame(body: bytes) -> bytes:
 
 
 class WebSocketCodec(Codec):
-    """One connection after its handshake.
+    """The codec of one connection after its handshake.
 
     Args:
-        protocol: in its state after the handshake.
+        protocol: the protocol of the library in its state after the handshake.
     """
 
     def __init__(self, protocol: ServerProtocol) -> None:
@@ -194,23 +199,23 @@ class WebSocketCodec(Codec):
         self._lost = False
 
     def receive(self, data: bytes) -> None:
-        """Store bytes; after a fault or the peer's end nothing is taken any more."""
+        """Store bytes. After a fault or the peer's end, nothing is taken any more."""
         if not self._lost:
             self._buffer += data
 
-    def next_event(self) -> Request | Malformed | Control | Waiting:
-        """The next message, or pongs and the like that are due; an empty `Control` after many frames without any."""
+    def next_event(self) -> Request | Malformed | Control | None:
+        """Return the next message, or pongs and the like that are due; an empty `Control` after many frames without any of these."""
         for _ in range(FRAMES):
             if self._events:
                 return self._events.popleft()
             piece = self._next_piece()
             if not piece:
-                return NEED_DATA
+                return None
             self._feed(piece)
         return self._events.popleft() if self._events else Control(b"", False)
 
     def _next_piece(self) -> bytes:
-        """What is there of one frame, large or small, and nothing of the next; empty where more must come first."""
+        """Return what is there of one frame, large or small, and nothing of the next frame; empty if more bytes must come first."""
         if self._lost:
             return b""
         if not self._rest:
@@ -221,7 +226,7 @@ class WebSocketCodec(Codec):
         return piece
 
     def ending(self, fault: Fault | None) -> bytes:
-        """A close frame; its reason is as much of the fault's text as fits."""
+        """Return a close frame; its reason is as much of the fault's text as fits."""
         if self._protocol.close_rcvd is not None:
             return b""
         code = _GOING_AWAY if fault is None else _CLOSE_CODES.get(fault.code, _INTERNAL)
@@ -238,17 +243,17 @@ class WebSocketCodec(Codec):
                 self._unfinished = 0
                 ended = ended or frame.opcode is Opcode.CLOSE
                 self._take(frame)
-        owed = b"".join(self._protocol.data_to_send())
+        due = b"".join(self._protocol.data_to_send())
         if self._lost:
             return
         if self._protocol.close_sent is not None and not ended:
             self._fail(self._protocol.close_sent)
         elif ended:
-            self._end(Control(owed, True))
+            self._end(Control(due, True))
         elif self._unfinished + len(self._message) > self.limit + _OVERHEAD:
-            self._end(Malformed(self._too_large(self.limit), fatal=True))
-        elif owed:
-            self._events.append(Control(owed, False))
+            self._end(Malformed(_too_large(self.limit), fatal=True))
+        elif due:
+            self._events.append(Control(due, False))
 
     def _take(self, frame: Frame) -> None:
         if frame.opcode in (Opcode.TEXT, Opcode.BINARY):
@@ -259,7 +264,7 @@ class WebSocketCodec(Codec):
         else:
             return
         if len(self._message) > self.limit:
-            self._end(Malformed(self._too_large(self.limit), fatal=True))
+            self._end(Malformed(_too_large(self.limit), fatal=True))
         elif frame.fin:
             body, self._message = bytes(self._message), bytearray()
             self._complete(body, self._opcode is Opcode.TEXT)
@@ -270,31 +275,22 @@ class WebSocketCodec(Codec):
             if not is_text:
                 self.encoding, self.frame = MSGPACK, _binary_frame
         if len(body) > LINE_LIMIT:
-            self._events.append(
-                Malformed(self._too_large(LINE_LIMIT), id_of_json(body) if is_text else id_of_msgpack(body))
-            )
+            self._events.append(Malformed(_too_large(LINE_LIMIT), id_of_json(body) if is_text else id_of_msgpack(body)))
         elif not is_text:
             self._events.append(parse_msgpack(body))
-        elif (
-            body.isascii() or len(body) > MESSAGE_LIMIT or _is_utf8(body)
-        ):  # a longer one is refused unless it is ASCII
+        elif body.isascii() or len(body) > MESSAGE_LIMIT or _is_utf8(body):
+            # A longer text is refused anyway if it is not ASCII.
             self._events.append(parse_json(body))
         else:
-            self._end(
-                Malformed(
-                    Fault("parse_error", "a text message must be UTF-8; msgpack goes into a binary one"), fatal=True
-                )
-            )
-
-    def _too_large(self, limit: int) -> Fault:
-        return Fault("too_large", f"a message holds at most {limit} bytes")
+            fault = Fault("parse_error", "a text message must be UTF-8; msgpack goes into a binary one")
+            self._end(Malformed(fault, fatal=True))
 
     def _fail(self, close: Close) -> None:
-        code: ErrorCode = "too_large" if close.code == 1009 else "invalid_request"
-        reason = f"at most {self.limit} bytes a message" if close.code == 1009 else close.reason
-        self._end(
-            Malformed(Fault(code, f"not as RFC 6455 has it: {reason}" if code != "too_large" else reason), fatal=True)
-        )
+        if close.code == 1009:
+            fault = Fault("too_large", f"at most {self.limit} bytes a message")
+        else:
+            fault = Fault("invalid_request", f"not as RFC 6455 has it: {close.reason}")
+        self._end(Malformed(fault, fatal=True))
 
     def _end(self, last: Malformed | Control) -> None:
         self._lost = True
@@ -303,8 +299,12 @@ class WebSocketCodec(Codec):
         self._events.append(last)
 
 
+def _too_large(limit: int) -> Fault:
+    return Fault("too_large", f"a message holds at most {limit} bytes")
+
+
 def _frame_size(start: bytearray) -> int:
-    """Bytes of the frame that begins here, with its head (RFC 6455, 5.2); 0 where too little of the head is there."""
+    """Return the number of bytes of the frame that begins here, with its head (RFC 6455, 5.2); 0 if too little of the head is there."""
     if len(start) < _SHORT_HEAD:
         return 0
     is_masked, short = start[1] >> 7, start[1] & 0x7F

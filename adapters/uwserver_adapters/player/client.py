@@ -8,7 +8,7 @@ from collections.abc import Collection, Sequence
 
 import msgspec
 
-from uwserver.adapter import AdapterContext, Connection, Conversation, Peers, RateMeter
+from uwserver.adapter import AdapterContext, Connection, Conversation, Peers
 from uwserver.ports import Event, Fault, Refused, Reply, Sample
 from uwserver_adapters.player import codec, wire
 from uwserver_adapters.player.config import PlayerConfig
@@ -60,13 +60,7 @@ class Server:
 
     def complain(self, text: str) -> None:
         """Log that a command was not taken, as Player does not answer commands."""
-        self.count_error(text)
-        self.peers.refusals.note("not taken", text)
-
-    def count_error(self, text: str) -> None:
-        """Count an error."""
-        self.context.stats.errors += 1
-        self.context.stats.last_error = text[:300]
+        self.peers.refusals.note_error("not taken", text)
 
     # -- uwserver.adapter.Subscriber ------------------------------------------------------------------------------------------------------
 
@@ -115,13 +109,20 @@ class Client(Connection):
     """
 
     def __init__(self, server: Server, name: str) -> None:
-        super().__init__(server.peers, server.config.hello_timeout_s)
+        config = server.config
+        self._conversation = Conversation(server.context, name)
+        super().__init__(
+            server.peers,
+            config.hello_timeout_s,
+            stats=server.context.stats,
+            requests_per_s=config.max_requests_per_s,
+            queue_bytes=config.queue_bytes,
+            conversation=self._conversation,
+        )
         self.opened_devices: set[Address] = set()
         self._server = server
         self._name = name
         self._decoder = wire.Decoder()
-        self._conversation = Conversation(server.context, name)
-        self._rate = RateMeter(server.config.max_requests_per_s)
         self._here = (0, 0)  # our address and port, as the client sees them
         self._is_pulled = self._is_asked = False
         self._newest: dict[tuple[int, int, int], bytes] = {}
@@ -161,22 +162,8 @@ class Client(Connection):
             self._refuse(message, refused.fault)
         return True
 
-    def quiet_until(self) -> float:
-        """Nothing more is read of a client that floods until its second is over."""
-        return self._rate.end if self._rate.is_flooded(self.loop.time()) else 0.0
-
-    def half_closed(self) -> None:
-        """End what takes long, and still answer the rest: on TCP a client that has gone looks like one that only listens on."""
-        self._conversation.end_calls()
-
-    @property
-    def is_owed(self) -> bool:
-        """Whether answers are still to come."""
-        return self._conversation.owed.count > 0
-
     def closed(self) -> None:
         """Forget the client. What it commanded stands until the actuator's time-out."""
-        self._conversation.close()
         self.opened_devices.clear()
         self._server.follow()
 
@@ -214,8 +201,6 @@ class Client(Connection):
             self._conversation.command(ask.port, ask.args, answered)
         elif ask.service:
             self._conversation.call(ask.service, ask.args, answered)
-            if self.is_half_open:
-                self._conversation.end_calls()
         else:
             self._answer(message, b"")
 
@@ -224,19 +209,13 @@ class Client(Connection):
         if message.type != REQ:
             self._server.complain(f"{self._name}: {fault.text}")
             return
-        self._server.count_error(f"{self._name}: {fault.text}")
+        self._stats.count_error(f"{self._name}: {fault.text}")
         said = {"error": fault.text, "code": fault.code}
         self._answer(message, wire.octets(msgspec.json.encode(said)) if message.interface == OPAQUE else b"", NACK)
 
     def _answer(self, message: Message, body: bytes, kind: int = ACK) -> None:
-        if self.is_closing:
-            return
-        if self.waiting > self._server.config.queue_bytes:
-            self._server.context.stats.last_error = f"{self._name} did not read its answers and was disconnected"
-            self.abort()
-            return
         head = message._replace(type=kind, body=body, timestamp=self._server.timestamp())
-        self.write(wire.encode(head))
+        self.send_answer(wire.encode(head), self._name)
 
     # -- the interface player ---------------------------------------------------------------------------------------------------------------
 
@@ -300,25 +279,14 @@ class Client(Connection):
         if self._is_pulled:
             self._newest[message.interface, message.number, message.subtype] = data
         else:
-            self._send(data)
+            self.send_sample(data)
 
     def deliver(self) -> None:
         """Send all kept data, and the mark of their end, if the client has asked for data and there are some."""
         if not (self._is_asked and self._newest) or self.is_closing:
             return
         for data in self._newest.values():
-            self._send(data)
+            self.send_sample(data)
         self._newest.clear()
         self._is_asked = False
         self.write(wire.encode(Message(PLAYER, 0, SYNCH, 1, timestamp=self._server.timestamp())))
-
-    def _send(self, data: bytes) -> None:
-        stats = self._server.context.stats
-        if self.is_closing:
-            return
-        if self.waiting > self._server.config.queue_bytes:
-            stats.dropped += 1
-            return
-        stats.samples_sent += 1
-        stats.bytes_sent += len(data)
-        self.write(data)

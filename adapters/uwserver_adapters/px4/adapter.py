@@ -5,12 +5,12 @@ from __future__ import annotations
 import asyncio
 import socket
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-from msgspec import Meta, field
+from msgspec import field
 
-from uwserver.adapter import AdapterContext, CannotServe, bound_socket
-from uwserver.table import Name, NonNegative, Positive, Table
+from uwserver.adapter import AdapterBase, CannotServe, bound_socket
+from uwserver.table import Name, NonNegative, PortNumber, Positive, Table
 from uwserver_adapters.px4.sensor_messages import Roles, SensorMessages
 from uwserver_adapters.sil.channels import Outputs, SilTable, named_readings
 from uwserver_adapters.sil.world import drive, stand_by
@@ -51,7 +51,7 @@ class Px4Config(SilTable, tag="px4_hil", kw_only=True, frozen=True):
     origin_deg: latitude and longitude of N's origin, for the ground truth in the autopilot's log.
     """
 
-    port: Annotated[int, Meta(ge=0, le=65535)] = 4560
+    port: PortNumber = 4560
     magnetometer: Name | None = None
     depth: Name | None = None
     gps: Name | None = None
@@ -65,14 +65,10 @@ class Px4Config(SilTable, tag="px4_hil", kw_only=True, frozen=True):
         return {"pymavlink.dialects.v20.common": "uwserver"}
 
 
-class Px4Adapter:
+class Px4Adapter(AdapterBase[Px4Config]):
     """Waits for an autopilot, and steps the world together with it (docs/how-to/px4.md)."""
 
     Config = Px4Config
-
-    def __init__(self, config: Px4Config, context: AdapterContext) -> None:
-        self.config = config
-        self.context = context
 
     async def run(self, ready: asyncio.Event) -> None:
         """Serve until cancelled. Autopilots may come and go.

@@ -92,8 +92,7 @@ class Px4Driver:
 
     def refuse(self, fault: Fault) -> None:
         """Note a refused command. Outputs are within the actuators' limits, so the actuator has been removed or switched off."""
-        self._stats.errors += 1
-        self._stats.last_error = fault.text
+        self._stats.count_error(fault.text)
 
     def close(self) -> None:
         """Close all connections. Runs on the loop thread when the simulation no longer calls the driver."""

@@ -214,11 +214,9 @@ class Feed:
 
     def _failed(self, type_name: str, error: Exception) -> None:
         """Count and log a message that could not be made or encoded."""
-        stats = self._context.stats
-        stats.errors += 1
-        stats.last_error = f"a message of {type_name} could not be made: {type(error).__name__}: {error}"
-        self._refusals.note("encoding", stats.last_error)
-        log.debug("%s", stats.last_error, exc_info=error)
+        text = f"a message of {type_name} could not be made: {type(error).__name__}: {error}"
+        self._refusals.note_error("encoding", text)
+        log.debug("%s", text, exc_info=error)
 
     def now_ns(self) -> int:
         """Return simulation time, ns since 1970. The world is asked, as there may be no samples now that would tell it."""

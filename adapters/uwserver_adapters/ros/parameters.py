@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 
 from uwserver.adapter import Conversation, did_you_mean
-from uwserver.ports import Refused, Reply
+from uwserver.ports import Reply
 from uwserver_adapters.ros.messages import Ask, BadMessage, Setting
 
 AT_ONCE = 512
@@ -38,7 +37,7 @@ class Parameters:
             found = {source: reply.result for source, reply in zip(sources, replies, strict=True)}
             answered([None if setting is None else setting.told(found[setting.source]) for setting in chosen])
 
-        self._call_all([Ask(source, {}) for source in sources], came)
+        self._conversation.call_all([(source, {}) for source in sources], came)
 
     def set(self, wanted: Sequence[tuple[str, object]], answered: Reasons) -> None:
         """Change some parameters, one after the other and independently of each other."""
@@ -56,7 +55,7 @@ class Parameters:
             reasons = map(_why, replies)
             answered([one if isinstance(one, str) else next(reasons) for one in asked])
 
-        self._call_all([one for one in asked if isinstance(one, Ask)], came)
+        self._conversation.call_all([(one.service, one.args) for one in asked if isinstance(one, Ask)], came)
 
     def set_together(self, wanted: Sequence[tuple[str, object]], answered: Callable[[str], None]) -> None:
         """Change all or none. They must belong to one component, so that the world takes them in one call."""
@@ -72,25 +71,8 @@ class Parameters:
             )
             return
         args = {key: value for one in asked for key, value in one.args.items()}
-        together = [Ask(one.service, args) for one in asked[:1]]
-        self._call_all(together, lambda replies: answered("".join(map(_why, replies))))
-
-    def _call_all(self, calls: Sequence[Ask], answered: Callable[[Sequence[Reply]], None]) -> None:
-        """Call services, and pass on the replies in the order of the calls once all are here. A refusal counts as a reply."""
-        replies: dict[int, Reply] = {}
-
-        def came(k: int, reply: Reply) -> None:
-            replies[k] = reply
-            if len(replies) == len(calls):
-                answered([replies[k] for k in range(len(calls))])
-
-        if not calls:
-            answered(())
-        for k, asked in enumerate(calls):
-            try:
-                self._conversation.call(asked.service, asked.args, partial(came, k))
-            except Refused as refused:
-                came(k, Reply(0, 0, fault=refused.fault))
+        together = [(one.service, args) for one in asked[:1]]
+        self._conversation.call_all(together, lambda replies: answered("".join(map(_why, replies))))
 
 
 def _asked(known: Mapping[str, Setting], name: str, value: object, *, suggests: bool = True) -> Ask:

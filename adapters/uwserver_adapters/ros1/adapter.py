@@ -6,19 +6,17 @@ import asyncio
 import itertools
 import socket
 
-from uwserver.adapter import AdapterContext, CannotListen, Peers, Refusals, is_loopback, serve_tcp, serving
+from uwserver.adapter import AdapterBase, AdapterContext, Peers, serve_tcp, serving
 from uwserver_adapters.ros1.config import Ros1Config
 
-EVERYWHERE = ("0.0.0.0", "::")
 
-
-class Ros1Adapter:
+class Ros1Adapter(AdapterBase[Ros1Config]):
     """Registers at a ROS master, which may start later, end, and come back."""
 
     Config = Ros1Config
 
     def __init__(self, config: Ros1Config, context: AdapterContext) -> None:
-        self.config, self.context = config, context
+        super().__init__(config, context)
         self._numbers = itertools.count(1)
 
     async def run(self, ready: asyncio.Event) -> None:
@@ -33,17 +31,13 @@ class Ros1Adapter:
         from uwserver_adapters.ros1.peers import Caller, Peer
 
         config, context = self.config, self.context
-        if not (is_loopback(config.bind) or config.allow_network):
-            text = f"ROS 1 knows no token: whoever reaches {config.bind} could read and command all"
-            raise CannotListen(f"{text}. Say allow_network = true if that is wanted")
-        if config.host is None and config.bind in EVERYWHERE:
-            text = f"{config.bind} is every address of this machine, and leads nobody here"
-            raise CannotListen(f'{text}. Say host = "..." with the name or address by which other nodes reach it')
-        refusals = Refusals(context.name, context.stats, asyncio.get_running_loop().time)
-        node = Node(context, config, refusals)
+        config.check_bind("ROS 1")
+        host = config.reached_at()
+        node = Node(context, config, self.refusals)
         node.feed.begin()
-        peers: Peers[Caller | Peer] = Peers(config.max_clients, refusals, context.stats, strangers=config.max_strangers)
-        host = config.host or config.bind
+        peers: Peers[Caller | Peer] = Peers(
+            config.max_clients, self.refusals, context.stats, strangers=config.max_strangers
+        )
         names = (host, socket.gethostname(), *config.allowed_hosts)
 
         async with (

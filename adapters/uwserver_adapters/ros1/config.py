@@ -7,22 +7,18 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from uwserver.adapter import STRANGERS, AdapterTable
-from uwserver.table import Name, Positive
+from uwserver.adapter import STRANGERS, NodeTable
+from uwserver.table import Count, Name, PortNumber, Positive
 
-_Port = Annotated[int, Meta(ge=0, le=65535)]
-_Count = Annotated[int, Meta(ge=1)]
 _NodeName = Annotated[str, Meta(pattern=r"^(/[A-Za-z][A-Za-z0-9_]*)+$")]
 
 
-class Ros1Config(AdapterTable, tag="ros1", kw_only=True, frozen=True):
+class Ros1Config(NodeTable, tag="ros1", kw_only=True, frozen=True):
     """Attributes:
     master: address of the ROS master; default: the environment's ROS_MASTER_URI, or http://127.0.0.1:11311.
     node: name of this node.
     bind: address to listen at, for calls of other nodes and for topics and services. ROS 1 has no tokens: anything but loopback needs
         allow_network.
-    allow_network: allow anyone who reaches the address to read and command everything.
-    host: name or address by which other nodes reach this one; default: bind, which must then lead here.
     api_port, tcpros_port: TCP ports; 0 takes free ones.
     allowed_hosts: hosts, besides this machine and that of the master, to which this node connects when the master names a publisher there.
     sim_time: set the parameter /use_sim_time at the master, so that nodes that start later take their time from /clock.
@@ -38,20 +34,17 @@ class Ros1Config(AdapterTable, tag="ros1", kw_only=True, frozen=True):
 
     master: Name | None = None
     node: _NodeName = "/uwserver"
-    bind: Name = "127.0.0.1"
-    allow_network: bool = False
-    host: Name | None = None
-    api_port: _Port = 0
-    tcpros_port: _Port = 0
+    api_port: PortNumber = 0
+    tcpros_port: PortNumber = 0
     allowed_hosts: tuple[Name, ...] = ()
     sim_time: bool = True
     tf: Literal["estimate", "truth", "none"] = "estimate"
     geoid_m: float = 0.0
     clock_hz: Annotated[float, Meta(gt=0, le=1000)] = 100.0
-    queue_bytes: _Count = 1 << 20
-    max_requests_per_s: _Count = 2000
-    max_clients: _Count = 256
-    max_strangers: _Count = STRANGERS
+    queue_bytes: Count = 1 << 20
+    max_requests_per_s: Count = 2000
+    max_clients: Count = 256
+    max_strangers: Count = STRANGERS
     hello_timeout_s: Positive = 10.0
 
     def needs(self) -> Mapping[str, str]:

@@ -44,7 +44,7 @@ class Listener(Protocol):
 
     caller: str
 
-    def tell(self, raw: bytes) -> None:
+    def send_message(self, raw: bytes) -> None:
         """Send it the ROS 1 bytes of a message."""
 
 
@@ -104,7 +104,7 @@ class Node:
             return
         self.context.stats.encoded += 1
         for listener in tuple(listeners):
-            listener.tell(told.raw)
+            listener.send_message(told.raw)
 
     # -- for those who connect ------------------------------------------------------------------------------------------------------------
 
@@ -183,10 +183,7 @@ class Node:
 
     def complain(self, text: str) -> None:
         """Count what was not taken of another node, and publish it on /rosout at most once a second, as topics have no answers."""
-        stats = self.context.stats
-        stats.errors += 1
-        stats.last_error = text
-        self._refusals.note("not taken", text)
+        self._refusals.note_error("not taken", text)
         now = asyncio.get_running_loop().time()
         if now - self._rosout_at >= TELL_S and ROSOUT in self._listeners:
             self._rosout_at = now

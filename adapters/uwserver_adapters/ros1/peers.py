@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from uwserver.adapter import Connection, Conversation, Peers, RateMeter, did_you_mean
+from uwserver.adapter import Connection, Conversation, Peers, did_you_mean
 from uwserver.ports import Fault, Refused
 from uwserver_adapters.ros.feed import call
 from uwserver_adapters.ros.messages import BadMessage, Offer
@@ -26,10 +26,9 @@ class Caller(Connection):
     """
 
     def __init__(self, node: Node, peers: Peers[Any], names: tuple[str, ...]) -> None:
-        super().__init__(peers, node.config.hello_timeout_s)
+        super().__init__(peers, node.config.hello_timeout_s, requests_per_s=CALLS_PER_S)
         self._node = node
         self._requests = xmlrpc.Requests(names)
-        self._rate = RateMeter(CALLS_PER_S)
 
     def takes_http(self, head: bytes) -> bool:
         """Take every request of HTTP, the only protocol here."""
@@ -57,10 +56,6 @@ class Caller(Connection):
         self.write(xmlrpc.told(*self._node.carry_out(call)))
         return True
 
-    def quiet_until(self) -> float:
-        """Return the end of the second of a caller that floods: it is not read before."""
-        return self._rate.end if self._rate.is_flooded(self.loop.time()) else 0.0
-
 
 class Peer(Connection):
     """A TCPROS connection: a subscriber of a topic, or a client of a service, as its header says.
@@ -76,17 +71,24 @@ class Peer(Connection):
     """
 
     def __init__(self, node: Node, peers: Peers[Any], name: str) -> None:
-        super().__init__(peers, node.config.hello_timeout_s)
+        config = node.config
+        self._conversation = Conversation(node.context, name)
+        super().__init__(
+            peers,
+            config.hello_timeout_s,
+            stats=node.context.stats,
+            requests_per_s=config.max_requests_per_s,
+            queue_bytes=config.queue_bytes,
+            conversation=self._conversation,
+        )
         self.caller = ""
         self.topic = ""
         self._node = node
         self._blocks = wire.Blocks()
-        self._conversation = Conversation(node.context, name)
         self._offer: Offer | None = None
         self._persists = False
         self._answering = False
         self._greeted = False
-        self._rate = RateMeter(node.config.max_requests_per_s)
 
     def refused(self, fault: Fault) -> bytes:
         """Return the header for a peer for which there is no place, or which said nothing in time."""
@@ -121,22 +123,13 @@ class Peer(Connection):
             self._end(refused.fault)
         return True
 
-    def quiet_until(self) -> float:
-        """Return the end of the second of a peer that floods: it is not read before."""
-        return self._rate.end if self._rate.is_flooded(self.loop.time()) else 0.0
-
-    def half_closed(self) -> None:
-        """End its long-running calls and still answer the rest: on TCP a peer that has gone looks like one that only listens."""
-        self._conversation.end_calls()
-
     @property
     def is_owed(self) -> bool:
         """Whether an answer is to come."""
         return self._answering
 
     def closed(self) -> None:
-        """End its calls and its subscription."""
-        self._conversation.close()
+        """End its subscription."""
         if self.topic:
             self._node.leave(self.topic, self)
 
@@ -167,7 +160,7 @@ class Peer(Connection):
         self.topic = topic
         last = node.hear(topic, self)
         if last is not None and last.raw is not None:
-            self.tell(last.raw)
+            self.send_message(last.raw)
 
     def _serve(self, fields: Mapping[str, str]) -> None:
         node, service, offers = self._node, fields["service"], self._node.feed.catalogue.offers
@@ -203,17 +196,9 @@ class Peer(Connection):
 
     # -- messages and answers -------------------------------------------------------------------------------------------------------------
 
-    def tell(self, raw: bytes) -> None:
+    def send_message(self, raw: bytes) -> None:
         """Send a message; drop it while too much waits for the subscriber."""
-        stats = self._node.context.stats
-        if self.is_closing:
-            return
-        if self.waiting > self._node.config.queue_bytes:
-            stats.dropped += 1
-            return
-        stats.samples_sent += 1
-        stats.bytes_sent += len(raw) + 4
-        self.write(wire.block(raw))
+        self.send_sample(wire.block(raw))
 
     def _ask(self, offer: Offer, body: bytes) -> None:
         types, kind = self._node.types, f"{offer.type}_Request"
@@ -227,15 +212,13 @@ class Peer(Connection):
             return
         self._answering = True
         call(self._conversation, offer, request, self._answer)
-        if self.is_half_open:
-            self._conversation.end_calls()
 
     def _answer(self, response: object | None, text: str) -> None:
         self._answering = False
         if self.is_closing:
             return
         if response is None:
-            self._node.context.stats.errors += 1
+            self._stats.errors += 1
             self.write(wire.answer(False, text.encode()))
         else:
             self.write(wire.answer(True, self._node.types.ros1(response)))
@@ -246,5 +229,5 @@ class Peer(Connection):
 
     def _end(self, fault: Fault) -> None:
         self.peers.refusals.note(fault.code, fault.text)
-        self._node.context.stats.errors += 1
+        self._stats.errors += 1
         self.farewell(wire.answer(False, fault.text.encode()) if self._greeted else self.refused(fault))

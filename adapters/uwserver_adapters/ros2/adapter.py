@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING
 
-from uwserver.adapter import AdapterContext, CannotServe, Refusals, Worker, serving
+from uwserver.adapter import AdapterBase, CannotServe, Worker, serving
 from uwserver_adapters.ros2.config import Ros2Config
 from uwserver_adapters.zenoh_session.config import ZenohConfig
 from uwserver_adapters.zenoh_session.session import open_session
@@ -19,14 +19,10 @@ LOOK_S = 0.5
 """Wall time between two looks for subscribers."""
 
 
-class Ros2Adapter:
+class Ros2Adapter(AdapterBase[Ros2Config]):
     """Runs a node of ROS 2. The message types are loaded only when it runs."""
 
     Config = Ros2Config
-
-    def __init__(self, config: Ros2Config, context: AdapterContext) -> None:
-        self.config, self.context = config, context
-        self._refusals = Refusals(context.name, context.stats, asyncio.get_running_loop().time)
 
     async def run(self, ready: asyncio.Event) -> None:
         """Serve until cancelled.
@@ -43,7 +39,7 @@ class Ros2Adapter:
             from uwserver_adapters.ros2.rmw_zenoh import ZenohCarrier
 
             types = Types(config.ros_distro)
-            carrier = ZenohCarrier(session, config, types, sender, context.stats, self._refusals)
+            carrier = ZenohCarrier(session, config, types, sender, context.stats, self.refusals)
             await self._serve(carrier, types, ready)
 
     async def _serve_dds(self, ready: asyncio.Event) -> None:
@@ -72,7 +68,7 @@ class Ros2Adapter:
     async def _serve(self, carrier: ZenohCarrier | DdsCarrier, types: Types, ready: asyncio.Event) -> None:
         from uwserver_adapters.ros2.node import Node
 
-        node = Node(self.context, self.config, self._refusals, carrier, types)
+        node = Node(self.context, self.config, self.refusals, carrier, types)
         try:
             node.feed.begin()
             with serving(self.context, node.feed, self.context.stats.address, ready):

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta, field
 
 from uwserver.adapter import AdapterTable, CannotServe
-from uwserver.table import Name
+from uwserver.table import Count, Name
 
 DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
 MOST_DOMAIN = 232
@@ -50,7 +50,7 @@ class Ros2Config(AdapterTable, tag="ros2", kw_only=True, frozen=True):
     tf: Literal["estimate", "truth", "none"] = "estimate"
     geoid_m: float = 0.0
     clock_hz: Annotated[float, Meta(gt=0, le=1000)] = 100.0
-    queue_requests: Annotated[int, Meta(ge=1)] = 4096
+    queue_requests: Count = 4096
 
     def needs(self) -> Mapping[str, str]:
         """See `AdapterTable.needs`."""

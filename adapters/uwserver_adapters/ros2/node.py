@@ -110,8 +110,7 @@ class Node:
             if not writer.put(data):
                 return
         except Exception as error:  # noqa: BLE001  # a fault of a closing session must not end the adapter
-            stats.errors += 1
-            stats.last_error = f"a message of {topic} could not be sent: {error}"
+            stats.count_error(f"a message of {topic} could not be sent: {error}")
             log.debug("%s", stats.last_error)
             return
         stats.samples_sent += 1

@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import itertools
-import logging
 from typing import TYPE_CHECKING
 
 from uwserver.adapter import (
-    TOKEN_VARIABLE,
+    AdapterBase,
     AdapterContext,
+    Lockout,
     Peer,
     Peers,
-    Refusals,
     address_text,
     is_loopback,
     known_token,
     serve_tcp,
     serving,
-    tls_context,
     token_for,
 )
 from uwserver_adapters.rosbridge.config import RosbridgeConfig
@@ -26,10 +24,8 @@ from uwserver_adapters.rosbridge.config import RosbridgeConfig
 if TYPE_CHECKING:
     from uwserver_adapters.native.outbox import Outbox
 
-log = logging.getLogger(__name__)
 
-
-class RosbridgeAdapter:
+class RosbridgeAdapter(AdapterBase[RosbridgeConfig]):
     """Serves rosbridge v2 on one TCP port.
 
     Attributes:
@@ -39,11 +35,10 @@ class RosbridgeAdapter:
     Config = RosbridgeConfig
 
     def __init__(self, config: RosbridgeConfig, context: AdapterContext) -> None:
-        self.config, self.context = config, context
+        super().__init__(config, context)
         self._token = token_for(known_token(config.token), not is_loopback(config.bind))
-        self._refusals = Refusals(context.name, context.stats, asyncio.get_running_loop().time)
         self.peers: Peers[Peer] = Peers(
-            config.max_clients, self._refusals, context.stats, strangers=config.max_strangers
+            config.max_clients, self.refusals, context.stats, strangers=config.max_strangers
         )
         self._serials = itertools.count(1)
 
@@ -59,14 +54,13 @@ class RosbridgeAdapter:
             CannotServe: rosbags is not installed.
             CannotListen: the address cannot be had, or TLS is configured wrongly.
         """
-        from uwserver_adapters.native.limits import Lockout
         from uwserver_adapters.rosbridge.connection import RosbridgeConnection
         from uwserver_adapters.rosbridge.hub import Hub
         from uwserver_adapters.rosbridge.rosapi import Rosapi
         from uwserver_adapters.rosbridge.session import Session
 
         config = self.config
-        hub = Hub(self.context, config, self._refusals)
+        hub = Hub(self.context, config, self.refusals)
         hub.feed.begin()
         rosapi, lockout = Rosapi(hub), Lockout()
 
@@ -76,19 +70,15 @@ class RosbridgeAdapter:
         def greet() -> RosbridgeConnection:
             return RosbridgeConnection(hub, self.token, lockout, self.peers, begin)
 
-        tls = tls_context(config.tls_cert, config.tls_key, config.tls_client_ca)
+        tls = config.tls()
         listening = serve_tcp(greet, self.peers, config.bind, config.port, tls=tls, handshake_s=config.hello_timeout_s)
         async with listening as server:
             scheme = "ws" if tls is None else "wss"
             address = f"{scheme}://{address_text(config.bind, server.port)}"
             try:
                 with serving(self.context, hub, address, ready):
-                    if self._token.is_new:
-                        log.warning(
-                            "%s listens at %s, which other machines can reach, and no token is set (token, or %s): one was made for this run."
-                            " Connect to\n    %s/?token=%s",
-                            self.context.name, config.bind, TOKEN_VARIABLE, address, self.token,
-                        )  # fmt: skip
+                    reason = f"listens at {config.bind}, which other machines can reach"
+                    self._token.announce(self.context, reason, f"Connect to\n    {address}/?token={self.token}")
                     await asyncio.get_running_loop().create_future()  # until cancelled
             finally:
                 server.close()

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import asyncio
 import hmac
 from collections.abc import Callable
 from urllib.parse import parse_qs, urlsplit
 
 from websockets.http11 import Request
 
-from uwserver import adapter
-from uwserver.adapter import Peer, Peers, RateMeter
+from uwserver.adapter import Lockout, Peer, Peers
 from uwserver.ports import Fault
-from uwserver_adapters.native.codec import NEED_DATA, Control
-from uwserver_adapters.native.limits import Lockout
+from uwserver_adapters.native.codec import Control
+from uwserver_adapters.native.connection import OutboxConnection
+from uwserver_adapters.native.messages import Malformed
 from uwserver_adapters.native.outbox import Outbox
-from uwserver_adapters.native.requests import Malformed
 from uwserver_adapters.native.websocket import Handshake
 from uwserver_adapters.rosbridge.codec import MessageCodec, Text
 from uwserver_adapters.rosbridge.hub import Hub
@@ -27,7 +25,7 @@ Begin = Callable[[Outbox, Callable[[], None]], Session]
 """Makes the session of a client that is admitted, from its outbox and the function that wakes its connection."""
 
 
-class RosbridgeConnection(adapter.Connection):
+class RosbridgeConnection(OutboxConnection):
     """The connection of one peer.
 
     Args:
@@ -40,15 +38,11 @@ class RosbridgeConnection(adapter.Connection):
 
     def __init__(self, hub: Hub, token: str | None, lockout: Lockout, peers: Peers[Peer], begin: Begin) -> None:
         config = hub.config
-        super().__init__(peers, config.hello_timeout_s)
+        super().__init__(peers, config, hub.context.stats, config.max_requests_per_s)
         self._hub, self._token, self._lockout, self._begin = hub, token, lockout, begin
-        self._stats = hub.context.stats
-        self._outbox = Outbox(self.write, self._overflow, config.queue_samples, self._stats, config.queue_bytes)
-        self._rate = RateMeter(config.max_requests_per_s)
         self._handshake: Handshake | None = None
         self._codec: MessageCodec | None = None
         self._session: Session | None = None
-        self._waking: asyncio.Handle | None = None
 
     # -- admission -------------------------------------------------------------------------------------------------------------------------
 
@@ -98,11 +92,9 @@ class RosbridgeConnection(adapter.Connection):
             return False
         codec = handshake.codec
         if not isinstance(codec, MessageCodec):
-            # Without a fault the peer only asked for a page.
-            fault = handshake.fault or Fault("invalid_request", "a peer asked for a page", "http")
-            cause = {"allowed_origins": "origin", "allowed_hosts": "host"}.get(fault.where, fault.where)
             self._stats.errors += 1
-            self._hub.refusals.note(cause, fault.text)
+            self._hub.refusals.note(*handshake.refusal)
+            # Without a fault the peer only asked for a page.
             self.farewell(NO_PAGE if handshake.fault is None else handshake.answer)
             return False
         self.write(handshake.answer)
@@ -123,16 +115,11 @@ class RosbridgeConnection(adapter.Connection):
         if self._codec is None or self._session is None:
             return False
         event: object = self._codec.next_event()
-        if event is NEED_DATA:
+        if event is None:
             return False
         is_allowed = self._rate.take(self.loop.time())
         if isinstance(event, Control):
-            if event.ends:
-                self._outbox.flush()
-                self.write(event.data)
-                super().close()
-            elif is_allowed and event.data:
-                self._outbox.put_reply(event.data)
+            self.take_control(event, is_allowed)
         elif isinstance(event, Malformed):
             self._hub.refusals.note(event.fault.code, event.fault.text)
             self._outbox.flush()
@@ -144,32 +131,8 @@ class RosbridgeConnection(adapter.Connection):
             self._session.take(event)
         return True
 
-    def quiet_until(self) -> float:
-        """Return the end of the second of a client that floods: it is not read before."""
-        return self._rate.end if self._rate.is_flooded(self.loop.time()) else 0.0
-
-    def after_turn(self) -> None:
-        """Write the answers of one turn together."""
-        self._outbox.flush()
-
-    def wake(self) -> None:
-        """Have an answer written that came later than its request."""
-        if self._waking is None and not self.is_working and not self.is_closing:
-            self._waking = self.loop.call_soon(self._flush)
-
-    def _flush(self) -> None:
-        self._waking = None
-        self._outbox.flush()
-
-    def pause_writing(self) -> None:
-        """Hold back what is sent: the peer reads too slowly."""
-        self._outbox.paused = True
-
-    def resume_writing(self) -> None:
-        """Go on sending: the peer has read."""
-        self._outbox.resume()
-
-    def _overflow(self, text: str) -> None:
+    def overflow(self, text: str) -> None:
+        """End the connection, because too much waits for the client."""
         self._hub.refusals.note("slow reader", text)
         self._stats.errors += 1
         if not self.is_closing and self._codec is not None:
@@ -192,12 +155,6 @@ class RosbridgeConnection(adapter.Connection):
         if self._codec is not None:
             self.write(self._codec.ending(None))
         super().close()
-
-    def stop(self) -> None:
-        """Send nothing more."""
-        self._outbox.close()
-        if self._waking is not None:
-            self._waking.cancel()
 
     def closed(self) -> None:
         """End the session."""

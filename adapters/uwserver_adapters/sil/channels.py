@@ -23,10 +23,15 @@ class Scale(dict[int, float]):
 
     Attributes:
         outside: pulse widths that were limited.
+
+    Raises:
+        CannotServe: the pulse widths are not in this order.
     """
 
     def __init__(self, low: int = 1100, neutral: int = 1500, high: int = 1900) -> None:
         super().__init__({0: 0.0})
+        if not low < neutral < high:
+            raise CannotServe("the pulse widths must be low_us < neutral_us < high_us")
         self._low, self._neutral, self._high = low, neutral, high
         self.outside: set[int] = set()
 

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 import socket
 
 from uwserver.adapter import (
-    TOKEN_VARIABLE,
+    AdapterBase,
     AdapterContext,
     CannotListen,
     Listener,
@@ -15,11 +14,11 @@ from uwserver.adapter import (
     Peers,
     address_text,
     cannot_listen,
+    host_here,
     is_loopback,
     known_token,
     serve_tcp,
     serving,
-    tls_context,
     token_for,
 )
 from uwserver_adapters.native.service import NativeService
@@ -28,10 +27,8 @@ from uwserver_adapters.sockets.config import SocketsConfig
 from uwserver_adapters.sockets.connection import Connection
 from uwserver_adapters.sockets.datagrams import RECEIVE_BUFFER, DatagramEndpoint
 
-log = logging.getLogger(__name__)
 
-
-class SocketsAdapter:
+class SocketsAdapter(AdapterBase[SocketsConfig]):
     """Serves the native wire of docs/reference/protocol.md on one TCP port, and on a UDP port if configured.
 
     Attributes:
@@ -42,14 +39,13 @@ class SocketsAdapter:
     Config = SocketsConfig
 
     def __init__(self, config: SocketsConfig, context: AdapterContext) -> None:
-        self.config = config
-        self.context = context
+        super().__init__(config, context)
         self._token = token_for(known_token(config.token), not is_loopback(config.bind))
         allowance = Allowance(config.max_subscriptions, config.max_unanswered)
-        self.service = NativeService(context, self._token.text, allowance, config.max_requests_per_s)
+        self.service = NativeService(context, self._token.text, allowance, config.max_requests_per_s, self.refusals)
         self.peers: Peers[Peer] = Peers(
             config.max_clients,
-            self.service.refusals,
+            self.refusals,
             context.stats,
             most_per_host=config.max_clients_per_host,
             strangers=config.max_strangers,
@@ -62,7 +58,7 @@ class SocketsAdapter:
             CannotListen: an address cannot be had, or TLS is configured wrongly.
         """
         config = self.config
-        tls = tls_context(config.tls_cert, config.tls_key, config.tls_client_ca)
+        tls = config.tls()
         if tls is not None and config.udp_port is not None:
             text = "datagrams are not encrypted: udp_port and tls_cert do not go together"
             raise CannotListen(f'{text}; give UDP an adapter of its own ([adapters.<name>] with kind = "sockets")')
@@ -77,8 +73,9 @@ class SocketsAdapter:
                 if config.udp_port is not None:
                     datagrams = await self._listen_for_datagrams(server, config.udp_port)
                 with serving(self.context, self.service.fanout, address_text(config.bind, server.port), ready):
-                    if self._token.is_new:
-                        self._announce_token(server.port)
+                    command = f"uwclient --host {host_here(config.bind)} --port {server.port} --token {self._token.text} topics"
+                    reason = f"listens at {config.bind}, which other machines can reach"
+                    self._token.announce(self.context, reason, f"Connect with\n    {command}")
                     await asyncio.get_running_loop().create_future()  # until cancelled
             finally:
                 server.close()
@@ -112,12 +109,3 @@ class SocketsAdapter:
             peer.close()  # before the socket, so that a last datagram can be sent
         transport.abort()
         await asyncio.sleep(0)  # the loop closes the socket in its next turn
-
-    def _announce_token(self, port: int) -> None:
-        bind = self.config.bind
-        host = "127.0.0.1" if bind in ("0.0.0.0", "::") else bind
-        log.warning(
-            "%s listens at %s, which other machines can reach, and no token is set (token, or %s): one was made for this run. Connect with\n"
-            "    uwclient --host %s --port %d --token %s topics",
-            self.context.name, bind, TOKEN_VARIABLE, host, port, self._token.text,
-        )  # fmt: skip

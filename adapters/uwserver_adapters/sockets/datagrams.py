@@ -17,10 +17,9 @@ import msgspec
 
 from uwserver.adapter import AdapterStats, DatagramTurns, Peer, Peers, RateMeter, host_of
 from uwserver.ports import Fault
-from uwserver_adapters.native.codec import NEED_DATA, Codec, Waiting
-from uwserver_adapters.native.encoding import JSON, MSGPACK, Encoding
+from uwserver_adapters.native.codec import Codec
+from uwserver_adapters.native.messages import JSON, MSGPACK, Encoding, Malformed, Request, parse_json, parse_msgpack
 from uwserver_adapters.native.outbox import Delivery
-from uwserver_adapters.native.requests import Malformed, Request, parse_json, parse_msgpack
 from uwserver_adapters.native.service import NativeService
 from uwserver_adapters.sockets.config import SocketsConfig
 
@@ -65,9 +64,8 @@ class DatagramCodec(Codec):
     def receive(self, data: bytes) -> None:
         """Store nothing."""
 
-    def next_event(self) -> Request | Malformed | Waiting:
-        """Return `NEED_DATA`, always."""
-        return NEED_DATA
+    def next_event(self) -> None:
+        """Return None: no message is ever stored here."""
 
 
 class DatagramOutbox:
@@ -82,7 +80,7 @@ class DatagramOutbox:
 
     deliveries: tuple[Delivery, ...] = ("latest", "ring")
     largest: int | None = DATAGRAM_LIMIT - _NUMBER_SIZE
-    has_places = False
+    can_put_later = False
 
     def __init__(
         self, send: Callable[[bytes], bool], encoding: Encoding, stats: AdapterStats, refuse: Callable[[Fault], None]
@@ -112,7 +110,7 @@ class DatagramOutbox:
             self._stats.dropped += 1
 
     def put_later(self, key: Hashable, delivery: Delivery, hurry: Callable[[], bool]) -> Callable[[bytes | None], None]:
-        """Not supported, as `has_places` says."""
+        """Not supported, as `can_put_later` says."""
         raise NotImplementedError
 
     def gather(self) -> None:
@@ -142,7 +140,7 @@ class DatagramClient:
             lambda data: endpoint.send(data, address), encoding, service.context.stats, self._refuse
         )
         self.session = service.session(DatagramCodec(encoding), outbox, lambda: None)
-        self._rate = service.rate_meter()
+        self._rate = RateMeter(service.requests_per_s)
         self._heard = self._loop.time()
         self._timer = self._loop.call_later(endpoint.config.udp_lease_s, self._check_lease)
 

@@ -10,10 +10,10 @@ from collections.abc import Collection, Sequence
 from typing import cast
 
 from uwserver.adapter import (
+    AdapterBase,
     AdapterContext,
     CannotServe,
     Peers,
-    Refusals,
     address_text,
     serve_tcp,
     serving,
@@ -33,15 +33,13 @@ MOST_STREAMS = 64
 """Most streams of a world without a table of streams."""
 
 
-class VideoAdapter:
+class VideoAdapter(AdapterBase[VideoConfig]):
     """Serves pictures as video."""
 
     Config = VideoConfig
 
     def __init__(self, config: VideoConfig, context: AdapterContext) -> None:
-        self.config = config
-        self.context = context
-        self._refusals = Refusals(context.name, context.stats, asyncio.get_running_loop().time)
+        super().__init__(config, context)
         self._streams: dict[str, Stream] = {}
         self._by_port: dict[str, list[Stream]] = {}
         self._wanted: frozenset[str] = frozenset()
@@ -110,14 +108,14 @@ class VideoAdapter:
                     text = (
                         f"more than {MOST_STREAMS} ports have pictures: list those to be served in the table `streams`"
                     )
-                    self._refusals.note("streams", text)
+                    self.refusals.note("streams", text)
                     return
                 self._add(path, StreamTable(port=path, codec=self.config.codec), port)
 
     def _add(self, name: str, table: StreamTable, port: Port) -> None:
         place = picture_place(port)
         assert place is not None
-        stream = Stream(name, table, port, place, self.context, self._refusals, self._follow_wants)
+        stream = Stream(name, table, port, place, self.context, self.refusals, self._follow_wants)
         self._streams[name] = stream
         self._by_port.setdefault(port.path, []).append(stream)
 
@@ -165,7 +163,7 @@ class VideoAdapter:
             stack.callback(ports.close)
             await ports.open()
         peers: Peers[RtspConnection] = Peers(
-            config.max_clients, self._refusals, stats, most_per_host=config.max_clients_per_host
+            config.max_clients, self.refusals, stats, most_per_host=config.max_clients_per_host
         )
         listener = await stack.enter_async_context(
             serve_tcp(

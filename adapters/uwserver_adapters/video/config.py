@@ -10,9 +10,8 @@ from msgspec import Meta, field
 from uwserver.adapter import AdapterTable, CannotServe, did_you_mean
 from uwserver.adapter.pictures import EXTRA, can_encode_jpeg, picture_place
 from uwserver.ports import Port, Service
-from uwserver.table import Name, Table
+from uwserver.table import Count, Name, PortNumber, Table
 
-PortNumber = Annotated[int, Meta(ge=0, le=65535)]
 SystemNumber = Annotated[int, Meta(ge=1, le=255)]
 
 
@@ -72,7 +71,7 @@ class VideoConfig(AdapterTable, tag="video", kw_only=True, frozen=True):
     codec: Literal["h264", "jpeg"] = "h264"
     mavlink: tuple[Name, ...] = ()
     max_clients: Annotated[int, Meta(ge=1, le=256)] = 16
-    max_clients_per_host: Annotated[int, Meta(ge=1)] = 8
+    max_clients_per_host: Count = 8
     hello_timeout_s: Annotated[float, Meta(gt=0)] = 10.0
     keep_alive_s: Annotated[float, Meta(ge=1)] = 10.0
     queue_bytes: Annotated[int, Meta(ge=1 << 16)] = 1 << 20

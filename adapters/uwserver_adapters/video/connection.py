@@ -7,7 +7,7 @@ import struct
 from collections.abc import Mapping
 from typing import Any, Final
 
-from uwserver.adapter import AdapterStats, Connection, Peers, RateMeter
+from uwserver.adapter import AdapterStats, Connection, Peers
 from uwserver.ports import Fault
 from uwserver_adapters.video.config import VideoConfig
 from uwserver_adapters.video.datagrams import Address, Route
@@ -42,13 +42,11 @@ class RtspConnection(Connection):
         stats: AdapterStats,
         ports: MediaPorts | None,
     ) -> None:
-        super().__init__(peers, config.hello_timeout_s)
+        super().__init__(peers, config.hello_timeout_s, stats=stats, requests_per_s=REQUESTS_PER_S)
         self._config = config
         self._streams = streams
-        self._stats = stats
         self._ports = ports
         self._reader = Reader()
-        self._rate = RateMeter(REQUESTS_PER_S)
         self._session: Session | None = None
         self._address = ""
         self._seq = ""

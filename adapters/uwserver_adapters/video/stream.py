@@ -188,8 +188,7 @@ class Stream:
         stats = self._context.stats
         if coded is None:
             if fault:
-                stats.errors += 1
-                stats.last_error = f"{self.name}: {fault}"[:300]
+                stats.count_error(f"{self.name}: {fault}")
                 self._refusals.note("encoder", f"a picture of {self.port.path} cannot be encoded: {fault}")
             return
         self.size, self._format = size, coded.format
@@ -203,8 +202,7 @@ class Stream:
             try:
                 receiver.take(picture)
             except Exception as error:  # noqa: BLE001  # the fault of one receiver must not concern the others
-                stats.errors += 1
-                stats.last_error = f"{self.name}: {type(error).__name__}: {error}"[:300]
+                stats.count_error(f"{self.name}: {type(error).__name__}: {error}")
                 self._refusals.note(
                     "not sent", f"a picture of {self.port.path} could not be sent to a receiver: {error}"
                 )

@@ -4,25 +4,23 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import logging
 from collections.abc import AsyncIterator, Collection, Sequence
 from typing import TYPE_CHECKING
 
 from uwserver.adapter import (
-    TOKEN_VARIABLE,
+    AdapterBase,
     AdapterContext,
     CannotListen,
     Listener,
     Peer,
     Peers,
-    Refusals,
     Thinned,
     address_text,
+    host_here,
     is_loopback,
     known_token,
     serve_tcp,
     serving,
-    tls_context,
     token_for,
 )
 from uwserver.ports import Event, Sample
@@ -31,10 +29,8 @@ from uwserver_adapters.web.config import WebConfig
 if TYPE_CHECKING:
     from uwserver_adapters.web.front import Front
 
-log = logging.getLogger(__name__)
 
-
-class WebAdapter:
+class WebAdapter(AdapterBase[WebConfig]):
     """Serves the web view on one TCP port. It is its own `Subscriber`.
 
     Attributes:
@@ -44,13 +40,11 @@ class WebAdapter:
     Config = WebConfig
 
     def __init__(self, config: WebConfig, context: AdapterContext) -> None:
-        self.config = config
-        self.context = context
+        super().__init__(config, context)
         # A token for watching protects nothing while a page without any token may do everything.
         self._token = token_for(known_token(config.token), config.needs_token)
-        refusals = Refusals(context.name, context.stats, asyncio.get_running_loop().time)
         self.peers: Peers[Peer] = Peers(
-            config.max_pages, refusals, context.stats, strangers=config.max_strangers, key="max_pages"
+            config.max_pages, self.refusals, context.stats, strangers=config.max_strangers, key="max_pages"
         )
         self._front: Front | None = None
 
@@ -81,31 +75,27 @@ class WebAdapter:
             address = self._address(server.port)
             try:
                 with serving(self.context, self, address, ready):
-                    if self._token.is_new:
-                        log.warning(
-                            "%s %s, and no token was set (token, or %s): one was generated for this run. Open\n    %s#token=%s",
-                            self.context.name, self._reason(), TOKEN_VARIABLE, address, self.token,
-                        )  # fmt: skip
+                    reason = (
+                        "has a view_token"
+                        if is_loopback(self.config.bind)
+                        else f"listens at {self.config.bind}, which other machines can reach"
+                    )
+                    self._token.announce(self.context, reason, f"Open\n    {address}#token={self.token}")
                     await asyncio.get_running_loop().create_future()  # until cancelled
             finally:
                 server.close()
                 if self._front is not None:
                     await self._front.close()
 
-    def _reason(self) -> str:
-        """Return why a token is needed."""
-        return "has a view_token" if is_loopback(self.config.bind) else "can be reached from elsewhere"
-
     def _address(self, port: int) -> str:
         scheme = "http" if self.config.tls_cert is None else "https"
-        host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(self.config.bind, self.config.bind)
-        return f"{scheme}://{address_text(host, port)}/"
+        return f"{scheme}://{address_text(host_here(self.config.bind), port)}/"
 
     @contextlib.asynccontextmanager
     async def _listening(self) -> AsyncIterator[Listener]:
         """Listen at the port, or at the first free one of several."""
         config = self.config
-        tls = tls_context(config.tls_cert, config.tls_key, config.tls_client_ca)
+        tls = config.tls()
         async with contextlib.AsyncExitStack() as stack:
             for port in config.ports:
                 listening = serve_tcp(

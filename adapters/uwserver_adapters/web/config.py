@@ -6,61 +6,51 @@ from typing import Annotated
 
 from msgspec import UNSET, Meta, UnsetType
 
-from uwserver.adapter import AdapterTable, is_loopback
-from uwserver.table import Name, Positive
+from uwserver.adapter import is_loopback
+from uwserver.table import Count, Name, PortNumber
+from uwserver_adapters.native.outbox import OutboxTable
 
 FIRST_PORT = 7680
 PORTS = 20
 """Number of ports that are tried, from the first on."""
 
-_Count = Annotated[int, Meta(ge=1)]
 
-
-class WebConfig(AdapterTable, tag="web", kw_only=True, frozen=True):
+class WebConfig(OutboxTable, tag="web", kw_only=True, frozen=True):
     """Attributes:
     required: whether the server ends when the view cannot start.
-    bind: address to listen at; anything but loopback needs a token.
     port: TCP port; 0 takes a free one; default: 7680, or the next free one.
     token: token that pages must show; default: the environment's UWSERVER_TOKEN, or one that is generated and logged if one is needed.
     view_token: a page that shows this token instead may only watch; a token is needed then.
     read_only: all pages may only watch.
     exact_poses: show pages the true poses of vehicles, which are ground truth; default: on loopback.
     allowed_hosts: names by which browsers may address this server, besides its addresses and localhost; "*" for any.
-    allowed_origins: origins of other pages that may connect to the live data, as for `sockets`; default: none.
+    allowed_origins: other pages that may connect to the live data: an origin ("http://localhost:8000"), an origin with ":*" for any port, or "*"
+        for all; by default none may.
     frame_ancestors: origins of pages that may show the view in a frame; default: none.
-    tls_cert, tls_key, tls_client_ca: as for `sockets`; the address is then https.
+    tls_cert: certificate (PEM); with it, the address is https. A relative path starts from the folder in which the server was started.
     frames_hz: most states that are sent per second of wall time.
     max_pages: pages at a time.
     max_strangers: other connections at a time, for files or not admitted yet; a new one closes the oldest.
     max_requests_per_s: requests of one page per second; more are refused.
     max_unanswered: commands and calls of one page that wait for the world.
     max_subscriptions: subscriptions of one page.
-    queue_samples, queue_bytes: samples that wait for a slow page, as for `sockets`.
     hello_timeout_s: wall time in which a request must be complete, and a token shown.
     """
 
     required: bool = False
-    bind: Name = "127.0.0.1"
-    port: Annotated[int, Meta(ge=0, le=65535)] | UnsetType = UNSET
-    token: Name | None = None
+    port: PortNumber | UnsetType = UNSET
     view_token: Name | None = None
     read_only: bool = False
     exact_poses: bool | UnsetType = UNSET
-    allowed_hosts: tuple[Name, ...] = ()
-    allowed_origins: tuple[Name, ...] = ()
     frame_ancestors: tuple[Name, ...] = ()
-    tls_cert: Name | None = None
-    tls_key: Name | None = None
-    tls_client_ca: Name | None = None
     frames_hz: Annotated[float, Meta(gt=0, le=120)] = 30.0
-    max_pages: _Count = 50
-    max_strangers: _Count = 256
-    max_requests_per_s: _Count = 2000
-    max_unanswered: _Count = 256
-    max_subscriptions: _Count = 256
-    queue_samples: _Count = 256
-    queue_bytes: _Count = 4 << 20
-    hello_timeout_s: Positive = 10.0
+    max_pages: Count = 50
+    max_strangers: Count = 256
+    max_requests_per_s: Count = 2000
+    max_unanswered: Count = 256
+    max_subscriptions: Count = 256
+    queue_samples: Count = 256
+    queue_bytes: Count = 4 << 20
 
     @property
     def ports(self) -> tuple[int, ...]:

@@ -11,6 +11,7 @@ from uwserver.adapter import Peer, Peers
 from uwserver.ports import Json
 from uwserver_adapters.native.codec import Codec
 from uwserver_adapters.native.connection import NativeConnection
+from uwserver_adapters.native.messages import Notice
 from uwserver_adapters.native.session import Session
 from uwserver_adapters.native.websocket import Handshake
 from uwserver_adapters.web.config import WebConfig
@@ -185,5 +186,5 @@ class WebConnection(NativeConnection):
         """Send the status in the encoding of the session."""
         session = self._session
         if session is not None:
-            self._outbox.put_reply(session.codec.frame(session.codec.encoding.notice("status", status)))
+            self._outbox.put_reply(session.codec.message(Notice("status", status)))
             self._outbox.flush()

@@ -9,7 +9,7 @@ from uwserver.adapter import AdapterContext, Refusals
 from uwserver.ports import Fault, Refused
 from uwserver_adapters.native import params as read
 from uwserver_adapters.native import verbs
-from uwserver_adapters.native.requests import Request
+from uwserver_adapters.native.messages import Request
 from uwserver_adapters.native.service import NativeService
 from uwserver_adapters.native.session import Allowance, Session
 from uwserver_adapters.web.pages import Page, Pages
@@ -89,7 +89,7 @@ class WebService(NativeService):
 
     def view(self, page: Page, request: Request) -> object:
         """Set which binary frames a page wants. All pictures that it was sent count as shown."""
-        params = read.taken(request, ("frames", "pictures"))
+        params = read.params_of(request, ("frames", "pictures"))
         frames, pictures = params.get("frames", page.wants_frames), params.get("pictures")
         if not isinstance(frames, bool):
             raise Refused("bad_argument", '"frames" must be true or false', "frames")
@@ -104,7 +104,7 @@ class WebService(NativeService):
 
     def seen(self, page: Page, request: Request) -> object:
         """Note that a page has shown its pictures of these ports."""
-        params = read.taken(request, ("pictures",))
+        params = read.params_of(request, ("pictures",))
         numbers = params.get("pictures")
         if not isinstance(numbers, list) or not all(isinstance(n, int) for n in numbers):
             raise Refused("bad_argument", '"pictures" must be a list of numbers of ports', "pictures")

@@ -10,13 +10,12 @@ from collections.abc import Collection, Sequence
 from functools import partial
 
 from uwserver.adapter import (
+    AdapterBase,
     AdapterContext,
     CannotListen,
     Listener,
     Peers,
-    Refusals,
     address_text,
-    is_loopback,
     may_connect,
     serve_tcp,
     serving,
@@ -33,7 +32,6 @@ from uwserver_adapters.yarp.wire import CARRIERS, Carrier
 
 log = logging.getLogger(__name__)
 
-EVERYWHERE = ("0.0.0.0", "::")
 TRIES = 64
 """Most TCP ports that are tried for one port of YARP, where they are in use."""
 LOOK_S = 1.0
@@ -44,24 +42,22 @@ LINKS = 64
 """Most connections that are being made at a time."""
 
 
-class YarpAdapter:
+class YarpAdapter(AdapterBase[YarpConfig]):
     """Serves ports for sensors, actuators, services and the time. The name server may start later, end, and come back.
 
     It is its own `Subscriber`, and the `uwserver_adapters.yarp.peer.Network` of those who connect.
 
     Attributes:
-        config, context: as given.
         ports: all ports, by name; the first is the clock.
     """
 
     Config = YarpConfig
 
     def __init__(self, config: YarpConfig, context: AdapterContext) -> None:
-        self.config, self.context = config, context
+        super().__init__(config, context)
         self.ports: dict[str, YarpPort] = {}
-        self._refusals = Refusals(context.name, context.stats, asyncio.get_running_loop().time)
         self._peers: Peers[Peer | Link] = Peers(
-            config.max_clients, self._refusals, context.stats, strangers=config.max_strangers
+            config.max_clients, self.refusals, context.stats, strangers=config.max_strangers
         )
         self._listeners: dict[str, Listener] = {}
         self._registered: set[str] = set()
@@ -84,12 +80,8 @@ class YarpAdapter:
                 others reach it.
         """
         config, context = self.config, self.context
-        if not (is_loopback(config.bind) or config.allow_network):
-            text = f"YARP knows no token: whoever reaches {config.bind} could read and command all"
-            raise CannotListen(f"{text}. Say allow_network = true if that is wanted")
-        if config.host is None and config.bind in EVERYWHERE:
-            text = f"{config.bind} is every address of this machine, and leads nobody here"
-            raise CannotListen(f'{text}. Say host = "..." with the name or address by which others reach it')
+        config.check_bind("YARP")
+        self._host = config.reached_at()
         self._server = names.server_of(config.name_server)
         context.stats.details["name_server"] = config.name_server
         async with contextlib.AsyncExitStack() as stack:
@@ -167,7 +159,7 @@ class YarpAdapter:
 
         If the name server does not know the first port any more it was restarted: everything is registered again.
         """
-        host, first = self.config.host or self.config.bind, next(iter(self.ports))
+        host, first = self._host, next(iter(self.ports))
         if first in self._registered:
             (answer,) = await names.ask(self._server, [f"query {first}"], self.config.prefix)
             known = names.address_in(answer)
@@ -175,7 +167,7 @@ class YarpAdapter:
                 self._registered.clear()
             elif (known.host, known.port) != (host, self._listeners[first].port):
                 text = f"{first} belongs to {known.host}:{known.port} now: another server has this prefix"
-                self._refusals.note("prefix", text)
+                self.refusals.note("prefix", text)
         if self._gone:
             await names.ask(self._server, [f"unregister {name}" for name in sorted(self._gone)], self.config.prefix)
             self._gone.clear()
@@ -277,7 +269,7 @@ class YarpAdapter:
             outcome = f"Added connection from {at.name} to {target}"
         except Refused as refused:
             outcome = f"{refused}" if refused.fault.code == "denied" else f"Cannot connect to {target[:100]}: {refused}"
-            self._refusals.note("connect", outcome)
+            self.refusals.note("connect", outcome)
         except OSError as error:
             outcome = f"Cannot connect to {target[:100]}: {error}"
         answered(outcome)
@@ -294,9 +286,7 @@ class YarpAdapter:
 
     def complain(self, text: str) -> None:
         """See `Network`."""
-        self.context.stats.errors += 1
-        self.context.stats.last_error = text[:300]
-        self._refusals.note("not taken", text)
+        self.refusals.note_error("not taken", text)
 
 
 def _carrier(name: str) -> Carrier:

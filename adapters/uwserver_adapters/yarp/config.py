@@ -6,21 +6,16 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from uwserver.adapter import STRANGERS, AdapterTable
-from uwserver.table import Name, Positive
+from uwserver.adapter import STRANGERS, NodeTable
+from uwserver.table import Count, Name, PortNumber, Positive
 
-_Port = Annotated[int, Meta(ge=0, le=65535)]
-_Count = Annotated[int, Meta(ge=1)]
 _Prefix = Annotated[str, Meta(pattern=r"^(/[A-Za-z0-9_.\-]+)+$")]
 
 
-class YarpConfig(AdapterTable, tag="yarp", kw_only=True, frozen=True):
+class YarpConfig(NodeTable, tag="yarp", kw_only=True, frozen=True):
     """Attributes:
     name_server: host and port of the YARP name server (yarpserver).
     prefix: prefix of the names of all ports.
-    bind: address to listen at. YARP has no tokens: anything but loopback needs allow_network.
-    allow_network: allow anyone who reaches the address to read and command everything.
-    host: name or address by which others reach this machine; default: bind, which must then lead here.
     first_port: TCP port of the first port. Each port has the next one, or the one after that where it is in use; 0 takes free ones.
     ports: patterns of the ports of the world that are served; each needs a socket.
     vectors: patterns of sensors whose samples are sent as one vector of all their numbers, for readers of `yarp::sig::Vector`.
@@ -35,16 +30,13 @@ class YarpConfig(AdapterTable, tag="yarp", kw_only=True, frozen=True):
 
     name_server: Name = "127.0.0.1:10000"
     prefix: _Prefix = "/uwserver"
-    bind: Name = "127.0.0.1"
-    allow_network: bool = False
-    host: Name | None = None
-    first_port: _Port = 0
+    first_port: PortNumber = 0
     ports: tuple[Name, ...] = ("**",)
     vectors: tuple[Name, ...] = ()
     clock_hz: Annotated[float, Meta(gt=0, le=1000)] = 100.0
     allowed_hosts: tuple[Name, ...] = ()
-    queue_bytes: _Count = 1 << 20
-    max_requests_per_s: _Count = 2000
-    max_clients: _Count = 256
-    max_strangers: _Count = STRANGERS
+    queue_bytes: Count = 1 << 20
+    max_requests_per_s: Count = 2000
+    max_clients: Count = 256
+    max_strangers: Count = STRANGERS
     hello_timeout_s: Positive = 10.0

@@ -88,7 +88,7 @@ class Link(asyncio.Protocol):
             self.greeted.set_exception(why)
         self.abort()
 
-    def tell(self, message: bytes) -> None:
+    def send_sample(self, message: bytes) -> None:
         """Send a message; drop it while too much waits."""
         transport = self._transport
         if transport is None or transport.is_closing():

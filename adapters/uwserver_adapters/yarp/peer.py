@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
-from uwserver.adapter import AdapterContext, Connection, Conversation, Peers, RateMeter
+from uwserver.adapter import AdapterContext, Connection, Conversation, Peers
 from uwserver.ports import Fault, Refused, Reply
 from uwserver_adapters.yarp import codec, port, wire
 from uwserver_adapters.yarp.bottle import Value
@@ -52,13 +52,20 @@ class Peer(Connection):
     """
 
     def __init__(self, network: Network, at: YarpPort, peers: Peers[Any], source: str) -> None:
-        super().__init__(peers, network.config.hello_timeout_s)
+        config = network.config
+        self._conversation = Conversation(network.context, source)
+        super().__init__(
+            peers,
+            config.hello_timeout_s,
+            stats=network.context.stats,
+            requests_per_s=config.max_requests_per_s,
+            queue_bytes=config.queue_bytes,
+            conversation=self._conversation,
+        )
         self.name = ""
         self.carrier: Carrier = "text"
         self._network, self._at = network, at
         self._decoder = wire.Decoder()
-        self._conversation = Conversation(network.context, source)
-        self._rate = RateMeter(network.config.max_requests_per_s)
         self._is_greeted = self._is_reader = self._is_answering = False
 
     # -- Connection -----------------------------------------------------------------------------------------------------------------------
@@ -95,22 +102,13 @@ class Peer(Connection):
             self._take(event)
         return True
 
-    def quiet_until(self) -> float:
-        """Return the end of the second of a peer that floods: it is not read before."""
-        return self._rate.end if self._rate.is_flooded(self.loop.time()) else 0.0
-
-    def half_closed(self) -> None:
-        """End its long-running calls and still answer the rest: on TCP a peer that has gone looks like one that only listens."""
-        self._conversation.end_calls()
-
     @property
     def is_owed(self) -> bool:
         """Whether an answer is to come."""
         return self._is_answering
 
     def closed(self) -> None:
-        """End its calls. Its commands hold until the actuator's time-out."""
-        self._conversation.close()
+        """Leave the port. Commands of the peer hold until the actuator's time-out."""
         self._network.leave(self._at, self)
 
     # -- messages -------------------------------------------------------------------------------------------------------------------------
@@ -173,13 +171,11 @@ class Peer(Connection):
             return
         service, args = codec.call(values, self._at.services)
         self._conversation.call(service.path, args, answered)
-        if self.is_half_open:
-            self._conversation.end_calls()
 
     def _judge(self, message: Message, fault: Fault) -> None:
         """Report a message that was not taken: to the sender if it waits for an answer, else to the server's user."""
         if message.key in ("d", "a"):
-            self._network.context.stats.errors += 1
+            self._stats.errors += 1
             self._answer([codec.FAIL, fault.text])
         else:
             self._network.complain(f"{self._at.name} from {self.name[:80]}: {fault.text}")
@@ -189,13 +185,7 @@ class Peer(Connection):
 
     def _reply(self, body: bytes) -> None:
         self._is_answering = False
-        if self.is_closing:
-            return
-        if self.waiting > self._network.config.queue_bytes:
-            self._network.context.stats.last_error = f"{self.name[:80]} did not read its answers and was disconnected"
-            self.abort()
-            return
-        self.write(body + wire.acknowledgement(self.carrier))
+        self.send_answer(body + wire.acknowledgement(self.carrier), self.name[:80])
         self.go_on()
         self.finish_if_done()
 
@@ -254,23 +244,9 @@ class Peer(Connection):
     def _line(self, text: str) -> None:
         self._reply(f"{text}\r\n".encode() if wire.is_text(self.carrier) else b"")
 
-    # -- Reader ---------------------------------------------------------------------------------------------------------------------------
-
-    def tell(self, message: bytes) -> None:
-        """Send a message; drop it while too much waits."""
-        stats = self._network.context.stats
-        if self.is_closing:
-            return
-        if self.waiting > self._network.config.queue_bytes:
-            stats.dropped += 1
-            return
-        stats.samples_sent += 1
-        stats.bytes_sent += len(message)
-        self.write(message)
-
     def _end(self, fault: Fault) -> None:
         self.peers.refusals.note(fault.code, fault.text)
-        self._network.context.stats.errors += 1
+        self._stats.errors += 1
         self.farewell(self.refused(fault))
 
 

@@ -34,7 +34,7 @@ class Writer(Protocol):
 class Reader(Writer, Protocol):
     """A connection by which another port hears a port."""
 
-    def tell(self, message: bytes) -> None:
+    def send_sample(self, message: bytes) -> None:
         """Send it a message, unless it is too slow."""
 
 
@@ -94,7 +94,7 @@ class YarpPort:
             return 0
         message = wire.message(False, command, body)
         for reader in readers:
-            reader.tell(message)
+            reader.send_sample(message)
         return 1
 
     def _send(self, command: str, values: Sequence[Value]) -> int:
@@ -105,7 +105,7 @@ class YarpPort:
             if text not in messages:
                 messages[text] = wire.message(text, command, wire.payload(text, values))
                 encoded += 1
-            reader.tell(messages[text])
+            reader.send_sample(messages[text])
         return encoded
 
     # -- connections ----------------------------------------------------------------------------------------------------------------------

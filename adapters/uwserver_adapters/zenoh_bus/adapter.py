@@ -7,7 +7,7 @@ import logging
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from uwserver.adapter import AdapterContext, CannotServe, EncodingName, Inbox, Worker, serving
+from uwserver.adapter import AdapterBase, AdapterContext, CannotServe, EncodingName, Inbox, Worker, serving
 from uwserver_adapters.zenoh_bus.codec import ATTACHMENT_LIMIT, PAYLOAD_LIMIT, Codec
 from uwserver_adapters.zenoh_bus.keys import KeyScheme
 from uwserver_adapters.zenoh_bus.requests import CLIENTS, Put, Question, Requests
@@ -25,14 +25,13 @@ PEERS_S = 0.5
 """Wall time between two counts of the peers."""
 
 
-class ZenohAdapter:
+class ZenohAdapter(AdapterBase[ZenohConfig]):
     """Serves ports and services on a zenoh network, as README.md says."""
 
     Config = ZenohConfig
 
     def __init__(self, config: ZenohConfig, context: AdapterContext) -> None:
-        self.config = config
-        self.context = context
+        super().__init__(config, context)
         self.keys = KeyScheme(config.prefix, config.server or context.world.server)
         self._zid = ""
         self._clients: set[str] = set()
@@ -124,8 +123,7 @@ class ZenohAdapter:
 
         zid = str(sample.key_expr).rsplit("/", 1)[-1]
         if sample.kind == zenoh.SampleKind.PUT and zid != self._zid:
-            self.context.stats.errors += 1
-            self.context.stats.last_error = _taken(self.keys)
+            self.context.stats.count_error(_taken(self.keys))
             log.error("%s", _taken(self.keys))
 
 

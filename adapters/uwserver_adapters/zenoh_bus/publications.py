@@ -176,8 +176,7 @@ class Publications:
                 if not self._put(outlet, outlet.publisher, payload, media, attachment):
                     continue
             except Exception as error:  # a fault of ours, or of a closing session, must not end the adapter
-                stats.errors += 1
-                stats.last_error = f"a sample of {sample.port} could not be sent: {error}"
+                stats.count_error(f"a sample of {sample.port} could not be sent: {error}")
                 log.debug("%s", stats.last_error, exc_info=True)
                 continue
             stats.samples_sent += 1

@@ -160,9 +160,7 @@ class Requests:
         self._tell(self._keys.error(client, known), told)
 
     def _count(self, path: str, fault: Fault) -> None:
-        stats = self._context.stats
-        stats.errors += 1
-        stats.last_error = f"{path[:256]}: {fault.text[:500]}"
+        self._context.stats.count_error(f"{path[:256]}: {fault.text}")
         self._log_once(path, fault)
 
     def _log_once(self, path: str, fault: Fault) -> None:

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta, field
 
 from uwserver.adapter import AdapterTable, EncodingName
-from uwserver.table import Name, Positive
+from uwserver.table import Count, Name, Positive
 
 Endpoint = Annotated[str, Meta(pattern=r"^[a-z0-9_]+/.+$")]
 
@@ -43,7 +43,7 @@ class ZenohConfig(AdapterTable, tag="zenoh", kw_only=True, frozen=True):
     server: Name | None = None
     prefix: Name = "uw"
     call_timeout_s: Positive = 10.0
-    queue_requests: Annotated[int, Meta(ge=1)] = 4096
+    queue_requests: Count = 4096
     config_file: Name | None = None
     config: dict[str, Any] = field(default_factory=dict)
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from uwserver.adapter import AdapterStats, Connection, Lines, Peers, Refusals, connection, peers
-from uwserver.testing import Loopback
+from uwserver.adapter import AdapterStats, Connection, Conversation, Lines, Peers, Refusals, connection, limits, peers
+from uwserver.testing import FakeContext, Loopback
 
 
 class Echo(Connection):
@@ -257,3 +257,75 @@ def test_what_is_too_much_for_the_socket_comes_in_the_same_order():
         await until(lambda: not len(room.peers))
 
     asyncio.run(asyncio.wait_for(scene(), 60.0))
+
+
+class Asker(Connection):
+    """Calls the service in each line, counts its requests, and answers."""
+
+    def __init__(self, room: Room, context: FakeContext) -> None:
+        self.conversation = Conversation(context, "peer")
+        super().__init__(
+            room.peers, stats=room.stats, requests_per_s=2, queue_bytes=100_000, conversation=self.conversation
+        )
+        self.lines = Lines(100)
+
+    def receive(self, data: bytes) -> None:
+        self.lines.receive(data)
+
+    def step(self) -> bool:
+        line = self.lines.next_line()
+        if line is not None and self._rate.take(self.loop.time()):
+            self.conversation.call(line.decode(), {"t_s": 5.0} if b"until" in line else {}, self.answer)
+        return line is not None
+
+    def answer(self, reply: object) -> None:
+        self.send_answer(b"done\n", "the peer")
+        self.finish_if_done()
+
+
+def test_a_peer_that_sends_too_many_requests_is_not_read_until_the_second_is_over(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(limits, "WINDOW_S", 0.02)
+
+    async def scene(room: Room) -> None:
+        asker = Asker(room, FakeContext())
+        wire = Loopback(asker)
+        wire.feed(b"world/pause\n" * 3)
+        assert not wire.is_reading()
+        await until(wire.is_reading)
+        assert wire.take() == b"done\n" * 2
+
+    within_loop(scene)
+
+
+def test_a_conversation_ends_with_its_connection():
+    async def scene(room: Room) -> None:
+        asker = Asker(room, FakeContext(held={"world/run_until", "world/pause"}))
+        wire, context = Loopback(asker), asker.conversation._context
+        wire.feed(b"world/run_until\nworld/pause\n")
+        wire.feed_eof()
+        assert wire.take() == b"done\n", "on TCP it looks like a peer that has gone, so what takes long is cancelled"
+        assert not wire.is_closing(), "the other answer is still to come"
+        wire.die()
+        await until(lambda: not len(room.peers))
+        assert asker.conversation.is_closed
+        assert [call.is_done for call in context.calls] == [True, False]
+
+    within_loop(scene)
+
+
+def test_a_peer_that_does_not_read_loses_samples_and_then_its_connection():
+    async def scene(room: Room) -> None:
+        asker = Asker(room, FakeContext())
+        wire = Loopback(asker)
+        asker.send_sample(b"12")
+        wire.stall()
+        for _ in range(4):
+            asker.send_sample(b"x" * 60_000)
+        assert (room.stats.samples_sent, room.stats.dropped, room.stats.bytes_sent) == (3, 2, 120_002)
+        asker.send_answer(b"done", "the peer")
+        assert asker.is_closing
+        assert room.stats.last_error == "the peer did not read its answers and was disconnected"
+        asker.send_sample(b"12")
+        assert room.stats.samples_sent == 3
+
+    within_loop(scene)

@@ -211,3 +211,33 @@ def test_who_grants_no_ticks_any_more_may_still_hear():
         assert talk.context.joined == ["and again"]
 
     within_loop(scene)
+
+
+def test_a_peer_that_sends_nothing_more_starts_nothing_that_takes_long():
+    async def scene(talk: Talk) -> None:
+        talk.call()
+        talk.conversation.half_close()
+        talk.call()
+        talk.call("world/pause")
+        await asyncio.sleep(0)
+        assert talk.codes == ["preempted", "preempted", ""]
+
+    within_loop(scene)
+
+
+def test_several_calls_are_answered_together_in_their_order():
+    async def scene(talk: Talk) -> None:
+        answers: list[list[str]] = []
+        calls = [(LONG, {"t_s": 5.0}), ("world/paus", {}), ("world/pause", {})]
+        talk.conversation.call_all(
+            calls, lambda replies: answers.append([r.fault.code if r.fault else "" for r in replies])
+        )
+        await asyncio.sleep(0)
+        assert answers == []
+        talk.context.calls[0].finish(Reply(1, 4))
+        await asyncio.sleep(0)
+        assert answers == [["", "unknown_service", ""]]
+        talk.conversation.call_all([], lambda replies: answers.append(list(replies)))
+        assert answers[1] == []
+
+    within_loop(scene)

@@ -6,7 +6,7 @@ import asyncio
 import threading
 
 from uwserver.adapter import AdapterStats, InOrder
-from uwserver.adapter.in_order import MOST
+from uwserver.adapter.threads import MOST
 
 PATIENCE_S = 20
 

@@ -61,3 +61,10 @@ def test_similar_words():
     assert did_you_mean("subscibe", ["subscribe", "call"]) == ' (did you mean "subscribe"?)'
     assert did_you_mean("xyz", ["subscribe", "call"]) == ""
     assert did_you_mean("s" * (WORD_LIMIT + 1), ["s" * WORD_LIMIT]) == ""
+
+
+def test_a_refusal_may_be_an_error_too():
+    stats = AdapterStats()
+    Refusals("mine", stats, Clock()).note_error("not taken", "x" * 9999)
+    assert (stats.errors, stats.details["refused"]) == (1, {"not taken": 1})
+    assert stats.last_error == "x" * 500

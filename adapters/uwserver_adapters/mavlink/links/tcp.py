@@ -41,6 +41,7 @@ class TcpPeer(Connection):
         """Open a channel for the connection."""
         name = self._name or shown("tcp", self.transport.get_extra_info("peername")[:2])
         self._channel = self._router.open(name, self._send, lambda: self.waiting < READY, has_peer=True)
+        self._rate = self._channel.meter
 
     def closed(self) -> None:
         """Close the channel."""
@@ -63,11 +64,6 @@ class TcpPeer(Connection):
     def refused(self, fault: Fault) -> bytes:
         """Return nothing: MAVLink has no message that refuses a connection."""
         return b""
-
-    def quiet_until(self) -> float:
-        """Return when the peer may be read again; it is in the past unless the peer floods."""
-        meter = None if self._channel is None else self._channel.meter
-        return meter.end if meter is not None and meter.is_flooded(self.loop.time()) else 0.0
 
     def _send(self, data: bytes) -> bool:
         if self.is_closing or self.waiting > WAITING:

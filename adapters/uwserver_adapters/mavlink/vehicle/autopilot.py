@@ -98,10 +98,8 @@ class Autopilot:
 
     def _finish(self, reason: str, done: Done | None) -> None:
         reason = in_words_of_mavlink(reason)
-        stats = self._context.stats
         if reason:
-            stats.errors += 1
-            stats.last_error = reason
+            self._context.stats.count_error(reason)
         if done is not None:
             done(reason)
 

@@ -100,8 +100,7 @@ class OtherSystems:
     def _answered(self, reason: str) -> None:
         if reason:
             self._counters["other_refused"] += 1
-            self._context.stats.errors += 1
-            self._context.stats.last_error = reason
+            self._context.stats.count_error(reason)
 
 
 def _odometry(message: Message) -> dict[str, object] | None:

@@ -62,8 +62,7 @@ class Payload:
 
     def _answered(self, reason: str) -> None:
         if reason:
-            self._context.stats.errors += 1
-            self._context.stats.last_error = reason
+            self._context.stats.count_error(reason)
 
     def actions(self, light_steps: Callable[[], float]) -> Mapping[int, Callable[[], None]]:
         """Return what buttons do here, by the number of their function in ArduSub.

@@ -75,8 +75,7 @@ class Faults:
 
     def note(self, name: str, value: Value, writer: str, fault: Fault) -> None:
         """Tell that a write of a variable was refused."""
-        self._stats.errors += 1
-        self._stats.last_error = f"{name}: {fault.text}"
+        self._stats.count_error(f"{name}: {fault.text}")
         if self._quota.take(writer):
             self._put(name, value, writer, fault)
         else:

@@ -6,7 +6,7 @@ import asyncio
 import logging
 from collections.abc import Collection, Iterable, Sequence
 
-from uwserver.adapter import AdapterContext, serving, within
+from uwserver.adapter import AdapterBase, AdapterContext, serving, within
 from uwserver.ports import Event, Sample
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.alog import Alog
@@ -144,14 +144,13 @@ class Community:
             await asyncio.sleep(0)  # the loop closes an aborted socket in its next turn
 
 
-class MoosAdapter:
+class MoosAdapter(AdapterBase[MoosConfig]):
     """Joins MOOS communities as a client (README.md)."""
 
     Config = MoosConfig
 
     def __init__(self, config: MoosConfig, context: AdapterContext) -> None:
-        self.config = config
-        self.context = context
+        super().__init__(config, context)
         self._communities: list[Community] = []
 
     async def run(self, ready: asyncio.Event) -> None:

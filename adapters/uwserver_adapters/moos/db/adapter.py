@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import asyncio
 
-from uwserver.adapter import AdapterContext, address_text, serve_tcp
+from uwserver.adapter import AdapterBase, AdapterContext, address_text, serve_tcp
 from uwserver_adapters.moos.config import MoosDbConfig
 from uwserver_adapters.moos.db.guests import Community, Guest
 from uwserver_adapters.moos.db.local import OWN_NAME, RIVAL, LocalClient
 
 
-class MoosDbAdapter:
+class MoosDbAdapter(AdapterBase[MoosDbConfig]):
     """Serves the MOOS wire.
 
     Attributes:
@@ -20,7 +20,7 @@ class MoosDbAdapter:
     Config = MoosDbConfig
 
     def __init__(self, config: MoosDbConfig, context: AdapterContext) -> None:
-        self.context = context
+        super().__init__(config, context)
         self.community = Community(config, context, OWN_NAME)
 
     async def run(self, ready: asyncio.Event) -> None:
@@ -30,8 +30,8 @@ class MoosDbAdapter:
             CannotListen: the address cannot be had.
             CannotServe: the table names what is not there.
         """
-        community = self.community
-        config, context, database = community.config, community.context, community.database
+        config, context, community = self.config, self.context, self.community
+        database = community.database
         async with serve_tcp(
             lambda: Guest(community), community.peers, config.bind, config.port, rival=RIVAL
         ) as server:

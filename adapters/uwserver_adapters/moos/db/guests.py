@@ -272,16 +272,14 @@ class Guest(Connection):
             self._fault(f"silent for {limit:g} s")
 
     def _fault(self, text: str) -> None:
-        self._stats.errors += 1
         name = wire.readable(self.name) or "a client"
-        self._stats.last_error = f"{name}: {text}"
+        self._stats.count_error(f"{name}: {text}")
         log.warning("%s disconnects %s: %s", self._community.context.name, name, text)
         self.abort()
 
     def _poison(self, reason: str) -> bytes:
         """Return the packet that ends a connection."""
-        self._stats.errors += 1
-        self._stats.last_error = wire.readable(reason)
+        self._stats.count_error(wire.readable(reason))
         data = reason.encode("utf-8", "surrogateescape")
         poison = Message(wire.POISON, "", data=data, kind=wire.STRING, time=self._community.clock.now())
         return wire.packet([wire.encode(poison)])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
-from uwserver.adapter import HIGH_WATER, AdapterContext, Connection, Peers, Refusals, address_text, serve_tcp
+from uwserver.adapter import HIGH_WATER, AdapterBase, AdapterContext, Connection, Peers, address_text, serve_tcp
 from uwserver.ports import Fault
 from uwserver_adapters.moos.bridge.bridge import ERROR
 from uwserver_adapters.moos.config import MoosTextConfig
@@ -98,17 +98,15 @@ class TextConnection(Connection):
         self.finish_if_done()
 
 
-class MoosTextAdapter:
+class MoosTextAdapter(AdapterBase[MoosTextConfig]):
     """Serves lines of text."""
 
     Config = MoosTextConfig
 
     def __init__(self, config: MoosTextConfig, context: AdapterContext) -> None:
-        self.context = context
+        super().__init__(config, context)
         self._users = Users(config, context)
-        self._peers: Peers[TextConnection] = Peers(
-            config.max_clients, Refusals(context.name, context.stats, asyncio.get_running_loop().time)
-        )
+        self._peers: Peers[TextConnection] = Peers(config.max_clients, self.refusals)
         self._last_number = 0
 
     async def run(self, ready: asyncio.Event) -> None:
@@ -118,7 +116,7 @@ class MoosTextAdapter:
             CannotListen: the address cannot be had.
             CannotServe: the table names what is not there.
         """
-        users, config = self._users, self._users.config
+        users, config = self._users, self.config
         line = SerialLine(config.serial, users) if config.serial else None
         async with serve_tcp(self._connection, self._peers, config.bind, config.port, rival=RIVAL) as server:
             world = LocalClient(config.bridge, self.context, users.database, users.clock)

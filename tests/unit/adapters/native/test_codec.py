@@ -9,20 +9,29 @@ import tracemalloc
 from typing import Any
 
 import msgpack
+import msgspec
 import pytest
 from uwserver_adapters.native.codec import (
     FRAME_LIMIT,
     LINE_LIMIT,
-    NEED_DATA,
     JsonCodec,
     MsgpackCodec,
     choose_codec,
 )
-from uwserver_adapters.native.encoding import TEXT_LIMIT
-from uwserver_adapters.native.requests import EXAMPLE, ID_LIMIT, Malformed, Request
+from uwserver_adapters.native.messages import (
+    EXAMPLE,
+    ID_LIMIT,
+    TEXT_LIMIT,
+    Malformed,
+    Notice,
+    Request,
+    ResultMessage,
+    encoded_sample,
+    error_message,
+)
 
 from uwserver.adapter import SampleForm
-from uwserver.ports import ErrorCode, Event, Fault, Field, Port, Progress, Sample
+from uwserver.ports import ErrorCode, Event, Fault, Field, Port, Sample
 from uwserver.testing import CodecCase, check_codec
 from uwserver.testing.codecs import read_all
 
@@ -70,36 +79,44 @@ SAMPLE_LINE = (
 )
 # What we say: exact bytes of the JSON encoding.
 WRITTEN = [
-    ("reply", lambda c: c.reply(5, {"a": [1, None]}), b'{"jsonrpc":"2.0","id":5,"result":{"a":[1,null]}}\n'),
+    (
+        "reply",
+        lambda c: c.message(ResultMessage(5, {"a": [1, None]})),
+        b'{"jsonrpc":"2.0","id":5,"result":{"a":[1,null]}}\n',
+    ),
     (
         "falsy results",
-        lambda c: c.reply("a", [0, False, [], None, ""]),
+        lambda c: c.message(ResultMessage("a", [0, False, [], None, ""])),
         b'{"jsonrpc":"2.0","id":"a","result":[0,false,[],null,""]}\n',
     ),
-    ("raw reply", lambda c: c.reply(5, c.raw({"a": 1})), b'{"jsonrpc":"2.0","id":5,"result":{"a":1}}\n'),
+    (
+        "raw reply",
+        lambda c: c.message(ResultMessage(5, msgspec.Raw(c.encoding.encode({"a": 1})))),
+        b'{"jsonrpc":"2.0","id":5,"result":{"a":1}}\n',
+    ),
     (
         "not finite",
-        lambda c: c.reply(1, [math.nan, math.inf, -math.inf]),
+        lambda c: c.message(ResultMessage(1, [math.nan, math.inf, -math.inf])),
         b'{"jsonrpc":"2.0","id":1,"result":[null,null,null]}\n',
     ),
     (
         "error",
-        lambda c: c.error(None, FAULT),
+        lambda c: c.message(error_message(None, FAULT)),
         b'{"jsonrpc":"2.0","id":null,"error":{"code":-32602,"message":"no port","data":{"code":"unknown_port","where":"rov/x"}}}\n',
     ),
     (
         "sample",
-        lambda c: c.sample(SampleForm(IMU), SAMPLE),
+        lambda c: c.frame(encoded_sample(c.encoding, SampleForm(IMU), SAMPLE)),
         SAMPLE_LINE,
     ),
     (
         "event",
-        lambda c: c.event(Event("paused", 3, 12, "why")),
+        lambda c: c.message(Notice("event", Event("paused", 3, 12, "why"))),
         b'{"jsonrpc":"2.0","method":"event","params":{"event":"paused","tick":3,"t_ns":12,"text":"why"}}\n',
     ),
     (
         "progress",
-        lambda c: c.progress(5, Progress(0.5, 12)),
+        lambda c: c.message(Notice("progress", {"id": 5, "fraction": 0.5, "t_ns": 12})),
         b'{"jsonrpc":"2.0","method":"progress","params":{"id":5,"fraction":0.5,"t_ns":12}}\n',
     ),
 ]
@@ -111,7 +128,7 @@ def test_json_table() -> None:
     utf8 = CodecCase("UTF-8", '{"id":1,"method":"pé"}\n'.encode(), (Request(1, "pé"),))
     writing = [CodecCase(name, data, write=write) for name, write, data in WRITTEN]
     garbage = [b"\xff\xfe\n", b"nonsense\n", b"{" * 100 + b"\n", b'{"id":1\n', b"\x00\x01\n", b"\n\n\n"]
-    check_codec(JsonCodec, [*reading, utf8, crlf, *writing], need_data=NEED_DATA, garbage=garbage, resynchronises=True)
+    check_codec(JsonCodec, [*reading, utf8, crlf, *writing], need_data=None, garbage=garbage, resynchronises=True)
 
 
 def test_msgpack_table() -> None:
@@ -128,12 +145,12 @@ def test_msgpack_table() -> None:
         frame(b"\x91" * 100),
         frame(b"\x01\x02"),
     ]
-    check_codec(MsgpackCodec, [*reading, *writing], need_data=NEED_DATA, garbage=garbage, resynchronises=True)
-    check_codec(MsgpackCodec, [], need_data=NEED_DATA, garbage=[b"\xff" * 50, b"\x00" * 50])
+    check_codec(MsgpackCodec, [*reading, *writing], need_data=None, garbage=garbage, resynchronises=True)
+    check_codec(MsgpackCodec, [], need_data=None, garbage=[b"\xff" * 50, b"\x00" * 50])
 
 
 def test_not_finite_stays_in_msgpack() -> None:
-    assert math.isnan(msgpack.unpackb(MsgpackCodec().reply(1, math.nan)[4:])["result"])
+    assert math.isnan(msgpack.unpackb(MsgpackCodec().message(ResultMessage(1, math.nan))[4:])["result"])
 
 
 @pytest.mark.parametrize(
@@ -141,7 +158,7 @@ def test_not_finite_stays_in_msgpack() -> None:
 )
 def test_what_is_no_request(message: object, identity: object, phrase: str) -> None:
     for codec, data in ((JsonCodec(), json.dumps(message).encode() + b"\n"), (MsgpackCodec(), frame(message))):
-        (event,) = read_all(codec, [data], NEED_DATA)
+        (event,) = read_all(codec, [data], None)
         assert isinstance(event, Malformed)
         assert event.fault.code == "invalid_request"
         assert phrase in event.fault.text
@@ -165,7 +182,7 @@ def test_what_is_no_request(message: object, identity: object, phrase: str) -> N
     ],
 )
 def test_a_line_that_is_no_json_shows_an_example(line: bytes) -> None:
-    (event,) = read_all(JsonCodec(), [line + b"\n"], NEED_DATA)
+    (event,) = read_all(JsonCodec(), [line + b"\n"], None)
     assert isinstance(event, Malformed)
     assert event.fault.code == "parse_error"
     assert EXAMPLE in event.fault.text
@@ -173,18 +190,18 @@ def test_a_line_that_is_no_json_shows_an_example(line: bytes) -> None:
 
 
 def test_the_example_is_valid() -> None:
-    assert read_all(JsonCodec(), [EXAMPLE.encode() + b"\n"], NEED_DATA) == [Request(1, "describe")]
+    assert read_all(JsonCodec(), [EXAMPLE.encode() + b"\n"], None) == [Request(1, "describe")]
 
 
 def test_map_key_that_is_no_key_in_msgpack() -> None:
-    (event,) = read_all(MsgpackCodec(), [frame(b"\x81\x91\x80\x01")], NEED_DATA)
+    (event,) = read_all(MsgpackCodec(), [frame(b"\x81\x91\x80\x01")], None)
     assert isinstance(event, Malformed)
     assert event.fault.code == "parse_error"
 
 
 def test_nesting_is_refused() -> None:
     for codec, data in ((JsonCodec(), b"[" * 1000 + b"\n"), (MsgpackCodec(), frame(b"\x91" * 500_000))):
-        (event,) = read_all(codec, [data], NEED_DATA)
+        (event,) = read_all(codec, [data], None)
         assert isinstance(event, Malformed)
         assert "32 levels" in event.fault.text
 
@@ -198,7 +215,7 @@ def test_the_answer_to_what_cannot_be_decoded_carries_the_id() -> None:
         b'{"id":7,"method":' + b"x" * (LINE_LIMIT + 1),
     ]
     for body in lines:
-        (event,) = read_all(JsonCodec(), [body + b"\n"], NEED_DATA)
+        (event,) = read_all(JsonCodec(), [body + b"\n"], None)
         assert isinstance(event, Malformed)
         assert event.id == 7
     frames = [
@@ -208,10 +225,10 @@ def test_the_answer_to_what_cannot_be_decoded_carries_the_id() -> None:
         b"\x82\xa1a\xa1\xff\xa2id\x07",
     ]
     for message in frames:
-        (event,) = read_all(MsgpackCodec(), [frame(message)], NEED_DATA)
+        (event,) = read_all(MsgpackCodec(), [frame(message)], None)
         assert isinstance(event, Malformed)
         assert event.id == 7
-    (event,) = read_all(JsonCodec(), [b'{"id":"%s",}\n' % (b"x" * (ID_LIMIT + 1))], NEED_DATA)
+    (event,) = read_all(JsonCodec(), [b'{"id":"%s",}\n' % (b"x" * (ID_LIMIT + 1))], None)
     assert isinstance(event, Malformed)
     assert event.id is None
 
@@ -220,11 +237,11 @@ def test_line_at_and_over_the_limit() -> None:
     blank = b'{"id":1,"method":"%s"}'
     fits = blank % (b"x" * (LINE_LIMIT - len(blank) + 2))
     assert len(fits) == LINE_LIMIT
-    (event,) = read_all(JsonCodec(), [fits + b"\n"], NEED_DATA)
+    (event,) = read_all(JsonCodec(), [fits + b"\n"], None)
     assert isinstance(event, Request)
     follower = b'{"id":2,"method":"ping"}\n'
     for pieces in ([fits + b"x\n" + follower], [fits + b"x", b"yz", b"zz\n" + follower], [fits, b"x", b"\n", follower]):
-        large, ping = read_all(JsonCodec(), pieces, NEED_DATA)
+        large, ping = read_all(JsonCodec(), pieces, None)
         assert isinstance(large, Malformed)
         assert large.fault.code == "too_large"
         assert not large.fatal
@@ -238,21 +255,21 @@ def test_line_of_100_megabytes_takes_no_memory_and_gives_one_error() -> None:
     try:
         events = []
         for _ in range(1600):
-            events += read_all(codec, [chunk], NEED_DATA)
+            events += read_all(codec, [chunk], None)
         assert tracemalloc.get_traced_memory()[1] < 4 * LINE_LIMIT
         assert tracemalloc.get_traced_memory()[0] < 200_000
     finally:
         tracemalloc.stop()
     assert [type(event) for event in events] == [Malformed]
-    assert read_all(codec, [b'\n{"id":1,"method":"ping"}\n'], NEED_DATA) == [Request(1, "ping")]
+    assert read_all(codec, [b'\n{"id":1,"method":"ping"}\n'], None) == [Request(1, "ping")]
 
 
 def test_frame_over_the_limit_ends_the_connection_and_takes_no_memory() -> None:
     codec = MsgpackCodec()
     tracemalloc.start()
     try:
-        (event,) = read_all(codec, [struct.pack(">I", FRAME_LIMIT + 1)], NEED_DATA)
-        assert read_all(codec, [b"x" * 65536] * 100, NEED_DATA) == []
+        (event,) = read_all(codec, [struct.pack(">I", FRAME_LIMIT + 1)], None)
+        assert read_all(codec, [b"x" * 65536] * 100, None) == []
         assert tracemalloc.get_traced_memory()[1] < 300_000
     finally:
         tracemalloc.stop()
@@ -265,7 +282,7 @@ def test_claimed_frame_reserves_nothing() -> None:
     codec = MsgpackCodec()
     tracemalloc.start()
     try:
-        assert read_all(codec, [struct.pack(">I", FRAME_LIMIT), b"\x00" * 1000], NEED_DATA) == []
+        assert read_all(codec, [struct.pack(">I", FRAME_LIMIT), b"\x00" * 1000], None) == []
         assert tracemalloc.get_traced_memory()[1] < 100_000
     finally:
         tracemalloc.stop()
@@ -291,19 +308,19 @@ def test_every_error_code_has_its_number() -> None:
         "internal": -32000, "shutdown": -32000,
     }  # fmt: skip
     for code, number in numbers.items():
-        error = json.loads(JsonCodec().error(7, Fault(code, "text")))["error"]
+        error = json.loads(JsonCodec().message(error_message(7, Fault(code, "text"))))["error"]
         assert error == {"code": number, "message": "text", "data": {"code": code, "where": ""}}
 
 
 def test_long_texts_are_cut() -> None:
-    error = json.loads(JsonCodec().error(7, Fault("internal", "x" * 10**6, "y" * 10**6)))["error"]
+    error = json.loads(JsonCodec().message(error_message(7, Fault("internal", "x" * 10**6, "y" * 10**6))))["error"]
     assert len(error["message"]) == len(error["data"]["where"]) == TEXT_LIMIT + 3
 
 
 @pytest.mark.parametrize("codec", [JsonCodec(), MsgpackCodec()])
 def test_results_without_encoding_raise(codec: JsonCodec | MsgpackCodec) -> None:
     with pytest.raises((TypeError, ValueError, OverflowError)):
-        codec.reply(1, object())
+        codec.message(ResultMessage(1, object()))
 
 
 def test_selected_fields() -> None:

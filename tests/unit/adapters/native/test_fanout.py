@@ -14,7 +14,7 @@ import msgspec
 import pytest
 from uwserver_adapters.native import fanout, routes
 from uwserver_adapters.native.codec import JsonCodec
-from uwserver_adapters.native.encoding import Encoding
+from uwserver_adapters.native.messages import Encoding
 from uwserver_adapters.native.shares import Share, Subscription, Taken
 
 from uwserver.ports import Event, Field, Port, Sample
@@ -72,13 +72,13 @@ def test_time_set_back_begins_anew() -> None:
 
 def test_encoded_once_a_codec_and_selection(stage: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
     made: Counter[tuple[str, int]] = Counter()
-    real = Encoding.sample
+    real = routes.encoded_sample
 
-    def counting(self: Any, form: Any, sample: Sample) -> bytes:
-        made[self.name, id(form)] += 1
-        return real(self, form, sample)
+    def counting(encoding: Encoding, form: Any, sample: Sample) -> bytes:
+        made[encoding.name, id(form)] += 1
+        return real(encoding, form, sample)
 
-    monkeypatch.setattr(Encoding, "sample", counting)
+    monkeypatch.setattr(routes, "encoded_sample", counting)
 
     async def scene() -> None:
         theatre = stage()
@@ -219,8 +219,8 @@ def test_caches_are_bounded_and_emptied(stage: Callable[..., Any]) -> None:
         for number in range(3 * fanout.CACHED_PATTERNS):
             await talker.result("describe", {"pattern": f"{number}/*"})
             await talker.result("subscribe", {"pattern": f"{number}/*"})
-        assert len(theatre.adapter.service.fanout._described) <= fanout.CACHED_PATTERNS
-        assert len(theatre.adapter.service.fanout._covered) <= fanout.CACHED_PATTERNS
+        assert theatre.adapter.service.fanout.described.cache_info().currsize <= fanout.CACHED_PATTERNS
+        assert theatre.adapter.service.fanout.covered.cache_info().currsize <= fanout.CACHED_PATTERNS
         assert len((await talker.result("describe"))["ports"]) == 3
         theatre.context.set_ports([DEPTH])
         assert [port["path"] for port in (await talker.result("describe"))["ports"]] == ["rov/depth"]

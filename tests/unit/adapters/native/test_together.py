@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from uwserver_adapters.native import fanout
 from uwserver_adapters.native.codec import Codec, JsonCodec
+from uwserver_adapters.native.messages import Notice
 
 from uwserver.modifiers.columns import columns_of
 from uwserver.ports import Event, Field, Port
@@ -113,7 +114,7 @@ def test_what_waits_goes_before(stage: Callable[..., Any], encoded: list[int]) -
         talker = theatre.talker()
         await talker.result("subscribe", {"pattern": "**"})
         (session,) = routes.sessions
-        session.outbox.put_reply(session.codec.event(Event("paused", 1, 1, "first")))
+        session.outbox.put_reply(session.codec.message(Notice("event", Event("paused", 1, 1, "first"))))
         put(routes, told(2))
         messages = talker.heard()
         assert [message["method"] for message in messages] == ["event", *["sample"] * 6]

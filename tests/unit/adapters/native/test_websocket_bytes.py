@@ -12,9 +12,9 @@ from typing import Any
 import msgpack
 import numpy as np
 import pytest
-from uwserver_adapters.native.codec import NEED_DATA, Control
-from uwserver_adapters.native.encoding import Encoding
-from uwserver_adapters.native.requests import Malformed, Request
+from uwserver_adapters.native import routes
+from uwserver_adapters.native.codec import Control
+from uwserver_adapters.native.messages import Malformed, Request
 from uwserver_adapters.native.websocket import FRAMES, Handshake, allows
 
 from uwserver.adapter import connection
@@ -64,7 +64,7 @@ def test_frames_that_are_no_message_do_not_keep_others_waiting(small: bytes) -> 
     codec, many = opened(), 1000
     codec.receive(masked(1, b'{"id":1,"method":"ping"', fin=False) + small * many)
     steps = 0
-    while codec.next_event() is not NEED_DATA:
+    while codec.next_event() is not None:
         steps += 1
     assert steps == (many + 1) // FRAMES
 
@@ -77,7 +77,7 @@ def test_a_frame_of_any_size_is_taken_whole_and_nothing_of_the_next(size: int) -
     codec.receive(head + bytes(4) + body + masked(9, b"hi") + masked(1, b'{"id":2,"method":"ping"}')[:5])
     assert codec.next_event() == Request(1, "x" * size)
     assert codec.next_event() == Control(b"\x8a\x02hi", False)
-    assert codec.next_event() is NEED_DATA
+    assert codec.next_event() is None
     codec.receive(masked(1, b'{"id":2,"method":"ping"}')[5:])
     assert codec.next_event() == Request(2, "ping")
 
@@ -216,8 +216,8 @@ def test_many_small_frames_leave_others_their_turn(stage: Any, monkeypatch: pyte
 
 def test_both_framings_share_one_encoding(stage: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     made = []
-    real = Encoding.sample
-    monkeypatch.setattr(Encoding, "sample", lambda *args: made.append(1) or real(*args))
+    real = routes.encoded_sample
+    monkeypatch.setattr(routes, "encoded_sample", lambda *args: made.append(1) or real(*args))
 
     async def scene() -> None:
         theatre = stage()
@@ -248,8 +248,8 @@ def test_fuzz() -> None:
             data[draw.integers(len(data))] = draw.integers(256)
         cut = int(draw.integers(len(data)))
         whole, pieces = opened(), opened()
-        first = [e for e in read_all(whole, [bytes(data)], NEED_DATA) if isinstance(e, Request | Malformed)]
-        second = read_all(pieces, [bytes(data[:cut]), bytes(data[cut:])], NEED_DATA)
+        first = [e for e in read_all(whole, [bytes(data)], None) if isinstance(e, Request | Malformed)]
+        second = read_all(pieces, [bytes(data[:cut]), bytes(data[cut:])], None)
         assert repr(first) == repr([e for e in second if isinstance(e, Request | Malformed)]), bytes(data)
 
 

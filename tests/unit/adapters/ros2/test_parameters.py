@@ -10,7 +10,9 @@ from ros_rig import flying
 from uwserver_adapters.ros import parameters as ros_parameters
 from uwserver_adapters.ros2.parameters import value_of
 
+from uwserver.adapter import Conversation
 from uwserver.ports import Argument, Refused, Service
+from uwserver.testing import FakeContext
 
 RATE = Argument("rate_hz", "float", "samples a second", "Hz", required=False, minimum=0.1)
 BEAMS = Argument("beams", "int", "number", required=False, shape=(2,))
@@ -169,7 +171,8 @@ def test_the_name_that_was_meant_is_looked_for_once_a_request(monkeypatch) -> No
     looked: list[str] = []
     monkeypatch.setattr(ros_parameters, "did_you_mean", lambda name, _: looked.append(name) or " (did you mean?)")
     told: list[list[str]] = []
-    ros_parameters.Parameters(None, dict).set([(f"rov.imu.ra{k}", 1.0) for k in range(300)], told.append)  # type: ignore[arg-type]
+    parameters = ros_parameters.Parameters(Conversation(FakeContext(), "peer"), dict)
+    parameters.set([(f"rov.imu.ra{k}", 1.0) for k in range(300)], told.append)
     assert looked == ["rov.imu.ra0"]
     assert told[0][:2] == ['no parameter "rov.imu.ra0" (did you mean?)', 'no parameter "rov.imu.ra1"']
     assert len(told[0]) == 300

@@ -13,13 +13,11 @@ from typing import Any
 
 import msgpack
 import pytest
-from uwserver_adapters.native import limits
-from uwserver_adapters.native.encoding import JSON, MSGPACK
-from uwserver_adapters.native.requests import Malformed, Request
+from uwserver_adapters.native.messages import JSON, MSGPACK, Malformed, Request, ResultMessage
 from uwserver_adapters.sockets import datagrams
 from uwserver_adapters.sockets.datagrams import DATAGRAM_LIMIT, numbered, parse_datagram
 
-from uwserver.adapter import CannotListen, connection
+from uwserver.adapter import CannotListen, access, connection
 from uwserver.ports import Event, Field, Port
 from uwserver.testing import FakeContext, TcpPeer, sample_of
 
@@ -201,16 +199,16 @@ def test_the_token_is_needed_too(serving: Serving) -> None:
 def test_a_host_that_tries_tokens_is_not_heard_for_a_while(
     serving: Serving, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(limits, "LOCKOUT_S", 2.0)
+    monkeypatch.setattr(access, "LOCKOUT_S", 2.0)
 
     async def scene(context: Any, talker: Talker, guest: Talker) -> None:
         assert "result" in await guest.enter(token="sesame")
-        for _ in range(limits.WRONG_TOKENS + 1):
+        for _ in range(access.WRONG_TOKENS + 1):
             assert (await talker.enter(token="x"))["error"]["data"]["code"] == "denied"
         talker.send(HELLO)
         await talker.silent()
         assert (await guest.ask("ping", 5))["result"] == 5, "who is inside already stays"
-        assert context.stats.details["refused"] == {"denied": limits.WRONG_TOKENS + 1, "lockout": 1}
+        assert context.stats.details["refused"] == {"denied": access.WRONG_TOKENS + 1, "lockout": 1}
         assert caplog.text.count("wrong tokens of one host") == 1
         assert caplog.text.count("refused (denied)") == 1
         await asyncio.sleep(2.0)
@@ -220,10 +218,10 @@ def test_a_host_that_tries_tokens_is_not_heard_for_a_while(
 
 
 def test_the_hosts_that_are_remembered_are_bounded() -> None:
-    lockout = limits.Lockout()
-    for host in range(3 * limits.LOCKOUT_HOSTS):
+    lockout = access.Lockout()
+    for host in range(3 * access.LOCKOUT_HOSTS):
         assert not lockout.wrong(host, 0.0)
-    assert len(lockout._hosts) == limits.LOCKOUT_HOSTS
+    assert len(lockout._hosts) == access.LOCKOUT_HOSTS
     assert not lockout.is_out("nobody", 0.0)
 
 
@@ -424,7 +422,7 @@ def test_a_udp_port_in_use(serving: Serving) -> None:
 @pytest.mark.parametrize("number", [0, 127, 128, 2**16, 2**40])
 def test_numbers(number: int) -> None:
     for encoding, decode in ((JSON, json.loads), (MSGPACK, msgpack.unpackb)):
-        message = encoding.reply(5, {"a": 1})
+        message = encoding.encode(ResultMessage(5, {"a": 1}))
         assert decode(numbered(encoding, message, number)) == decode(message) | {"n": number}
         assert len(numbered(encoding, message, number)) - len(message) <= 24
 

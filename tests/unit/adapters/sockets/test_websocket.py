@@ -14,11 +14,10 @@ import pytest
 import websockets
 from kernel_buffers import keep_small
 from uwserver_adapters.native.codec import LINE_LIMIT
-from uwserver_adapters.native.limits import WRONG_TOKENS
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidMessage, InvalidStatus
 
-from uwserver.adapter import connection
+from uwserver.adapter import WRONG_TOKENS, connection
 
 Serving = Callable[..., Any]
 
